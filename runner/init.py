@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # what is slow to import
 else:
     import lazy_loader
 
-    estimates = lazy_loader.load("seatrial.models.vessel.scales", suppress_warning=True)
+    scales = lazy_loader.load("seatrial.models.vessel.scales", suppress_warning=True)
 
 TEMPLATES = Path(__file__).parent / "templates"
 CONF = Path(__file__).resolve().parent.parent / "conf"

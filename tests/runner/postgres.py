@@ -65,7 +65,8 @@ def _url(port: int, database: str) -> str:
 
 def _binaries() -> Path | None:
     """The newest server's programs: Debian keeps them out of PATH."""
-    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=_version)
+    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"),
+                   key=lambda initdb: float(initdb.parent.parent.name))  # fmt: skip
     if found:
         return found[-1].parent
     if config := shutil.which("pg_config"):
@@ -75,22 +76,14 @@ def _binaries() -> Path | None:
     return None
 
 
-def _version(initdb: Path) -> float:
-    return float(initdb.parent.parent.name)
-
-
-def _account() -> str | None:
-    """Whom to run the server as: it refuses root."""
-    return "postgres" if os.getuid() == 0 else None
-
-
 def served(parent: Path | None = None) -> Iterator[Postgres]:
     """The server, while the tests run; they skip where it is not installed.
 
     Its files are below `parent`, which its account must be able to reach.
     """
     pytest.importorskip("psycopg", reason=f"no psycopg: {INSTALL}")
-    binaries, account = _binaries(), _account()
+    binaries = _binaries()
+    account = "postgres" if os.getuid() == 0 else None  # the server refuses root
     if binaries is None:
         pytest.skip(f"no PostgreSQL server: {INSTALL}")
     # Root's own temporary folder may be closed to the server's account.
@@ -103,17 +96,11 @@ def served(parent: Path | None = None) -> Iterator[Postgres]:
     password.write_text(PASSWORD)
     password.chmod(0o644)
     try:
-        subprocess.run(
-            [
-                *(binaries / "initdb", "-D", folder / "data", "-U", "sailor"),
-                *("-A", "scram-sha-256", "--pwfile", password, "--no-sync"),
-                *("--encoding", "UTF8", "--locale", "C"),
-            ],
-            user=account,
-            cwd=folder,
-            check=True,
-            capture_output=True,
+        make = (
+            *(binaries / "initdb", "-D", folder / "data", "-U", "sailor", "-A", "scram-sha-256"),
+            *("--pwfile", password, "--no-sync", "--encoding", "UTF8", "--locale", "C"),
         )
+        subprocess.run(make, user=account, cwd=folder, check=True, capture_output=True)
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             port: int = probe.getsockname()[1]
@@ -129,18 +116,13 @@ def served(parent: Path | None = None) -> Iterator[Postgres]:
 
 
 def _start(binaries: Path, folder: Path, account: str | None, port: int) -> subprocess.Popen[bytes]:
+    command = (
+        *(binaries / "postgres", "-D", folder / "data", "-p", str(port)),
+        *("-c", "listen_addresses=127.0.0.1", "-c", f"unix_socket_directories={folder}"),
+        *("-c", "fsync=off", "-c", "max_connections=100"),
+    )
     with (folder / "log").open("wb") as log:
-        server = subprocess.Popen(
-            [
-                *(binaries / "postgres", "-D", folder / "data", "-p", str(port)),
-                *("-c", "listen_addresses=127.0.0.1", "-c", f"unix_socket_directories={folder}"),
-                *("-c", "fsync=off", "-c", "max_connections=100"),
-            ],
-            user=account,
-            cwd=folder,
-            stdout=log,
-            stderr=log,
-        )
+        server = subprocess.Popen(command, user=account, cwd=folder, stdout=log, stderr=log)
     import psycopg
 
     url = _url(port, "postgres")

@@ -23,14 +23,9 @@ def program(*arguments: str, folder: Path, **variables: str) -> subprocess.Popen
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **variables}
     environment.pop("HYDRA_FULL_ERROR", None)
     return subprocess.Popen(
-        [sys.executable, *arguments],
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+        [sys.executable, *arguments], cwd=folder, env=environment, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
 
 
 def sweep(*arguments: str, folder: Path, **variables: str) -> subprocess.Popen[str]:

@@ -80,17 +80,12 @@ class Slurm:
         assert program is not None
         tied = ("setpriv", "--pdeathsig", "KILL", "--")
         with (self.folder / f"{command[0]}.log").open("wb") as log:
-            self.daemons.append(
-                subprocess.Popen(
-                    [*tied, program, *command[1:]],
-                    env={**os.environ, **self.variables},
-                    cwd=self.folder,
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=log,
-                    start_new_session=True,
-                )
-            )
+            daemon = subprocess.Popen(
+                [*tied, program, *command[1:]], env={**os.environ, **self.variables},
+                cwd=self.folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                start_new_session=True,
+            )  # fmt: skip
+        self.daemons.append(daemon)
 
     def wait(self, ready: Callable[[], object]) -> None:
         """Wait for the daemons to get something done."""
@@ -111,13 +106,6 @@ class Slurm:
         finally:  # and what is left of them, or of a sweep whose test has failed
             for pid in belonging_to(f"SLURM_CONF={self.variables['SLURM_CONF']}"):
                 os.kill(pid, signal.SIGKILL)
-
-
-def _free_ports() -> tuple[int, int]:
-    with socket.socket() as one, socket.socket() as other:
-        one.bind(("127.0.0.1", 0))
-        other.bind(("127.0.0.1", 0))
-        return one.getsockname()[1], other.getsockname()[1]
 
 
 def served() -> Iterator[Slurm]:
@@ -158,13 +146,9 @@ def _prepare(folder: Path) -> None:
     key = folder / "munge.key"
     key.touch(mode=0o600)
     key.write_bytes(secrets.token_bytes(128))
-    controller_port, node_port = _free_ports()
-    (folder / "slurm.conf").write_text(
-        CONFIGURATION.format(
-            folder=folder,
-            host=socket.gethostname().partition(".")[0],
-            user=getpass.getuser(),
-            controller_port=controller_port,
-            node_port=node_port,
-        )
-    )
+    names = {"host": socket.gethostname().partition(".")[0], "user": getpass.getuser()}
+    with socket.socket() as one, socket.socket() as other:  # free ports
+        one.bind(("127.0.0.1", 0))
+        other.bind(("127.0.0.1", 0))
+        ports = {"controller_port": one.getsockname()[1], "node_port": other.getsockname()[1]}
+    (folder / "slurm.conf").write_text(CONFIGURATION.format(folder=folder, **names, **ports))

@@ -112,15 +112,11 @@ def bad_files(folder: Path) -> list[Path]:
         places = rng.integers(0, len(flipped), 1 + len(flipped) // 50)
         flipped[places] = rng.integers(0, 256, len(places))
         files |= {
-            f"empty.{suffix}": b"",
-            f"noise.{suffix}": noise,
-            f"zeros.{suffix}": bytes(5000),
-            f"short.{suffix}": content[:7],
-            f"half.{suffix}": content[: half + 3],
-            f"headed.{suffix}": content[:100] + noise,
-            f"flipped.{suffix}": flipped.tobytes(),
+            f"empty.{suffix}": b"", f"noise.{suffix}": noise, f"zeros.{suffix}": bytes(5000),
+            f"short.{suffix}": content[:7], f"half.{suffix}": content[: half + 3],
+            f"headed.{suffix}": content[:100] + noise, f"flipped.{suffix}": flipped.tobytes(),
             f"text.{suffix}": "Länge;Höhe\n".encode("utf-16-be") * 50,
-        }
+        }  # fmt: skip
     files |= {
         "latin.csv": b"Time,L\xe4nge\n1,2\n",
         "rows.csv": b"\n" * 10**6,

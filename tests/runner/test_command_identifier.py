@@ -18,7 +18,6 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.runner.command_identifier import CommandIdentifier
 from seatrial.runner.fingerprint import fingerprint
-from tests.runner.command import Command
 
 DOFS = ("surge", "sway", "yaw")
 TERMS = basis.terms(["u_dot", "v_dot", "r_dot", "u", "v", "r"])
@@ -123,22 +122,17 @@ def test_coefficients_replace_those_of_the_nominal_model(
 
 WRONG = [
     ("print('a'); sys.exit('no  data')", "exit code 1: no data"),
-    ("os._exit(7)", "exit code 7: no message"),
     ("os.kill(os.getpid(), 9)", "ended by signal 9: no message"),
     ("", "got none of coefficients.json and coefficients.csv, expected one"),
     (answer("csv", LINES) + answer("json", row()), "got both of"),
     (answer("json", "{"), "coefficients.json: Expecting property name"),
     ("open(folder + '/coefficients.csv', 'wb').write(b'\\xff\\x00')", "coefficients.csv: 'utf-8'"),
     (answer("json", '{"a": 1}'), "coefficients.json: got no coefficients, expected at least one"),
-    (answer("csv", "term,dof,value\n"), "coefficients.csv: got no coefficients"),
     (answer("json", "[3]"), "coefficient 1: got 3, expected term, dof and value"),
     (answer("json", row(value=float("nan"))), "'value': nan}, expected finite numbers"),
-    (answer("json", row(std_error="inf")), "expected finite numbers"),
-    (answer("json", row(value="x")), "'value': 'x'}, expected term, dof and value"),
     (answer("json", row(dof="roll")), "dof: got 'roll', expected one of surge, sway, yaw"),
     (answer("json", row(term="zz")), "term 'zz': got 'zz', expected factors from"),
     (answer("json", f"[{row()[1:-1]},{row()[1:-1]}]"), "coefficient 2: got u in surge twice"),
-    (answer("csv", "name,value\nu,1\n"), "coefficient 1: got {'name': 'u'"),
     (answer("csv", "term,dof,value\nu,surge\n"), "'value': None}, expected"),
     (answer("csv", "term,dof,value\nu,surge,1,2\n"), "coefficient 1: got "),  # decimal comma
 ]
@@ -194,17 +188,3 @@ def test_the_programs_count_by_their_content(tmp_path: Path) -> None:
     first = of("fit.py", "1", "1")
     assert of("moved.py", "1", "1") == first
     assert len({first, of("fit.py", "2 ", "1"), of("fit.py", "1", "3  ")}) == 3
-
-
-def test_a_sweep_goes_on_after_a_program_that_fails(seatrial: Command) -> None:
-    (seatrial.folder / "good.py").write_text(START + answer("json", row(value=15.0)))
-    (seatrial.folder / "bad.py").write_text(START + "sys.exit('the data are too short')")
-    variants = [
-        f"--variant=identifier.command=[{sys.executable},{name}.py]" for name in ("bad", "good")
-    ]
-    trial = ("vessel=surge_linear", "excitation=prbs", "controller=none", "evaluation=none")
-    done = seatrial("-m", *variants, *trial, "identifier=command")
-    assert done.code == 1, done
-    assert "2 runs: 1 finished, 1 failed" in done.out
-    assert f"{sys.executable} bad.py: exit code 1: the data are too short" in done.out
-    assert "Traceback" not in done.err

@@ -2,17 +2,13 @@
 
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.vocabulary import GROUPS
 from tests.runner.command import Command
-
-ROOT = Path(__file__).parents[2]
+from tests.runner.programs import ended, program
 
 REFUSED = {
     "sample_time_s=-1": "sample_time_s must be positive, got -1",
@@ -20,28 +16,20 @@ REFUSED = {
     "seed=": "seed: got '', expected an integer",
     "seed=1,2": "seed=1,2: several values, expected one (a sweep needs -m)",
     "seed": "'seed' cannot be read, expected option=value",
-    "seed=[1": "'seed=[1' cannot be read, expected option=value",
     "seed=${nowhere}": "seed: Interpolation key 'nowhere' not found",
     "+seed=2": "+seed: the option exists already, write seed=...",
     "~seed": "seed is missing",
     "bogus=1": "bogus: unknown option, see python -m runner --cfg job",
     "identifer=ls": "identifer: unknown option, did you mean identifier?",
-    "plant.scael=1": "plant.scael: unknown option, did you mean plant.scale",
-    "horizon_s=1": "horizon_s: unknown option, did you mean horizons_s?",
     "identifier.algorithm=nsga3": "identifier.algorithm is gone: identifier=nsga2 searches by",
     "vessel=null": "vessel: got null, expected one of ",
-    "vessel=miliampere": (
-        "vessel: no option 'miliampere', did you mean milliampere? expected one of "
-    ),
+    "vessel=miliampere": "vessel: no option 'miliampere', did you mean milliampere? expected",
     "hydra/launcher=nope": "hydra/launcher: no option 'nope', expected one of basic, processes",
     "identifier=grid": "identifier=grid is gone: in a checkout, use --config-dir docs/published ",
     "identifier.horizon_s=abc": "identifier.horizon_s: got 'abc', expected a number",
     "+identifier.zzz=1": "identifier.zzz: unknown option, expected one of ",
-    "identifier._target_=os.system": (
-        "identifier._target_: got 'os.system', which is not a dataclass to build"
-    ),
+    "identifier._target_=os.system": "identifier._target_: got 'os.system', which is not a",
     "database=postgresql": "SEATRIAL_DATABASE is not set; expected postgresql://",
-    "database.url=3": "database.url: got 3, expected text",
     "database.url=mysql://a/b": "database.url: unknown database dialect 'mysql' in mysql://a/b; ",
     "database.url=results.db": "database.url is not a database URL: got 'results.db'; ",
     "--bogus": "unrecognized arguments: --bogus ",
@@ -78,24 +66,6 @@ def test_a_sample_time_whose_powers_are_no_numbers(seatrial: Command) -> None:
 def test_a_flag_in_the_midst_of_options(seatrial: Command) -> None:
     said = seatrial.refuses("seed=1", "-m", "identifier=ls,none")
     assert said.startswith("unrecognized arguments: identifier=ls,none (flags come before")
-
-
-def test_a_missing_recording_is_named(seatrial: Command) -> None:
-    said = seatrial.refuses("vessel=surge_linear", "excitation=recording", "identifier=ls")
-    assert said.startswith("excitation.path")
-
-
-def test_a_file_that_is_no_database_is_left_alone(seatrial: Command) -> None:
-    seatrial.pretend()
-    foreign = seatrial.folder / "notes.db"
-    foreign.write_text("these are my notes\n" * 100)
-    for mode in ([], ["-m"]):
-        answer = seatrial(*mode, f"database.url=sqlite:///{foreign}")
-        assert answer.code == 2
-        assert answer.err.count("\n") == 1
-        assert "notes.db" in answer.err
-    assert foreign.read_text() == "these are my notes\n" * 100
-    assert list(seatrial.folder.iterdir()) == [foreign]
 
 
 def test_a_trial_is_run_once(seatrial: Command) -> None:
@@ -151,24 +121,6 @@ def test_a_diverged_trial_keeps_what_still_holds(seatrial: Command) -> None:
         assert len(logbook.metrics(1)) == 1
 
 
-def test_an_interrupted_trial(seatrial: Command) -> None:
-    fake = seatrial.pretend()
-    fake.interrupted = {3}
-    answer = seatrial("seed=3")
-    assert answer.code == 130
-    assert answer.err.startswith("seatrial: interrupted")
-    assert answer.err.count("\n") == 1
-    with LogbookWriter.read("sqlite:///results/results.db") as logbook:
-        assert logbook.run(1).summary.status == "interrupted"
-    fake.interrupted = set()
-    assert seatrial("seed=3").code == 0
-
-
-def test_a_refused_trial_leaves_no_row(seatrial: Command) -> None:
-    seatrial.pretend().refused = {3}
-    assert seatrial.refuses("plant.scale=3") == "plant.scale: 3 is not seaworthy"
-
-
 def test_a_dry_run_runs_nothing(seatrial: Command) -> None:
     fake = seatrial.pretend()
     answer = seatrial("seed=3", "dry_run=true")
@@ -195,28 +147,6 @@ def test_the_environment_is_left_as_it_was(seatrial: Command) -> None:
     assert dict(os.environ) == before
 
 
-def spawned(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "100"}
-    environment.pop("HYDRA_FULL_ERROR", None)
-    return subprocess.run(
-        [sys.executable, *arguments],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-
-
-def test_as_a_program_of_its_own(tmp_path: Path) -> None:
-    answer = spawned("-m", "runner", "sample_time_s=-1", folder=tmp_path)
-    assert answer.returncode == 2
-    assert answer.stderr == "seatrial: sample_time_s must be positive, got -1\n"
-    assert answer.stdout == ""
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_looking_around_imports_nothing_heavy(tmp_path: Path) -> None:
     heavy = "numpy|numba|scipy|sklearn|sqlalchemy|pyarrow|matplotlib|pandas|rich|joblib"
     code = (
@@ -229,15 +159,7 @@ def test_looking_around_imports_nothing_heavy(tmp_path: Path) -> None:
         "    except SystemExit as end:\n        assert not end.code, words\n"
         "print({name.partition('.')[0] for name in sys.modules}, file=sys.stderr)\n"
     )
-    answer = spawned("-c", code, folder=tmp_path)
-    assert answer.returncode == 0, answer.stderr
-    assert re.search(rf"'({heavy})'", answer.stderr) is None, answer.stderr
-    assert "'hydra'" in answer.stderr
-
-
-def test_help_says_what_it_is(seatrial: Command) -> None:
-    said = seatrial("--help").out
-    assert said.startswith("seatrial: sea trials for models and controllers of marine vessels.")
-    for group in GROUPS:
-        assert re.search(rf"^{group}: \w", said, re.MULTILINE)
-    assert "seatrial -m identifier=" in said
+    status, _, said = ended(program("-c", code, folder=tmp_path))
+    assert status == 0, said
+    assert re.search(rf"'({heavy})'", said) is None, said
+    assert "'hydra'" in said

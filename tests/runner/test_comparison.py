@@ -132,23 +132,6 @@ def test_every_coefficient_that_was_estimated_has_its_standard_error(folder: Pat
         assert known == many or (known, nominal) == (0, many), identifier
         if identifier == "output_error":
             assert known == many
-    ((covariances,),) = rows(
-        folder,
-        "SELECT count(*) FROM diagnostic JOIN run ON run.id = run_id "
-        "WHERE name = 'covariance' AND identifier = 'output_error' AND disturbance = 'calm'",
-    )
-    assert covariances == 23 * 24 / 2
-
-
-def test_every_entry_of_a_state_space_model_is_a_coefficient(folder: Path) -> None:
-    """Six states, three forces and three poses: A to F and the first state."""
-    found = rows(
-        folder,
-        "SELECT substr(term, 1, instr(term, '[') - 1), count(*) FROM coefficient JOIN run ON "
-        "run.id = run_id WHERE model = 'state_space' AND disturbance = 'calm' GROUP BY 1",
-    )
-    entries = {"A": 36, "B": 18, "C": 18, "D": 9, "K": 18, "F": 9, "x0": 6}
-    assert dict(found) == entries
 
 
 def test_the_figures_find_what_they_draw(folder: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.runner.compare.__main__ import run as run_results
-from seatrial.runner.record.catalogue import MANOEUVRE, METRICS
+from seatrial.runner.record.catalogue import all_declared
 from tests.runner.command import Command
 from tests.runner.compare import stored
 
@@ -55,12 +55,10 @@ def test_groups_and_options(seatrial: Command, monkeypatch: pytest.MonkeyPatch) 
     """Options are those of the chosen part."""
     for line, expected in (
         ("seatrial vess", "vessel="),
-        ("seatrial vessel=milli", "vessel=milliampere"),
         ("seatrial -m controller.k", "controller.kp="),
         ("seatrial controller=mpc_standard controller.h", "controller.horizon="),
         ("seatrial -m identifier=ls,pl", "identifier=ls,plsr"),
         ("seatrial -m disturbance=[noise,wi", "disturbance=[noise,wind"),
-        ("seatrial -m identifier=ls,plsr 'seed=range(0,3)' controller.k", "controller.ki="),
         ("seatrial -m --variant 'identifier=ls seed=1' hydra/laun", "hydra/launcher="),
         ("seatrial -m disturbance=[noise,wind],calm controller.k", "controller.kd="),
     ):
@@ -76,10 +74,8 @@ def test_commands_figures_and_metrics(
         ("plot tra", {"track"}),
         ("table --metric e_pos_m", {"e_pos_mae", "e_pos_mse"}),
         ("table --metric force_mse,e_pos_ma", {"force_mse,e_pos_mae"}),
-        ("plot bars --metric e_pos_ma", {"e_pos_mae"}),
         ("table --statistic med", {"median"}),
-        ("table --stage depl", {"deployment"}),
-        ("table --metric ", {metric.name for metric in (*METRICS, *MANOEUVRE)}),
+        ("table --metric ", {metric.name for metric in all_declared()}),
     ):
         for name, value in asked(words).items():
             monkeypatch.setenv(name, value)
@@ -124,44 +120,32 @@ def test_numbers_of_runs(home: Path, command: str) -> None:
         shutil.rmtree(home / "results")
 
 
-def test_installed_once_it_completes_in_bash(home: Path) -> None:
-    (home / ".bashrc").write_text("PS1=here")  # without a line end
-    for _ in range(2):
-        answer = run(home, "seatrial", "--install-completion", SHELL="/bin/bash")
-        assert answer.returncode == 0, answer.stderr
-    assert (home / ".bashrc").read_text().count("source") == 1
-    line = "seatrial -m identifier=ls,pl"
-    script = (
-        f". ~/.bashrc; COMP_LINE='{line}' COMP_POINT={len(line)} COMP_CWORD=2; "
-        "hydra_bash_completion; echo $PS1 ${COMPREPLY[@]}"
-    )
-    answer = run(home, str(shutil.which("bash")), "--norc", "-c", script)
-    assert answer.stdout == "here identifier=ls,plsr\n"
+LINE = "seatrial -m identifier=ls,pl"
+INSTALLED = {  # shell: its file, what that has once, and what the shell does at the tab key
+    "bash": (
+        ".bashrc", "source", f"COMP_LINE='{LINE}' COMP_POINT={len(LINE)} COMP_CWORD=2; "
+        "hydra_bash_completion; echo $PS1 ${COMPREPLY[@]}", "--norc",
+    ),
+    "zsh": (  # without compinit
+        ".zshrc", "bashcompinit && source", f"words=({LINE}); CURRENT=3; export COMP_LINE='{LINE}' "
+        f"COMP_POINT={len(LINE)} COMP_CWORD=2; word=$(compgen -F hydra_bash_completion -- "
+        "${words[3]}); echo $PS1 $word; [[ $_comps[seatrial] = *hydra_bash_completion ]]", "-f",
+    ),
+}  # fmt: skip
 
 
-@pytest.mark.skipif(not shutil.which("zsh"), reason="no zsh here: apt-get install zsh")
-def test_installed_once_it_completes_in_zsh(home: Path) -> None:
-    (home / ".zshrc").write_text("PS1=here")  # without a line end, and without compinit
+@pytest.mark.parametrize("shell", INSTALLED)
+def test_installed_once_it_completes(home: Path, shell: str) -> None:
+    program = shutil.which(shell) or pytest.skip(f"no {shell} here: apt-get install {shell}")
+    name, once, script, alone = INSTALLED[shell]
+    (home / name).write_text("PS1=here")  # without a line end
     for _ in range(2):
-        answer = run(home, "seatrial", "--install-completion", SHELL="/usr/bin/zsh")
+        answer = run(home, "seatrial", "--install-completion", SHELL=f"/usr/bin/{shell}")
         assert answer.returncode == 0, answer.stderr
-    assert (home / ".zshrc").read_text().count("bashcompinit && source") == 1
-    line = "seatrial -m identifier=ls,pl"
-    script = (  # what zsh does at the tab key
-        f". ~/.zshrc; words=({line}); CURRENT=3; export COMP_LINE='{line}' COMP_POINT={len(line)} "
-        "COMP_CWORD=2; compgen -F hydra_bash_completion -- ${words[3]}; echo $PS1 $_comps[seatrial]"
-    )
-    answer = run(home, str(shutil.which("zsh")), "-f", "-c", script)
-    completed_word, shown = answer.stdout.splitlines()
-    assert completed_word == "identifier=ls,plsr"
-    assert shown == "here _bash_complete -o nospace -o default -F hydra_bash_completion"
+    assert (home / name).read_text().count(once) == 1
+    answer = run(home, program, alone, "-c", f". ~/{name}; {script}")
+    assert (answer.returncode, answer.stdout) == (0, "here identifier=ls,plsr\n")
     assert "command not found" not in answer.stderr
-
-
-def test_fish_reads_a_file_of_its_own(home: Path) -> None:
-    assert run(home, "seatrial", "--install-completion", "fish").returncode == 0
-    file = home / ".config" / "fish" / "completions" / "seatrial.fish"
-    assert "complete -c seatrial" in file.read_text()
 
 
 def test_another_shell_and_a_checkout_are_refused(home: Path) -> None:

@@ -90,17 +90,6 @@ def parts(value: Any) -> Iterator[Any]:
             yield from parts(each)
 
 
-def test_the_default_trial_can_be_run() -> None:
-    from seatrial.runner.trial import check
-
-    check(composed())
-
-
-def test_every_experiment_composes() -> None:
-    for path in sorted((CONF / "experiment").glob("*.yaml")):
-        composed(f"experiment={path.stem}")
-
-
 def test_a_database_composes() -> None:
     assert composed("database=sqlite").database_url == "sqlite:///results/results.db"
     assert composed("database=postgresql").database_url == "SEATRIAL_DATABASE"
@@ -110,9 +99,3 @@ def test_the_groups_are_those_that_are_named() -> None:
     assert {*OPTIONS, "vessel"} == set(GROUPS)
     folders = {path.name for path in CONF.iterdir() if path.is_dir()}
     assert folders <= {*GROUPS, "benchmark", "database", "experiment", "hydra"}
-
-
-def test_nothing_composed_is_left_out_of_the_trial() -> None:
-    trial = composed("seed=4", "plant.scale=0.7", "sample_time_s=0.2")
-    assert (trial.seed, trial.plant_scale, trial.sample_time_s) == (4, 0.7, 0.2)
-    assert composed().plant_scale == 0.5  # milliampere's own

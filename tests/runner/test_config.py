@@ -17,10 +17,7 @@ LAG = {
 }
 VESSEL = {
     "_target_": "seatrial.models.vessel.parameters.VesselParameters",
-    "name": "buoy",
-    "dofs": ["surge"],
-    "inertia": [[10.0]],
-    "derivatives": {"X_u": -1.0},
+    **{"name": "buoy", "dofs": ["surge"], "inertia": [[10.0]], "derivatives": {"X_u": -1.0}},
     "velocity_limits": [5.0],
 }
 PARTS = {
@@ -28,10 +25,7 @@ PARTS = {
     "disturbance": {"_target_": "seatrial.models.weather.disturbance.Disturbance"},
     "excitation": {
         "_target_": "seatrial.models.excitation.setpoints.Setpoints",
-        "schedule": "stay",
-        "schedules": {"stay": [[0.0, 0.0, 0.0]]},
-        "scale": 1.0,
-        "duration_s": 10.0,
+        **{"schedule": "stay", "schedules": {"stay": [[0, 0, 0]]}, "scale": 1, "duration_s": 10},
         "reference_filter": {"_target_": "seatrial.models.excitation.setpoints.Step"},
     },
     "identifier": {"_target_": "seatrial.models.identification.problem.NoIdentifier"},
@@ -42,17 +36,10 @@ NAMES = dict.fromkeys(GROUPS, "none")
 def configuration(**changes: Any) -> dict[str, Any]:
     """A whole configuration that sails no evaluation; `changes` by name, None removes."""
     whole: dict[str, Any] = {
-        **{group: {} for group in GROUPS},
-        **PARTS,
-        "seed": 0,
-        "sample_time_s": 0.1,
-        "integration_step_s": 0.05,
-        "plant": {"scale": 0.5},
-        "results_dir": "results",
-        "database": {"url": "sqlite:///results/results.db"},
-        "rerun": False,
-        "dry_run": False,
-    }
+        **{group: {} for group in GROUPS}, **PARTS, "seed": 0, "sample_time_s": 0.1,
+        "integration_step_s": 0.05, "plant": {"scale": 0.5}, "results_dir": "results",
+        "database": {"url": "sqlite:///results/results.db"}, "rerun": False, "dry_run": False,
+    }  # fmt: skip
     return {key: value for key, value in (whole | changes).items() if value is not None}
 
 
@@ -113,32 +100,18 @@ def test_builds_a_trial() -> None:
     assert trial.controller is None
 
 
-REFUSED: list[tuple[dict[str, Any], str]] = [
+REFUSED: list[tuple[dict[str, Any], str]] = [  # kinds of values: test_options.py
     ({"sample_time_s": 0}, "sample_time_s must be positive, got 0"),
-    ({"sample_time_s": "abc"}, "sample_time_s: got 'abc', expected a number"),
-    ({"sample_time_s": float("nan")}, "sample_time_s: got nan, expected a finite number"),
-    ({"integration_step_s": 0}, "integration_step_s must be positive, got 0"),
-    (
-        {"integration_step_s": 0.2},
-        "integration_step_s must not be above sample_time_s = 0.1, got 0.2",
-    ),
-    ({"plant": {"scale": 0}}, "plant.scale must be positive, got 0"),
+    ({"integration_step_s": 0.2},
+     "integration_step_s must not be above sample_time_s = 0.1, got 0.2"),
     ({"plant": {}}, "plant.scale is missing"),
-    (
-        {"plant": {"scale": 1, "mass": 2}},
-        "plant.mass: unknown option, expected one of scale, change",
-    ),
-    ({"seed": -1}, "seed must not be negative, got -1"),
-    ({"seed": 1.5}, "seed: got 1.5, expected an integer"),
+    ({"plant": {"scale": 1, "mass": 2}},
+     "plant.mass: unknown option, expected one of scale, change"),
     ({"seed": None}, "seed is missing"),
     ({"seeds": 1}, "seeds: unknown option, did you mean seed or sweep?"),
-    ({"rerun": "yes"}, "rerun: got 'yes', expected true or false"),
-    ({"database": {"url": 3}}, "database.url: got 3, expected text or null"),
-    ({"results_dir": ""}, "results_dir: got '', expected a path"),
     ({"vessel": "ferry"}, "vessel: got 'ferry', expected a group of options"),
     ({"vessel": {}}, "vessel: got none, expected an option of the group"),
-    ({"identifier": {}}, "identifier: got none, expected an option of the group"),
-]
+]  # fmt: skip
 
 
 def test_refuses_a_trial(subtests: pytest.Subtests) -> None:

@@ -7,7 +7,6 @@ import os
 import pty
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,28 +16,14 @@ from rich.console import Console
 from rich.progress import Progress, TextColumn
 
 from seatrial.runner import console as progress
-from seatrial.runner.console import LiveLine, NewWarnings, PlainLines, Standing, TimeLeft, duration
+from seatrial.runner.console import LiveLine, NewWarnings, PlainLines, Standing, TimeLeft
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.database.records import RunStart
 from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.record.rows import Results
+from tests.runner.database.samples import make_start
+from tests.runner.programs import wait
 
 ROOT = Path(__file__).parents[2]
-
-
-def start(seed: int) -> RunStart:
-    groups = ("vessel", "disturbance", "excitation", "identifier", "controller", "evaluation")
-    return RunStart(
-        fingerprint=f"{seed:064x}", seed=seed, config={}, **dict.fromkeys(groups, "none")
-    )
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0.4, "0 s"), (89.0, "89 s"), (90.0, "2 min"), (3600.0, "60 min"), (7500.0, "2 h 05 min")],
-)
-def test_times_are_told_as_people_tell_them(seconds: float, text: str) -> None:
-    assert duration(seconds) == text
 
 
 @pytest.fixture
@@ -56,12 +41,6 @@ def test_the_pace_counts_from_the_first_that_ends(clock: SimpleNamespace) -> Non
         lefts.append(pace.left_s(done, 10))
     # Two were done before; workers start; the first has nothing to compare with; two more in 4 s.
     assert lefts == [None, None, None, pytest.approx(10.0), 0.0]
-
-
-def test_a_standing_in_words() -> None:
-    standing = Standing(done=3, planned=9, running=2, failed=1, left_s=12.0)
-    assert str(standing) == "3 of 9 done, 2 running, 1 failed, about 12 s left"
-    assert str(Standing(0, 9, 0, 0, None)) == "0 of 9 done, 0 running, 0 failed"
 
 
 def test_plain_lines_only_when_there_is_news(
@@ -87,16 +66,9 @@ def test_plain_lines_only_when_there_is_news(
     ]
 
 
-def test_the_live_line() -> None:
-    screen = io.StringIO()
-    console = Console(file=screen, force_terminal=True, width=100)
-    with Progress(TextColumn("{task.description}"), console=console) as bar:
-        line = LiveLine(bar)
-        line.show(Standing(3, 9, 2, 1, None))
-        line.failure("run 3 failed (seed=[1]): out of luck")
-        bar.refresh()
-    assert "3 of 9 done, 2 running, 1 failed" in screen.getvalue()
-    assert "run 3 failed (seed=[1]): out of luck" in screen.getvalue()
+def told(caplog: pytest.LogCaptureFixture, what: str) -> bool:
+    """Whether a line begins with `what`."""
+    return any(record.getMessage().startswith(what) for record in caplog.records)
 
 
 def test_it_is_read_from_the_logbook(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -105,37 +77,22 @@ def test_it_is_read_from_the_logbook(tmp_path: Path, caplog: pytest.LogCaptureFi
         sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=1,2,3", ["seed=1,2,3"], 3)
         with caplog.at_level(logging.INFO), progress.shown(url, sweep_id):
             for seed in (1, 2):
-                run = logbook.begin_run(start(seed), sweep_id)
+                run = logbook.begin_run(make_start(seed), sweep_id)
                 if seed == 1:
                     logbook.finish_run(run.run_id, Results())
                 else:
                     logbook.fail_run(run.run_id, "failed", "ValueError", "no wind", None)
-            progress_told(caplog, "run 2 failed")
+            wait(lambda: told(caplog, "run 2 failed"))
     said = [record.getMessage() for record in caplog.records]
-    assert any(line.startswith("run 2 failed (vessel=none") for line in said)
+    assert any(line.startswith("run 2 failed (vessel=milliampere") for line in said)
     assert sum(line.startswith("run 2 failed") for line in said) == 1
-
-
-def progress_told(caplog: pytest.LogCaptureFixture, what: str) -> None:
-    """Wait until a line begins with `what`, ten seconds at most."""
-    import time
-
-    deadline = time.monotonic() + 10.0
-    while time.monotonic() < deadline:
-        if any(record.getMessage().startswith(what) for record in caplog.records):
-            return
-        time.sleep(0.02)
-    pytest.fail(f"no line begins with {what!r}")
 
 
 def test_a_broken_logbook_ends_the_display_not_the_sweep(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with (
-        caplog.at_level(logging.INFO),
-        progress.shown(f"sqlite:///{tmp_path}/none.db", 1),
-    ):
-        progress_told(caplog, "the progress is no longer shown: ")
+    with caplog.at_level(logging.INFO), progress.shown(f"sqlite:///{tmp_path}/none.db", 1):
+        wait(lambda: told(caplog, "the progress is no longer shown: "))
 
 
 def test_a_line_on_a_terminal(tmp_path: Path) -> None:
@@ -143,13 +100,9 @@ def test_a_line_on_a_terminal(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "100"}
     command = [sys.executable, "-m", "runner", "-m", "identifier=none", "evaluation=none"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": slave}
     with subprocess.Popen(
-        [*command, "seed=0,1"],
-        cwd=tmp_path,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=slave,
-        text=True,
+        [*command, "seed=0,1"], cwd=tmp_path, env=environment, text=True, **pipes
     ) as process:
         os.close(slave)
         shown = b""
@@ -174,7 +127,7 @@ def test_progress_lines_command_no_terminal_and_are_short(tmp_path: Path) -> Non
     """Names and messages of a logbook that another program has filled."""
     url = f"sqlite:///{tmp_path}/results.db"
     with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        run = logbook.begin_run(replace(start(0), vessel="\x1b[2J\u202egnp")).run_id
+        run = logbook.begin_run(make_start(vessel="\x1b[2J\u202egnp")).run_id
         logbook.fail_run(run, "failed", "Bug\x07", "y" * 5000 + "\n\x9b", "trace")
         (summary,) = logbook.runs()
     line = progress.failure(summary)

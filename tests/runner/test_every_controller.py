@@ -11,8 +11,6 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.runner import trial as trials
-from tests.runner.command import Command
-from tests.runner.programs import rows
 from tests.trials import FORCED, STEERED, composed, options
 
 OF_HELM = ("autopilot", "mpc_heading")  # command inputs
@@ -75,34 +73,9 @@ def test_a_vessel_with_inputs_is_refused_where_forces_are_commanded() -> None:
         refused(vessel, controller)
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("vessel", [*FORCED, *REFUSING])
-def test_every_vessel_with_every_controller(vessel: str) -> None:
-    for controller in CONTROLLERS:
-        (sails if vessel in FORCED else refused)(vessel, controller)
-    if vessel in REFUSING:
-        for controller in OF_HELM:
-            refused(vessel, controller)
-
-
 @pytest.mark.parametrize("controller", OF_HELM)
 def test_a_controller_of_the_helm_refuses_a_vessel_that_is_commanded_by_forces(
     controller: str,
 ) -> None:
     with pytest.raises(ConfigurationError, match="cybership2 is commanded by forces"):
         trials.check(composed("vessel=cybership2", f"controller={controller}", *KEEPING))
-
-
-@pytest.mark.slow
-def test_cybership_from_its_paper_sails_with_every_controller(seatrial: Command) -> None:
-    """A four-corner test in noise and wind: within half a length and five degrees on average."""
-    answer = seatrial(
-        "-m", "vessel=cybership2", f"controller={','.join(CONTROLLERS)}", "identifier=none",
-        "excitation=single_ramp", "evaluation=four_corner", "disturbance=[noise,wind]",
-    )  # fmt: skip
-    assert answer.code == 0, answer.err
-    query = "SELECT value FROM metric WHERE model = 'nominal' AND name = '{}'"
-    for metric, most in (("e_pos_mae", 0.5 * 1.255), ("e_psi_mae", 5.0)):
-        errors = [value for (value,) in rows(seatrial.folder, query.format(metric))]
-        assert len(errors) == len(CONTROLLERS)
-        assert all(isinstance(value, float) and value < most for value in errors), metric

@@ -29,16 +29,6 @@ def parser() -> OverridesParser:
     return OverridesParser.create()
 
 
-def test_variants_each_have_the_whole_grid(parser: OverridesParser) -> None:
-    variants = [{"identifier": "ls"}, {"identifier": "plsr", "identifier.joint": False}]
-    assert jobs_of(parser, {"seed": "range(0,2)"}, variants, [], Limits()) == [
-        ["seed=0", "identifier=ls"],
-        ["seed=1", "identifier=ls"],
-        ["seed=0", "identifier=plsr", "identifier.joint=False"],
-        ["seed=1", "identifier=plsr", "identifier.joint=False"],
-    ]
-
-
 def test_a_variant_replaces_params_and_the_command_line_both(parser: OverridesParser) -> None:
     params, variants = {"seed": "0,1", "plant.scale": 0.5}, [{"plant.scale": 0.25}, {}]
     assert jobs_of(parser, params, variants, ["seed=7"], Limits()) == [
@@ -51,10 +41,6 @@ def test_values_of_yaml_are_written_as_on_the_command_line(parser: OverridesPars
     variant = {"update": None, "identifier.basis": ["u_dot", "u"], "plant.change": {"at_s": 3.0}}
     (job,) = jobs_of(parser, {}, [variant], [], Limits())
     assert job == ["update=null", "identifier.basis=[u_dot,u]", "plant.change={at_s:3.0}"]
-
-
-def test_without_either_the_command_line_is_the_grid(parser: OverridesParser) -> None:
-    assert jobs_of(parser, {}, [], ["seed=1,2"], Limits()) == [["seed=1"], ["seed=2"]]
 
 
 def test_an_experiment_with_a_sweep_needs_no_flag(seatrial: Command) -> None:

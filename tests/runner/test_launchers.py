@@ -78,13 +78,9 @@ def use(monkeypatch: pytest.MonkeyPatch, launcher: Any) -> None:
     ],
 )
 def test_what_a_launcher_loses_is_launched_once_more(
-    seatrial: Command,
-    monkeypatch: pytest.MonkeyPatch,
-    losses: int,
-    code: int,
-    ran: list[int],
+    seatrial: Command, monkeypatch: pytest.MonkeyPatch, losses: int, code: int, ran: list[int],
     said: str,
-) -> None:
+) -> None:  # fmt: skip
     fake = seatrial.pretend()
     use(monkeypatch, Fragile(losses))
     answer = seatrial("-m", "seed=0,1,2,3", "hydra.sweeper.max_batch_size=3")
@@ -148,10 +144,8 @@ def ray_variables() -> Iterator[dict[str, str]]:
     token.write_text(secrets.token_hex(32))
     try:
         yield {
-            "RAY_TMPDIR": str(folder),
-            "RAY_AUTH_MODE": "token",
-            "RAY_AUTH_TOKEN_PATH": str(token),
-            "RAY_USAGE_STATS_ENABLED": "0",
+            **{"RAY_TMPDIR": str(folder), "RAY_USAGE_STATS_ENABLED": "0"},
+            **{"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token)},
             "RAY_raylet_start_wait_time_s": "120",  # 30 s are too short on a busy machine
         }
         wait(lambda: not belonging_to(f"RAY_TMPDIR={folder}"))

@@ -53,23 +53,3 @@ def test_beluga_on_several_runs(
         (r[3], r[1]) for r in diagnostics if r[0] == "file_velocity_rmse_free_run" and r[4] == 1
     }
     assert {number for number, _ in free} == {0, 1}
-
-
-def test_a_recording_needs_no_controller_and_no_evaluation(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """A recording has no replay; an evaluation that is asked for is sailed."""
-    k = np.arange(400)
-    u = np.sin(0.05 * k) + 0.4 * np.sin(0.31 * k)
-    force = 20.0 * np.gradient(u, 0.1) + 5.0 * u
-    rows = [f"{0.1 * i:.10g},0,{u[i]},{force[i]}" for i in k]
-    text = "\n".join(["Time,position_x,surge_vel,force_x", *rows])
-    (tmp_path / "a.csv").write_text(text)
-    monkeypatch.chdir(tmp_path)
-    words = ["seatrial", "vessel=surge_linear", "excitation=recording", "excitation.path=a.csv"]
-    for more in ([], ["evaluation=setpoints", "controller=pid_ff"]):
-        monkeypatch.setattr("sys.argv", [*words, "identifier=ls", *more])
-        assert main() == 0, capfd.readouterr().err
-    with sqlite3.connect(tmp_path / "results" / "results.db") as database:
-        runs = database.execute("select controller, evaluation from run order by id").fetchall()
-    assert runs == [("none", "none"), ("pid_ff", "setpoints")]

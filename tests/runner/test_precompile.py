@@ -27,13 +27,9 @@ def kinds(*overrides: str) -> tuple[str, ...]:
     ("change", "same"),
     [
         (("seed=3", "sample_time_s=0.2", "excitation.interval_s=200"), (0, 1, 2, 3)),
-        (("identifier=ridge",), (0, 1, 3)),
-        (("disturbance=[noise,wind]",), (1, 2, 3)),
-        (("excitation=prbs_waypoints",), (0, 2, 3)),
-        (("evaluation=operation",), (0, 1, 2)),
-        (("controller=lqi",), (0,)),
-        (("vessel=otter",), ()),
-        ((UPDATE,), ()),
+        *((("identifier=ridge",), (0, 1, 3)), (("disturbance=[noise,wind]",), (1, 2, 3))),
+        *((("excitation=prbs_waypoints",), (0, 2, 3)), (("evaluation=operation",), (0, 1, 2))),
+        *((("controller=lqi",), (0,)), (("vessel=otter",), ()), ((UPDATE,), ())),
     ],
 )
 def test_kinds_of_parts_decide_what_is_compiled(change: tuple[str, ...], same: tuple[int]) -> None:
@@ -97,12 +93,9 @@ def test_workers_on_an_empty_cache_compile_nothing(tmp_path: Path) -> None:
     notes = tmp_path / "notes"
     process = sweep(
         *("identifier=none,ls", "evaluation=none", "seed=0,1", "disturbance=noise"),
-        *("hydra/launcher=joblib", "hydra.launcher.n_jobs=4"),
-        folder=tmp_path,
-        PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}",
-        SEATRIAL_CACHE=str(tmp_path / "cache"),
-        NOTES=str(notes),
-    )
+        *("hydra/launcher=processes", "hydra.launcher.n_jobs=4"), folder=tmp_path, NOTES=str(notes),
+        PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}", SEATRIAL_CACHE=str(tmp_path / "cache"),
+    )  # fmt: skip
     out, err = process.communicate(timeout=1200)
     assert process.returncode == 0, err
     assert "4 finished" in out

@@ -185,8 +185,3 @@ def test_a_trial_warns_of_knots_in_one_line(seatrial: Command) -> None:
     lines = [line for line in (answer.out + answer.err).splitlines() if "recording:" in line]
     assert len(lines) == 1
     assert "excitation.columns.velocity.surge: {column: surge_vel, unit: knot}" in lines[0]
-
-
-def test_a_file_that_is_not_there_is_one_line(seatrial: Command) -> None:
-    said = seatrial.refuses("data", "check", "absent.csv")
-    assert "absent.csv: there is no such file" in said

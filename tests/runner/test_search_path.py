@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from seatrial.runner import plugins
-from seatrial.runner.search_path import CONF
 from tests.runner.command import Command
 
 IDENTIFIER = "_target_: seatrial.models.identification.problem.NoIdentifier\n"
@@ -57,27 +56,6 @@ def four(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> Command:
     return seatrial
 
 
-def test_the_help_lists_the_folders_and_what_they_add(four: Command) -> None:
-    answer = four("--config-dir", "given", "--help")
-    assert answer.code == 0, answer.err
-    listed = answer.out[answer.out.index("Folders of your own:") :].splitlines()
-    assert [line.strip() for line in listed[1:6]] == [
-        "given: disturbance=given",
-        "named1: identifier=from_named1",
-        "named2: identifier=from_named2",
-        "conf: identifier=here",
-        "installed/fleet_of_tests/conf: identifier=packed",
-    ]
-    (identifiers,) = [line for line in answer.out.splitlines() if line.startswith("identifier:")]
-    assert {"from_named1", "from_named2", "here", "packed", "ls"} <= set(
-        identifiers.removeprefix("identifier: ").split(", ")
-    )
-
-
-def test_without_folders_the_help_says_how_to_have_one(seatrial: Command) -> None:
-    assert "a folder conf here, --config-dir FOLDER" in seatrial("--help").out
-
-
 def test_a_sweep_takes_options_from_every_folder(four: Command) -> None:
     four.pretend()
     names = ("from_named1", "from_named2", "here", "packed")
@@ -108,16 +86,11 @@ def test_of_two_folders_of_the_user_the_first_wins(
     option(seatrial.folder / "named", "identifier/twice", OTHER)
     monkeypatch.setenv("SEATRIAL_CONF", "named")
     answer = seatrial("identifier=twice", "--cfg", "job")
-    assert "output_error.LeastSquares" in answer.out
+    assert "least_squares.LeastSquares" in answer.out
     assert answer.err.startswith("seatrial: conf: identifier/twice.yaml not used")
     answer = seatrial("--config-dir", "conf", "identifier=twice", "--cfg", "job")
     assert "problem.NoIdentifier" in answer.out
     assert answer.err.startswith("seatrial: named: identifier/twice.yaml not used")
-
-
-def test_a_copy_of_the_projects_options_needs_no_warning(seatrial: Command) -> None:
-    option(seatrial.folder / "conf", "identifier/ls", (CONF / "identifier" / "ls.yaml").read_text())
-    assert seatrial("identifier=ls", "--cfg", "job").err == ""
 
 
 def test_a_folder_that_does_not_exist_is_refused(

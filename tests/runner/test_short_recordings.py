@@ -51,20 +51,13 @@ TOO_FEW = (
     (3, ["identifier=none"], "got 1 samples for testing, expected at least 2"),
     (20, ["identifier=plsr"], "got 10 samples for training, expected at least 12"),
     (60, ["identifier=ls", "identifier.lowpass_hz=1.0"], "too few for a low-pass filter"),
-    (
-        4,
-        ["identifier=ls", "identifier.lowpass_hz=null"],
-        "got 2 samples for training after the low-pass filters, expected at least 4",
-    ),
+    (4, ["identifier=ls", "identifier.lowpass_hz=null"],
+     "got 2 samples for training after the low-pass filters, expected at least 4"),
     (4, ["identifier=ls"], "got 2 samples, too few for a low-pass filter"),
     (40, ["identifier=iv"], "too few for a low-pass filter"),
     (40, ["identifier=robust"], "got 20 samples for training, expected at least 40"),
-    (
-        40,
-        ["identifier=none", "excitation.resample_hz=1e9"],
-        "3.9e+09 samples from the 40 rec",
-    ),
-)
+    (40, ["identifier=none", "excitation.resample_hz=1e9"], "3.9e+09 samples from the 40 rec"),
+)  # fmt: skip
 
 
 def test_too_few_samples(seatrial: Command, path: Path, subtests: pytest.Subtests) -> None:

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from threading import Thread
 from types import SimpleNamespace
 
 import pytest
@@ -17,8 +16,7 @@ from sqlalchemy import create_engine
 from sqlalchemy.pool import NullPool
 
 from seatrial.runner import stop_signals
-from seatrial.runner.database import LogbookWriter, liveness, logbook
-from seatrial.runner.database.engine import parse
+from seatrial.runner.database import LogbookWriter, logbook
 from tests.runner.command import Command
 from tests.runner.programs import children, ended, program, rows, sweep, wait
 
@@ -61,18 +59,6 @@ def _stop() -> None:
     time.sleep(0.01)
 
 
-class Dying:
-    """An object whose finaliser is interrupted: Python drops what is raised there."""
-
-    def __del__(self) -> None:
-        _stop()
-
-
-def finalise() -> None:
-    dying = [Dying()]
-    dying.clear()
-
-
 def swallow() -> None:
     with suppress(BaseException):
         _stop()
@@ -97,7 +83,7 @@ def close_connection() -> None:
     engine.connect().close()
 
 
-@pytest.mark.parametrize("moment", [finalise, swallow, import_module, close_connection])
+@pytest.mark.parametrize("moment", [swallow, import_module, close_connection])
 def test_a_signal_is_neither_lost_nor_told_with_a_traceback(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch, moment: Callable[[], None]
 ) -> None:
@@ -134,21 +120,10 @@ def test_a_run_that_is_stopped_as_it_begins_is_interrupted(
     assert rows(seatrial.folder, "SELECT status FROM run") == [("interrupted",)]
 
 
-def test_a_heartbeat_that_has_not_started_is_stopped() -> None:
-    heartbeat = liveness.Heartbeat(create_engine("sqlite://"), parse("sqlite:///results.db"))
-    heartbeat._thread = Thread()
-    heartbeat.stop()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "to_all", "later_s"),
-    [
-        (signal.SIGTERM, False, 3.0),
-        (signal.SIGINT, True, 0.0),
-        (signal.SIGINT, True, 1.0),
-        (signal.SIGHUP, True, 3.0),
-    ],
+    [(signal.SIGTERM, False, 3.0), (signal.SIGINT, True, 0.0), (signal.SIGHUP, True, 3.0)],
 )
 def test_a_sweep_with_workers_ends_in_one_line(
     tmp_path: Path, number: signal.Signals, to_all: bool, later_s: float

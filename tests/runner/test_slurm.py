@@ -49,9 +49,7 @@ def test_a_job_is_waited_for_while_it_may_end_by_itself(mode: str, squeue: Answe
         assert not watcher.is_done("7_1", mode="force")
 
 
-def test_what_the_queue_has_forgotten_has_ended_but_no_answer_is_not_an_end(
-    squeue: Answer,
-) -> None:
+def test_what_the_queue_has_forgotten_has_ended_but_no_answer_is_not_an_end(squeue: Answer) -> None:
     squeue("8|RUNNING|sea")
     assert QueueWatcher().is_done("7", mode="force")
     squeue("")

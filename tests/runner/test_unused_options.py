@@ -9,23 +9,18 @@ REFUSED = {
     "vessel.tuning.reference.interval_s=inf": (
         "vessel.tuning.reference.interval_s: got inf, expected a finite number"
     ),
-    "+vessel.tuning.mine=-inf": "vessel.tuning.mine: got -inf, expected a finite number",
     "+vessel.tuning.mine=1": "vessel.tuning.mine: unknown option, expected one of pid, reference",
     "+extra=nan": "extra: got nan, expected a finite number",
-    "+limits.extra=nan": "limits.extra: got nan, expected a finite number",
     f"seed={2**70}": "seed: got an integer of 71 bits, expected 64",
     "vessel.tuning.reference.interval_s=abc": (
         "vessel.tuning.reference.interval_s: got 'abc', expected a number or null"
     ),
-    "vessel.tuning.pid.kp=3": "vessel.tuning.pid.kp: got 3, expected a list",
     "+vessel.tuning.pid.kpp=3": "vessel.tuning.pid.kpp: unknown option, did you mean ",
     "+vessel.sources.inertai=book": "vessel: sources.inertai: got a source of an option",
     "vessel.dofs=[surge,sway,heel]": "vessel: dofs: got heel, expected different ones of surge, ",
-    "vessel.dofs=[surge,sway,sway]": "vessel: dofs: got surge, sway, sway, expected different ",
     "vessel.inertia=[[1,2],[1,2,3],[3,4,5]]": (
         "vessel: inertia: got rows of 2, 3, 3 numbers, expected 3 rows of 3"
     ),
-    "vessel.inertia=[[1,0,0],[0,nan,0],[0,0,1]]": "vessel.inertia[1][1]: got nan, ",
     "vessel.inertia=[[1,0,0],[0,1e-16,0],[0,0,1]]": (
         "vessel: inertia has a condition number of 1.0e+16, expected at most 1e+15"
     ),

@@ -93,16 +93,3 @@ def test_a_vessel_without_enough(own: Path, seatrial: Command) -> None:
     assert said.startswith("evaluation.duration_s: got auto, expected a number: ")
     said = seatrial.refuses("~vessel")
     assert said.startswith("vessel: got none, expected an option of the group")
-
-
-def test_a_vessel_that_needs_nothing_derived_may_state_neither(
-    own: Path, seatrial: Command
-) -> None:
-    seatrial.pretend()
-    given = (
-        "+vessel.velocity_limits=[9.0,9.0,9.0]", "excitation=single_sine", "controller=none",
-        "excitation.amplitude={surge:1.0,sway:1.0,yaw:1.0}", "excitation.time_scale=1",
-        "excitation.hold.bandwidth_rad_s=1", "evaluation=none", "dry_run=true",
-    )  # fmt: skip
-    answer = seatrial("--config-dir", str(own), "vessel=neither", *given)
-    assert answer.code == 0, answer.err

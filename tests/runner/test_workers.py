@@ -8,7 +8,7 @@ import pytest
 
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.launching import THREADS
-from tests.runner.programs import METRICS, ROOT, ended, program, rows, sweep
+from tests.runner.programs import METRICS, ROOT, ended, rows, sweep
 
 pytestmark = pytest.mark.slow
 TWO = ("hydra/launcher=processes", "hydra.launcher.n_jobs=2")
@@ -107,28 +107,3 @@ def test_workers_that_cannot_start_are_one_line(tmp_path: Path) -> None:
     assert err.splitlines()[-1] == (
         "seatrial: hydra/launcher=processes: a worker has ended with exit code 3"
     )
-
-
-COUNTED = """
-import sys
-from numba.core.dispatcher import Dispatcher
-from seatrial.runner.__main__ import main
-code = main()
-kernels = {
-    id(one): one for name, module in list(sys.modules.items()) if name.startswith("seatrial.models")
-    for one in vars(module).values() if isinstance(one, Dispatcher)
-}
-for kind in ("cache_misses", "cache_hits"):
-    print(kind, sum(sum(getattr(one.stats, kind).values()) for one in kernels.values()))
-sys.exit(code)
-"""
-
-
-def test_a_second_program_compiles_nothing(tmp_path: Path) -> None:
-    options = ("disturbance=noise", "identifier=plsr", "rerun=true")
-    for _ in range(2):  # the first compiles what the cache does not hold yet
-        code, out, err = ended(program("-c", COUNTED, *options, folder=tmp_path))
-        assert code == 0, err
-    counts = dict(line.split() for line in out.splitlines() if line.startswith("cache_"))
-    assert int(counts["cache_misses"]) == 0
-    assert int(counts["cache_hits"]) > 0

@@ -1,30 +1,24 @@
-"""A trial to begin and results to store."""
+"""A trial to begin, results to store, and changes behind the logbook's back."""
 
 import numpy as np
+from sqlalchemy import text, update
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.runner.database import RunStart
+from seatrial.runner.database import RunStart, engine
+from seatrial.runner.database.engine import parse
+from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
 
 
 def make_start(trial: int = 0, **changes: object) -> RunStart:
     """A trial to begin; equal numbers are equal trials."""
     values: dict[str, object] = {
-        "fingerprint": f"{trial:064x}",
-        "vessel": "milliampere",
-        "disturbance": "calm",
-        "excitation": "waypoints",
-        "identifier": "ls",
-        "controller": "pid",
-        "evaluation": "replay",
-        "seed": trial,
-        "config": {"plant": {"scale": 0.5}, "seed": trial},
-        "overrides": ["identifier=ls"],
-        "git_commit": "0" * 40,
-        "git_dirty": False,
-        "versions": {"python": "3.11"},
-        "command": "python -m runner identifier=ls",
-    }
+        "fingerprint": f"{trial:064x}", "vessel": "milliampere", "disturbance": "calm",
+        "excitation": "waypoints", "identifier": "ls", "controller": "pid", "evaluation": "replay",
+        "seed": trial, "config": {"plant": {"scale": 0.5}, "seed": trial},
+        "overrides": ["identifier=ls"], "git_commit": "0" * 40, "git_dirty": False,
+        "versions": {"python": "3.11"}, "command": "python -m runner identifier=ls",
+    }  # fmt: skip
     return RunStart(**(values | changes))  # type: ignore[arg-type]
 
 
@@ -47,3 +41,21 @@ def make_results(scale: float = 1.0) -> Results:
         series=[Series("recording", {"t": t, "u": scale * np.sin(t)}, {"t": "s", "u": "m/s"})],
         note="deployment skipped",
     )
+
+
+def change(url: str, *statements: object) -> None:
+    """Execute statements on the database, which may break foreign keys."""
+    writer = engine.writer(parse(url))
+    with writer.connect() as connection:
+        if parse(url).sqlite:
+            raw = connection.connection.dbapi_connection
+            raw.execute("PRAGMA foreign_keys = OFF")  # type: ignore[union-attr]
+        for one in statements:
+            connection.execute(text(one) if isinstance(one, str) else one)  # type: ignore[call-overload]
+        connection.commit()
+    writer.dispose()
+
+
+def pretend(url: str, run_id: int, **values: object) -> None:
+    """Change what the row of a run says."""
+    change(url, update(RunRow).where(RunRow.id == run_id).values(**values))

@@ -26,16 +26,12 @@ from tests.runner.postgres import PASSWORD, Postgres
     ("url", "match"),
     [
         ("mysql://me:secret@host/db", r"unknown database dialect 'mysql' in mysql://me:\*\*\*@"),
-        ("oracle+cx://host", "unknown database dialect 'oracle'"),
         ("results.db", "not a database URL: got 'results.db'"),
-        ("", "not a database URL: got ''"),
         ("postgresql://me@host:port/db", "not a database URL"),
         ("postgresql://me:secret@host/db", "use SEATRIAL_DATABASE, PGPASSWORD or ~/.pgpass$"),
         ("SEATRIAL_DATABASE", "SEATRIAL_DATABASE: got a password after '?'"),
         ("sqlite://", "expected sqlite:///FILE"),
         ("sqlite:///:memory:", "expected sqlite:///FILE"),
-        ("sqlite://host/file.db", "expected sqlite:///FILE"),
-        ("sqlite:///file.db?mode=rwc&uri=true", "expected sqlite:///FILE"),
         ("sqlite:///a?b/results.db", "expected sqlite:///FILE"),  # not in a
     ],
 )
@@ -69,17 +65,6 @@ def test_a_folder_with_any_name_holds_its_own_database(tmp_path: Path, folder: s
     assert again.path == place / "results.db"
 
 
-def test_the_command_line_takes_such_a_folder(seatrial: Command) -> None:
-    seatrial.pretend()
-    answer = seatrial("results_dir='a%41?b'", "seed=1")
-    assert answer.code == 0, answer.err
-    assert [path.name for path in seatrial.folder.iterdir()] == ["a%41?b"]
-    shown = shlex.split(answer.out.partition("see ")[2])
-    assert compare(shown[3:]) == 0
-    again = seatrial("results_dir='a%41?b'", "seed=1")
-    assert "already in the logbook" in again.out
-
-
 def test_postgresql_always_goes_through_psycopg_3() -> None:
     for url in ("postgresql://h/d", "postgres://h/d", "postgresql+psycopg2://h/d"):
         assert parse(url).url.drivername == "postgresql+psycopg"
@@ -111,28 +96,23 @@ def test_a_server_that_refuses_is_told_in_one_line(
 
 def test_postgresql_without_its_package_says_what_to_install() -> None:
     code = (
-        "import sys; sys.modules['psycopg'] = None;"
-        "from seatrial.runner.database import Logbook; Logbook.read('postgresql://host/db')"
+        "import sys; sys.modules['psycopg'] = None; from seatrial.runner.database import"
+        " LogbookReader; LogbookReader.read('postgresql://host/db')"
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (
-        "LogbookError: postgresql://host/db: PostgreSQL needs the package psycopg:"
-        in (answer.stderr.splitlines()[-1])
-    )
+    last = answer.stderr.splitlines()[-1]
+    assert "LogbookError: postgresql://host/db: PostgreSQL needs the package psycopg:" in last
 
 
 @pytest.mark.parametrize(
     ("text", "refused"),
     [
         ("postgresql://me:secret@host/db", True),
-        ("postgres://:secret@host/db", True),
         ("postgresql+psycopg://me:s@cr/e:t@host/db", True),
         ("database.url=postgresql\\://me\\:secret@host/db", True),
         ('++database={url: "postgresql://me:my secret@host/db"}', True),
         ("postgresql://me@host/db?password=secret", True),
         ("postgresql://host/db?sslmode=require&SSLpassword=secret", True),
-        ("postgresql://me@host:5432/db", False),
-        ("postgresql://me@host/db?sslmode=require", False),
         ("sqlite:////tmp/a:b@c.db", False),
         ("sweep.note=see http://host:80/page and me@host", False),
         ("SEATRIAL_DATABASE", False),
@@ -152,10 +132,8 @@ URL_WITH_PASSWORD = "postgresql://me:s3cret@127.0.0.1:9/none"
 @pytest.mark.parametrize(
     "words",
     [
-        ("seed=1", f"database.url={URL_WITH_PASSWORD}"),
         ("--cfg", "job", f"database.url={URL_WITH_PASSWORD}"),
         ("bogus=1", f"database.url='{URL_WITH_PASSWORD}'"),
-        ("-m", "seed=1,2", f"database={{{{url: '{URL_WITH_PASSWORD}'}}}}"),
         ("-m", "--variant", f"seed=1 database.url={URL_WITH_PASSWORD}"),
         ("experiment=secret", "--config-dir", "{folder}"),
         ("database.url=${{oc.env:SEATRIAL_DATABASE}}",),
@@ -195,11 +173,9 @@ def test_the_comparison_and_python_refuse_it_too(capsys: pytest.CaptureFixture[s
 
 
 def test_a_password_in_the_environment_works_and_goes_nowhere(
-    seatrial: Command,
-    postgres: Postgres,
-    monkeypatch: pytest.MonkeyPatch,
+    seatrial: Command, postgres: Postgres, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:
+) -> None:  # fmt: skip
     fake = seatrial.pretend()
     fake.failing = {2}
     url = postgres.new_database()

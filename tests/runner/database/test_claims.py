@@ -10,23 +10,14 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from sqlalchemy import update
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import LogbookWriter, claims, engine, liveness
 from seatrial.runner.database.engine import parse
-from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Results
-from tests.runner.database.samples import make_start
+from tests.runner.database.samples import make_start, pretend
 from tests.runner.postgres import Postgres
-
-
-def pretend(url: str, run_id: int, **values: object) -> None:
-    """Change what the row of a run says."""
-    writer = engine.writer(parse(url))
-    with writer.begin() as connection:
-        connection.execute(update(RunRow).where(RunRow.id == run_id).values(**values))
-    writer.dispose()
+from tests.runner.programs import wait
 
 
 def ago(seconds: float) -> datetime:
@@ -125,21 +116,17 @@ def test_a_run_under_way_keeps_its_heart_beating(
     monkeypatch.setattr(liveness, "HEARTBEAT_S", 0.02)
     with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         run = logbook.begin_run(make_start()).run_id
+
+        def beats() -> bool:
+            beat = logbook.run(run).heartbeat_at
+            return beat is not None and abs(beat - datetime.now(UTC)) < timedelta(seconds=5)
+
         pretend(url, run, heartbeat_at=ago(1000))
-        assert _stirs(logbook, run)
+        wait(beats)
         logbook.finish_run(run, Results())
         pretend(url, run, heartbeat_at=ago(1000))
-        assert not _stirs(logbook, run, patience_s=0.2)
-
-
-def _stirs(logbook: LogbookWriter, run: int, patience_s: float = 10.0) -> bool:
-    until = time.monotonic() + patience_s
-    while time.monotonic() < until:
-        beat = logbook.run(run).heartbeat_at
-        if beat is not None and abs(beat - datetime.now(UTC)) < timedelta(seconds=5):
-            return True
-        time.sleep(0.02)
-    return False
+        time.sleep(0.2)
+        assert not beats()
 
 
 def test_a_heartbeat_that_fails_does_not_end_the_run(
@@ -152,19 +139,12 @@ def test_a_heartbeat_that_fails_does_not_end_the_run(
         run = logbook.begin_run(make_start()).run_id
         with closing(sqlite3.connect(path, isolation_level=None, timeout=30)) as other:
             other.execute("BEGIN IMMEDIATE")
-            assert _complains(caplog)
+            wait(lambda: caplog.records)
             other.execute("ROLLBACK")
         logbook._writer.dispose()  # its connections give up after 50 ms; those to come do not
         monkeypatch.setattr(engine, "BUSY_TIMEOUT_S", 30.0)
         logbook.finish_run(run, Results())
     assert "no heartbeat for runs [1]: database is locked" in caplog.text
-
-
-def _complains(caplog: pytest.LogCaptureFixture, patience_s: float = 30.0) -> bool:
-    until = time.monotonic() + patience_s
-    while not caplog.records and time.monotonic() < until:
-        time.sleep(0.02)
-    return bool(caplog.records)
 
 
 def test_a_database_that_vanishes_is_not_made_anew(tmp_path: Path) -> None:

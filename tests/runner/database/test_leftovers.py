@@ -2,16 +2,12 @@
 
 import subprocess
 import sys
-from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
-from sqlalchemy import update
 
-from seatrial.runner.database import LogbookWriter, engine, liveness, series_files
-from seatrial.runner.database.engine import parse
-from seatrial.runner.database.tables import RunRow
-from tests.runner.database.samples import make_results, make_start
+from seatrial.runner.database import LogbookWriter, liveness
+from tests.runner.database.samples import make_results, make_start, pretend
 
 
 def killed(logbook: LogbookWriter, url: str, trial: int) -> int:
@@ -24,10 +20,7 @@ def killed(logbook: LogbookWriter, url: str, trial: int) -> int:
     written = logbook._write_series(run_id, make_results().series)
     path = logbook.results_dir / written[0].path
     path.with_name(f".{path.name}.{child.pid}.tmp").write_bytes(b"half")
-    writer = engine.writer(parse(url))
-    with writer.begin() as connection:
-        connection.execute(update(RunRow).where(RunRow.id == run_id).values(process=gone))
-    writer.dispose()
+    pretend(url, run_id, process=gone)
     return run_id
 
 
@@ -49,6 +42,8 @@ KEPT = ["run-000001-recording", "run-000003-recording"]
 
 
 def test_they_are_removed_when_a_sweep_starts(busy: LogbookWriter, results_dir: Path) -> None:
+    found = busy.verify()
+    assert (found.problems, len(found.leftovers)) == ([], 2)  # until then they are no damage
     busy.begin_sweep("s", "c", [], 1)
     assert names(results_dir) == KEPT
     assert busy.verify().leftovers == []
@@ -59,12 +54,6 @@ def test_they_are_removed_when_their_run_is_given_up(
 ) -> None:
     assert busy.begin_run(make_start(2)).state == "new"
     assert names(results_dir) == KEPT
-
-
-def test_until_then_they_are_no_damage(busy: LogbookWriter) -> None:
-    found = busy.verify()
-    assert found.problems == []
-    assert len(found.leftovers) == 2
 
 
 def test_another_logbook_in_the_same_folder_keeps_its_files(tmp_path: Path) -> None:
@@ -92,17 +81,3 @@ def test_a_file_of_an_older_version_is_not_removed_by_itself(
     busy.begin_sweep("s", "c", [], 1)
     assert old.exists()
     assert busy.remove_orphans() == [old]
-
-
-def test_a_mark_is_a_run_s_own() -> None:
-    start = make_start(1)
-    moment = datetime(2026, 1, 2, 3, 4, 5, 678901, UTC)
-    marks = {
-        series_files.mark(start.fingerprint, 1, moment),
-        series_files.mark(start.fingerprint, 2, moment),
-        series_files.mark(make_start(2).fingerprint, 1, moment),
-        series_files.mark(start.fingerprint, 1, moment + timedelta(microseconds=1)),
-    }
-    assert len(marks) == 4
-    east = moment.astimezone(timezone(timedelta(hours=5)))
-    assert series_files.mark(start.fingerprint, 1, east) in marks

@@ -11,15 +11,14 @@ from threading import Timer
 
 import psycopg
 import pytest
-from sqlalchemy import event, update
+from sqlalchemy import event
 from sqlalchemy.exc import DBAPIError, OperationalError
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import LogbookWriter, engine, outage
+from seatrial.runner.database import LogbookWriter, outage
 from seatrial.runner.database.engine import parse
-from seatrial.runner.database.tables import RunRow
 from tests.runner.command import Command
-from tests.runner.database.samples import make_results, make_start
+from tests.runner.database.samples import make_results, make_start, pretend
 from tests.runner.postgres import Postgres
 from tests.runner.programs import METRICS, ended, sweep, wait
 
@@ -90,26 +89,22 @@ def test_a_server_that_stays_away_is_told_in_one_line(
     server.come_back()
     with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         logbook.begin_run(make_start(3))
-        writer = engine.writer(parse(url))
-        with writer.begin() as connection:  # as if its process were gone
-            connection.execute(update(RunRow).where(RunRow.id == run).values(heartbeat_at=None))
-        writer.dispose()
+        pretend(url, run, heartbeat_at=None)  # as if its process were gone
         assert logbook.begin_run(make_start(1)).state == "new"
 
 
 @pytest.mark.parametrize(
-    ("error", "outage_state"),
+    ("error", "lost"),
     [
-        (psycopg.OperationalError("server closed the connection unexpectedly"), True),
-        (psycopg.errors.AdminShutdown("terminating connection"), True),
-        (psycopg.errors.CannotConnectNow("the database system is starting up"), True),
-        (psycopg.errors.ConnectionFailure("connection failure"), True),
-        (psycopg.errors.LockNotAvailable("could not obtain lock"), False),
-        (psycopg.errors.DivisionByZero("division by zero"), False),
-        (sqlite3.OperationalError("database is locked"), False),
+        *((psycopg.OperationalError("closed unexpectedly"), True),
+          (psycopg.errors.AdminShutdown("terminating connection"), True),
+          (psycopg.errors.CannotConnectNow("the database system is starting up"), True)),
+        *((psycopg.errors.LockNotAvailable("could not obtain lock"), False),
+          (psycopg.errors.DivisionByZero("division by zero"), False),
+          (sqlite3.OperationalError("database is locked"), False)),
     ],
-)
-def test_only_errors_of_the_connection_are_an_outage(error: Exception, outage_state: bool) -> None:
+)  # fmt: skip
+def test_only_errors_of_the_connection_are_an_outage(error: Exception, lost: bool) -> None:
     """Also when the connection is not yet seen to be closed, or breaks while rows are read."""
     operational = psycopg.OperationalError | sqlite3.OperationalError
     kind = OperationalError if isinstance(error, operational) else DBAPIError
@@ -122,7 +117,7 @@ def test_only_errors_of_the_connection_are_an_outage(error: Exception, outage_st
             raise errors.pop()
         return "done"
 
-    if outage_state:
+    if lost:
         assert outage.repeated(address, task) == "done"
     else:
         with pytest.raises(DBAPIError, match=str(error)):
@@ -166,12 +161,9 @@ def test_what_was_committed_is_not_done_twice(postgres: Postgres, results_dir: P
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("launcher", ["basic", "processes"])
-def test_a_sweep_goes_on_when_the_server_comes_back(
-    server: Postgres, tmp_path: Path, launcher: str
-) -> None:
+def test_a_sweep_goes_on_when_the_server_comes_back(server: Postgres, tmp_path: Path) -> None:
     url = server.new_database()
-    many = ("seed=range(0,8)", "excitation.interval_s=600", f"hydra/launcher={launcher}")
+    many = ("seed=range(0,8)", "excitation.interval_s=600", "hydra/launcher=processes")
     process = sweep(*many, "database=postgresql", folder=tmp_path, SEATRIAL_DATABASE=url)
 
     def finished() -> bool:
@@ -213,13 +205,6 @@ def test_who_is_stopped_does_not_wait_for_the_server(
     assert answer.code == 143
     assert answer.err.splitlines()[-1].startswith("seatrial: interrupted")
     assert time.monotonic() - began < 0.5 * outage.PATIENCE_S
-
-
-def pretend(url: str, run_id: int, **values: object) -> None:
-    writer = engine.writer(parse(url))
-    with writer.begin() as connection:
-        connection.execute(update(RunRow).where(RunRow.id == run_id).values(**values))
-    writer.dispose()
 
 
 @pytest.mark.parametrize(("ahead_s", "state"), [(3600.0, "new"), (10.0, "busy")])

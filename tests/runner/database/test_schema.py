@@ -1,29 +1,18 @@
 """The schema is created, renewed in its views, and refused if it is another one."""
 
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 from hashlib import sha256
 from pathlib import Path
 
 import pytest
 from sqlalchemy import inspect
-from sqlalchemy.engine import URL
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import LogbookWriter, engine, schema, views
 from seatrial.runner.database.engine import parse
 from seatrial.runner.record.rows import Results
-from tests.runner.database.samples import make_results, make_start
-
-
-def execute(url: str, *statements: str) -> None:
-    writer = engine.writer(parse(url))
-    with writer.begin() as connection:
-        for statement in statements:
-            connection.exec_driver_sql(statement)
-    writer.dispose()
+from tests.runner.database.samples import change, make_results, make_start
 
 
 def refused(url: str, results_dir: Path, match: str) -> None:
@@ -45,16 +34,16 @@ def test_a_logbook_of_another_schema_names_the_version_that_exports_it(
             start = make_start(trial, versions={"seatrial": version}, git_commit=f"{trial}a" * 20)
             logbook.finish_run(logbook.begin_run(start).run_id, Results())
     for number in ("0002", "0999"):
-        execute(url, f"UPDATE seatrial_version SET version_num = '{number}'")
+        change(url, f"UPDATE seatrial_version SET version_num = '{number}'")
         refused(
             url, results_dir,
             rf"written by seatrial 0\.9\.1 \(commit 1a1a1a1a1a1a\) with schema {number}, expected"
             r" schema 0003: install that version and run its 'seatrial-results export'$",
         )  # fmt: skip
-    execute(url, "DELETE FROM seatrial_version")
+    change(url, "DELETE FROM seatrial_version")
     refused(url, results_dir, "with schema unknown, expected schema 0003")
-    execute(url, *(f"DROP VIEW {name}" for name in views.NAMES))
-    execute(url, "ALTER TABLE run RENAME TO trial", "INSERT INTO seatrial_version VALUES ('4')")
+    change(url, *(f"DROP VIEW {name}" for name in views.NAMES))
+    change(url, "ALTER TABLE run RENAME TO trial", "INSERT INTO seatrial_version VALUES ('4')")
     refused(url, results_dir, "written by seatrial of an unknown version with schema 4")
 
 
@@ -90,7 +79,7 @@ def test_a_database_that_is_not_ours_is_refused(url: str, results_dir: Path) -> 
         assert sha256(address.path.read_bytes()).hexdigest() == before
         assert [path.name for path in address.path.parent.iterdir()] == ["results.db"]
     else:
-        execute(url, "CREATE TABLE run (id int)")
+        change(url, "CREATE TABLE run (id int)")
         refused(url, results_dir, r"not a seatrial logbook \(it holds run\)")
         reader = engine.reader(address)
         with reader.connect() as connection:
@@ -117,27 +106,3 @@ def test_a_missing_logbook_is_not_made_by_reading(
     with pytest.raises(LogbookError, match=r"no logbook here.*, or --database SEATRIAL_DATABASE$"):
         LogbookWriter.open(url, results_dir=results_dir, create=False)
     assert not results_dir.exists()
-
-
-def test_an_empty_file_becomes_a_logbook(tmp_path: Path) -> None:
-    path = tmp_path / "an odd %41 name?#.db"
-    path.touch()
-    url = URL.create("sqlite", database=str(path)).render_as_string()
-    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        logbook.finish_run(logbook.begin_run(make_start()).run_id, Results())
-    with LogbookWriter.read(url) as reader:
-        assert len(reader.runs()) == 1
-    assert path.stat().st_size > 0
-
-
-def test_opening_a_logbook_imports_nothing_heavy(tmp_path: Path) -> None:
-    url = f"sqlite:///{tmp_path}/results.db"
-    code = (
-        "import sys; from pathlib import Path; from seatrial.runner.database import Logbook;"
-        f"Logbook.open({url!r}, results_dir=Path({str(tmp_path)!r})).close();"
-        # pyarrow itself is there at once, and its library when it is used
-        "print({'alembic', 'pyarrow.lib', 'psycopg', 'pandas'} & sys.modules.keys())"
-    )
-    for _ in range(2):
-        answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-        assert (answer.stdout, answer.stderr, answer.returncode) == ("set()\n", "", 0)

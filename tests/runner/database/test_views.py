@@ -1,14 +1,11 @@
 """The views answer in one line of plain SQL, on both dialects."""
 
-import shutil
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.database.views import HEADLINES, METRIC_NAMES, NAMES, run_overview
+from seatrial.runner.database.views import HEADLINES, METRIC_NAMES, run_overview
 from seatrial.runner.record.rows import Coefficient, Metric, Results
 from tests.runner.database.samples import make_results, make_start
 
@@ -67,17 +64,3 @@ def test_coefficient_errors_are_relative_and_leave_out_zeros(logbook: LogbookWri
 
 def test_headline_names_are_those_of_metrics() -> None:
     assert {headline[4] for headline in HEADLINES} <= set(METRIC_NAMES)
-
-
-@pytest.mark.skipif(not shutil.which("sqlite3"), reason="no sqlite3 shell: apt-get install sqlite3")
-@pytest.mark.parametrize("view", NAMES)
-def test_the_plain_shell_shows_the_views(tmp_path: Path, view: str) -> None:
-    with LogbookWriter.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
-        logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
-    said = subprocess.run(
-        ["sqlite3", "-header", tmp_path / "results.db", f"select * from {view}"],
-        capture_output=True,
-        text=True,
-    )
-    assert (said.returncode, said.stderr) == (0, "")
-    assert len(said.stdout.splitlines()) > 1

@@ -63,10 +63,6 @@ def _work(task: Callable[..., None], url: str, folder: Path, number: int, said: 
             raise
 
 
-def do_nothing(logbook: LogbookWriter, number: int, say: Say) -> None:
-    """Open and close."""
-
-
 def write_own(logbook: LogbookWriter, number: int, say: Say) -> None:
     """125 trials that nobody else does."""
     results = replace(make_results(), series=())

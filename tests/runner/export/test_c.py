@@ -104,15 +104,6 @@ def test_both_attitudes_agree(tmp_path: Path, attitude: str) -> None:
     agree(theirs, 0.1)
 
 
-def test_a_wrong_sign_would_be_seen(tmp_path: Path) -> None:
-    ferry = composed("vessel=milliampere").vessel
-    theirs = written(ferry, tmp_path)
-    theirs.ours = Ours(replace(ferry, derivatives={**ferry.derivatives, "Y_r": -24.732}),
-                       WIND, CURRENT)  # fmt: skip
-    with pytest.raises(AssertionError):
-        agree(theirs)
-
-
 def test_the_pose_of_a_state_is_where_it_was_put(tmp_path: Path) -> None:
     vessel = composed("vessel=beluga_full", "excitation=multisine", "controller=none").vessel
     theirs = written(vessel, tmp_path)
@@ -121,14 +112,3 @@ def test_the_pose_of_a_state_is_where_it_was_put(tmp_path: Path) -> None:
     theirs._call("start", state, pose, nu)
     np.testing.assert_allclose(theirs.pose(state), pose, atol=1e-15)
     np.testing.assert_array_equal(state[7:13], nu)
-
-
-def test_a_file_must_have_the_name_of_a_function(
-    sailed: Path, tmp_path: Path, program: Program
-) -> None:
-    database = f"sqlite:///{sailed}/results/results.db"
-    file = tmp_path / "my-vessel.c"
-    code, out, err = program("model", "1", "--to", "c", "-o", file, "--database", database)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "expected a name of letters, digits and _" in err
-    assert list(tmp_path.iterdir()) == []

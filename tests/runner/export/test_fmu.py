@@ -1,8 +1,6 @@
 """The exported FMU is valid, and another program simulates it as we do."""
 
 import shutil
-import subprocess
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ from seatrial.runner.database import LogbookReader
 from seatrial.runner.export.stored_model import read_model
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.conftest import program as program
-from tests.runner.export.compiled import FLAGS, Ours
+from tests.runner.export.compiled import Ours
 from tests.runner.export.conftest import BELUGA, FERRY, SHIP, SUPPLY
 
 STEPS, PERIOD, PARTS = 10_000, 0.1, 4  # a communication step is four integration steps
@@ -31,18 +29,6 @@ def file(tmp_path: Path, sailed: Path, program: Program, request: pytest.Fixture
     words = ("--model", model, "-o", path, "--database", f"sqlite:///{sailed}/results/results.db")
     assert program("model", str(run), "--to", "fmu", *words) == (0, f"{path}\n", "")
     return path
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("file", [(FERRY, "plant")], indirect=True)
-def test_its_sources_compile_without_a_warning(file: Path, tmp_path: Path) -> None:
-    with zipfile.ZipFile(file) as archive:
-        archive.extractall(tmp_path)
-        names = archive.namelist()
-    assert "binaries/linux64/vessel.so" in names
-    command = ["cc", *FLAGS, "-c", "-o", tmp_path / "x.o", tmp_path / "sources/vessel_fmi2.c"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(

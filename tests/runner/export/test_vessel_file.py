@@ -1,13 +1,11 @@
 """A stored model as a vessel: written, read again, and sailed, all by the command line."""
 
-import json
 import shutil
 import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from omegaconf import OmegaConf
 
 from seatrial.models.vessel.parameters import VesselParameters
@@ -152,10 +150,3 @@ def test_a_failed_run_has_no_model(here: Path, program: Program) -> None:
     code, _, err = program("model", "1", "--to", "yaml")
     assert (code, err.count("\n")) == (2, 1)
     assert "run 1 (failed) has no model 'identified', expected a run that stored a model" in err
-
-
-def test_json_is_the_node_of_the_yaml_file(here: Path, program: Program) -> None:
-    for form in ("yaml", "json"):
-        assert program("model", str(FERRY), "--to", form, "-o", f"same.{form}")[0] == 0
-    data = json.loads((here / "same.json").read_text())
-    assert data == yaml.safe_load((here / "same.yaml").read_text())

@@ -1,6 +1,6 @@
 """A logbook that Python has filled: one trial, and a sweep of four."""
 
-import os
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
@@ -17,25 +17,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def run(folder: Path) -> st.Run:
     """A trial with a deployment."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
+    with chdir(folder):
         return st.run(identifier="ls", identifier__basis="physical", seed=3)
-    finally:
-        os.chdir(before)
 
 
 @pytest.fixture(scope="session")
 def sweep(folder: Path, run: st.Run) -> st.Sweep:
     """Two identifiers and two seeds, in noise."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
+    with chdir(folder):
         return st.sweep(
             ["identifier=none,ls"], disturbance="noise", evaluation="none", seed=range(2)
         )
-    finally:
-        os.chdir(before)
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
 
 import seatrial as st
-from seatrial.runner.database import LogbookWriter
 from seatrial.runner.hydra_errors import CONF
 from tests.runner.command import Command
 
@@ -39,14 +38,6 @@ def test_the_command_line_and_python_store_the_same(seatrial: Command, tmp_path:
     assert numbers(tmp_path / "shell" / "results.db") == own
 
 
-def test_a_stored_trial_is_not_run_again(seatrial: Command) -> None:
-    fake = seatrial.pretend()
-    first, second = st.run(seed=5), st.run(seed=5)
-    assert (first.number, second.number, fake.ran) == (1, 1, [5])
-    third = st.run(seed=5, rerun=True)
-    assert (third.number, fake.ran) == (2, [5, 5])
-
-
 def test_a_dry_run_is_the_table_of_the_command(seatrial: Command) -> None:
     fake = seatrial.pretend()
     st.run(seed=5)
@@ -65,12 +56,9 @@ def test_a_dry_run_is_the_table_of_the_command(seatrial: Command) -> None:
 
 def test_the_command_of_a_run_repeats_it(seatrial: Command) -> None:
     fake = seatrial.pretend()
+    basis = ["u_dot", "u"]
     run = st.run(
-        seed=5,
-        vessel="supply_vessel",
-        identifier="ls",
-        identifier__basis=["u_dot", "u"],
-        database="a b.db",
+        seed=5, vessel="supply_vessel", identifier="ls", identifier__basis=basis, database="a b.db"
     )
     words = run.command.removeprefix("python -m runner ")
     assert words != run.command
@@ -192,11 +180,3 @@ def test_a_database_has_a_place(seatrial: Command, tmp_path: Path) -> None:
     assert len(st.open(tmp_path / "deep" / "ship.db").runs()) == 1
     with pytest.raises(st.LogbookError, match=r"results.db"):
         st.open()
-
-
-def test_an_empty_logbook_says_so(seatrial: Command, tmp_path: Path) -> None:
-    LogbookWriter.open(f"sqlite:///{tmp_path}/empty.db", results_dir=tmp_path).close()
-    logbook = st.open("empty.db")
-    assert "no runs in the logbook yet" in logbook._repr_html_()
-    with pytest.raises(st.ConfigurationError, match="no runs in the logbook yet"):
-        logbook.runs()

@@ -87,8 +87,3 @@ def test_a_model_is_written_for_others(run: st.Run, tmp_path: Path) -> None:
     np.testing.assert_allclose(written.loc[own.index, own.columns], own, rtol=1e-12)
     with pytest.raises(st.ConfigurationError, match="expected the model of a stored run"):
         vessel.save("yaml")
-
-
-def test_a_notebook_shows_a_model(run: st.Run) -> None:
-    assert "identified model of run 1 (vessel=milliampere" in run.model._repr_html_()
-    assert "u_dot" in repr(st.Vessel.load("milliampere"))

@@ -1,7 +1,5 @@
 """The catalogue of metrics: what trials store is declared, and what is declared is stored."""
 
-import csv
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +18,7 @@ from seatrial.runner.record import catalogue
 from seatrial.runner.record.catalogue import METRICS, Definition
 from seatrial.runner.record.own_metrics import OwnMetric
 from seatrial.runner.record.rows import Metric, metric
+from tests.runner.record.test_recording_results import write
 from tests.trials import composed
 
 FORCE_IN_THE_LAG = ("identifier=ls", "disturbance=constant")  # a ferry of known thruster lag
@@ -45,31 +44,6 @@ def own(monkeypatch: pytest.MonkeyPatch) -> Definition:
     )
 
 
-def measured_file(folder: Path) -> Path:
-    """A recording of a vessel that is pushed to and fro ahead."""
-    t = 0.1 * np.arange(400)
-    force = 10.0 * np.sign(np.sin(0.7 * t))
-    speed = np.cumsum(0.1 * force / 50.0)
-    columns = {
-        "Time": t,
-        "position_x": -np.cumsum(0.1 * speed),
-        **dict.fromkeys(("position_y", "position_Z", "force_y", "force_z"), 0.0 * t),
-        **dict.fromkeys(("torque_x", "torque_y", "torque_z"), 0.0 * t),
-        **dict.fromkeys(("sway_vel", "heave_vel", "roll_vel", "pitch_vel", "yaw_vel"), 0.0 * t),
-        "surge_vel": speed,
-        "force_x": force,
-        "orientation_w": np.ones_like(t),
-        **dict.fromkeys(("orientation_x", "orientation_y", "orientation_z"), 0.0 * t),
-    }
-    path = folder / "measured.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        rows = zip(*columns.values(), strict=True)
-        writer.writerows([f"{value:.10g}" for value in row] for row in rows)
-    return path
-
-
 def stored_by(*overrides: str) -> list[Metric]:
     return list(trials.run(composed(*overrides)).metrics)
 
@@ -79,19 +53,11 @@ def test_what_trials_store_is_what_is_declared(tmp_path: Path) -> None:
         *stored_by(*FORCE_IN_THE_LAG),
         *stored_by(*POSITIONING),
         *stored_by(*MIX),
-        *stored_by(*MEASURED, f"excitation.path={measured_file(tmp_path)}"),
+        *stored_by(*MEASURED, f"excitation.path={write(tmp_path / 'a.csv')}"),
     ]
     declared = {(stage, one.name) for one in METRICS for stage in one.stages}
     assert {(row.stage, row.name) for row in stored} == declared
     assert all(row.unit == catalogue.declared(row.name).unit_of(row.dof) for row in stored)
-
-
-def test_nothing_else_makes_rows_of_metrics() -> None:
-    """A row that the recording modules made themselves would have a unit of their own."""
-    folder = Path(catalogue.__file__).parents[1]
-    made = re.compile(r"(?<!class )\bMetric\(")
-    makers = [path.name for path in folder.rglob("*.py") if made.search(path.read_text())]
-    assert makers == ["rows.py"]
 
 
 @pytest.mark.parametrize("name", ["force", "e_pos", "e_psi", "error"])

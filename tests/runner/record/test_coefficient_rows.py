@@ -12,9 +12,9 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
 from seatrial.runner.database import LogbookReader, LogbookWriter
-from seatrial.runner.database.records import RunStart
 from seatrial.runner.export.stored_model import read_model
 from seatrial.runner.record.coefficient_rows import state_space_coefficients, vessel_of
+from tests.runner.database.samples import make_start
 from tests.trials import CONF, composed
 
 
@@ -22,12 +22,8 @@ def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
     trial = composed("identifier=plsr", "disturbance=noise", "seed=3")
     results = trials.run(trial)
     url = f"sqlite:///{tmp_path}/results.db"
-    start = RunStart(
-        fingerprint="f" * 64, **trial.names, seed=3, config={}, overrides=[], git_commit=None,
-        git_dirty=None, versions={}, command="",
-    )  # fmt: skip
     with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        begun = logbook.begin_run(start)
+        begun = logbook.begin_run(make_start(3))
         logbook.finish_run(begun.run_id, results)
     with LogbookReader.read(url, results_dir=tmp_path) as reader:
         for model in ("nominal", "identified"):
@@ -62,11 +58,7 @@ def test_identified_devices_are_stored_with_units_and_sail(tmp_path: Path) -> No
     config = OmegaConf.load(CONF / "vessel" / "kvlcc2.yaml")
     node = OmegaConf.to_container(config, resolve=True)
     url = f"sqlite:///{tmp_path}/results.db"
-    start = RunStart(
-        fingerprint="f" * 64, **trial.names, seed=0,
-        config={"vessel": node, "integration_step_s": 0.1}, overrides=[], git_commit=None,
-        git_dirty=None, versions={}, command="",
-    )  # fmt: skip
+    start = make_start(config={"vessel": node, "integration_step_s": 0.1}, **trial.names)
     with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         begun = logbook.begin_run(start)
         logbook.finish_run(begun.run_id, results)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from seatrial.runner import trial as trials
-from seatrial.runner.config import Trial
 from seatrial.runner.record.rows import Results
 from tests.trials import composed
 
@@ -51,14 +50,10 @@ def test_a_random_mix_has_no_shares() -> None:
     assert sum(filter(None, values(results, "mix_count").values())) == 6.0
 
 
-def planned() -> tuple[Trial, Results]:
+def test_a_plan_is_stored_with_its_waters() -> None:
     trial = composed(*SHORT, *ROUTE)
     trials.check(trial)
-    return trial, trials.run(trial)
-
-
-def test_a_plan_is_stored_with_its_waters() -> None:
-    trial, results = planned()
+    results = trials.run(trial)
     series = {one.kind: one.columns for one in results.series}
     plan, waters = series["plan"], series["waters"]
     assert len(plan["t"]) == len(series["recording"]["t"]) + 1

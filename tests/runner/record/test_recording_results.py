@@ -56,14 +56,13 @@ def test_stored_statistics_are_the_printed_ones(name: str) -> None:
         assert ours == printed, column
 
 
-def write(path: Path, force: float) -> Path:
-    t = 0.1 * np.arange(300)
-    velocity = np.sin(0.3 * t)
-    lines = ["Time,position_x,surge_vel,force_x"]
-    lines += [
-        f"{a:.1f},{b:.6f},{c:.6f},{force * c:.6f}" for a, b, c in zip(t, t, velocity, strict=True)
-    ]
-    path.write_text("\n".join(lines) + "\n")
+def write(path: Path, damping: float = 5.0) -> Path:
+    """A recording of 20 kg with a damping [kg/s] that are pushed to and fro ahead."""
+    t = 0.1 * np.arange(400)
+    u = np.sin(0.5 * t) + 0.4 * np.sin(3.1 * t)
+    force = 20.0 * np.gradient(u, 0.1) + damping * u
+    rows = [f"{a:.10g},0,{b},{c}" for a, b, c in zip(t, u, force, strict=True)]
+    path.write_text("\n".join(["Time,position_x,surge_vel,force_x", *rows]))
     return path
 
 
