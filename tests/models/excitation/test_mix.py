@@ -59,13 +59,6 @@ def sailed(design: Mix) -> Any:
     return recording_of(voyage, weather)
 
 
-def test_eleven_candidates_and_six_sub_experiments() -> None:
-    one = mix()
-    assert len(one.candidates) == 11
-    assert sum(one.counts.values()) == 6
-    assert one.duration_s == pytest.approx(9 * 140.0)  # six and three held out, each with its stop
-
-
 def test_the_design_is_optimal_for_the_ship() -> None:
     design = mix().information
     assert design.weights.gap <= 1e-6
@@ -81,12 +74,6 @@ def test_the_whole_mix_is_better_than_random_ones() -> None:
         assert counts.sum() == 6
         assert log_det(one.information.gammas, counts / 6.0) < best
     assert len({tuple(drawn.counts.values()) for drawn in draws}) > 6
-
-
-def test_random_draws_are_without_replacement() -> None:
-    """Five of each: all 55 of them are five of each."""
-    whole = mix("excitation.design=random", "excitation.sub_experiments=55")
-    assert set(whole.counts.values()) == {5}
 
 
 def test_the_information_is_that_of_what_is_sailed() -> None:
@@ -244,17 +231,6 @@ def test_what_is_held_out_tests() -> None:
     assert np.sum(split.test) == 3 * 600
     testing = [part.name for part in mix.schedule.parts if part.role == "testing"]
     assert sorted(testing) == sorted(mix.held_out)
-
-
-def test_the_start_is_also_the_goal_where_none_is_given() -> None:
-    mix = routed("excitation.route.goal=null", "excitation.sub_experiments=4").excitation
-    np.testing.assert_allclose(mix.plan.poses[-1, :2], mix.plan.poses[0, :2])
-
-
-def test_a_lattice_follows_the_starting_heading() -> None:
-    mix = routed("excitation.route.start=[6,6,33]", "excitation.held_out=[circle]").excitation
-    assert mix.plan.start[2] == pytest.approx(np.radians(33.0))
-    assert mix.start == pytest.approx(mix.plan.start)
 
 
 @pytest.mark.parametrize(

@@ -119,15 +119,6 @@ def test_states_of_many_equal_one_at_a_time(example, name):
     assert np.all(np.isnan(states[4]))
 
 
-def test_limited_rates_are_counted_alike(make, signal):
-    one = predictor(make.surge(60.0, 20.0, "uu", 2.0), make.forced(signal("many_sine"), ("surge",)),
-                    "euler")  # fmt: skip
-    points = np.array([[60.0, 20.0, 2.0], [12.0, 2.0, 9.0]])
-    _, limited, _ = one.errors(points, "mae")
-    assert limited[0] == 0.0
-    assert limited[1] > 0.1
-
-
 @pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("integrator", ["euler", "rk4"])
 @pytest.mark.parametrize("drag", ["linear", "square"])

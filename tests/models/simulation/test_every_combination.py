@@ -17,7 +17,7 @@ from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.runner.config import build_as
 from seatrial.runner.vessel_options import filled
-from tests.trials import CONF, FORCED, options
+from tests.trials import CONF, options
 
 PERIOD_S, ROWS = 0.1, 20
 FEW = ("milliampere", "surge_linear")  # `make nightly` sails all vessels
@@ -72,11 +72,6 @@ def suits(vessel: str, group: str, name: str) -> bool:
     if group == "disturbance":
         return dofs == PLANAR or name not in FLOATING
     return not (name in PLANE and dofs != PLANAR) and not (name in TURNING and "yaw" not in dofs)
-
-
-def test_the_lists_are_complete() -> None:
-    """Of vessels with inputs two stand for all; tests/runner/test_matrix.py has the others."""
-    assert {*FORCED, *STEERED} == set(VESSELS)
 
 
 @pytest.mark.parametrize("vessel", ["surge_linear", "beluga_full", "kvlcc2"])
