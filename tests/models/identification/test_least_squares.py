@@ -152,18 +152,6 @@ def test_the_thruster_lag_is_found_under_noise(lap, identifier, rng) -> None:
     assert diagnostics(found, "thruster_damping")[0].value == pytest.approx(0.8, rel=0.05)
 
 
-def test_without_a_thruster_the_command_is_taken(calm, identifier, rng) -> None:
-    problem = calm.problem
-    alone = problem.training.part(slice(None))
-    object.__setattr__(alone, "tau_actual", None)
-    problem = type(problem)(alone, problem.validation, problem.nominal, problem.thruster)
-    found = [
-        identifier("ls", **options).identify(problem, rng).residual.theta
-        for options in ({"thruster": "none"}, {"force": "commanded"})
-    ]
-    np.testing.assert_array_equal(*found)
-
-
 def spoiled(problem, rows: slice, factor: float):
     """The problem with some of the acting force multiplied."""
     training = problem.training.part(slice(None))

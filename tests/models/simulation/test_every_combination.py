@@ -31,13 +31,7 @@ VESSELS = {
     "kvlcc2": PLANAR, "mariner": PLANAR,
 }  # fmt: skip
 STEERED = ("kvlcc2", "mariner")  # commanded by inputs
-FLOATING = (
-    "wind",
-    "wind_current",
-    "wind_current_process",
-    "waves",
-    "rough",
-)  # disturbances of what floats
+FLOATING = ("wind", "wind_current", "wind_current_process", "waves", "rough")  # of what floats
 PLANE = ("waypoints", "prbs_waypoints", "four_corner", "mix")  # excitations in the plane
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
 HELM = (  # by inputs, beside rudder_*
