@@ -68,12 +68,12 @@ def test_the_design_is_optimal_for_the_ship() -> None:
 def test_the_whole_mix_is_better_than_random_ones() -> None:
     one = mix()
     best = one.information.log_det(np.array(list(one.counts.values())))
-    draws = [mix("excitation.design=random", f"seed={seed}") for seed in range(12)]
+    draws = [mix("excitation.design=random", f"seed={seed}") for seed in range(6)]
     for drawn in draws:
         counts = np.array(list(drawn.counts.values()))
         assert counts.sum() == 6
         assert log_det(one.information.gammas, counts / 6.0) < best
-    assert len({tuple(drawn.counts.values()) for drawn in draws}) > 6
+    assert len({tuple(drawn.counts.values()) for drawn in draws}) > 3
 
 
 def test_the_information_is_that_of_what_is_sailed() -> None:

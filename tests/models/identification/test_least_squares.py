@@ -38,7 +38,7 @@ def test_commanded_force_is_biased_by_the_thruster_lag(calm, identifier, rng) ->
 def test_inertia_under_noise(lap, identifier, rng) -> None:
     ls = identifier("ls", lowpass_hz=0.5)
     truth = diagonal(lap("calm").truth)
-    found = [diagonal(ls.identify(lap("noise", s).problem, rng).model) for s in range(20)]
+    found = [diagonal(ls.identify(lap("noise", s).problem, rng).model) for s in range(10)]
     assert np.max(np.abs(np.mean(found, axis=0) / truth - 1.0)) < 0.02
 
 

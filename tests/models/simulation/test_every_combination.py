@@ -17,7 +17,7 @@ from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.runner.config import build_as
 from seatrial.runner.vessel_options import filled
-from tests.trials import CONF, options
+from tests.trials import CONF, FORCED, options
 
 PERIOD_S, ROWS = 0.1, 20
 FEW = ("milliampere", "surge_linear")  # `make nightly` sails all vessels
@@ -68,13 +68,17 @@ def suits(vessel: str, group: str, name: str) -> bool:
     return not (name in PLANE and dofs != PLANAR) and not (name in TURNING and "yaw" not in dofs)
 
 
-@pytest.mark.parametrize("vessel", ["surge_linear", "beluga_full", "kvlcc2"])
+def test_the_lists_are_complete() -> None:
+    """Of vessels with inputs two stand for all; tests/runner/test_matrix.py has the others."""
+    assert {*FORCED, *STEERED} == set(VESSELS)
+
+
+@pytest.mark.parametrize("vessel", ["surge_linear", "beluga_full"])
 def test_what_does_not_suit_is_refused_by_name(vessel: str) -> None:
     """By the degrees of freedom alone: what is refused on one axis, in all six and in the plane."""
     for group in ("disturbance", "excitation"):
         for name in options(group):
-            steered = of_inputs(name) or (vessel in STEERED and group == "excitation")
-            if name == "recording" or suits(vessel, group, name) or steered:
+            if name == "recording" or suits(vessel, group, name) or of_inputs(name):
                 continue
             with pytest.raises(ConfigurationError, match="needs a vessel in"):
                 objects(vessel, group, name).check(VESSELS[vessel])
