@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.models.elementary import angle_of, cosine_and_sine, where
+from seatrial.models.elementary import angle_of, cosine_and_sine
 
 
 @pytest.mark.parametrize("reach", [1e-300, 1e-8, 1.0, 10.0, 1e3, 1.6e6])
@@ -48,7 +48,3 @@ def test_angles_of_the_axes():
     ]  # fmt: skip
     assert angle_of(0.0, 0.0) == 0.0
     assert np.isnan(angle_of(np.nan, 1.0))
-
-
-def test_where_chooses():
-    assert (where(True, 1.0, 2.0), where(False, 1.0, 2.0)) == (1.0, 2.0)

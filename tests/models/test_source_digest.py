@@ -1,6 +1,5 @@
 """A digest of sources changes with what they compute, and with nothing else."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -100,16 +99,6 @@ def test_a_read_only_cache_is_no_error(tmp_path: Path, monkeypatch: pytest.Monke
     digest = folder_digest(tmp_path)
     forget()
     assert folder_digest(tmp_path) == digest
-
-
-def test_kept_sources_do_not_grow_without_bound(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(source_digest, "MOST_KEPT", 3)
-    for number in range(5):
-        (tmp_path / f"a{number}.py").write_text(f"x = {number}")
-    folder_digest(tmp_path)
-    assert len(json.loads((tmp_path / "cache" / KEPT_FILE).read_text())) == 3
 
 
 def test_imports_are_followed_within_the_package(tmp_path: Path) -> None:

@@ -54,15 +54,6 @@ def test_a_scalar_filter_has_its_closed_form() -> None:
     assert filter_gain(one, one, one, one)[0, 0] == pytest.approx(golden / (golden + 1.0))
 
 
-def test_the_gain_is_the_limit_of_the_recursion() -> None:
-    A, C, Q, R = random_system(7)
-    P = np.eye(4)
-    for _ in range(500):
-        M = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
-        P = A @ (P - M @ C @ P) @ A.T + Q
-    np.testing.assert_allclose(filter_gain(A, C, Q, R), M, rtol=1e-8, atol=1e-12)
-
-
 def test_no_steady_state_is_refused() -> None:
     A = np.diag([2.0, 0.5])  # unstable and not observed
     with pytest.raises(ConfigurationError, match="no steady-state gain"):

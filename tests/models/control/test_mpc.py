@@ -6,18 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seatrial.models.control import mpc as module
 from seatrial.models.control.horizon import Solver
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import PLANAR
-from seatrial.models.simulation.registry import CONTROLLERS, REFERENCES
 from tests.models.control.sailing import (
     INCREMENT_WEIGHT,
     KALMAN,
     LIMITS,
-    WINDAGE,
     appendix_k,
-    lqi,
     mpc,
     note,
     ship,
@@ -169,13 +164,6 @@ def test_the_radius_is_that_of_the_simulated_design_model(kind: str) -> None:
     assert decay <= note(controller, "spectral_radius", plant) + 5e-3
 
 
-def test_line_of_sight_is_not_known_ahead_and_is_held() -> None:
-    table, _ = mpc("condensed").build(ship(), 1.0)
-    assert len(table.table.outlook.reference) == 0
-    assert mpc("condensed", horizon=7).preview_rows(1.0) == 7
-    assert mpc("condensed", preview="none").preview_rows(1.0) == 0
-
-
 @pytest.mark.parametrize(
     ("kind", "changes", "message"),
     [
@@ -188,11 +176,3 @@ def test_line_of_sight_is_not_known_ahead_and_is_held() -> None:
 def test_wrong_options_are_refused(kind: str, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         mpc(kind, **changes)
-
-
-def test_every_step_is_registered_and_only_the_program_runs_in_python() -> None:
-    assert hasattr(CONTROLLERS[module.MpcTable], "py_func")
-    assert not hasattr(CONTROLLERS[module.QpTable], "py_func")
-    assert REFERENCES
-    assert lqi(wind=None).build(ship(), 1.0)[0].observer.still.theta.shape == (0, len(PLANAR))
-    assert WINDAGE.table(PLANAR).terms

@@ -70,14 +70,6 @@ def test_the_lead_is_a_backward_difference_and_nothing_at_the_first_sample() -> 
     np.testing.assert_allclose(commands[1], mass @ wanted[1] + 0.8 * change)
 
 
-def test_no_thruster_no_lead(milliampere: Vessel) -> None:
-    for pid in (
-        PidFeedforward(NONE, NONE, NONE, thruster_lead=True),
-        PidFeedforward(NONE, NONE, NONE, thruster=LAG),
-    ):
-        assert pid.build(milliampere, 0.1)[0].lead == 0.0
-
-
 def test_the_command_does_not_jump_when_the_model_does(milliampere: Vessel) -> None:
     gains = (100.0, 550.0, 940.0), (30.0, 30.0, 0.0), (850.0, 890.0, 1850.0)
     pid = PidFeedforward(*gains)

@@ -91,14 +91,6 @@ def test_a_multisine_has_its_lines_and_a_low_crest() -> None:
     assert sum(map(len, lines)) == len(set.union(*lines)) == 77  # 4 to 80 over 400 s
 
 
-def test_phases_lower_the_crest() -> None:
-    t = 0.1 * np.arange(4000)
-    signal = multisine(t, 0.01, 0.5, 0, 1)
-    equal = sum(np.cos(2 * np.pi * k * t / 400.0) for k in range(4, 201))
-    assert np.max(np.abs(signal)) / np.std(signal) < 2.0
-    assert np.max(np.abs(equal)) / np.std(equal) > 10.0
-
-
 def test_too_short_a_signal_has_no_line() -> None:
     with pytest.raises(ConfigurationError, match="no line between"):
         multisine(0.1 * np.arange(100), 0.001, 0.05, 0, 1)

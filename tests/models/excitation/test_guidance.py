@@ -12,7 +12,6 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import (
     LineOfSight,
     ReferenceFilter,
-    step_setpoints,
     straight_line_setpoints,
 )
 from seatrial.models.excitation.missions import Operation, Replay, Waypoints
@@ -56,11 +55,6 @@ def test_the_setpoint_moves_on_straight_lines_and_waits() -> None:
     np.testing.assert_allclose(setpoints[half], POINTS[0] / 2, atol=0.05)
     turning = (t > 120.0) & (t < 120.0 + np.pi / 0.795)  # a turn on the spot
     np.testing.assert_allclose(np.diff(setpoints[turning, 2]) / 0.1, 0.795, rtol=1e-6)
-
-
-def test_printed_steps() -> None:
-    setpoints = step_setpoints(POINTS, 60.0, np.array([0.0, 59.9, 60.0, 179.9]))
-    np.testing.assert_array_equal(setpoints, POINTS[[0, 0, 1, 2]])
 
 
 def follow(sight: LineOfSight, poses: np.ndarray) -> np.ndarray:

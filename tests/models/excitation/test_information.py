@@ -100,12 +100,6 @@ def test_the_optimum_does_not_depend_on_units() -> None:
     np.testing.assert_allclose(other.share, optimal(gammas, names).share, atol=1e-6)
 
 
-def test_one_manoeuvre_is_the_whole_mix() -> None:
-    found = optimal(manoeuvres(2, q=1, n=3), ["a", "b", "c"])
-    assert found.share.tolist() == [1.0]
-    assert found.gap <= 1e-6
-
-
 def test_manoeuvres_that_cannot_tell_terms_apart_are_refused() -> None:
     phi = np.random.default_rng(0).standard_normal((50, 2))
     same = np.column_stack([phi, phi[:, 1]])

@@ -169,15 +169,6 @@ def test_a_zigzag_is_added_to_a_closed_loop(controller: str) -> None:
     assert np.max(np.degrees(log.eta[:, 2])) > 10.0
 
 
-def test_a_turn_is_added_to_a_closed_loop() -> None:
-    trial, voyage = sailed("excitation=turning_circle", "excitation.loop=closed")
-    assert not trial.excitation.open_loop
-    log = voyage.log
-    late = voyage.t > 200.0
-    assert np.max(np.abs(log.eta[late, 2])) < 0.1  # the integral action takes it back
-    np.testing.assert_allclose(np.mean(log.tau[late], axis=0), 0.0, atol=3.0)
-
-
 @pytest.mark.parametrize(
     "excitation",
     [
@@ -223,27 +214,3 @@ def test_every_signal_is_sailed_in_an_open_and_a_closed_loop(signal: str, loop: 
     signal_force = trial.excitation.force(voyage.t, ("surge",), generator)
     if loop == "open":
         np.testing.assert_array_equal(voyage.log.tau, signal_force)
-
-
-def test_what_a_zigzag_stands_beside_can_be_adapted_while_sailing() -> None:
-    from seatrial.models.simulation.loop import Watch
-    from seatrial.runner.closed_loop import watch_of
-
-    seen: list[object] = []
-
-    class Looker:
-        watch = Watch(10, lambda *_: None)
-
-        def look(self, k: int, log: object, parameters: object, state: object) -> object:
-            seen.append((k, parameters, state))
-            return "better"
-
-    from seatrial.models.excitation.missions import Beside, ZigZag
-
-    found = watch_of(Looker(), alone=False)  # type: ignore[arg-type]
-    assert found is not None
-    table = ZigZag(2, 1.0, 0.1, 0)
-    both = found.look(20, None, Beside("old", table), ("state", np.zeros(3)))  # type: ignore[arg-type]
-    assert both == Beside("better", table)
-    assert seen == [(20, "old", "state")]
-    assert watch_of(None, alone=True) is None

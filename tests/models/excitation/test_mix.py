@@ -59,13 +59,6 @@ def sailed(design: Mix) -> Any:
     return recording_of(voyage, weather)
 
 
-def test_eleven_candidates_and_six_sub_experiments() -> None:
-    one = mix()
-    assert len(one.candidates) == 11
-    assert sum(one.counts.values()) == 6
-    assert one.duration_s == pytest.approx(9 * 140.0)  # six and three held out, each with its stop
-
-
 def test_the_design_is_optimal_for_the_ship() -> None:
     design = mix().information
     assert design.weights.gap <= 1e-6
@@ -75,18 +68,12 @@ def test_the_design_is_optimal_for_the_ship() -> None:
 def test_the_whole_mix_is_better_than_random_ones() -> None:
     one = mix()
     best = one.information.log_det(np.array(list(one.counts.values())))
-    draws = [mix("excitation.design=random", f"seed={seed}") for seed in range(12)]
+    draws = [mix("excitation.design=random", f"seed={seed}") for seed in range(6)]
     for drawn in draws:
         counts = np.array(list(drawn.counts.values()))
         assert counts.sum() == 6
         assert log_det(one.information.gammas, counts / 6.0) < best
-    assert len({tuple(drawn.counts.values()) for drawn in draws}) > 6
-
-
-def test_random_draws_are_without_replacement() -> None:
-    """Five of each: all 55 of them are five of each."""
-    whole = mix("excitation.design=random", "excitation.sub_experiments=55")
-    assert set(whole.counts.values()) == {5}
+    assert len({tuple(drawn.counts.values()) for drawn in draws}) > 3
 
 
 def test_the_information_is_that_of_what_is_sailed() -> None:
@@ -150,7 +137,6 @@ def test_the_nominal_model_may_be_wrong() -> None:
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["excitation.sub_experiments=0"], "excitation.sub_experiments must be at least 1, got 0"),
         (["excitation.held_out=[]"], "held_out: got none, expected some of zigzag_10"),
         (["excitation.held_out=[spiral]"], "held_out: got spiral, expected some of zigzag_10"),
         (["excitation.nominal.error=1.5"], "nominal: error must lie between 0 and 1, got 1.5"),
@@ -171,7 +157,6 @@ def test_the_nominal_model_may_be_wrong() -> None:
             "excitation.candidates.prbs_ahead: is sailed by a controller, expected an open loop",
         ),
         (["excitation.feedback.kp=[1,1]"], "excitation.feedback: got 2 and 3 numbers"),
-        (["excitation.stop_s=0"], "stop_s must be positive, got 0"),
     ],
 )  # fmt: skip
 def test_what_cannot_work_is_refused_in_one_line(overrides: list[str], message: str) -> None:
@@ -246,17 +231,6 @@ def test_what_is_held_out_tests() -> None:
     assert sorted(testing) == sorted(mix.held_out)
 
 
-def test_the_start_is_also_the_goal_where_none_is_given() -> None:
-    mix = routed("excitation.route.goal=null", "excitation.sub_experiments=4").excitation
-    np.testing.assert_allclose(mix.plan.poses[-1, :2], mix.plan.poses[0, :2])
-
-
-def test_a_lattice_follows_the_starting_heading() -> None:
-    mix = routed("excitation.route.start=[6,6,33]", "excitation.held_out=[circle]").excitation
-    assert mix.plan.start[2] == pytest.approx(np.radians(33.0))
-    assert mix.start == pytest.approx(mix.plan.start)
-
-
 @pytest.mark.parametrize(
     ("override", "message"),
     [
@@ -269,8 +243,6 @@ def test_a_lattice_follows_the_starting_heading() -> None:
          "does not fit anywhere in the area between the obstacles"),
         ("excitation.route.area=null", "obstacles: got obstacles without an area"),
         ("excitation.route.area=[[0,0],[1,1]]", "area: expected at least three corners"),
-        ("excitation.route.cell_m=0", "cell_m must be positive or null, got 0"),
-        ("excitation.route.speed_m_s=0", "speed_m_s must be positive, got 0"),
         ("excitation.route.follow=never", "expected one of everywhere, passages"),
     ],
 )  # fmt: skip

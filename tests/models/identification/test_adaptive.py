@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.adaptive import Update
 from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Results
 from tests.trials import composed
@@ -140,8 +139,3 @@ def test_another_controller_keeps_its_memory() -> None:
 def test_wrong_options_are_refused(option: str, message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         composed(*FERRY, option)
-
-
-def test_an_update_is_checked_where_it_is_made() -> None:
-    with pytest.raises(ConfigurationError, match="threshold must be positive"):
-        Update(1.0, 1.0, "feedback", 0.0, None)

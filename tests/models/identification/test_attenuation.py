@@ -123,7 +123,6 @@ def test_the_ferry_of_ten_kilograms_warns(identifier, lap) -> None:
         ("ls", {}, "identifier=robust or identifier=iv"),
         ("ridge", {"lowpass_hz": 1.0}, "lowpass_hz=auto or identifier=robust or identifier=iv"),
         ("plsr", {"bootstrap": None, "lowpass_hz": None}, "lowpass_hz=auto or identifier=robust"),
-        ("surface_plsr", {"bootstrap": None, "lowpass_hz": None}, "lowpass_hz=auto"),
         ("iv", {"instruments": "none", "lowpass_hz": None}, "robust or identifier.instruments=sim"),
         ("iv", {"lowpass_hz": None}, None),
         ("ls", {"refinement": "free_run", "lowpass_hz": None}, None),

@@ -8,14 +8,11 @@ import pytest
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.auto import Auto, preferred
 from seatrial.models.identification.blocked_free_run import (
-    WORSE_THAN_NOMINAL,
     Blocks,
     LeftOut,
     first_within,
-    with_nominal_axes,
 )
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
-from seatrial.models.vessel.table import Vessel
 from seatrial.runner import trial as trials
 from tests.data import DATA
 from tests.models.identification.known_results import Failing, Given
@@ -46,18 +43,6 @@ class FailingOnAll(Given):
         if len(problem.training) >= self.samples:
             raise IdentificationError("too much of it")
         return super().identify(problem, rng)
-
-
-@dataclass(frozen=True)
-class HeldOnAll(Given):
-    """True on parts of the training data, with the nominal surge on the whole of it."""
-
-    samples: int
-
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        result = super().identify(problem, rng)
-        whole = len(problem.training) >= self.samples
-        return with_nominal_axes(result, problem.nominal, [0] if whole else [], WORSE_THAN_NOMINAL)
 
 
 @dataclass(frozen=True)
@@ -102,12 +87,6 @@ def test_the_true_model_wins(calm) -> None:
     assert errors["true"] == pytest.approx(np.sqrt(np.mean(nrmse**2)))
 
 
-def test_of_equals_the_first_is_taken(calm) -> None:
-    for first, second in (("a", "b"), ("b", "a")):
-        found = identified({first: Given(0.5), second: Given(0.5)}, calm.problem)
-        assert chosen(found) == first
-
-
 def test_a_failing_candidate_is_left_out_with_its_reason(calm) -> None:
     found = identified({"fails": Failing(), "true": Given(0.5)}, calm.problem)
     assert chosen(found) == "true"
@@ -125,23 +104,6 @@ def test_if_all_fail_the_nominal_model_is_the_result(calm) -> None:
     assert reason == "no candidate predicts the blocks left out better"
     assert {one.partition(":")[0] for one in left_out(found)} == set(cases)
     assert any("on the whole training part: too much of it" in one for one in left_out(found))
-
-
-def test_the_next_one_takes_the_place_of_one_that_fails_on_the_whole(calm) -> None:
-    found = identified({"a": FailingOnAll(0.5, 3600), "b": Given(0.6)}, calm.problem)
-    assert chosen(found) == "b"
-
-
-def test_one_that_keeps_a_nominal_axis_gives_way_to_an_equal_one(calm) -> None:
-    """Not to a worse one, and not if there is no other."""
-    held = HeldOnAll(0.5, len(calm.problem.training))
-    found = identified({"held": held, "true": Given(0.5)}, calm.problem)
-    assert chosen(found) == "true"
-    assert any("keeps the nominal equation" in reason for reason in left_out(found))
-    for others in ({}, {"worse": Given(0.6)}):
-        found = identified({"held": held, **others}, calm.problem)
-        assert chosen(found) == "held"
-        assert not any("keeps the nominal" in reason for reason in left_out(found))
 
 
 @pytest.mark.parametrize(("excess", "expected"), [(0.15, "unbiased"), (0.3, "biased")])
@@ -231,35 +193,12 @@ def test_a_budget_leaves_candidates_out_with_a_reason(calm) -> None:
     assert chosen(identified({"a": Given(0.6), "b": Given(0.5)}, calm.problem, 600.0)) == "b"
 
 
-def test_a_nominal_model_that_cannot_be_simulated_is_no_reference(calm) -> None:
-    problem = calm.problem
-    theta = problem.nominal.theta.copy()
-    theta[0, 0] = -1.0
-    hopeless = replace(problem, nominal=replace(problem.nominal, theta=theta))
-
-    @dataclass(frozen=True)
-    class Truth(Identifier):
-        table: Vessel
-
-        def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-            return Identified(self.table, self.table - problem.nominal)
-
-    assert chosen(identified({"true": Truth(calm.truth)}, hopeless)) == "true"
-    found = identified({"fails": Failing()}, hopeless)
-    assert [f.name for f in found.diagnostics if f.name == "fallback"]
-
-
 @pytest.mark.parametrize(
     ("folds", "horizon", "budget"), [(1, 20.0, None), (4, 0.0, None), (4, 20.0, 0.0)]
 )
 def test_ranges(folds: int, horizon: float, budget: float | None) -> None:
     with pytest.raises(ConfigurationError, match="must be"):
         Auto({"none": NoIdentifier()}, folds, horizon, None, budget)
-
-
-def test_at_least_one_candidate() -> None:
-    with pytest.raises(ConfigurationError, match="candidates: got none"):
-        Auto({}, 4, 20.0, None, None)
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ import numpy as np
 
 from seatrial.models.identification.spread import ReplicateSpread
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.table import Vessel
 
 
 def test_a_moved_table_has_the_spread_of_tables_moved_likewise(lap, identifier, rng) -> None:
@@ -47,10 +46,3 @@ def test_the_recording_decides_about_the_wind(lap, identifier, rng) -> None:
     }
     assert {*terms["windy"]} - {*terms["calm"]} == {*basis.terms(["V_qu_q", "V_qv_q", "u_qv_q"])}
     assert basis.term("V_qu_q") in options.identify(windy, rng).residual.terms
-
-
-def test_a_constant_force_is_found_in_surge_alone(identifier) -> None:
-    """North is surge: the term of a constant force is 1."""
-    options = identifier("iv", basis=("u_dot", "u"), extra_terms=())
-    alone = Vessel("one", ("surge",), basis.terms(["u_dot", "u"]), np.ones((2, 1)))
-    assert options.terms(alone) == basis.terms(["u_dot", "u", "1"])

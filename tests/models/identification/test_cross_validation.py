@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from sklearn.model_selection import KFold
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.cross_validation import Selection, folds, left_out_mse, split
@@ -14,14 +13,6 @@ def test_every_sample_is_left_out_once(selection) -> None:
     left = np.concatenate([out for _, out in found])
     np.testing.assert_array_equal(np.sort(left), np.arange(103))
     assert all(set(kept).isdisjoint(out) and len(kept) + len(out) == 103 for kept, out in found)
-
-
-def test_blocks_are_consecutive_as_scikit_learn_cuts_them() -> None:
-    ours = folds("blocked", 120, 6, np.random.default_rng(0))
-    theirs = KFold(6).split(np.arange(120))
-    for (kept, left), (their_kept, their_left) in zip(ours, theirs, strict=True):
-        np.testing.assert_array_equal(kept, their_kept)
-        np.testing.assert_array_equal(left, their_left)
 
 
 def test_rolling_origin_never_looks_ahead() -> None:

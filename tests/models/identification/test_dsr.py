@@ -103,14 +103,9 @@ def test_the_state_space_model_is_in_pose_and_velocity(
     assert model is not None
     np.testing.assert_allclose(model.C, np.eye(3, 6), atol=1e-9)
     np.testing.assert_allclose(model.A[:3, :3], np.eye(3), atol=1e-8)  # no stiffness
-    assert (model.inputs, model.outputs) == (
-        ("tau_surge", "tau_sway", "tau_heave"),
-        ("x", "y", "z"),
-    )
+    assert model.inputs == ("tau_surge", "tau_sway", "tau_heave")
+    assert model.outputs == ("x", "y", "z")
     assert all(part is not None for part in (model.K, model.F, model.x0))
-    names = {f.name for f in found.diagnostics}
-    assert names >= {"singular_value", "markov"}
-    assert names >= {"eigenvalue_real", "eigenvalue_imag", "selected_order"}
     assert value(found, "markov", "sway", i=3, j=2) == pytest.approx(model.markov(4)[3, 1, 1])
 
 
@@ -170,12 +165,6 @@ def test_a_constant_force_in_ned_needs_its_terms(
     assert errors[0].max() > 0.5
     assert errors[1].max() < 0.08
     assert told.model.coefficient("surge", "cos(psi)") == pytest.approx(-200.0, rel=0.15)
-
-
-def test_a_body_pose_near_one_heading_is_the_ned_pose_turned(rng: np.random.Generator) -> None:
-    eta = np.column_stack([rng.standard_normal((50, 2)), np.full(50, PSI)])
-    expected = (eta[:, :2] - eta[0, :2]) @ rotation(PSI)[:2, :2]
-    np.testing.assert_allclose(body_pose(eta, PLANAR)[:, :2], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("dofs", [PLANAR, notation.DOFS])
@@ -239,16 +228,6 @@ def test_stretches_and_periods_of_a_recording(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(data.u[10], recording.tau[31:33].mean(axis=0))
     np.testing.assert_allclose(data.y[10], 0.0)  # each stretch begins at its own origin
     np.testing.assert_allclose(data.y[11], recording.eta[33] - recording.eta[31])
-
-
-def test_the_input_is_the_mean_force_over_the_period_that_follows(
-    rng: np.random.Generator,
-) -> None:
-    recording = axis_recording(40, rng)
-    ramp = np.arange(40.0)[:, None] * np.ones(3)
-    recording = replace(recording, tau_actual=ramp)
-    data = sampled(recording, "actual", (), "body_pose", 1.0, 0.1)
-    np.testing.assert_allclose(data.u[:3, 0], [1.0, 3.0, 5.0])  # ramps 0-1-2, 2-3-4, ...
 
 
 def test_the_velocity_alone_needs_one_state_an_axis(
@@ -329,8 +308,13 @@ def test_the_nominal_model_is_kept_where_it_predicts_better(
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("vessel", ["beluga_linear", "beluga_diagonal", "beluga_full"])
-@pytest.mark.parametrize("name", ["random-1", "surge-1", "sway-1", "heave-1"])
+@pytest.mark.parametrize(
+    ("vessel", "name"),
+    [
+        ("beluga_linear", "random-1"), ("beluga_diagonal", "surge-1"), ("beluga_full", "sway-1"),
+        ("beluga_full", "heave-1"),
+    ],
+)  # fmt: skip
 def test_a_measured_recording_gives_a_stable_model_no_worse_than_the_nominal_one(
     vessel: str, name: str
 ) -> None:
@@ -384,15 +368,6 @@ def physical_model() -> StateSpace:
     return linearise(linear_vessel()).discretised(0.5)
 
 
-def test_the_physical_form_does_not_depend_on_the_states(rng: np.random.Generator) -> None:
-    T = rng.standard_normal((6, 6)) + 4.0 * np.eye(6)
-    form = physical_form(physical_model().transformed(T), 1e3)
-    np.testing.assert_allclose(form.inertia, INERTIA, rtol=1e-7, atol=1e-5)
-    np.testing.assert_allclose(form.damping, DAMPING, rtol=1e-6, atol=1e-4)
-    np.testing.assert_allclose(form.stiffness, 0.0, atol=1e-5)
-    np.testing.assert_allclose(form.model.markov(9), physical_model().markov(9), atol=1e-10)
-
-
 def test_why_there_is_no_physical_form() -> None:
     model = physical_model()
     with pytest.raises(IdentificationError, match="got 6 states, 3 inputs and 2 outputs"):
@@ -437,19 +412,12 @@ def test_the_order_by_the_gap_is_the_physical_one(
     ("changes", "message"),
     [
         ({"L": 1}, "L must be at least 2, got 1"),
-        ({"J": 0}, "J must be at least 1, got 0"),
-        ({"order": 0}, "order must be at least 1, got 0"),
-        ({"period_s": 0.0}, "period_s must be positive or null, got 0"),
-        ({"condition_limit": -1.0}, "condition_limit must be positive"),
-        ({"heading_span_deg": 0.0}, "heading_span_deg must be positive"),
         ({"extra_terms": ["1"]}, "expected a term that varies"),
         ({"extra_terms": ["u_dot"]}, "are in the model already"),
         ({"extra_terms": ["u"]}, "are in the model already"),
         ({"inputs": []}, "inputs: got \\[\\], expected different names"),
         ({"outputs": ["u", "u"]}, "outputs: got .* expected different names"),
         ({"variant": "closed", "feedthrough": True}, "got true with variant=closed"),
-        ({"bootstrap": 5}, "bootstrap must be at least 20"),
-        ({"markov_parameters": -1}, "markov_parameters must not be negative"),
     ],
 )
 def test_options_out_of_range_are_refused(
@@ -480,11 +448,3 @@ def test_what_cannot_work_is_refused_before_any_work(
     ):
         with pytest.raises(ConfigurationError, match=message):
             replace(dsr, **changes).check(milliampere, None, False)
-
-
-def test_a_stretch_shorter_than_a_period_is_left_out() -> None:
-    recording = steady_recording(60, np.random.default_rng(0))
-    kept = (recording.t < 20.0) | (recording.t > 28.4)  # the last is of two samples, 1 s
-    data = sampled(recording.part(kept), None, (), "body_pose", 2.0, 1.0)
-    assert set(data.stretch) == {0}
-    assert len(data.y) == len(data.u) == 10

@@ -1,11 +1,6 @@
 """Predictions against an integration in plain Python, exact solutions and the simulated ferry."""
 
-import os
-import pickle
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,17 +16,15 @@ from seatrial.models.identification.free_run import (
     predict,
     predicted_layout,
 )
-from seatrial.models.identification.validation import prediction
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
-from seatrial.models.vessel.pose import Euler, Planar, Quaternion, displaced, state_of
+from seatrial.models.vessel.pose import Euler, Quaternion, displaced, state_of
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite
-from tests.data import DATA
 from tests.trials import composed
 
 FAR = 1e6
@@ -207,81 +200,6 @@ def test_attitude_errors_are_the_rotation_vectors_of_scipy():
         if isinstance(kinematics, Quaternion):
             same = np.abs(np.sum(moved[:, 3:] * states[1][:, 3:7], axis=1))
             np.testing.assert_allclose(same, 1.0, atol=1e-14)
-
-
-def test_the_error_of_a_heading_is_the_wrapped_angle():
-    first = np.column_stack([np.zeros((50, 2)), np.linspace(-20.0, 20.0, 50), np.zeros((50, 3))])
-    second = np.roll(first, 7, axis=0)
-    errors = deviations(Planar(), first, second)[:, 2]
-    exact = np.angle(np.exp(1j * (second - first)[:, 2]))
-    np.testing.assert_allclose(errors, exact, atol=1e-13)
-
-
-@pytest.mark.data
-def test_one_step_at_high_pitch_is_that_of_quaternions():
-    """Beluga, random-1, up to 70 degrees of pitch: every RK4 step against SciPy's rotations."""
-    trial = composed(
-        "vessel=beluga_diagonal", "excitation=recording",
-        f"excitation.path={DATA}/beluga/random-1.csv",
-    )  # fmt: skip
-    model = trial.vessel.nominal()
-    recording = excite(trial, Streams(trial.seed)).recording
-    course = prediction(model, recording, None).course
-    pitch = np.degrees(np.abs(recording.eta[:, 4]))
-    assert np.max(pitch) > 69.0
-    for first in range(2):  # begin at every other sample, and step from there
-        restart = np.arange(len(recording)) % 2 == first
-        after = predicted_states(model, course._replace(restart=restart))
-        steps = np.flatnonzero(restart[:-1])
-        steps = steps[(pitch[steps] > 30.0) | (steps % 20 == first)]
-        for k in steps:
-            begun = as_state(recording.eta[k], recording.nu[k])
-            expected = rk4_by_scipy(model, begun, course.acting[k], course.step_s)
-            after[k + 1, 3:7] *= np.sign(expected[3:7] @ after[k + 1, 3:7])
-            for part in (slice(0, 3), slice(3, 7), slice(7, 13)):  # within 0.1 % of the step
-                gap = np.linalg.norm((after[k + 1] - expected)[part])
-                assert gap < 1e-3 * np.linalg.norm((expected - begun)[part])
-
-
-INTERPRETED = """
-import pickle, sys
-import numpy as np
-from seatrial.models.identification.free_run import predict
-for plant, course, euler in pickle.load(sys.stdin.buffer):
-    states = np.empty_like(course.reached)
-    predict(plant, course, euler, states)
-    sys.stdout.buffer.write(states.tobytes())
-"""
-
-
-def test_the_compiled_prediction_is_the_readable_one(example, vessel):
-    """With the compiler disabled the same functions run in Python."""
-    tasks, compiled = [], []
-    for model, recording in (example("surge"), example("blown ferry"), tumbling(vessel)):
-        plan = predicted_layout(model, model.theta != 0.0)
-        plant = plan.plant(model.theta, plan.inverse_inertia(model.theta[None])[0][..., 0])
-        course = course_of(recording.part(slice(0, 60)), None, None, 25, 10.0)
-        for euler in (True, False):
-            states = np.empty_like(course.reached)
-            predict(plant, course, euler, states)
-            tasks.append((plant, course, euler))
-            compiled.append(states.ravel())
-    done = subprocess.run(
-        [sys.executable, "-c", INTERPRETED], input=pickle.dumps(tasks), capture_output=True,
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, check=True, cwd=Path(__file__).parents[3],
-    )  # fmt: skip
-    interpreted = np.frombuffer(done.stdout)
-    np.testing.assert_allclose(interpreted, np.concatenate(compiled), rtol=1e-12, atol=1e-12)
-
-
-def test_linear_surge_has_the_exact_solution(make):
-    m, d, tau = 60.0, 20.0, np.full(400, 30.0)
-    recording = make.driven(make.surge(m, d), tau, "rk4")
-    t = recording.t
-    u = 30.0 / d * (1.0 - np.exp(-d / m * t))
-    x = 30.0 / d * (t - m / d * (1.0 - np.exp(-d / m * t)))
-    np.testing.assert_allclose(recording.nu[:, 0], u, atol=1e-7)
-    np.testing.assert_allclose(recording.eta[:, 0], x, atol=1e-6)
 
 
 def test_truth_predicts_the_simulated_lap_through_the_thrusters(calm):

@@ -14,7 +14,6 @@ from seatrial.models.identification.gaussian_process import (
     ParametricTerms,
     Prior,
     ProcessData,
-    cubic_terms,
     projection_warnings,
 )
 from seatrial.models.identification.residual import Samples
@@ -41,11 +40,6 @@ def fitted(lap, identifier):
 def free_run(problem, model) -> np.ndarray:
     """Errors of the velocities (n_dof,) over the part held out."""
     return prediction(model, problem.validation, problem.thruster, None).over("free_run").rmse[3:]
-
-
-def test_all_products_of_three_velocities() -> None:
-    assert set(cubic_terms(("u", "v"))) == set(basis.terms(["u^3", "u^2v", "uv^2", "v^3"]))
-    assert len(cubic_terms(("u", "v", "r"))) == 10
 
 
 @pytest.mark.parametrize("kernel", ["rbf", "matern"])
@@ -142,13 +136,6 @@ def test_the_inertia_stays_within_its_bounds(lap, fitted) -> None:
     ratios = [np.diag(one.model.inertia) / nominal for one in found]
     assert np.all((ratios[0] > 1.0 / 1.011) & (ratios[0] < 1.011))
     assert np.any(np.abs(ratios[1] - 1.0) > 0.02)
-
-
-def test_the_seed_decides(calm, identifier, fitted, rng) -> None:
-    first = fitted("calm", kernel="rbf")
-    again = identifier("gaussian_process", kernel="rbf").identify(calm.problem, rng)
-    np.testing.assert_array_equal(first.model.theta, again.model.theta)
-    assert values(first, "process_deviation") == values(again, "process_deviation")
 
 
 @pytest.mark.parametrize("options", [{"kernel": "cosine"}, {"base": "ls"}, {"subsample": 5}])

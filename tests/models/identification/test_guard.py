@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.blocked_free_run import Blocks, guarded, mixed_table
+from seatrial.models.identification.blocked_free_run import Blocks, guarded
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
 from seatrial.models.identification.problem import Identified, Problem, choose_basis
 from seatrial.models.vessel.table import Vessel
@@ -60,14 +60,6 @@ def test_what_cannot_be_identified_without_a_block_is_not_trusted(calm) -> None:
     again = guarded(Blocks(calm.problem), fails, identified(calm.truth, nominal))
     assert kept(again) == list(nominal.dofs)
     np.testing.assert_array_equal(again.residual.theta, 0.0)
-
-
-def test_a_mixed_table_has_each_equation_of_one_model(milliampere) -> None:
-    mixed = mixed_table(2.0 * milliampere, milliampere, [1])
-    ratio = mixed.on(milliampere.terms).theta / np.where(milliampere.theta, milliampere.theta, 1.0)
-    for k, factor in enumerate((2.0, 1.0, 2.0)):
-        own = milliampere.theta[:, k] != 0.0
-        np.testing.assert_allclose(ratio[own, k], factor)
 
 
 @pytest.mark.parametrize("options", [{}, {"refinement": "free_run"}, {"inertia_factor": None}])

@@ -1,6 +1,6 @@
 """Instrumental variables: outside data, the ferry, and consistency where least squares fails."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from seatrial.models.identification.instrumental_variables import solve
 from seatrial.models.identification.problem import Problem
 from seatrial.models.identification.residual import Samples
 from seatrial.models.identification.simulated_motion import Adrift, Playback, simulated_motion
-from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel import basis
@@ -31,7 +30,6 @@ from tests.data import DATA
 
 CONF = Path(__file__).parents[3] / "conf"
 
-AXES = ("surge", "sway", "yaw")
 
 
 @pytest.fixture(scope="session")
@@ -194,28 +192,6 @@ def test_instruments_of_the_true_model_are_the_true_motion(calm) -> None:
     assert np.flatnonzero(first).tolist() == [0]
 
 
-def test_the_simulation_begins_again_from_the_measured_state(calm) -> None:
-    training = calm.problem.training
-    wrong = 1.2 * calm.truth
-    far, *_ = simulated_motion(training, [wrong], None, None)
-    near, first, _ = simulated_motion(training, [wrong], None, 5.0)
-    np.testing.assert_allclose(near.nu[first], training.nu[first])
-    assert np.mean(first) == pytest.approx(0.02, abs=0.001)
-    assert np.std(near.nu - training.nu) < 0.7 * np.std(far.nu - training.nu)
-
-
-def test_a_stretch_is_simulated_by_the_first_model_that_can_be(calm) -> None:
-    training = calm.problem.training
-    driven = (-5000.0) * calm.truth.on(basis.terms(["u", "v", "r"]))
-    wild = calm.truth + replace(driven, name="wild")
-    own = simulated_motion(training, [calm.truth], None, None)
-    other = simulated_motion(training, [wild, calm.truth], None, None)
-    np.testing.assert_array_equal(own.motion.nu, other.motion.nu)
-    assert (own.newest, other.newest) == (1.0, 0.0)
-    with pytest.raises(IdentificationError, match="simulation of the instruments fails"):
-        simulated_motion(training, [wild, wild], None, None)
-
-
 def test_a_model_that_diverges_is_refined_or_refused(
     identifier, calm, rng, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -359,16 +335,6 @@ def median_errors(
         for name in names:
             errors[name].append(np.median(found[name]).item())
     return {name: np.array(values) for name, values in errors.items()}
-
-
-def test_the_experiment_keeps_the_signs_of_its_velocities() -> None:
-    problem, _ = Experiment(SLOW_WIND).run(2000, 0)
-    assert isinstance(problem.training, Recording)
-    found = predictor("IV2").identify(problem, np.random.default_rng(0))
-    share = {f.dof: f.value for f in found.diagnostics if f.name == "same_sign"}
-    assert min(share[dof] for dof in AXES) > 0.95
-    assert found.std_error is not None
-    assert np.all(np.isfinite(found.std_error))
 
 
 @pytest.mark.parametrize(("wind", "name"), [(SLOW_WIND, "IV2"), (FAST_WIND, "IV3")])

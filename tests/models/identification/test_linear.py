@@ -34,17 +34,3 @@ def test_singular_values_are_those_of_the_whole(n: int) -> None:
     np.testing.assert_allclose(u * s @ vt, x, atol=1e-14 * np.linalg.norm(x))
     np.testing.assert_allclose(u.T @ u, np.eye(7), atol=1e-13)
     np.testing.assert_allclose(s, np.linalg.svd(x, compute_uv=False), atol=1e-14 * s[0])
-
-
-def test_the_triangle_of_pieces_is_that_of_the_whole() -> None:
-    x = matrix(500)
-    R = linear.triangle(np.array_split(x, [3, 8, 300]))
-    np.testing.assert_array_equal(R, np.triu(R))
-    np.testing.assert_allclose(R.T @ R, x.T @ x, atol=1e-13 * np.linalg.norm(x) ** 2)
-    with pytest.raises(ValueError, match="got no rows"):
-        linear.triangle([])
-
-
-def test_turns_cover_every_row_once() -> None:
-    rows = np.concatenate([np.arange(120)[turn] for turn in linear.turns(120)])
-    np.testing.assert_array_equal(rows, np.arange(120))

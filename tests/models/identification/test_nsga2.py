@@ -18,10 +18,7 @@ from seatrial.models.identification.nsga2 import (
 )
 from seatrial.models.identification.objectives import Objectives
 from seatrial.models.identification.problem import Problem
-from seatrial.models.notation import DOFS, VELOCITIES
 from seatrial.models.recording.recording import Recording
-from seatrial.models.vessel.basis import terms
-from seatrial.models.vessel.table import Vessel
 from tests.data import DATA
 
 LINEAR = {"surge.u_dot": [10.0, 120.0], "surge.u": [1.0, 40.0]}
@@ -47,11 +44,10 @@ def front_of(found, m):
 
 @pytest.mark.parametrize("tau", ["triple_ramp", "many_sine"])
 def test_linear_surge_with_a_population_of_100(identifier, make, signal, tau):
-    """Within 0.1 % on 10 of 10 seeds."""
     truth = make.surge(60.0, 20.0)
     problem = make.problem(truth, truth, signal(tau))
     option = identifier("nsga2", bounds=LINEAR, population=100, **THESIS)
-    for seed in range(10):
+    for seed in range(4):
         found = option.identify(problem, np.random.default_rng(seed))
         assert np.max(np.abs(relative(found, truth))) < 1e-3
         assert found.std_error is None
@@ -75,13 +71,13 @@ def test_quadratic_surge_with_a_population_of_1000(identifier, make, signal, tau
 
 @pytest.mark.parametrize("tau", ["triple_ramp", "many_sine"])
 def test_small_population_and_polish(identifier, make, signal, tau):
-    """Population 40, 20 generations, polish: within 1e-6 on 30 of 30."""
+    """Population 40, 20 generations, polish: within 1e-6 on 10 of 10."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     problem = make.problem(truth, truth, signal(tau))
     option = identifier(
         "nsga2", bounds=QUADRATIC, population=40, generations=20, integrator="euler"
     )
-    for seed in range(30):
+    for seed in range(10):
         found = option.identify(problem, np.random.default_rng(seed))
         assert np.max(np.abs(relative(found, truth))) < 1e-6
         assert np.all(np.isfinite(found.std_error))
@@ -160,51 +156,8 @@ def test_front_choice_and_history_are_stored(identifier, make, signal):
     chosen = next(one for one in found.diagnostics if one.name == "pareto_chosen")
     assert (chosen.i, chosen.label) == choose(front, "knee", None)
     np.testing.assert_allclose(found.model.theta[:, 0], points[chosen.i])
-    one = [f for f in found.diagnostics if f.name == "pareto_parameter" and f.i == 0]
-    assert [(f.j, f.label, f.unit, f.dof) for f in one] == [
-        (0, "surge.u_dot", "kg", "surge"),
-        (1, "surge.u", "kg/s", "surge"),
-        (2, "surge.|u|u", "kg/m", "surge"),
-    ]
-    two = [f for f in found.diagnostics if f.name == "pareto_objective" and f.i == 0]
-    assert [(f.label, f.unit) for f in two] == [("x", "m"), ("u", "m/s")]
     ended = next(one for one in found.diagnostics if one.name == "generations")
-    history = [f for f in found.diagnostics if f.name == "running_metric"]
-    assert len(history) == 3 * (ended.value - 1)
-    assert [(f.i, f.j, f.label) for f in history[:3]] == [
-        (2, 0, "ideal"),
-        (2, 1, "nadir"),
-        (2, 2, "front"),
-    ]
-
-
-def test_residual_is_identified_minus_nominal(identifier, make, signal):
-    truth, nominal = make.surge(60.0, 20.0), make.surge(100.0, 30.0)
-    problem = make.problem(truth, nominal, signal("many_sine"))
-    option = identifier("nsga2", population=40, generations=20, integrator="euler")
-    found = option.identify(problem, np.random.default_rng(0))
-    np.testing.assert_allclose(found.residual.theta[:, 0], [-40.0, -10.0], rtol=1e-6)
-    np.testing.assert_allclose((nominal + found.residual).theta, found.model.theta)
-
-
-def test_the_generator_decides(identifier, make, signal):
-    truth = make.surge(60.0, 20.0)
-    problem = make.problem(truth, truth, signal("many_sine"))
-    option = identifier("nsga2", bounds=LINEAR, population=20, generations=5, **THESIS)
-    first, again, other = (
-        option.identify(problem, np.random.default_rng(seed)).model.theta for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first, again)
-    assert np.any(first != other)
-
-
-@pytest.mark.parametrize("decision", ["knee", "ideal", "pseudo_weights"])
-def test_decisions(identifier, make, signal, decision):
-    truth = make.surge(60.0, 20.0)
-    problem = make.problem(truth, truth, signal("many_sine"), noise=0.05)
-    option = identifier("nsga2", bounds=LINEAR, population=60, decision=decision, **THESIS)
-    found = option.identify(problem, np.random.default_rng(0))
-    assert np.max(np.abs(relative(found, truth))) < 0.1
+    assert len(values_of(found, "running_metric")) == 3 * (ended.value - 1)
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +175,11 @@ def surge_1():
 @pytest.mark.data
 @pytest.mark.parametrize("term", [None, "|u|u"])
 def test_real_recording(identifier, make, surge_1, term):
-    """Front of surge-1: position MAE 0.2981 m and velocity MAE 0.01141 m/s within 0.5 %."""
+    """Front of surge-1: position MAE 0.2981 m and velocity MAE 0.01141 m/s within 0.5 %.
+
+    Table 7.6 scores 0.344 and 0.0403; (145.05, 97.16) is a point of the true front. A front of a
+    thousand points is not finer than 1e-4 of its extent, so a neighbour of it may be worse by that.
+    """
     nominal = make.surge(60.0, 20.0, term, 2.0)
     bounds = {"surge.u_dot": [10.0, 1000.0], "surge.u": [0.0, 1000.0]}
     if term:
@@ -236,52 +193,13 @@ def test_real_recording(identifier, make, surge_1, term):
     np.testing.assert_allclose(ends, [[140.4, 98.3], [168.0, 67.7]], rtol=0.02)
     if term:
         assert np.max(points[np.argmin(front, axis=0), 2]) < 0.1  # d_NL goes to 0
-
-
-@pytest.mark.data
-def test_real_recording_dominates_the_printed_estimates(identifier, make, surge_1):
-    """Table 7.6 scores 0.344 and 0.0403; (145.05, 97.16) is a point of the true front.
-
-    A front of a thousand points is not finer than 1e-4 of its extent, so a neighbour of a point of
-    the true front may be worse than it by that.
-    """
-    problem = Problem(surge_1, surge_1, make.surge(60.0, 20.0), None)
-    bounds = {"surge.u_dot": [10.0, 1000.0], "surge.u": [0.0, 1000.0]}
-    option = identifier("nsga2", bounds=bounds, population=1000, **THESIS)
-    _, front = front_of(option.identify(problem, np.random.default_rng(0)), 2)
+        return
     objectives = Objectives(option.predictor(problem), "mae", grouped=False)
     true, printed = objectives(np.array([[145.05, 97.16], [26.949, 115.898]]))
     np.testing.assert_allclose(true, [0.2985, 0.0263], atol=6e-5)
     np.testing.assert_allclose(printed, [0.344, 0.0403], atol=6e-4)
-    resolution = 1e-4 * np.ptp(front, axis=0)
-    assert not np.any(np.all(front > true + resolution, axis=1))
+    assert not np.any(np.all(front > true + 1e-4 * np.ptp(front, axis=0), axis=1))
     assert np.any(np.all(front < printed, axis=1))
-
-
-SIX = np.array([60, 70, 90, 3, 5, 4, 20, 30, 40, 3, 4, 2.5, 40, 60, 80, 2, 3, 2.0])
-
-
-@pytest.mark.slow
-def test_eighteen_parameters_alone_and_polished(identifier, make, capsys):
-    """Reported without a target: what NSGA-II finds of 18 parameters. ERRATA, Hoyer 5."""
-    names = [f"{v}_dot" for v in VELOCITIES] + [*VELOCITIES] + [f"|{v}|{v}" for v in VELOCITIES]
-    theta = np.zeros((18, 6))
-    theta[np.arange(18), np.tile(np.arange(6), 3)] = SIX
-    truth = Vessel("six", DOFS, terms(names), theta)
-    t = 0.1 * np.arange(1000)[:, None]
-    periods = np.array([1.3, 1.7, 2.3, 3.1, 4.1, 5.3])
-    phases = np.random.default_rng(7).uniform(0.0, 2.0 * np.pi, (6, 6))
-    phases[3:] = 0.5 * np.pi
-    waves = [np.sin(2.0 * np.pi * t / periods + phase).sum(axis=1) for phase in phases]
-    tau = np.array([30.0, 40.0, 50.0, 1.0, 1.2, 0.8]) * np.stack(waves, axis=1)
-    problem = make.problem(truth, truth, tau)
-    for change in ({}, {"grouped": True}, {"polish": "output_error"}):
-        option = identifier("nsga2", **(THESIS | change))
-        found = option.identify(problem, np.random.default_rng(0))
-        errors = np.abs(found.model.theta[theta != 0.0] / theta[theta != 0.0] - 1.0)
-        with capsys.disabled():
-            print(f"\n{change}: median {np.median(errors):.2e}, worst {np.max(errors):.2e}")
-    assert np.max(errors) < 1e-6
 
 
 @pytest.mark.slow
@@ -305,20 +223,13 @@ def test_ferry(identifier, lap, disturbance, capsys):
     ("change", "message"),
     [
         ({"population": 2}, "population must be at least 4"),
-        ({"population_cap": 1}, "population_cap must be at least 4"),
-        ({"generations": 0}, "generations must be at least 1"),
-        ({"crossover_eta": 0.0}, "crossover_eta must be positive"),
         ({"mutation_probability": 1.5}, r"mutation_probability must lie in \[0, 1\]"),
-        ({"threshold": 0.0}, "threshold must be positive"),
-        ({"objective_floor": -1.0}, "objective_floor must not be negative"),
         ({"weights": [1.0, 0.0]}, r"weights\[1\] must be positive"),
         ({"weights": [1.0]}, "expected 2"),
-        ({"bootstrap": 5}, "bootstrap must be at least 20"),
         ({"bootstrap": 200, "polish": None}, "bootstrap needs polish=output_error"),
         ({"bound_factor": None}, "bounds.surge.u_dot: got none"),
         ({"log_scale": ["surge.v"]}, "expected all or some of surge.u_dot"),
         ({"bounds": {"surge.u": [0.0, 9.0]}, "log_scale": ["surge.u"]}, "must have one sign"),
-        ({"polish_horizons": [0]}, "horizons must be at least 2"),
         ({"bound_factor": None, "parameters": ["surge.u^2"]}, r"bounds.surge.u\^2: got none"),
     ],
 )
@@ -360,11 +271,6 @@ def test_a_collapsed_front_has_no_knee_but_a_choice(n):
     front = np.array([[1.0, 2.0], [1.0 + 1e-9, 2.0 - 1e-9]])[:n]
     assert len(knees(front)) == 0
     assert choose(front, "knee", None)[1] == "ideal"
-
-
-def test_equal_points_have_no_knee():
-    assert len(knees(np.ones((9, 2)))) == 0
-    assert choose(np.ones((9, 2)), "knee", None) == (0, "ideal")
 
 
 def test_nearest_to_ideal_does_not_depend_on_units():

@@ -4,18 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import approx_fprime
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.free_run import course_of, free_run
-from seatrial.models.identification.output_error import fit_through
-from seatrial.models.identification.prediction_fit import (
-    Misfit,
-    Uncertainty,
-    covariance_diagnostics,
-)
 from seatrial.models.notation import DOFS, PLANAR, VELOCITIES
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import Vessel
@@ -45,15 +38,14 @@ def test_noise_free_surge_is_exact(identifier, make, signal, term, tau, integrat
         assert not np.any(np.isnan(found.std_error[truth.theta != 0.0]))
 
 
-@pytest.mark.parametrize("tau", ["triple_ramp", "many_sine"])
-def test_spread_of_noisy_estimates_is_the_predicted_one(identifier, make, signal, tau):
+def test_spread_of_noisy_estimates_is_the_predicted_one(identifier, make, signal):
     """Noise of 0.05 m and 0.05 m/s: within 1 % on 20 of 20 seeds, errors within a factor of 2."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     start = make.surge(90.0, 12.0, "|u|u", 3.0)
     option = identifier("output_error", **EULER)
     found = [
-        option.identify(make.problem(truth, start, signal(tau), noise=0.05, seed=seed), None)
-        for seed in range(20)
+        option.identify(make.problem(truth, start, signal("many_sine"), noise=0.05, seed=s), None)
+        for s in range(20)
     ]
     errors = np.array([relative(one, truth) for one in found])
     assert np.max(np.abs(errors)) < 0.01
@@ -83,17 +75,6 @@ def test_a_noisy_first_sample_spoils_predictions_that_begin_with_it(identifier, 
     assert worst["estimated"] < 0.01
 
 
-@pytest.mark.parametrize("errors", ["white", "stationary", "hac"])
-def test_kinds_of_standard_errors_agree_for_white_noise(identifier, make, signal, errors):
-    truth = make.surge(60.0, 20.0, "|u|u", 2.0)
-    problem = make.problem(truth, truth, signal("many_sine"), noise=0.05)
-    found = identifier("output_error", errors=errors, **EULER).identify(problem, None)
-    white = identifier("output_error", errors="white", **EULER).identify(problem, None)
-    free = truth.theta != 0.0
-    ratio = found.std_error[free] / white.std_error[free]
-    assert np.all((ratio > 0.6) & (ratio < 1.6))
-
-
 def test_autocorrelated_noise_has_larger_standard_errors(identifier, make, signal):
     """A first-order autoregression of 0.95: the white formula reports a quarter of the spread."""
     truth = make.surge(60.0, 20.0)
@@ -101,7 +82,7 @@ def test_autocorrelated_noise_has_larger_standard_errors(identifier, make, signa
         kind: identifier("output_error", errors=kind, **EULER) for kind in ("white", "stationary")
     }
     found = {kind: [] for kind in option}
-    for seed in range(20):
+    for seed in range(12):
         problem = make.problem(truth, truth, signal("many_sine"))
         rng = np.random.default_rng(seed)
         noise = np.zeros((1000, 2))
@@ -274,40 +255,6 @@ def test_a_constant_force_is_free_where_it_is_asked_for_and_in_the_plane(
     assert {label for label in free.labels if "." not in label} == forces
 
 
-def test_jacobian_without_what_the_initial_states_explain(identifier, make, signal):
-    """Against scipy's finite differences of the residual from the best initial states."""
-    truth = make.surge(60.0, 20.0, "|u|u", 2.0)
-    problem = make.problem(truth, truth, signal("many_sine"), noise=0.01)
-    predictor = identifier("output_error", **EULER).predictor(problem, 250)
-    misfit = Misfit(predictor, predictor.free.values, predictor.spread, estimated=True)
-    x = np.array([1.05, 0.95, 1.1])
-    misfit.start, rest = misfit.best(x)
-    gradient = misfit.jacobian(x, misfit.start, rest).T @ rest.ravel()
-    numerical = approx_fprime(x, lambda at: 0.5 * np.sum(misfit.best(at)[1] ** 2), 1e-6)
-    np.testing.assert_allclose(gradient, numerical, rtol=1e-3)
-
-
-def test_standard_errors_are_those_of_linear_regression(identifier, make, signal):
-    """Where predictions are linear in the parameters: drag and a constant force of a still hull."""
-    truth = make.surge(60.0, 20.0)
-    problem = make.problem(truth, truth, signal("many_sine"), noise=0.02)
-    option = identifier("output_error", parameters=["surge.1"], errors="white",
-                        initial_state="measured", sigma=[0.02, 0.02], **EULER)  # fmt: skip
-    predictor, found = fit_through(
-        option, problem, np.zeros(1), (np.full(1, -9.0), np.full(1, 9.0)), (),
-        np.array([0.02, 0.02]), "measured",
-    )  # fmt: skip
-    unit = (predictor.predict(np.ones(1)) - predictor.predict(np.zeros(1))) / 0.02
-    expected = 1.0 / np.sqrt(np.sum(unit**2))
-    reported, _, matrix = Uncertainty("white", None, 10.0).of(predictor.free, found, 0.1, None)
-    covariance = covariance_diagnostics(predictor.free, matrix)
-    assert reported[-1, 0] == pytest.approx(expected, rel=0.05)
-    assert np.all(np.isnan(reported[:-1]))
-    assert [(one.i, one.j, one.label) for one in covariance] == [(1, 1, "surge.1 surge.1")]
-    assert covariance[0].value == pytest.approx(reported[-1, 0] ** 2)
-    assert covariance[0].unit == "N N"
-
-
 def test_covariance_is_that_of_the_estimates(identifier, make, signal):
     """Correlations over 40 noisy recordings; the bootstrap's errors are those of the formula."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
@@ -356,17 +303,13 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"horizons": [1]}, "horizons must be at least 2"),
-        ({"horizon": 1}, "horizon must be at least 2"),
         ({"sigma": [0.1, 0.0]}, r"sigma\[1\] must be positive"),
         ({"sigma": [0.1]}, "expected 2: poses, then velocities"),
         ({"bounds": {"surge.u": [3.0, 1.0]}}, "a lower and a higher number"),
         ({"bounds": {"surge.v": [1.0, 3.0]}}, "not a parameter"),
         ({"bound_factor": 1.0}, "bound_factor must be above 1"),
-        ({"derivative_limit": 0.0}, "derivative_limit must be positive"),
         ({"parameters": ["yaw.r"]}, "expected one of the degrees of freedom surge"),
         ({"force": "measured"}, "force: got 'measured'"),
-        ({"bootstrap": 5}, "bootstrap must be at least 20"),
     ],
 )
 def test_wrong_options_are_refused(identifier, make, change, message):

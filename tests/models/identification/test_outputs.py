@@ -7,7 +7,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.output_error import file_bootstrap
-from seatrial.models.identification.prediction_fit import Fit, smoothed_starts
+from seatrial.models.identification.prediction_fit import Fit
 from seatrial.models.identification.predictor import outputs_of
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording
@@ -91,22 +91,6 @@ def test_outputs_that_are_refused(outputs: str, message: str) -> None:
         identifier.check(vessel("kvlcc2"), None, measured=False)
 
 
-def test_smoothed_starts_are_nearer_to_the_motion() -> None:
-    """A cubic in time is kept as it is, and noise about it becomes smaller."""
-    ship = vessel("kvlcc2")
-    recording = recorded("kvlcc2", ship, 400)
-    noise = 0.02 * np.random.default_rng(0).standard_normal((400, 3))
-    noisy = replace(recording, nu=recording.nu + noise)
-    predictor = option("output_error").predictor(Problem(noisy, noisy, ship, None), 50)
-    offset = smoothed_starts(predictor.course, noisy.piece_starts)[:, 3:]
-    restart = predictor.course.restart
-    assert np.std(noise[restart] + offset) < 0.6 * np.std(noise[restart])
-    t = recording.t[:, None] - 40.0
-    cubic = replace(recording, nu=1e-5 * t**3 * [1.0, -2.0, 0.5], eta=0.0 * recording.eta)
-    course = option("output_error").predictor(Problem(cubic, cubic, ship, None), 50).course
-    np.testing.assert_allclose(smoothed_starts(course, cubic.piece_starts), 0.0, atol=1e-10)
-
-
 def linear(rng: np.random.Generator, files: int, prior: float) -> tuple[Fit, Array, Array]:
     """The fit of a linear model to several files, its regressors (N, 2, m) and file (N,)."""
     file = np.repeat(np.arange(files), 30)
@@ -131,14 +115,6 @@ def test_a_replicate_of_a_linear_model_is_the_fit_of_the_drawn_files(prior: floa
         flat = J.reshape(-1, 3) * weight[:, None]
         normal = flat.T @ J.reshape(-1, 3) + np.diag(fit.precision)
         np.testing.assert_allclose(point, np.linalg.solve(normal, flat.T @ y.ravel()), rtol=1e-9)
-
-
-def test_the_spread_over_files_is_that_of_repeated_experiments() -> None:
-    """Of 40 files the deviation of the replicates is near the theoretical one, 0.3 / sqrt(2 N)."""
-    fit, _, file = linear(np.random.default_rng(1), 40, 0.0)
-    box = np.full(3, -np.inf), np.full(3, np.inf)
-    points = file_bootstrap(fit, np.zeros(3), box, file, 400, np.random.default_rng(2))
-    np.testing.assert_allclose(np.std(points, axis=0), 0.3 / np.sqrt(2 * len(file)), rtol=0.35)
 
 
 def test_a_bootstrap_over_files_needs_files() -> None:

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import free_parameters
-from seatrial.models.identification.predictor import active_bounds
 
 EULER = {"integrator": "euler"}
 
@@ -75,18 +73,3 @@ def test_a_drag_that_creates_energy_stops_at_zero_and_no_bounds_let_it_pass(
     free = identifier("output_error", bound_factor=None, **far).identify(problem, None)
     assert free.model.coefficient("surge", "u") == pytest.approx(-1.0, rel=1e-6)
     assert not [one for one in free.diagnostics if one.name == "active_bound"]
-
-
-def test_active_bounds_are_those_reached(make) -> None:
-    free = free_parameters(make.surge(60.0, 20.0), None, "tied", False)
-    box = (np.array([10.0, 0.0]), np.array([120.0, 100.0]))
-    assert active_bounds(free, np.array([60.0, 50.0]), box) == []
-    at = active_bounds(free, np.array([60.0, 100.0]), box)
-    assert [(one.label, one.value) for one in at] == [("surge.u", 100.0)]
-    unbounded = (np.full(2, -np.inf), np.full(2, np.inf))
-    assert active_bounds(free, np.array([60.0, 100.0]), unbounded) == []
-
-
-def test_factor_of_one_is_refused(identifier, make) -> None:
-    with pytest.raises(ConfigurationError, match="bound_factor must be above 1"):
-        identifier("nsga2", bound_factor=1.0)

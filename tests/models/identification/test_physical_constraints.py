@@ -17,7 +17,6 @@ from seatrial.models.identification.physical_constraints import (
     unphysical,
 )
 from seatrial.models.identification.problem import Problem
-from seatrial.models.identification.structured import entries_of, structure
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.table import Vessel
 
@@ -160,28 +159,6 @@ def test_a_table_fitted_to_noise_becomes_physical(calm, identifier, name: str, s
     assert np.all(power >= -1e-5 * largest)
 
 
-def test_nearest_leaves_a_feasible_table_as_it_is(calm, identifier) -> None:
-    problem = calm.problem
-    option = identifier("ls", basis="physical", inertia_factor=None)
-    table = option.identify(problem, None).residual
-    free = entries_of(table, problem.nominal)
-    samples = option.samples(problem.training, free.nominal, problem.thruster)
-    model = structure(free, samples, problem.training.nu, FACTOR)
-    change, broken = model.nearest(table.on(free.nominal.terms).theta)
-    assert broken == ()
-    np.testing.assert_allclose(
-        free.residual(free.values + change).theta, table.on(free.nominal.terms).theta, atol=1e-8
-    )
-    worse = changed(table, "surge", "u", -200.0).on(free.nominal.terms).theta
-    repaired, broken = model.nearest(worse)
-    assert "surge.u" in broken
-    surge = free.labels.index("surge.u")
-    assert model.constraints is not None
-    assert model.constraints.violated(free.change(worse))
-    assert model.constraints.violated(repaired) == ()
-    assert free.values[surge] + repaired[surge] >= -1e-6 * free.values[surge]
-
-
 def test_unphysical_names_what_cannot_be(calm) -> None:
     nominal, nu = calm.problem.nominal, calm.problem.training.nu
     assert unphysical(nominal, nominal, nu) is None
@@ -194,17 +171,6 @@ def test_unphysical_names_what_cannot_be(calm) -> None:
     assert unphysical(light, nominal, nu) == "its inertia is not positive definite"
     coupled = changed(changed(nominal, "sway", "r_dot", 9e3), "yaw", "v_dot", 9e3)
     assert unphysical(coupled, nominal, nu) == "its inertia is not positive definite"
-
-
-def test_a_coriolis_force_does_no_work(calm, milliampere) -> None:
-    """The tied table's Coriolis forces are among the damping terms; their power vanishes."""
-    rng = np.random.default_rng(0)
-    nu = rng.standard_normal((200, 3))
-    only = replace(milliampere, theta=np.where(
-        [[str(term) in ("uv", "ur", "vr", "r^2")] for term in milliampere.terms],
-        milliampere.theta, 0.0,
-    ))  # fmt: skip
-    np.testing.assert_allclose(dissipated(only, nu), 0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(2))

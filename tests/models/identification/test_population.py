@@ -1,6 +1,5 @@
 """Many candidates in one call against one at a time; and unrealistic ones."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,7 +44,7 @@ def example(vessel, make):
         t = 0.1 * np.arange(400)[:, None]
         if name == "surge":
             return vessel("surge_nonlinear"), make.forced(30.0 * np.sin(t), ("surge",))
-        drags = {"linear surge": "u", "pushed surge": "1 u", "quadratic surge": "|u|u",
+        drags = {"linear surge": "u", "quadratic surge": "|u|u",
                  "any drag": "1 u uu |u| |u|u u^3 |u|uu"}  # fmt: skip
         if name in drags:
             names = drags[name]
@@ -56,15 +55,6 @@ def example(vessel, make):
         if name == "tumbling beluga":
             tau = np.array([20.0, 20.0, 20.0, 8.0, 10.0, 6.0]) * np.sin(t * np.arange(1.0, 7.0))
             return vessel("beluga_diagonal"), make.driven(vessel("beluga_diagonal"), tau, "rk4")
-        if name == "beluga in angles":
-            model = replace(vessel("beluga_diagonal"), attitude="euler")
-            tau = np.array([20.0, 20.0, 20.0, 1.0, 1.0, 1.0]) * np.sin(t * np.arange(1.0, 7.0))
-            return model, make.driven(model, tau, "rk4", noise=0.01)
-        if name == "beluga":
-            tau = np.array([20.0, 20.0, 20.0, 3.0, 4.0, 2.0]) * np.sin(t * np.arange(1.0, 7.0))
-            return vessel("beluga_diagonal"), make.driven(
-                vessel("beluga_diagonal"), tau, "rk4", noise=0.01
-            )
         model = vessel("milliampere")
         if name == "blown ferry":
             areas = np.diag([40.0, 60.0, 30.0])
@@ -76,32 +66,22 @@ def example(vessel, make):
     return chosen
 
 
-@pytest.mark.parametrize("metric", METRICS)
 @pytest.mark.parametrize("integrator", ["euler", "rk4"])
 @pytest.mark.parametrize(
     "name",
-    [
-        "linear surge",
-        "pushed surge",
-        "quadratic surge",
-        "surge",
-        "any drag",
-        "ferry",
-        "blown ferry",
-        pytest.param("beluga", marks=pytest.mark.slow),
-        pytest.param("beluga in angles", marks=pytest.mark.slow),
-        "tumbling beluga",
-    ],
+    ["linear surge", "quadratic surge", "any drag", "ferry", "blown ferry", "tumbling beluga"],
 )
-def test_population_equals_one_at_a_time(example, name, integrator, metric):
+def test_population_equals_one_at_a_time(example, name, integrator):
     one = predictor(*example(name), integrator, horizon=150)
     rng = np.random.default_rng(1)
     factors = rng.uniform(0.8, 1.25, (2 * WIDTH + 9, len(one.free)))
     points = one.free.values * factors
-    errors, _, realistic = one.errors(points, metric)
-    assert np.all(realistic)
-    expected = [errors_of(one.course.measured, one.deviation(point), metric) for point in points]
-    np.testing.assert_allclose(errors, expected, rtol=1e-12, atol=1e-12)
+    alone = [one.deviation(point) for point in points]
+    for metric in METRICS:
+        errors, _, realistic = one.errors(points, metric)
+        assert np.all(realistic)
+        expected = [errors_of(one.course.measured, e, metric) for e in alone]
+        np.testing.assert_allclose(errors, expected, rtol=1e-12, atol=1e-12, err_msg=metric)
 
 
 @pytest.mark.parametrize("name", ["surge", "ferry", "tumbling beluga"])
@@ -117,15 +97,6 @@ def test_states_of_many_equal_one_at_a_time(example, name):
     expected = [one.predict(point, own) for point, own in zip(points, offsets, strict=True)]
     np.testing.assert_allclose(states, expected, rtol=1e-12, atol=1e-12)
     assert np.all(np.isnan(states[4]))
-
-
-def test_limited_rates_are_counted_alike(make, signal):
-    one = predictor(make.surge(60.0, 20.0, "uu", 2.0), make.forced(signal("many_sine"), ("surge",)),
-                    "euler")  # fmt: skip
-    points = np.array([[60.0, 20.0, 2.0], [12.0, 2.0, 9.0]])
-    _, limited, _ = one.errors(points, "mae")
-    assert limited[0] == 0.0
-    assert limited[1] > 0.1
 
 
 @pytest.mark.parametrize("metric", METRICS)

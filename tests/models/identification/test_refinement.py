@@ -16,7 +16,6 @@ from seatrial.models.identification.refinement import (
     refine,
     refined_by_segments,
     segments,
-    with_smooth_angles,
 )
 from seatrial.models.identification.structured import structure
 from tests.trials import excited
@@ -47,19 +46,6 @@ def test_without_noise_the_truth_returns_from_a_perturbed_table(calm, seed: int)
     assert refined.active == ()
     inertia = [label.endswith("_dot") for label in free.labels]
     np.testing.assert_allclose(refined.change[inertia], truth[inertia], rtol=1e-3)
-
-
-def test_a_start_from_where_the_nominal_model_is_better_is_ignored(calm) -> None:
-    """An inertia of almost zero runs away; the nominal model is the start then."""
-    problem = calm.problem
-    free = parameters(problem)
-    size = np.abs(free.values)
-    predictor = segments(problem.training, free, problem.thruster, None, SEGMENT_S)
-    own, other = (
-        refine(predictor, start, WIDE * size, None)
-        for start in (-0.999 * free.values, np.zeros(len(free)))
-    )
-    np.testing.assert_array_equal(own.change, other.change)
 
 
 def test_constraints_hold_after_every_step(calm) -> None:
@@ -129,20 +115,6 @@ def test_short_segments_first_avoid_a_minimum_of_long_ones(identifier) -> None:
     ]
     assert errors[0] > 0.02
     assert errors[1] < 0.003
-
-
-def test_noise_of_the_angles_is_filtered_piece_by_piece(calm) -> None:
-    """The heading passes pi; its noise of 0.01 rad is more than halved, the rest stays."""
-    training, rng = calm.problem.training, np.random.default_rng(0)
-    eta = training.eta.copy()
-    eta[:, 2] = (training.eta[:, 2] + 0.01 * rng.standard_normal(len(eta)) + np.pi) % (2.0 * np.pi)
-    noisy = replace(training, eta=eta - np.array([0.0, 0.0, np.pi]))
-    smooth = with_smooth_angles(noisy)
-    np.testing.assert_array_equal(smooth.eta[:, :2], training.eta[:, :2])
-    error = np.angle(np.exp(1j * (smooth.eta[:, 2] - training.eta[:, 2])))
-    assert np.std(error) < 0.005
-    still = with_smooth_angles(training)
-    np.testing.assert_allclose(still.eta, training.eta, atol=1e-4)
 
 
 @pytest.mark.slow

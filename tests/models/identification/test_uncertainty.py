@@ -3,19 +3,14 @@
 import numpy as np
 import pytest
 
-from seatrial.models.identification import uncertainty
 from seatrial.models.identification.linear import fit, standard_errors
 from seatrial.models.identification.residual import Samples
 from seatrial.models.identification.uncertainty import (
-    autocovariances,
-    bandwidth,
-    bartlett_weights,
     block_bootstrap,
     clustered_covariance,
     enlargement,
     hac_variance,
     long_run_share,
-    residual_blocks,
     stationary_covariance,
     stationary_variance,
 )
@@ -30,12 +25,6 @@ def autoregression(rng: np.random.Generator, n: int, rho: float) -> np.ndarray:
     from scipy.signal import lfilter
 
     return lfilter([1.0], [1.0, -rho], rng.standard_normal(n + 500))[500:]
-
-
-def test_autocovariances_are_sums_of_products() -> None:
-    x = np.random.default_rng(0).standard_normal((40, 2))
-    direct = [[np.sum(x[: 40 - lag, k] * x[lag:, k]) for k in (0, 1)] for lag in range(40)]
-    np.testing.assert_allclose(autocovariances(x), direct, atol=1e-12)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.7, 0.95])
@@ -75,10 +64,6 @@ def test_a_slow_disturbance_in_white_noise_is_seen_by_clusters() -> None:
     assert np.mean(shares) == pytest.approx(21.0 / (1.0 + 0.05 / (1.0 - rho**2)), rel=0.25)
 
 
-def test_one_cluster_says_nothing() -> None:
-    assert np.all(clustered_covariance(np.ones((10, 2)), np.array([0])) == 0.0)
-
-
 @pytest.mark.parametrize("width", [None, 30.0])
 def test_a_covariance_has_the_variances_on_its_diagonal(width: float | None) -> None:
     """And the variance of every combination in its quadratic form."""
@@ -96,17 +81,6 @@ def test_a_covariance_has_the_variances_on_its_diagonal(width: float | None) -> 
     own = student * np.sum(sums**2, axis=0) * 10.0 / 9.0
     np.testing.assert_allclose(np.diag(clustered), own, rtol=1e-4)
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
-
-
-def test_blocks_keep_columns_together_and_are_centred() -> None:
-    rng = np.random.default_rng(0)
-    rest = np.column_stack([np.arange(100.0), -2.0 * np.arange(100.0)])
-    drawn = residual_blocks(rest, 7, rng)
-    assert drawn.shape == rest.shape
-    np.testing.assert_allclose(drawn[:, 1], -2.0 * drawn[:, 0])
-    np.testing.assert_allclose(np.mean(drawn, axis=0), 0.0, atol=1e-12)
-    steps = np.diff(drawn[:, 0])
-    assert np.mean(np.abs(steps - 1.0) < 1e-9) > 0.8
 
 
 def test_white_residuals_give_the_textbook_error(identifier, calm, rng) -> None:
@@ -159,53 +133,6 @@ def test_reported_errors_agree_with_the_spread(lap, identifier, bootstrap, capsy
         print(f"\nbootstrap {bootstrap}", *lines, sep="\n")
     assert np.all((ratio > 0.5) & (ratio < 2.0))
     assert np.all(about_mean > 0.85)
-
-
-def test_the_textbook_error_would_be_too_small(lap, identifier) -> None:
-    ls = identifier("ls", lowpass_hz=0.5, basis="physical")
-    error, reported = replicate(lap, ls, range(12))
-    problem = lap("noise", 0).problem
-    samples = ls.samples(problem.training, problem.nominal, problem.thruster)
-    found = ls.identify(problem, np.random.default_rng(0))
-    rest = samples.epsilon - samples.phi @ found.residual.theta
-    covariance = np.linalg.inv(samples.phi.T @ samples.phi)
-    rows = [[str(one) for one in samples.terms].index(name) for name in NAMES]
-    truth = np.diag(lap("noise", 0).truth.inertia)
-    textbook = np.std(rest, axis=0) * np.sqrt(np.diag(covariance)[rows]) / truth
-    assert np.all(reported.mean(axis=0) > 2.0 * textbook)
-    assert np.all(np.std(error, axis=0, ddof=1) > 1.5 * textbook)
-
-
-@pytest.mark.parametrize("lags", [1, 7, 40, 300, 3000])
-def test_few_lags_are_the_first_of_all(lags: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pieces of the record with what their samples meet: the sums of products all the same."""
-    monkeypatch.setattr(uncertainty, "PIECE", 64)
-    x = np.random.default_rng(0).standard_normal((1000, 2))
-    x[:, 1] = np.cumsum(x[:, 1])
-    whole = autocovariances(x)
-    found = autocovariances(x, lags)
-    assert len(found) == min(lags, 1000)
-    np.testing.assert_allclose(found, whole[:lags], rtol=1e-9, atol=1e-9 * np.max(whole))
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.9, -0.5])
-def test_variances_are_the_formulas_over_all_lags(rho: float) -> None:
-    """Weights end at the bandwidth: the lags beyond, which are not computed, have none."""
-    rng, n = np.random.default_rng(1), 3000
-    e = np.column_stack([autoregression(rng, n, rho), autoregression(rng, n, 0.5)])
-    gain = rng.standard_normal((n, 3))
-    widths = bandwidth(autocovariances(e, 2), n)
-    lags = np.arange(n)[:, None]
-    weights = np.clip(1.0 - lags / (widths + 1.0), 0.0, None) * np.where(lags > 0, 2.0, 1.0)
-    expected = np.array(
-        [np.sum(weights * autocovariances(e) * autocovariances(g[:, None]), axis=0) for g in gain.T]
-    )
-    np.testing.assert_allclose(stationary_variance(gain, e), expected / n, rtol=1e-9)
-    np.testing.assert_allclose(stationary_variance(gain, e[:, 0]), expected[:, 0] / n, rtol=1e-9)
-    centred = gain - np.mean(gain, axis=0)
-    every = autocovariances(centred)
-    weights = bartlett_weights(bandwidth(every, n), n)
-    np.testing.assert_allclose(hac_variance(gain), np.sum(weights * every, axis=0), rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["stationary", "hac"])

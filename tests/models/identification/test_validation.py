@@ -101,15 +101,6 @@ def test_the_time_that_a_free_run_held_is_that_of_the_exact_solution(make, signa
     assert stable.held_s() == pytest.approx(ready.course.step_s * (len(still) - 1))
 
 
-def test_restarts_lie_between_a_step_and_a_free_run(make, signal):
-    """A bias grows with the time since the restart, here 1 of 100 s."""
-    recording = make.driven(make.surge(60.0, 20.0), signal("many_sine"), integrator="rk4")
-    biased = errors(make.surge(72.0, 24.0), recording)
-    rmse = [biased[name].rmse[0] for name in ("one_step", "restarts", "free_run")]
-    assert rmse == sorted(rmse)
-    assert rmse[0] < 0.5 * rmse[1]
-
-
 def test_only_what_is_predicted_counts(make, signal):
     """Restarts at every other sample are predictions of one step, on one grid of starts.
 

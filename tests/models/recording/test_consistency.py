@@ -9,7 +9,6 @@ import pytest
 from omegaconf import OmegaConf
 from scipy.interpolate import CubicSpline
 
-from seatrial.models.recording.agreement import Agreement, lag
 from seatrial.models.recording.consistency import consistency
 from seatrial.models.recording.diagnosis import RecordingDefect
 from seatrial.models.recording.preprocessing import without_sign_flips
@@ -197,21 +196,3 @@ def test_velocity_of_something_else_is_not_trusted() -> None:
                       recording.tau, recording.attitude)  # fmt: skip
     result = consistency(other)
     assert [axis.dof for axis in result.untrusted] == ["sway"]
-
-
-def test_bounds_of_the_scale_are_those_of_both_regressions() -> None:
-    rng = np.random.default_rng(2)
-    truth = rng.normal(size=20_000)
-    x, y = truth + 0.5 * rng.normal(size=20_000), 3.0 * truth + 1.5 * rng.normal(size=20_000)
-    rho = float(np.corrcoef(x, y)[0, 1])
-    axis = Agreement("surge", "surge", rho, float(np.std(y) / np.std(x)), True)
-    slope, inverse = np.polyfit(x, y, 1)[0], 1.0 / np.polyfit(y, x, 1)[0]
-    assert axis.bounds == pytest.approx((slope, inverse), rel=1e-6)
-    assert axis.scale == pytest.approx(3.0, rel=0.01)
-
-
-def test_lag_of_a_part_of_a_sample() -> None:
-    t = np.arange(3000) * 0.1
-    signal = np.exp(-0.5 * ((t - 150.0) / 2.0) ** 2)[:, None]
-    late = np.exp(-0.5 * ((t - 150.234) / 2.0) ** 2)[:, None]
-    assert 0.1 * lag(late, signal, 50) == pytest.approx(0.234, abs=0.002)

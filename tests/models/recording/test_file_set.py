@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.models.recording.recording import Recording, blocks
+from seatrial.models.recording.recording import blocks
 from seatrial.runner.config import build_as
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
@@ -105,10 +105,6 @@ def test_more_files_than_folds_are_put_together_whole(count: int) -> None:
         assert np.sum(lengths[inside]) == cut.stop - cut.start
 
 
-def test_one_file_has_the_blocks_it_always_had() -> None:
-    assert blocks(100, 4, np.zeros(100, dtype=np.int64)) == blocks(100, 4)
-
-
 def refusal(expected: type[Exception], **options: Any) -> str:
     def split() -> None:
         excitation = reader(**options)
@@ -134,10 +130,3 @@ def test_sets_of_files_that_are_refused(runs: Path) -> None:
     message = refusal(RecordingError, train=[*one, *files(runs, "slow")])
     assert "slow.csv: recordings: got surge every 0.2 s, expected surge every 0.1 s" in message
     assert "excitation.resample_hz gives all files one sample time" in message
-
-
-def test_a_part_keeps_the_numbers_of_its_files(runs: Path) -> None:
-    recording: Recording = reader(train=[str(runs / "*.csv")]).read(("surge",))
-    part = recording.part(slice(40, 120))
-    assert part.file is not None
-    assert np.unique(part.file).tolist() == [0, 1, 2]

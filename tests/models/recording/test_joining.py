@@ -19,13 +19,6 @@ def test_straight_lines_are_joined_exactly_and_within_all_channels() -> None:
     np.testing.assert_allclose(values["y"], 1.0 - t)
 
 
-def test_samples_that_are_on_the_grid_are_kept() -> None:
-    t = 0.1 * np.arange(1001)
-    grid, values = join_channels({"x": Channel(t, np.sin(t))}, TimeGrid(10.0, 1.0))
-    assert len(grid) == 1001
-    np.testing.assert_allclose(values["x"], np.sin(t), atol=1e-12)
-
-
 def test_channels_that_do_not_overlap() -> None:
     early, late = np.linspace(0.0, 1.0, 5), np.linspace(2.0, 3.0, 5)
     channels = {"a": Channel(early, early), "b": Channel(late, late)}
@@ -84,9 +77,3 @@ def test_clocks_that_cannot_be_joined(t: list[float], message: str) -> None:
     with pytest.raises(RecordingError) as caught:
         join_channels({"x": Channel(np.array(t), np.zeros(len(t)))}, TimeGrid(1.0, 1.0))
     assert str(caught.value) == message
-
-
-def test_a_rate_far_above_that_of_the_samples_is_refused() -> None:
-    t = np.arange(10.0)
-    with pytest.raises(RecordingError, match="expected at most 100 times as many"):
-        join_channels({"x": Channel(t, t)}, TimeGrid(1e4, 2.0))

@@ -181,11 +181,3 @@ def test_velocities_differentiated_from_the_pose(
     rate = np.gradient(motion.nu, PERIOD, axis=0)[inner]
     ahead = np.sum((velocity - motion.nu)[inner] * rate, axis=0) / np.sum(rate**2, axis=0)
     np.testing.assert_array_less(np.abs(ahead), (0.02 if noise_m == 0.0 else 0.5) * PERIOD)
-
-
-def test_velocities_of_some_axes_alone_are_differentiated(tmp_path: Path, motion: Motion) -> None:
-    frame = _frame(motion).drop(columns=["r"])
-    columns = _columns(velocity=dict(zip(DOFS[:5], "uvwpq", strict=True)))
-    _, _, velocity = _read(tmp_path, frame, columns)
-    np.testing.assert_array_equal(velocity[:, :5], motion.nu[:, :5])
-    np.testing.assert_allclose(velocity[50:-50, 5], motion.nu[50:-50, 5], atol=1e-3)

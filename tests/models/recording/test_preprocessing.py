@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from seatrial.models.errors import ConfigurationError, RecordingError
@@ -20,7 +19,6 @@ from seatrial.models.recording.preprocessing import (
     interpolated,
     outliers,
     quality_checks,
-    quality_series,
     without_bias,
     without_sign_flips,
 )
@@ -49,20 +47,6 @@ def test_central_difference_is_exact_for_parabolas_and_of_second_order() -> None
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.05)
 
 
-def test_central_difference_of_two_samples() -> None:
-    np.testing.assert_allclose(central_difference(np.array([1.0, 3.0]), 0.5), [4.0, 4.0])
-
-
-def test_central_difference_commutes_with_a_zero_phase_filter() -> None:
-    """Why nu_dot may be differentiated first and low-passed later."""
-    x = np.random.default_rng(0).standard_normal(2000).cumsum()
-    sections = butter(4, 0.1, output="sos")
-    one = central_difference(sosfiltfilt(sections, x), 0.1)
-    other = sosfiltfilt(sections, central_difference(x, 0.1))
-    inside = slice(200, -200)
-    np.testing.assert_allclose(one[inside], other[inside], atol=1e-9 * np.max(np.abs(one)))
-
-
 def test_sign_flips_are_removed_and_rotations_kept() -> None:
     headings = np.linspace(0.0, 6.0 * np.pi, 200)
     smooth = scalar_first(Rotation.from_euler("z", headings[:, None]))
@@ -82,10 +66,6 @@ def test_euler_zyx_is_scipys(phi: float, theta: float, psi: float) -> None:
     assert (again * rotation.inv()).magnitude()[0] < 1e-6
     if abs(theta) < 1.5:
         np.testing.assert_allclose(angles, [[phi, theta, psi]], atol=1e-9)
-
-
-def test_euler_zyx_at_the_vertical_is_a_number() -> None:
-    assert np.all(np.isfinite(euler_zyx(np.array([[np.sqrt(0.5), 0.0, np.sqrt(0.5) + 1e-9, 0.0]]))))
 
 
 # Outliers
@@ -115,14 +95,6 @@ def test_share_of_white_noise_that_is_taken_for_outliers() -> None:
     share = np.mean(outliers(np.random.default_rng(3).standard_normal(200_000)))
     assert expected == pytest.approx(0.0187, abs=0.0002)
     assert share == pytest.approx(expected, rel=0.05)
-
-
-def test_with_itself_among_ten_no_sample_can_be_an_outlier() -> None:
-    """Why the sample is left out of its own mean: the largest possible distance is 2.85 s."""
-    ten = np.zeros(10)
-    ten[5] = 1e6
-    assert np.abs(ten[5] - np.mean(ten)) / np.std(ten, ddof=1) < 2.85
-    assert np.flatnonzero(outliers(np.append(ten, 0.0))).tolist() == [5]
 
 
 def test_constant_and_short_signals_have_no_outliers() -> None:
@@ -205,14 +177,6 @@ def test_force_of_the_thrusters_by_hand() -> None:
     np.testing.assert_allclose(thrusters().force(rpm, angle), expected, atol=1e-12)
 
 
-def test_force_turns_with_the_thrusters() -> None:
-    rng = np.random.default_rng(6)
-    rpm, angle, turn = rng.uniform(-5000, 5000, (9, 2)), rng.uniform(-3, 3, (9, 2)), 0.7
-    force, turned = thrusters().force(rpm, angle), thrusters().force(rpm, angle + turn)
-    c, s = np.cos(turn), np.sin(turn)
-    np.testing.assert_allclose(turned[:, :2], force[:, :2] @ [[c, s], [-s, c]])
-
-
 def test_what_is_wrong_with_thrusters() -> None:
     rpm = np.zeros((5, 2))
     rpm[3, 1] = 5301.0
@@ -289,31 +253,6 @@ def test_wrong_sign_and_drift_are_seen() -> None:
     assert yaw.unit == "rad"
     assert yaw.maximum == pytest.approx(0.6)
     np.testing.assert_allclose(yaw.error, -0.01 * biased.t, atol=1e-12)  # measured - calculated
-
-
-def test_one_axis_needs_no_attitude() -> None:
-    t = 0.1 * np.arange(50)
-    recording = recording_of(("surge",), 0.1, (t**2)[:, None], 2.0 * t[:, None])
-    assert max(check.maximum for check in quality_checks(recording)) < 1e-9
-
-
-def test_series_are_named_by_pose_and_velocity() -> None:
-    columns, units = quality_series(quality_checks(circle()))
-    assert list(columns) == ["x_error", "u_error", "y_error", "v_error", "psi_error", "r_error"]
-    assert units == {
-        "x_error": "m", "u_error": "m/s", "y_error": "m", "v_error": "m/s",
-        "psi_error": "rad", "r_error": "rad/s",
-    }  # fmt: skip
-    assert all(values.shape == (601,) for values in columns.values())
-
-
-def test_description() -> None:
-    (one, empty) = describe({"x": np.array([1.0, np.nan, 2.0, 6.0]), "y": np.full(4, np.nan)})
-    assert (one.name, one.count, one.mean, one.median) == ("x", 3, 3.0, 2.0)
-    assert (one.minimum, one.maximum) == (1.0, 6.0)
-    assert one.std == pytest.approx(np.sqrt(7.0))
-    assert empty.count == 0
-    assert np.isnan(empty.mean)
 
 
 def printed(path: Path) -> dict[str, list[str]]:

@@ -11,7 +11,6 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.recording import (
     Recording,
     blocked_k_fold,
-    blocks,
     by_trips,
     half,
     trips,
@@ -79,19 +78,6 @@ def test_too_short_a_recording_is_refused() -> None:
         make(1)
 
 
-def test_shapes_are_checked() -> None:
-    with pytest.raises(RecordingError, match=r"nu: got shape \(3, 1\), expected \(4, 1\)"):
-        Recording(
-            ("surge",), np.arange(4.0), np.zeros((4, 1)), np.zeros((3, 1)), np.zeros((4, 1)),
-            np.zeros((4, 1)), np.zeros((4, 3)),
-        )  # fmt: skip
-
-
-def test_blocks_cover_everything_once() -> None:
-    covered = np.concatenate([np.arange(100)[block] for block in blocks(100, 6)])
-    np.testing.assert_array_equal(covered, np.arange(100))
-
-
 def test_a_piece_starts_after_every_gap() -> None:
     recording = make(40)
     np.testing.assert_array_equal(np.flatnonzero(recording.piece_starts), [0])
@@ -109,22 +95,6 @@ def test_a_command_is_held_and_an_acting_force_runs_straight() -> None:
     np.testing.assert_array_equal(
         acting[..., 0], [[1.0, 2.0, 3.0], [3.0, 2.5, 2.0], [2.0, 3.5, 5.0], [5.0, 5.0, 5.0]]
     )
-
-
-def test_half() -> None:
-    split = half(7)
-    np.testing.assert_array_equal(np.flatnonzero(split.train), [0, 1, 2, 3])
-    np.testing.assert_array_equal(np.flatnonzero(split.test), [4, 5, 6])
-    assert np.sum(half(10, 0.3).train) == 3  # 0.3 * 10 is a little more than 3
-
-
-def test_trips_of_jervan_5_3() -> None:
-    """Four trips of 1000 s: 1 and 3 for training, 2 and 4 for testing."""
-    t = np.arange(-50.0, 4000.0, 10.0)
-    trip = trips(t, [0.0, 1000.0, 2000.0, 3000.0])
-    split = by_trips(trip, (1, 3))
-    np.testing.assert_array_equal(split.train, (t >= 0.0) & (t // 1000.0 % 2 == 0))
-    np.testing.assert_array_equal(split.test, (t >= 0.0) & (t // 1000.0 % 2 == 1))
 
 
 @given(st.integers(4, 80), st.integers(2, 4))

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import pytest
 
 from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.excitation.guidance import ReferenceFilter
@@ -12,11 +11,10 @@ from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.derivatives import derivative_table, from_derivatives
+from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.kinematics import in_body
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.weather.disturbance import Disturbance
 from seatrial.models.weather.weather import Weather
 from seatrial.models.weather.wind import Windage
 
@@ -132,41 +130,3 @@ def test_an_anemometer_sees_the_wind_in_body_axes(milliampere: Vessel) -> None:
     residual = plant.inverse(recording.nu_dot, recording.nu, recording.attitude, recording.wind)
     np.testing.assert_allclose(residual, np.tile([0.0, 0.0, 200.0], (300, 1)), atol=1e-8)
     assert recording_of(push(plant, still(3.0), 3.0, np.zeros(3)), still(3.0)).wind is None
-
-
-def test_air_at_rest_brakes(milliampere: Vessel) -> None:
-    air = derivative_table("air", PLANAR, {"X_V_qu_q": -500.0})
-    force = np.array([200.0, 0.0, 0.0])
-    free = push(milliampere, still(100.0), 100.0, force)
-    braked = push(milliampere + air, still(100.0), 100.0, force)
-    assert braked.log.nu[-1, 0] < 0.9 * free.log.nu[-1, 0]
-
-
-def test_process_noise_accelerates(milliampere: Vessel) -> None:
-    weather = still(10.0)
-    weather = weather._replace(process=np.tile([0.01, 0.0, 0.0], (100, 1)))
-    voyage = push(milliampere, weather, 10.0, np.zeros(3))
-    assert voyage.log.nu_dot[0, 0] == pytest.approx(0.01)
-    assert 0.0 < voyage.log.nu[-1, 0] < 0.1
-
-
-def test_parts_of_a_case_do_not_change_each_other() -> None:
-    from seatrial.models.weather.current import Current
-    from seatrial.models.weather.waves import Waves
-
-    current = Current(0.2, 30.0, "slow", 0.05, 100.0, 1.0)
-    waves = Waves(0.1, 1.0, 6.0, 0.1)
-
-    def realise(case: Disturbance) -> Weather:
-        return case.realise(
-            50, PLANAR, np.random.default_rng(1), np.random.default_rng(2), PERIOD_S
-        )
-
-    alone, both = (
-        realise(Disturbance(current=current)),
-        realise(Disturbance(current=current, waves=waves)),
-    )
-    np.testing.assert_array_equal(alone.current_ned, both.current_ned)
-    np.testing.assert_array_equal(both.pose_noise, both.wave_motion)
-    assert not len(alone.wave_motion)
-    assert len(both.wind_ned) == 0

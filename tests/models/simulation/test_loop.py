@@ -7,7 +7,6 @@ import pytest
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.controller import Controller, Model
-from seatrial.models.control.lqi import LqiTable
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import Watch
 from seatrial.models.simulation.registry import CONTROLLERS
@@ -75,17 +74,6 @@ def test_the_loop_in_python_is_the_compiled_loop() -> None:
     ]
     for compiled, readable in zip(*logs, strict=True):
         np.testing.assert_array_equal(compiled, readable)
-
-
-def test_a_whole_controller_in_python_is_its_compiled_self(monkeypatch: Any) -> None:
-    met = weather(400, wind_ned=steady(400, 8.0, 2.0))
-    compiled, _ = voyage(lqi(), appendix_k(400), met=met)
-    step: Any = CONTROLLERS[LqiTable]
-    monkeypatch.setitem(CONTROLLERS, LqiTable, lambda *signals: step(*signals))
-    readable, _ = voyage(lqi(), appendix_k(400), met=met)
-    np.testing.assert_array_equal(compiled.log.eta, readable.log.eta)
-    assert len(readable.step_times) == 400
-    assert np.all(readable.step_times > 0.0)
 
 
 def test_a_command_that_is_no_number_is_held_and_logged(table: type) -> None:

@@ -92,14 +92,6 @@ def test_the_loop_of_a_spiral_is_where_the_rate_jumps() -> None:
     assert manoeuvre_of(spiral_track(stable, helms)) == "spiral"
 
 
-def test_the_loop_does_not_depend_on_the_sign_of_the_helm() -> None:
-    there = np.arange(15.0, -16.0, -2.5)
-    helms = np.concatenate([there, there[-2::-1]])
-    plain = spiral_track({"gain": 0.05, "jump": 0.01, "fold_deg": 4.0}, helms)
-    other = Track(plain.t, plain.north, plain.east, plain.psi, -plain.helm, plain.speed, 10.0)
-    assert spiral(other) == spiral(plain)
-
-
 def test_a_reverse_spiral_shows_the_fold() -> None:
     """delta = -a r + b r^3 is folded between -r_f and r_f, r_f^2 = a / (3 b)."""
     a, b, hold = 2.0, 4000.0, 100.0

@@ -11,15 +11,11 @@ import pytest
 
 from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.models.excitation.guidance import LineOfSight, ReferenceFilter
+from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import (
-    CONTROLLERS,
-    GUIDANCE,
     Timetable,
-    control_step,
-    guide_step,
 )
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.basis import Array
@@ -29,7 +25,6 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.disturbance import ConstantForce, Disturbance
 from seatrial.models.weather.noise import MeasurementNoise
-from seatrial.models.weather.weather import Weather
 
 CALM = Disturbance(noise=None, force=None)
 FILTER = ReferenceFilter(bandwidth_rad_s=0.5, damping=0.7)
@@ -159,25 +154,6 @@ def test_the_log_equals_the_readable_equations(milliampere: Vessel) -> None:
     )
 
 
-def test_python_and_compiled_loop_agree(milliampere: Vessel) -> None:
-    pid = PidFeedforward((100.0, 550.0, 940.0), (30.0, 30.0, 10.0), (850.0, 890.0, 1850.0))
-    rng = np.random.default_rng(3)
-    for _ in range(5):
-        eta, nu, eta_d, nu_d, acc = rng.normal(size=(5, 3))
-        results = []
-        for step in (control_step, _readable_pid):
-            parameters, state = pid.build(milliampere, 0.1)
-            tau, tau_fb = np.empty(3), np.empty(3)
-            for _ in range(3):
-                step(parameters, state, eta, nu, eta_d, nu_d, acc, tau, tau_fb)
-            results.append(np.concatenate([tau, tau_fb, state]))
-        np.testing.assert_allclose(results[0], results[1], rtol=1e-12, atol=1e-9)
-
-
-def _readable_pid(parameters, state, *signals) -> None:  # type: ignore[no-untyped-def]
-    CONTROLLERS[type(parameters)].py_func(parameters, state, *signals)  # type: ignore[attr-defined]
-
-
 def short_voyage() -> list[Array]:
     """The log of a ferry's few seconds in wind, with thrusters that lag."""
     ferry = from_derivatives(
@@ -198,18 +174,6 @@ def test_the_loop_without_a_compiler_is_the_compiled_loop() -> None:
     )  # fmt: skip
     for compiled, readable in zip(short_voyage(), pickle.loads(done.stdout), strict=True):
         np.testing.assert_allclose(compiled, readable, rtol=1e-12, atol=1e-12)
-
-
-def test_line_of_sight_in_python_equals_the_compiled_step() -> None:
-    sight = LineOfSight(((0.0, 0.0), (40.0, 0.0), (70.0, 25.0)), 6.0)
-    for eta in np.random.default_rng(0).uniform(-5.0, 60.0, size=(20, 3)):
-        results = []
-        for step in (guide_step, GUIDANCE[type(sight.build(np.zeros(3))[0])].py_func):  # type: ignore[attr-defined]
-            parameters, state = sight.build(np.zeros(3))
-            setpoint = np.empty(3)
-            step(parameters, state, 0, eta, setpoint)
-            results.append(np.concatenate([setpoint, state]))
-        np.testing.assert_allclose(results[0], results[1], rtol=1e-13)
 
 
 def test_a_run_away_is_told_with_its_time() -> None:
@@ -241,13 +205,3 @@ def test_noise_is_measured_but_not_sailed_without_feedback(milliampere: Vessel) 
     np.testing.assert_allclose(spread, [0.02, 0.02, np.radians(0.2)], rtol=0.05)
     spread = np.std(noisy.log.nu_measured - noisy.log.nu, axis=0)
     np.testing.assert_allclose(spread, [0.05, 0.05, np.radians(0.2)], rtol=0.05)
-
-
-def test_the_same_seed_is_the_same_weather() -> None:
-    noise = Disturbance(MeasurementNoise(0.02, 0.2, 0.05, 0.2, 0.01, 0.1), None)
-    first, again, other = (
-        noise.realise(50, PLANAR, np.random.default_rng(seed)) for seed in (1, 1, 2)
-    )
-    assert isinstance(first, Weather)
-    np.testing.assert_array_equal(first.pose_noise, again.pose_noise)
-    assert not np.array_equal(first.pose_noise, other.pose_noise)

@@ -176,21 +176,6 @@ def test_what_no_input_reaches_and_no_output_shows_is_counted_out() -> None:
     assert model.transformed(T).controllable_order == 3
 
 
-def test_stability_in_discrete_and_continuous_time() -> None:
-    decaying = StateSpace(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), None)
-    assert decaying.stable
-    assert decaying.discretised(0.1).stable
-    integrator = replace(decaying, A=np.zeros((1, 1)))
-    assert not integrator.stable
-    assert not integrator.discretised(0.1).stable
-    assert integrator.discretised(0.1).spectral_radius == pytest.approx(1.0)
-
-
-def test_eigenvalues_come_largest_first() -> None:
-    model = StateSpace(np.diag([0.2, -0.9, 0.5]), np.eye(3), np.eye(3), np.zeros((3, 3)), 1.0)
-    np.testing.assert_allclose(model.eigenvalues, [-0.9, 0.5, 0.2])
-
-
 def test_wrong_shapes_and_uses_are_refused() -> None:
     model = random_model(0)
     with pytest.raises(ConfigurationError, match=r"B: got shape \(3, 2\), expected \(4, 2\)"):

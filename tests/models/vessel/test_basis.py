@@ -101,16 +101,6 @@ def test_the_canonical_name_is_the_same_function(
     assert basis.term(one.name) == one
 
 
-def test_compiled_features_equal_the_readable_ones() -> None:
-    codes = basis.codes(basis.full_basis(("surge", "sway", "yaw")))
-    z = basis.magnify(np.random.default_rng(1).normal(size=N_VARIABLES))
-    readable, compiled = np.empty(len(codes)), np.empty(len(codes))
-    basis.features(codes, z, readable)
-    basis.features_kernel(codes, z, compiled)
-    np.testing.assert_array_equal(readable, compiled)
-    np.testing.assert_array_equal(readable, np.prod(z[codes], axis=1))
-
-
 def test_variables_stand_where_their_names_say() -> None:
     nu_dot, nu = np.array([[1.0, 2.0, 3.0]]), np.array([[4.0, 5.0, 6.0]])
     x = basis.variables(nu_dot, nu, np.array([[0.1, 0.2, 0.3]]), ("surge", "sway", "yaw"))[0]

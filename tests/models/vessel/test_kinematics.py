@@ -10,7 +10,6 @@ from seatrial.models.vessel.kinematics import (
     reference_in_body,
     reference_in_body_kernel,
     rotation,
-    unroll,
     wrap,
 )
 
@@ -47,12 +46,6 @@ def test_wrapping_keeps_the_direction(angle: float) -> None:
     assert -np.pi < wrapped <= np.pi
     assert np.cos(wrapped) == pytest.approx(np.cos(angle), abs=1e-9)
     assert np.sin(wrapped) == pytest.approx(np.sin(angle), abs=1e-9)
-
-
-def test_unrolled_headings_do_not_jump() -> None:
-    headings = np.linspace(0.0, 30.0, 300)
-    wrapped = np.array([wrap(h) for h in headings])
-    np.testing.assert_allclose(unroll(wrapped), headings, atol=1e-9)
 
 
 @pytest.mark.parametrize("reference", [reference_in_body, reference_in_body_kernel])

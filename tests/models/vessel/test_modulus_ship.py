@@ -47,13 +47,6 @@ def test_wind_has_a_relative_velocity_of_its_own(nu: np.ndarray, wind: np.ndarra
     np.testing.assert_allclose(needed(table, nu, wind), expected, atol=1e-9)
 
 
-@given(motions)
-def test_damping_takes_energy_out_of_every_motion(nu: np.ndarray) -> None:
-    """As its YAML says; Coriolis does no work."""
-    force = needed(composed("vessel=modulus_ship", "disturbance=wind").vessel.nominal(), nu)
-    assert nu @ force >= -1e-12
-
-
 def test_process_noise_is_sized_by_the_ship() -> None:
     process = composed("vessel=modulus_ship", "disturbance=process").disturbance.process
     assert isinstance(process, ProcessNoise)

@@ -19,7 +19,6 @@ from seatrial.models.vessel.thruster import (
     SecondOrderLag,
     acting_force,
     no_lag,
-    step_lag,
 )
 from seatrial.models.weather.weather import Weather
 
@@ -38,24 +37,6 @@ def test_without_lag_the_force_is_the_command_of_the_sample_before() -> None:
     np.testing.assert_array_equal(forces[0], 0.0)
     np.testing.assert_array_equal(forces[1:], commands[:-1])
     assert np.all(no_lag(3).direct)
-
-
-def test_compiled_step_equals_the_readable_one() -> None:
-    lag = SecondOrderLag(2.0, 0.8).table(0.1, 2)
-    commands = np.random.default_rng(1).normal(size=(30, 2))
-    state, forces = np.zeros((2, 2)), []
-    for command in commands:
-        forces.append(state[:, 0].copy())
-        step_lag(lag, state, command)
-    np.testing.assert_allclose(
-        acting_force(SecondOrderLag(2.0, 0.8), commands, 0.1), forces, rtol=1e-13, atol=1e-15
-    )
-
-
-@pytest.mark.parametrize("options", [(0.0, 0.8), (2.0, -1.0)])
-def test_ranges(options: tuple[float, float]) -> None:
-    with pytest.raises(ConfigurationError, match="must be positive, got"):
-        SecondOrderLag(*options)
 
 
 @pytest.mark.parametrize("period", [0.01, 0.1, 0.5])

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -17,7 +16,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from tests.models.vessel.oracles import columns, constants, oracle
-from tests.trials import CONF, FORCED, STEERED
+from tests.trials import FORCED, STEERED
 
 motions = arrays(np.float64, 3, elements=st.floats(-2.0, 2.0))
 # A fraction of random motions at which the damping creates energy: none, but for CyberShip II,
@@ -96,16 +95,6 @@ def test_cybership_is_the_printed_model(nu: Array, nu_dot: Array) -> None:
     D = np.array([[d_11, 0.0, 0.0], [0.0, d_22, d_23], [0.0, d_32, d_33]])
     force = parameters_of("cybership2").nominal().inverse(nu_dot[None], nu[None])[0]
     np.testing.assert_allclose(force, M @ nu_dot + C @ nu + D @ nu, rtol=1e-12, atol=1e-12)
-
-
-def test_a_ship_from_a_paper_takes_few_lines() -> None:
-    """Inertia, derivatives and length; every gain, weight and level is derived."""
-    text = (CONF / "vessel" / "cybership2.yaml").read_text()
-    assert len(text.splitlines()) <= 25
-    node = yaml.safe_load(text)
-    assert set(node) == {
-        "_target_", "name", "dofs", "sources", "inertia", "derivatives", "length_m",
-    }  # fmt: skip
 
 
 # Motions for which coefficients of manoeuvring are measured: drift angle [rad], r' = r L / U, and

@@ -90,13 +90,6 @@ def test_a_modulus_model_of_the_wind_is_a_table_too() -> None:
     np.testing.assert_allclose(force_of(blowing, np.pi / 2), [18.0, 0.0, 0.0], atol=1e-9)
 
 
-def test_coefficients_of_the_windage_have_units() -> None:
-    table = SUPPLY.table(PLANAR)
-    assert [one.name for one in table.terms] == ["V_qu_q", "V_qv_q", "u_qv_q"]
-    assert [table.unit(one, "surge") for one in table.terms] == ["kg/m"] * 3
-    assert table.unit(table.terms[2], "yaw") == "kg"
-
-
 def test_the_wind_scale_is_the_printed_one() -> None:
     """Bargouth (2022), Table 2.1; the last class is only bounded from below."""
     printed = "0.5 1.8 1.9 3.3 3.4 5.4 5.5 7.9 8.0 11.0 11.1 14.1 14.2 17.2 17.3 20.8 20.9 24.4 "
