@@ -17,7 +17,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.runner import database
-from seatrial.runner.database.passwords import refuse_passwords
+from seatrial.runner.database.terminal import refuse_passwords
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:  # what is slow to import

@@ -142,7 +142,8 @@ def _offsets(
         return ()
     poses = np.column_stack([recording.eta, recording.nu])
     names = [f"pose {dof}" for dof in recording.dofs] + list(velocities_of(recording.dofs))
-    origin = _origin(sources, columns)
+    start = first_time(sources, columns)
+    origin = start if start > EPOCH_S else 0.0  # zero in the recording, where times are dates
     found = []
     for source in sources.values():
         try:
@@ -161,12 +162,6 @@ def _offsets(
         if best is not None:
             found.append(best)
     return tuple(found)
-
-
-def _origin(sources: Mapping[str, Source], columns: ColumnMap) -> float:
-    """The time that is zero in the recording, where times are dates."""
-    start = first_time(sources, columns)
-    return start if start > EPOCH_S else 0.0
 
 
 def signals(source: Source) -> dict[str, Array]:

@@ -170,7 +170,9 @@ def sail(
     n, n_dof = weather.force_ned.shape
     h = period_s / substeps
     positioning = plant.allocation if isinstance(plant.allocation, DeviceAllocation) else None
-    log = _empty_log(n, n_dof, len(plant.inputs) or n_dof, positioning is not None)
+    devices = COMMANDED if positioning is None else ALLOTTED
+    widths = [len(plant.inputs) or n_dof if key in devices else n_dof for key in Log._fields]
+    log = Log(*(np.zeros((n, width)) for width in widths))
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
     kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
@@ -191,13 +193,6 @@ def sail(
     return Voyage(
         t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]), names, positioning
     )
-
-
-def _empty_log(n: int, n_dof: int, n_commands: int, positioned: bool) -> Log:
-    """A log of n instants; what is commanded has `n_commands` columns, or is a force."""
-    inputs = ALLOTTED if positioned else COMMANDED
-    columns = {name: n_commands if name in inputs else n_dof for name in Log._fields}
-    return Log(**{name: np.zeros((n, count)) for name, count in columns.items()})
 
 
 def _lag(plant: Plant, step_s: float) -> LagTable:

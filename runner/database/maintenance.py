@@ -46,7 +46,8 @@ def verify(connection: Connection, results_dir: Path) -> Verification:
     try:
         problems += _damage(connection)
         problems += _lost_parents(connection)
-        counts = [_count(connection, table) for table in (RunRow, SeriesRow)]
+        tables = (RunRow, SeriesRow)
+        counts = [connection.scalar(select(func.count()).select_from(t)) or 0 for t in tables]
         damaged = list(_damaged_tables(connection))
         problems += damaged
         if damaged:
@@ -58,10 +59,6 @@ def verify(connection: Connection, results_dir: Path) -> Verification:
     except DatabaseError as error:
         problems.append(LogbookDefect("database", one_line(error)))
     return Verification(counts[0], counts[1], problems, leftover_files)
-
-
-def _count(connection: Connection, table: type[Base]) -> int:
-    return connection.scalar(select(func.count()).select_from(table)) or 0
 
 
 def _damage(connection: Connection) -> Iterator[LogbookDefect]:

@@ -155,7 +155,9 @@ def predictions(
             continue
         if spread is None:
             spread = predictor.mean_motion()
-            predicted.metrics.extend(_mean_motion(spread, problem.validation.dofs))
+            for horizon in HORIZONS:
+                rows = _errors("mean_motion", horizon, spread, problem.validation.dofs)
+                predicted.metrics.extend(rows)
         rows = _predictions(model, predictor, spread, problem.validation.dofs)
         predicted.metrics.extend(rows)
         predicted.free_runs[model] = predictor.motion()
@@ -198,10 +200,6 @@ def _errors(model: str, horizon: str, rmse: Array, dofs: tuple[str, ...]) -> lis
         for quantity, half in zip(QUANTITIES, np.split(rmse, 2), strict=True)
         for row in per_dof(f"{quantity}_rmse_{horizon}", "validation", model, dofs, half)
     ]
-
-
-def _mean_motion(spread: Array, dofs: tuple[str, ...]) -> list[Metric]:
-    return [row for horizon in HORIZONS for row in _errors("mean_motion", horizon, spread, dofs)]
 
 
 def _without_prediction(model: str, dofs: tuple[str, ...], limited: float) -> list[Metric]:

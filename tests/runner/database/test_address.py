@@ -15,8 +15,8 @@ from seatrial.runner.compare.__main__ import run as compare
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.engine import file_url, parse
-from seatrial.runner.database.passwords import refuse_passwords
 from seatrial.runner.database.tables import Base
+from seatrial.runner.database.terminal import refuse_passwords
 from tests.runner.command import Command
 from tests.runner.database.samples import make_results, make_start
 from tests.runner.postgres import PASSWORD, Postgres
