@@ -1,6 +1,7 @@
 """What `seatrial data check` reports of a recording."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -73,7 +74,10 @@ class Report:
 
 def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap) -> Report:
     """Examine a recording by a map; what cannot be read is said, the rest is reported."""
-    samplings = _samplings(sources, columns)
+    samplings: dict[str, Sampling] = {}
+    for name, source in sources.items():
+        with suppress(ConfigurationError, RecordingError):
+            samplings[name] = sampling(seconds(source, as_column(columns.time)))
     turning = "yaw" in columns.position  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.velocity or (dof == "yaw" and turning))
     used = {name: known for name, known in samplings.items() if _is_used(name, sources, columns)}
@@ -106,16 +110,6 @@ def _holds(sources: Mapping[str, Source], spec: Column, name: str) -> bool:
         return column(sources, spec.name)[0].name == name
     except RecordingError:
         return False
-
-
-def _samplings(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Sampling]:
-    result = {}
-    for name, source in sources.items():
-        try:
-            result[name] = sampling(seconds(source, as_column(columns.time)))
-        except (ConfigurationError, RecordingError):
-            continue
-    return result
 
 
 def _ranges(recording: Recording) -> tuple[SignalRange, ...]:

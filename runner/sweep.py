@@ -337,9 +337,11 @@ def begin_sweep(
     arguments: Sequence[str],
     planned: int,
 ) -> int:
-    """Store the start of a sweep with its labels; returns its id."""
+    """Store the start of a sweep with its labels, or the experiment's name; returns its id."""
+    prefix = "experiment="
+    experiments = [text.removeprefix(prefix) for text in arguments if prefix in text]
     return logbook.begin_sweep(
-        labels.name or _sweep_name(arguments),
+        labels.name or (experiments or ["sweep"])[-1],
         provenance.command,
         arguments,
         planned,
@@ -422,10 +424,3 @@ def _factors(jobs: Sequence[Sequence[str]]) -> list[str]:
             key, _, value = override.partition("=")
             values.setdefault(key.lstrip("+"), set()).add(value)
     return [key for key, levels in values.items() if len(levels) > 1 and key != "seed"]
-
-
-def _sweep_name(arguments: Sequence[str]) -> str:
-    """Return the name of the experiment, or `sweep` if there is none."""
-    prefix = "experiment="
-    experiments = [text.removeprefix(prefix) for text in arguments if prefix in text]
-    return experiments[-1] if experiments else "sweep"

@@ -13,10 +13,7 @@ from pathlib import Path
 from sqlalchemy import (
     ColumnElement,
     Connection,
-    ForeignKeyConstraint,
     Row,
-    Select,
-    Table,
     and_,
     delete,
     func,
@@ -83,16 +80,12 @@ def _lost_parents(connection: Connection) -> Iterator[LogbookDefect]:
     """Find rows that refer to a missing run or sweep."""
     for table in Base.metadata.sorted_tables:
         for key in table.foreign_key_constraints:
-            count = connection.scalar(_without_parent(table, key))
-            if count:
-                parent = key.referred_table.name
-                yield LogbookDefect(f"table {table.name}", f"{count} rows refer to no {parent}")
-
-
-def _without_parent(table: Table, key: ForeignKeyConstraint) -> Select[int]:
-    (column,), parent = key.columns, key.referred_table
-    parent_row = select(parent.c.id).where(parent.c.id == column).exists()
-    return select(func.count()).select_from(table).where(column.is_not(None), ~parent_row)
+            (column,), parent = key.columns, key.referred_table
+            there = select(parent.c.id).where(parent.c.id == column).exists()
+            query = select(func.count()).select_from(table).where(column.is_not(None), ~there)
+            if count := connection.scalar(query):
+                problem = f"{count} rows refer to no {parent.name}"
+                yield LogbookDefect(f"table {table.name}", problem)
 
 
 def _wrong_file(row: Row[*tuple[object, ...]], results_dir: Path) -> LogbookDefect | None:
