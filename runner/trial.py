@@ -146,11 +146,6 @@ def _check_commands(trial: Trial) -> None:
             raise ConfigurationError(
                 f"{group}={trial.names[group]}: {vessel.name} {takes}, which it does not give"
             )
-    _check_agreement(trial)
-
-
-def _check_agreement(trial: Trial) -> None:
-    """Check that a controller commands what the missions that it sails are commanded by."""
     controller = trial.controller
     for group in ("excitation", "evaluation"):
         mission = getattr(trial, group)
