@@ -12,12 +12,7 @@ import typer
 
 from seatrial.models.errors import SeatrialError
 from seatrial.runner import in_process, search_path
-from seatrial.runner.compare.benchmark.cells import (
-    BenchmarkTrial,
-    cells,
-    entrants_of,
-    lacking,
-)
+from seatrial.runner.compare.benchmark.cells import BenchmarkTrial, cells, entrants_of, lacking
 from seatrial.runner.compare.benchmark.task import DATA_FOLDER, GROUP, VARIABLE, located, task_of
 from seatrial.runner.console import terminal_view
 from seatrial.runner.invocation import trial_program

@@ -249,11 +249,7 @@ def _substeps(period_s: float, step_s: float) -> int:
 
 
 def _loop(
-    steps: Sequence[Callable[..., None]],
-    plant: Plant,
-    watch: Watch | None,
-    n: int,
-    period_s: float,
+    steps: Sequence[Callable[..., None]], plant: Plant, watch: Watch | None, n: int, period_s: float
 ) -> tuple[Callable[..., int], list[int]]:
     """The loop, in Python if one of its steps is, and the instants at which it is interrupted.
 

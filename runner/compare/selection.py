@@ -271,12 +271,7 @@ def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
     models = list(request.models)
     if models and "model" in request.baseline:
         models.append(request.baseline["model"])
-    return {
-        "metric": request.names,
-        "dof": request.dofs,
-        "stage": request.stages,
-        "model": models,
-    }
+    return {"metric": request.names, "dof": request.dofs, "stage": request.stages, "model": models}
 
 
 def _check_names(results: Queries, request: TableRequest, names: set[str]) -> None:

@@ -7,10 +7,7 @@ import numpy as np
 from seatrial.models.identification.problem import Identified
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.table import (
-    Vessel,
-    coefficient_unit,
-)
+from seatrial.models.vessel.table import Vessel, coefficient_unit
 from seatrial.runner.record.rows import Coefficient
 
 

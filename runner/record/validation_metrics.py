@@ -7,12 +7,7 @@ import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.problem import (
-    Identified,
-    Problem,
-    lack_of_fit,
-    reference_force,
-)
+from seatrial.models.identification.problem import Identified, Problem, lack_of_fit, reference_force
 from seatrial.models.identification.validation import (
     HORIZONS,
     Ahead,
@@ -127,10 +122,7 @@ class Predictions:
 
 
 def predictions(
-    problem: Problem,
-    identified: Identified,
-    truth: Vessel | None,
-    horizons_s: Sequence[float] = (),
+    problem: Problem, identified: Identified, truth: Vessel | None, horizons_s: Sequence[float] = ()
 ) -> Predictions:
     """Compute errors and scores of the predictions of every model on the held-out part.
 

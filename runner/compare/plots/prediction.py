@@ -74,10 +74,7 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
     )
     axes.set_ylabel(with_unit(dof.capitalize(), series.units[dof]))
     axes.margins(x=0)
-    beside(
-        axes,
-        [(_end(v), f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines[1:]],
-    )
+    beside(axes, [(_end(v), f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines[1:]])
 
 
 def _end(values: Sample) -> float:
