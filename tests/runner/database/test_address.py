@@ -112,7 +112,8 @@ def test_a_server_that_refuses_is_told_in_one_line(
 def test_postgresql_without_its_package_says_what_to_install() -> None:
     code = (
         "import sys; sys.modules['psycopg'] = None;"
-        "from seatrial.runner.database import Logbook; Logbook.read('postgresql://host/db')"
+        "from seatrial.runner.database import LogbookWriter;"
+        "LogbookWriter.read('postgresql://host/db')"
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (

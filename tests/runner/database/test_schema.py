@@ -133,8 +133,8 @@ def test_an_empty_file_becomes_a_logbook(tmp_path: Path) -> None:
 def test_opening_a_logbook_imports_nothing_heavy(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path}/results.db"
     code = (
-        "import sys; from pathlib import Path; from seatrial.runner.database import Logbook;"
-        f"Logbook.open({url!r}, results_dir=Path({str(tmp_path)!r})).close();"
+        "import sys; from pathlib import Path; from seatrial.runner.database import LogbookWriter;"
+        f"LogbookWriter.open({url!r}, results_dir=Path({str(tmp_path)!r})).close();"
         # pyarrow itself is there at once, and its library when it is used
         "print({'alembic', 'pyarrow.lib', 'psycopg', 'pandas'} & sys.modules.keys())"
     )
