@@ -170,9 +170,7 @@ def sail(
     n, n_dof = weather.force_ned.shape
     h = period_s / substeps
     positioning = plant.allocation if isinstance(plant.allocation, DeviceAllocation) else None
-    devices = COMMANDED if positioning is None else ALLOTTED
-    widths = [len(plant.inputs) or n_dof if key in devices else n_dof for key in Log._fields]
-    log = Log(*(np.zeros((n, width)) for width in widths))
+    log = _empty_log(n, n_dof, len(plant.inputs) or n_dof, positioning is not None)
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
     kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
@@ -193,6 +191,12 @@ def sail(
     return Voyage(
         t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]), names, positioning
     )
+
+
+def _empty_log(n: int, n_dof: int, n_commands: int, positioned: bool) -> Log:
+    """A log of n instants; what is commanded has `n_commands` columns, or is a force."""
+    inputs = ALLOTTED if positioned else COMMANDED
+    return Log(*(np.zeros((n, n_commands if k in inputs else n_dof)) for k in Log._fields))
 
 
 def _lag(plant: Plant, step_s: float) -> LagTable:
