@@ -24,12 +24,7 @@ from scipy.stats import binomtest
 from docs.pages.markdown import table
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
-from seatrial.models.identification.problem import (
-    Identified,
-    Identifier,
-    Problem,
-    with_interval,
-)
+from seatrial.models.identification.problem import Identified, Identifier, Problem, with_interval
 from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel

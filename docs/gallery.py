@@ -92,8 +92,7 @@ ENTRIES: Mapping[str, Entry] = {
         f"--database {BENCHMARK}/results.db",
     ),
     "controllers": Entry(
-        "positioning",
-        "With a preview the vessel begins to move before the set-point does.",
+        "positioning", "With a preview the vessel begins to move before the set-point does."
     ),
     "errors": Entry("ferry", "Tracking errors of the nominal and of the identified model."),
     "excitation": Entry("mix", "Where the spectrum is empty, nothing is learnt about the vessel."),
@@ -113,10 +112,7 @@ ENTRIES: Mapping[str, Entry] = {
         "The measured velocity integrated, beside the measured position: a sensor that"
         " contradicts another one shows here, before any identification.",
     ),
-    "residual": Entry(
-        "ferry",
-        "What the model leaves of the force should look like noise.",
-    ),
+    "residual": Entry("ferry", "What the model leaves of the force should look like noise."),
     "response": Entry("positioning", "Pose, command and limits of one run."),
     "search": Entry("search", "The best so far, and what was tried."),
     "spectrum": Entry("subspace", "The order is where the singular values fall off."),

@@ -113,9 +113,15 @@ def _announce() -> None:
     log.info("compiling (first run on this machine)")
 
 
-def kernel(function: F) -> F:
+def kernel(function: F, **options: bool) -> F:
     """Compile `function` for arrays and numbers; `.py_func` stays the readable equation."""
-    return _compile(function)
+    if numba_config.DISABLE_JIT:
+        return function
+    cache_folder()  # named now: the sources may change before the function is compiled
+    targetoptions = {"nopython": True, "error_model": "numpy", "boundscheck": None, **options}
+    compiled: Any = CPUDispatcher(function, targetoptions=targetoptions)
+    compiled._cache = _Cache(cast(FunctionType, function), options)
+    return cast(F, compiled)
 
 
 def lean_kernel(function: F) -> F:
@@ -124,7 +130,7 @@ def lean_kernel(function: F) -> F:
     Reference counting for the arrays of a parameter tuple takes five times as long as the
     arithmetic of a vessel's right-hand side (310 ns against 48 ns measured).
     """
-    return _compile(function, **LEAN)
+    return kernel(function, **LEAN)
 
 
 def tuple_of(numba_type: object) -> type:
@@ -142,13 +148,3 @@ def is_compiled(function: Callable[..., object]) -> bool:
 def in_python(function: F) -> F:
     """The Python function behind a kernel; a function that is not compiled is returned as it is."""
     return cast(F, function.py_func) if isinstance(function, Dispatcher) else function
-
-
-def _compile(function: F, **options: bool) -> F:
-    if numba_config.DISABLE_JIT:
-        return function
-    cache_folder()  # named now: the sources may change before the function is compiled
-    targetoptions = {"nopython": True, "error_model": "numpy", "boundscheck": None, **options}
-    compiled: Any = CPUDispatcher(function, targetoptions=targetoptions)
-    compiled._cache = _Cache(cast(FunctionType, function), options)
-    return cast(F, compiled)

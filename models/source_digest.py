@@ -80,17 +80,12 @@ def imported_files(
             target = importlib.util.resolve_name(name, parent) if name.startswith(".") else name
             if target.startswith(prefix):
                 names = target.removeprefix(prefix).split(".")
-                if names[0] not in left_out:
-                    pending += _files_of(folder, names)
+                for depth in range(1, len(names) + 1) if names[0] not in left_out else ():
+                    place = folder.joinpath(*names[:depth])  # parent packages run as well
+                    files = (place.with_suffix(".py"), place / "__init__.py")
+                    pending += filter(Path.is_file, files)
     _save()
     return reached
-
-
-def _files_of(folder: Path, parts: list[str]) -> Iterator[Path]:
-    """The files that run when a module of a package is imported, including parent packages."""
-    for depth in range(1, len(parts) + 1):
-        place = folder.joinpath(*parts[:depth])
-        yield from filter(Path.is_file, (place.with_suffix(".py"), place / "__init__.py"))
 
 
 def source(path: Path) -> ParsedSource:

@@ -43,8 +43,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner import init
 from seatrial.runner.composition import with_numbers
 from seatrial.runner.console import NewWarnings
-from seatrial.runner.database.passwords import refuse_passwords
-from seatrial.runner.database.terminal import error_line
+from seatrial.runner.database.terminal import error_line, refuse_passwords
 from seatrial.runner.hydra_errors import EXPECTED, one_line, refuse_replaced
 from seatrial.runner.in_process import register
 from seatrial.runner.invocation import import_from_working_folder, program_version

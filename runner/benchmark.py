@@ -12,13 +12,7 @@ import typer
 
 from seatrial.models.errors import SeatrialError
 from seatrial.runner import in_process, search_path
-from seatrial.runner.compare.benchmark.cells import (
-    BenchmarkTrial,
-    Lacking,
-    cells,
-    entrants_of,
-    lacking,
-)
+from seatrial.runner.compare.benchmark.cells import BenchmarkTrial, cells, entrants_of, lacking
 from seatrial.runner.compare.benchmark.task import DATA_FOLDER, GROUP, VARIABLE, located, task_of
 from seatrial.runner.console import terminal_view
 from seatrial.runner.invocation import trial_program
@@ -33,7 +27,8 @@ def main(words: Sequence[str]) -> int:
     for name in options.task or search_path.options(GROUP):
         task, began_task = task_of(name), perf_counter()
         for lack in lacking(task):
-            print(_absent(name, lack))
+            files = ", ".join(f"{file.name} is {file.state}" for file in lack.files)
+            print(f"{name}: {lack.case} is left out: {files}; see seatrial data get {name}")
         listed = cells(name, task, entrants_of(task, options.entrant or ()))
         for entrant, own in groupby(listed, key=lambda cell: cell.entrant):
             code = max(code, _run(f"{name}, {entrant}", list(own), options))
@@ -84,11 +79,6 @@ def _run(label: str, own: Sequence[BenchmarkTrial], options: argparse.Namespace)
         return 1
     print(f"{label}: {call.lines[0]}")
     return call.exit_code
-
-
-def _absent(task: str, lack: Lacking) -> str:
-    files = ", ".join(f"{file.name} is {file.state}" for file in lack.files)
-    return f"{task}: {lack.case} is left out: {files}; see seatrial data get {task}"
 
 
 def _parser() -> argparse.ArgumentParser:

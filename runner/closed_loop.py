@@ -1,19 +1,23 @@
 """Closed-loop simulation of a mission: plant, weather, controller and adaptation."""
 
+import logging
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from seatrial.models.compiled import is_compiled
 from seatrial.models.control.controller import Controller
 from seatrial.models.control.linear_design import largest_disturbance
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.errors import PartError, checked_array, name_of
+from seatrial.models.errors import PartError
 from seatrial.models.excitation.missions import Mission
 from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
-from seatrial.models.simulation.loop import Watch, sail
+from seatrial.models.returned import checked_array, name_of
+from seatrial.models.simulation.dynamics import advance
+from seatrial.models.simulation.loop import Watch, compiled_step_s, sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import Log, Outlook, Voyage, outlook
@@ -23,8 +27,15 @@ from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.config import Trial
-from seatrial.runner.uncompiled import slowdown
+from seatrial.runner.plugins import is_own
 from seatrial.runner.vocabulary import STREAMS, Stream
+
+log = logging.getLogger(__name__)
+SLOW = (
+    "controller {}: its step is Python, so the loop is not compiled: "
+    "{:.2g} ms a step, {:.0f} times as long"
+)
+_said: set[str] = set()  # controllers of which this has been said
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +142,30 @@ class MissionSetup:
             wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
             slowdown=slowdown(self.controller, self.control, self.plant, voyage, trial),
         )
+
+
+def slowdown(
+    controller: Controller | None,
+    control: tuple[Parameters, State],
+    plant: Plant,
+    voyage: Voyage,
+    trial: Trial,
+) -> float | None:
+    """Return how many times longer a voyage took than in a compiled loop, and log it once.
+
+    None for a compiled loop, without a compiler, and for the controllers of this package.
+    """
+    if controller is None or is_own(name := name_of(controller)):
+        return None
+    compiled = is_compiled(CONTROLLERS[type(control[0])]) or not is_compiled(advance)
+    if compiled or not len(voyage.step_times):
+        return None
+    took = float(np.median(voyage.step_times))
+    expected = compiled_step_s(plant, voyage.weather, trial.sample_time_s, trial.integration_step_s)
+    if name not in _said:
+        _said.add(name)
+        log.info(SLOW.format(name, 1e3 * took, took / expected))
+    return took / expected
 
 
 def prepare(

@@ -17,7 +17,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.runner import database
-from seatrial.runner.database.passwords import refuse_passwords
+from seatrial.runner.database.terminal import refuse_passwords
 from seatrial.runner.vocabulary import GROUPS
 
 if TYPE_CHECKING:  # what is slow to import
@@ -188,7 +188,11 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     if isinstance(update, Mapping):
         nodes["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
     nodes["excitation"] = recording_map.with_map(nodes["excitation"])
-    _check_roles(nodes)
+    for group, role in roles.ROLES.items():  # before anything of another role is made
+        _check_role(nodes.get(group), role, group)
+    metrics = nodes.get("metrics")
+    for i, node in enumerate(metrics if isinstance(metrics, list | tuple) else ()):
+        _check_role(node, roles.METRIC, f"metrics[{i}]")
     settings = build_as(Settings, nodes, "")
     parts = {name: getattr(settings, name) for name in (*GROUPS, "update", "metrics")}
     if roles.only_validates(settings.excitation, settings.evaluation):
@@ -212,15 +216,6 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         names=names,
         config=config,
     )
-
-
-def _check_roles(nodes: Node) -> None:
-    """Refuse classes of another role, before anything of them is made."""
-    for group, role in roles.ROLES.items():
-        _check_role(nodes.get(group), role, group)
-    metrics = nodes.get("metrics")
-    for i, node in enumerate(metrics if isinstance(metrics, list | tuple) else ()):
-        _check_role(node, roles.METRIC, f"metrics[{i}]")
 
 
 def _check_role(node: object, role: "type | UnionType", key: str) -> None:

@@ -61,17 +61,11 @@ def sweep_summary(
         if outcome.state == "lost"
     ]
     lines.append(f"results: {database.engine.display_url(url)}")
-    lines.append(f"compare: {_comparison(status, url, factors)}")
-    return lines
-
-
-def _comparison(status: "SweepStatus", url: str, factors: Sequence[str]) -> str:
-    """Return the command that shows a sweep: a table over its factors, or a list."""
-    if not factors:
-        return compare("runs", url, "--sweep", str(status.sweep_id))
-    columns = ("--columns", ",".join(factors[1:])) if factors[1:] else ()
     sweep = ("--sweep", str(status.sweep_id))  # stays right when other sweeps follow
-    return compare("table", url, "--rows", factors[0], *columns, *sweep)
+    columns = ("--columns", ",".join(factors[1:])) if factors[1:] else ()
+    table = ("table", url, "--rows", factors[0], *columns) if factors else ("runs", url)
+    lines.append(f"compare: {compare(*table, *sweep)}")
+    return lines
 
 
 def sweep_exit_code(status: "SweepStatus", outcomes: Iterable["Outcome"]) -> int:
@@ -241,7 +235,11 @@ def _watch(url: str, sweep_id: int, view: View, pace: "TimeLeft", stop: Event) -
             while not stop.wait(wait):
                 start_s = time.monotonic()
                 status = logbook.sweep_status(sweep_id)
-                view.show(_standing(status, pace))
+                counts = Counter(status.counts)
+                done = sum(counts[name] for name in ENDINGS)
+                failed, planned = counts["failed"] + counts["diverged"], status.planned
+                left_s = pace.left_s(done, planned)
+                view.show(Standing(done, planned, counts["running"], failed, left_s))
                 for run in status.failed:
                     if run.run_id not in reported and run.status != "interrupted":
                         reported.add(run.run_id)
@@ -249,21 +247,6 @@ def _watch(url: str, sweep_id: int, view: View, pace: "TimeLeft", stop: Event) -
                 wait = max(POLL_S, 20.0 * (time.monotonic() - start_s))
     except LogbookError as error:
         log.warning("the progress is no longer shown: %s", error)
-
-
-def _done(status: "SweepStatus") -> int:
-    return sum(status.counts.get(name, 0) for name in ENDINGS)
-
-
-def _standing(status: "SweepStatus", pace: "TimeLeft") -> Standing:
-    done, running = _done(status), status.counts.get("running", 0)
-    return Standing(
-        done=done,
-        planned=status.planned,
-        running=running,
-        failed=status.counts.get("failed", 0) + status.counts.get("diverged", 0),
-        left_s=pace.left_s(done, status.planned),
-    )
 
 
 class TimeLeft:
@@ -294,12 +277,8 @@ class LiveLine:
 
     def show(self, standing: Standing) -> None:
         """Redraw the line."""
-        self._progress.update(
-            self._task,
-            total=standing.planned,
-            completed=standing.done,
-            description=str(standing),
-        )
+        total, done = standing.planned, standing.done
+        self._progress.update(self._task, total=total, completed=done, description=str(standing))
 
     def failure(self, line: str) -> None:
         """Print above the line."""

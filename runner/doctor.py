@@ -75,12 +75,17 @@ def examined() -> Iterator[Check]:
     yield from (_package(r) for r in needed if r.marker is None or r.marker.evaluate())
     yield from (_extra(name, needed) for name in EXTRAS)
     yield _cache()
-    yield from (_program(name, use) for name, use in PROGRAMS.items())
-    yield _data(os.environ.get("SEATRIAL_DATA"))
-    yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else file_url(DEFAULT))
-
-
-DEFAULT = Path("results/results.db")
+    for name, use in PROGRAMS.items():
+        path = shutil.which(name)
+        yield Check("ok", name, path) if path else Check("absent", name, "not found", f"for {use}")
+    if not (data := os.environ.get("SEATRIAL_DATA")):
+        yield Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
+    elif Path(data).is_dir():
+        yield Check("ok", "SEATRIAL_DATA", data)
+    else:
+        yield Check("problem", "SEATRIAL_DATA", data, "not a folder")
+    default = file_url(Path("results/results.db"))
+    yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else default)
 
 
 def _declared() -> tuple[SpecifierSet, list[Requirement]]:
@@ -98,8 +103,9 @@ def _declared() -> tuple[SpecifierSet, list[Requirement]]:
 
 
 def _package(requirement: Requirement) -> Check:
-    found = _version(requirement)
-    if found is None:
+    try:
+        found = version(requirement.name)
+    except PackageNotFoundError:
         return Check("problem", requirement.name, "not installed", f"expected {requirement}")
     fits = requirement.specifier.contains(found, prereleases=True)
     verdict = "ok" if fits else "problem"
@@ -108,13 +114,6 @@ def _package(requirement: Requirement) -> Check:
 
 def _expected(verdict: str, versions: SpecifierSet) -> str:
     return "" if verdict == "ok" else f"expected {versions}"
-
-
-def _version(requirement: Requirement) -> str | None:
-    try:
-        return version(requirement.name)
-    except PackageNotFoundError:
-        return None
 
 
 def _extra(name: str, needed: Sequence[Requirement]) -> Check:
@@ -149,18 +148,6 @@ def _cache() -> Check:
     megabytes = sum(path.stat().st_size for path in files) / 1e6
     note = f"{megabytes:.0f} MB in {len(files)} files; it may be deleted"
     return Check("ok", "compiled code", str(folder), note)
-
-
-def _program(name: str, use: str) -> Check:
-    path = shutil.which(name)
-    return Check("ok", name, path) if path else Check("absent", name, "not found", f"for {use}")
-
-
-def _data(folder: str | None) -> Check:
-    if not folder:
-        return Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
-    verdict = "ok" if Path(folder).is_dir() else "problem"
-    return Check(verdict, "SEATRIAL_DATA", folder, "" if verdict == "ok" else "not a folder")
 
 
 def _logbook(url: str) -> Check:

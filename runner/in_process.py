@@ -26,8 +26,7 @@ from hydra.version import VersionBase
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import console
 from seatrial.runner.composition import order_of
-from seatrial.runner.database.passwords import refuse_passwords
-from seatrial.runner.database.terminal import error_line
+from seatrial.runner.database.terminal import error_line, refuse_passwords
 from seatrial.runner.hydra_errors import EXPECTED, one_line, refuse_replaced
 from seatrial.runner.invocation import import_from_working_folder, trial_program
 from seatrial.runner.job import Order

@@ -6,15 +6,18 @@ in the folder `templates`.
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
+from keyword import iskeyword
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, NoReturn
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import plugin_draft
 from seatrial.runner.invocation import trial_program
+from seatrial.runner.search_path import CONF
 
 if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.vessel import scales
@@ -24,7 +27,6 @@ else:
     scales = lazy_loader.load("seatrial.models.vessel.scales", suppress_warning=True)
 
 TEMPLATES = Path(__file__).parent / "templates"
-CONF = Path(__file__).resolve().parent.parent / "conf"
 NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 
 
@@ -153,15 +155,24 @@ def _draft_vessel(arguments: argparse.Namespace) -> Draft:
 # A plug-in
 
 
-def _declare_plugin(options: argparse.ArgumentParser) -> None:
-    """A plug-in has no options."""
-
-
 def _draft_plugin(arguments: argparse.Namespace) -> Draft:
     """An identifier, its options in conf/identifier, and its test."""
     name = arguments.name
-    values = plugin_draft.values(name)
-    files = {path: _filled(template, values) for path, template in plugin_draft.files(name).items()}
+    if iskeyword(name) or not name.islower():
+        raise ConfigurationError(f"init plugin: got {name!r}, expected small letters, digits and _")
+    if (CONF / "identifier" / f"{name}.yaml").is_file():
+        raise ConfigurationError(f"identifier {name} is seatrial's own, expected a new name")
+    spec = find_spec(name)  # what an import would find in place of the new file
+    elsewhere = spec is not None and Path(spec.origin or "").parent != Path.cwd()
+    if name in sys.stdlib_module_names or elsewhere:
+        raise ConfigurationError(f"init plugin: {name} is a module of Python, expected a new name")
+    values = {"name": name, "class_name": "".join(map(str.capitalize, name.split("_")))}
+    templates = {
+        Path(f"{name}.py"): "plugin.py.template",
+        Path("conf", "identifier", f"{name}.yaml"): "plugin.yaml.template",
+        Path(f"test_{name}.py"): "plugin_test.py.template",
+    }
+    files = {path: _filled(template, values) for path, template in templates.items()}
     return Draft(files, f"{trial_program()} identifier={name}, python -m pytest test_{name}.py")
 
 
@@ -173,7 +184,7 @@ SUBJECTS = {
     ),
     "plugin": Subject(
         "An identifier, its options and a test: a plug-in to change.",
-        _declare_plugin,
+        lambda options: None,
         _draft_plugin,
     ),
 }

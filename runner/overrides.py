@@ -1,9 +1,11 @@
 """Overrides of a sweep's command line: which are left to its jobs, and their sweeps in lists."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override, Sweep
+from hydra.core.override_parser.types import Override, QuotedString, Sweep
 from hydra.errors import HydraException
 
 from seatrial.runner.vocabulary import GROUPS
@@ -53,3 +55,18 @@ def nested_sweeps(value: object, name: str) -> Iterator[tuple[str, Sweep]]:
     elif isinstance(value, dict):
         for key, inner in value.items():
             yield from nested_sweeps(inner, f"{name}.{key}")
+
+
+def text_of(value: Any, name: str = "", values: Mapping[str, Any] = MappingProxyType({})) -> str:
+    """Return a value in the grammar of the command line; `values` are those of its sweeps."""
+    if isinstance(value, Sweep):
+        return str(values[name])
+    if isinstance(value, list):
+        return f"[{','.join(text_of(v, f'{name}[{i}]', values) for i, v in enumerate(value))}]"
+    if isinstance(value, dict):
+        inner = (f"{key}:{text_of(v, f'{name}.{key}', values)}" for key, v in value.items())
+        return "{" + ",".join(inner) + "}"
+    if isinstance(value, QuotedString):
+        return str(value.with_quotes())
+    text = "null" if value is None else str(value)
+    return text.lower() if isinstance(value, bool) else text

@@ -1,6 +1,7 @@
 """What `seatrial data check` reports of a recording."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -73,7 +74,10 @@ class Report:
 
 def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap) -> Report:
     """Examine a recording by a map; what cannot be read is said, the rest is reported."""
-    samplings = _samplings(sources, columns)
+    samplings: dict[str, Sampling] = {}
+    for name, source in sources.items():
+        with suppress(ConfigurationError, RecordingError):
+            samplings[name] = sampling(seconds(source, as_column(columns.time)))
     turning = "yaw" in columns.position  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.velocity or (dof == "yaw" and turning))
     used = {name: known for name, known in samplings.items() if _is_used(name, sources, columns)}
@@ -108,16 +112,6 @@ def _holds(sources: Mapping[str, Source], spec: Column, name: str) -> bool:
         return False
 
 
-def _samplings(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Sampling]:
-    result = {}
-    for name, source in sources.items():
-        try:
-            result[name] = sampling(seconds(source, as_column(columns.time)))
-        except (ConfigurationError, RecordingError):
-            continue
-    return result
-
-
 def _ranges(recording: Recording) -> tuple[SignalRange, ...]:
     noise = noise_floor(recording.nu, recording.piece_starts, recording.period_s).deviation
     return tuple(
@@ -142,7 +136,8 @@ def _offsets(
         return ()
     poses = np.column_stack([recording.eta, recording.nu])
     names = [f"pose {dof}" for dof in recording.dofs] + list(velocities_of(recording.dofs))
-    origin = _origin(sources, columns)
+    start = first_time(sources, columns)
+    origin = start if start > EPOCH_S else 0.0  # zero in the recording, where times are dates
     found = []
     for source in sources.values():
         try:
@@ -161,12 +156,6 @@ def _offsets(
         if best is not None:
             found.append(best)
     return tuple(found)
-
-
-def _origin(sources: Mapping[str, Source], columns: ColumnMap) -> float:
-    """The time that is zero in the recording, where times are dates."""
-    start = first_time(sources, columns)
-    return start if start > EPOCH_S else 0.0
 
 
 def signals(source: Source) -> dict[str, Array]:

@@ -7,7 +7,6 @@ controller=pid_ff,lqi   'identifier.order=range(2,9)'         choices and intege
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Literal
 
 import optuna
@@ -16,7 +15,6 @@ from hydra.core.override_parser.types import (
     Glob,
     IntervalSweep,
     Override,
-    QuotedString,
     RangeSweep,
     Sweep,
 )
@@ -32,7 +30,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, PositiveInt, check_ranges
 from seatrial.runner.compare.search_candidates import Objective, objective_of
 from seatrial.runner.job import Order
-from seatrial.runner.overrides import nested_sweeps
+from seatrial.runner.overrides import nested_sweeps, text_of
 from seatrial.runner.sweep import values_of
 
 DIGITS = 6  # of a candidate's numbers, so that its command line can be read
@@ -54,12 +52,8 @@ class Space:
 
     def overrides(self, values: Values) -> list[str]:
         """Return the overrides of a candidate, without its seeds."""
-        own = [
-            f"{key}={_text(override.value(), key, values)}"
-            for override in self.searched
-            for key in (override.get_key_element(),)
-        ]
-        return [*self.fixed, *own]
+        by_key = {override.get_key_element(): override.value() for override in self.searched}
+        return [*self.fixed, *(f"{k}={text_of(v, k, values)}" for k, v in by_key.items())]
 
     def rounded(self, values: Values) -> dict[str, Any]:
         """Return the parameters of a candidate with DIGITS digits, inside their intervals."""
@@ -78,7 +72,7 @@ class Space:
             key = name.lstrip("+")
             value = order.names.get(key) or OmegaConf.select(config, key)
             if isinstance(space, CategoricalDistribution):
-                value = _text(value)
+                value = text_of(value)
                 inside = value in space.choices
             else:
                 assert isinstance(space, FloatDistribution | IntDistribution)
@@ -122,7 +116,7 @@ def _distribution(override: Override, sweep: Sweep) -> BaseDistribution:
     if isinstance(sweep, Glob):
         return CategoricalDistribution(list(override.sweep_string_iterator()))
     if isinstance(sweep, ChoiceSweep):
-        return CategoricalDistribution(list(dict.fromkeys(map(_text, sweep.list))))
+        return CategoricalDistribution(list(dict.fromkeys(map(text_of, sweep.list))))
     if isinstance(sweep, RangeSweep):  # its end is not one of its values
         values = sorted(sweep.range())
         if not values:
@@ -135,21 +129,6 @@ def _distribution(override: Override, sweep: Sweep) -> BaseDistribution:
     if isinstance(low, int) and isinstance(high, int):
         return IntDistribution(low, high, log=log)
     return FloatDistribution(float(low or 0.0), float(high or 0.0), log=log)
-
-
-def _text(value: Any, name: str = "", values: Values = MappingProxyType({})) -> str:
-    """Return an override's value as on the command line, with the parameters for its sweeps."""
-    if isinstance(value, Sweep):
-        return str(values[name])
-    if isinstance(value, list):
-        return "[" + ",".join(_text(v, f"{name}[{i}]", values) for i, v in enumerate(value)) + "]"
-    if isinstance(value, dict):
-        inner = (f"{key}:{_text(v, f'{name}.{key}', values)}" for key, v in value.items())
-        return "{" + ",".join(inner) + "}"
-    if isinstance(value, QuotedString):
-        return str(value.with_quotes())
-    text = "null" if value is None else str(value)
-    return text.lower() if isinstance(value, bool) else text
 
 
 @dataclass(frozen=True)

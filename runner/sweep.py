@@ -44,7 +44,7 @@ from seatrial.runner.job import (
     shown,
 )
 from seatrial.runner.launching import LaunchResult, check, launch, ready
-from seatrial.runner.overrides import nested_sweeps
+from seatrial.runner.overrides import nested_sweeps, text_of
 from seatrial.runner.precompile import precompile
 from seatrial.runner.provenance import Provenance, collect
 
@@ -93,7 +93,7 @@ def jobs_of(
 
 def texts(options: Options) -> list[str]:
     """Return the overrides of options by name."""
-    return [f"{key}={_text(value)}" for key, value in options.items()]
+    return [f"{key}={text_of(value)}" for key, value in options.items()]
 
 
 def _count(override: Override) -> tuple[str, float]:
@@ -123,19 +123,6 @@ def values_of(override: Override) -> list[str]:
     if not values:
         raise ConfigurationError(f"{override.input_line}: got no values, expected at least one")
     return values
-
-
-def _text(value: object) -> str:
-    """Format a YAML value in the grammar of the command line; text is not changed."""
-    if value is None:
-        return "null"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list):
-        return "[" + ",".join(map(_text, value)) + "]"
-    if isinstance(value, dict):
-        return "{" + ",".join(f"{key}:{_text(item)}" for key, item in value.items()) + "}"
-    return str(value)
 
 
 log = logging.getLogger(__name__)
@@ -350,9 +337,11 @@ def begin_sweep(
     arguments: Sequence[str],
     planned: int,
 ) -> int:
-    """Store the start of a sweep with its labels; returns its id."""
+    """Store the start of a sweep with its labels, or the experiment's name; returns its id."""
+    prefix = "experiment="
+    experiments = [text.removeprefix(prefix) for text in arguments if prefix in text]
     return logbook.begin_sweep(
-        labels.name or _sweep_name(arguments),
+        labels.name or (experiments or ["sweep"])[-1],
         provenance.command,
         arguments,
         planned,
@@ -435,10 +424,3 @@ def _factors(jobs: Sequence[Sequence[str]]) -> list[str]:
             key, _, value = override.partition("=")
             values.setdefault(key.lstrip("+"), set()).add(value)
     return [key for key, levels in values.items() if len(levels) > 1 and key != "seed"]
-
-
-def _sweep_name(arguments: Sequence[str]) -> str:
-    """Return the name of the experiment, or `sweep` if there is none."""
-    prefix = "experiment="
-    experiments = [text.removeprefix(prefix) for text in arguments if prefix in text]
-    return experiments[-1] if experiments else "sweep"

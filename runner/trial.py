@@ -53,7 +53,6 @@ from seatrial.runner.record import (
 )
 from seatrial.runner.record.coefficient_rows import numbered
 from seatrial.runner.record.rows import Metric, Results
-from seatrial.runner.roles import ROLES
 
 log = logging.getLogger(__name__)
 MEASURED = "measured recording: plant simulation and deployment are skipped"
@@ -72,7 +71,6 @@ class TrialDiverged(Diverged):
 
 def check(trial: Trial) -> None:
     """Check a trial before it is run; raises ConfigurationError for an invalid combination."""
-    _check_roles(trial)
     budget.check(trial)
     excitation, dofs = trial.excitation, trial.vessel.dofs
     named(trial, "excitation", lambda: excitation.check(dofs))
@@ -85,7 +83,11 @@ def check(trial: Trial) -> None:
         _check_samples(trial, excitation, recording)
         recording_checks.refuse(excitation, dofs)
         if skipped(trial) is None:
-            _check_evaluation(trial)
+            evaluation = trial.evaluation
+            assert isinstance(evaluation, Mission)
+            _check_length(trial, "evaluation", evaluation)
+            named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
+            named(trial, "evaluation", lambda: evaluation.check(dofs))
     else:
         _check_mission(trial, excitation)
     needs = trial.identifier.needs()
@@ -110,16 +112,6 @@ def _check_samples(trial: Trial, file: MeasuredRecording, recording: Recording) 
         trial.identifier.check_samples(training, nominal)
     except RecordingError as error:
         raise RecordingError(f"{name}: {error}") from error
-
-
-def _check_roles(trial: Trial) -> None:
-    """Check the class of every part, because `_target_` may name any class."""
-    for group, role in ROLES.items():
-        part = getattr(trial, group)
-        if not isinstance(part, role):
-            raise ConfigurationError(
-                f"{group}._target_: got {type(part).__name__}, expected a class for this group"
-            )
 
 
 def _check_mission(trial: Trial, excitation: Mission) -> None:
@@ -154,11 +146,6 @@ def _check_commands(trial: Trial) -> None:
             raise ConfigurationError(
                 f"{group}={trial.names[group]}: {vessel.name} {takes}, which it does not give"
             )
-    _check_agreement(trial)
-
-
-def _check_agreement(trial: Trial) -> None:
-    """Check that a controller commands what the missions that it sails are commanded by."""
     controller = trial.controller
     for group in ("excitation", "evaluation"):
         mission = getattr(trial, group)
@@ -171,15 +158,6 @@ def _check_agreement(trial: Trial) -> None:
                 f"controller={trial.names['controller']} commands "
                 f"{kinds[controller.commands_inputs]}"
             )
-
-
-def _check_evaluation(trial: Trial) -> None:
-    """Check that the vessel can carry out the evaluation of a measured recording's model."""
-    evaluation, dofs = trial.evaluation, trial.vessel.dofs
-    assert isinstance(evaluation, Mission)
-    _check_length(trial, "evaluation", evaluation)
-    named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
-    named(trial, "evaluation", lambda: evaluation.check(dofs))
 
 
 def _check_length(trial: Trial, group: str, mission: Mission) -> None:

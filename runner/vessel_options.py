@@ -33,14 +33,6 @@ else:
     tuning = lazy_loader.load("seatrial.models.vessel.tuning", suppress_warning=True)
     options = lazy_loader.load("seatrial.runner.options", suppress_warning=True)
 
-if TYPE_CHECKING:  # what is slow to import
-    from seatrial.models.vessel import parameters
-else:
-    import lazy_loader
-
-    parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
-
-
 INNER = (dict, list)  # nodes that hold others
 NULLABLE = ("tuning.windage", "thruster", "driven_by")  # of a vessel, where null is a value
 SHORTEST_S, LONGEST_S = 1e-9, 1e9

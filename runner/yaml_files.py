@@ -40,19 +40,14 @@ def node_of(run_id: int, overrides: Sequence[str]) -> Config:
 
     Raises LogbookError if there is no such run or model.
     """
-    url = _logbook(overrides)
-    with database.LogbookReader.read(url) as logbook:
-        return export.stored_model.read_model(logbook, run_id).node
-
-
-def _logbook(overrides: Sequence[str]) -> str:
-    """Return the address of the trial's logbook, from the rest of its configuration."""
-    places = [text for text in overrides if _PLACES.match(text)]
+    places = [text for text in overrides if _PLACES.match(text)]  # of the logbook
     config = GlobalHydra.instance().config_loader().load_configuration(
         "trial", overrides=[*places, "vessel=milliampere"], run_mode=RunMode.RUN
     )  # fmt: skip
     url = OmegaConf.select(config, "database.url")
-    return str(url or database.engine.file_url(Path(str(config.results_dir)) / "results.db"))
+    url = url or database.engine.file_url(Path(str(config.results_dir)) / "results.db")
+    with database.LogbookReader.read(str(url)) as logbook:
+        return export.stored_model.read_model(logbook, run_id).node
 
 
 class FileConfigSource(file_config_source.FileConfigSource):

@@ -71,10 +71,7 @@ class PredictionTimes(Identifier):
         for way in WAYS:
             calls = self.interpreted_calls if way == WAYS[0] else self.calls
             for n, compilation, later in _run_in_subprocess(Task(way, plant, course, calls)):
-                times = {
-                    "prediction_time": compilation + later,
-                    "prediction_time_compiled": later,
-                }
+                times = {"prediction_time": compilation + later, "prediction_time_compiled": later}
                 found += [
                     Diagnostic(name, "all", s, "s", n, label=way) for name, s in times.items()
                 ]

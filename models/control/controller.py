@@ -9,7 +9,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.errors import ConfigurationError, checked_array
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.returned import checked_array
 from seatrial.models.simulation.registry import CONTROLLERS, Parameters, State
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import Log, Outlook

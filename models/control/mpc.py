@@ -291,12 +291,10 @@ class Mpc(Controller):
         """The optimal control problem on a design model."""
         model = design.model.with_integral_action() if self.incremental else design.model
         weights = np.diag(self.error_weight), np.diag(self.input_weight)
-        return Horizon(model.A, model.B, model.C, *weights, self.horizon, self._rate(design))
-
-    def _rate(self, design: DesignModel) -> Array | None:
-        if self.rate_limits is None:
-            return None
-        return np.array(self.rate_limits) * design.period_s / design.limits
+        rate = None
+        if self.rate_limits is not None:
+            rate = np.array(self.rate_limits) * design.period_s / design.limits
+        return Horizon(model.A, model.B, model.C, *weights, self.horizon, rate)
 
     def write(self, problem: Horizon) -> Quadratic:
         """The problem as a quadratic program, in the chosen formulation."""

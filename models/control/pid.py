@@ -173,9 +173,11 @@ class PidFeedforward(Controller):
         z = np.zeros(2 * N_VARIABLES)
         z[0] = z[N_VARIABLES] = 1.0
         kp, ki, kd = (np.array(g, dtype=np.float64) for g in (self.kp, self.ki, self.kd))
+        lag = self.thruster if self.thruster_lead else None
+        lead_s = 0.0 if lag is None else lag.delay_s  # 2 zeta / omega_n, at low frequency
         parameters = PidTable(
             kp, ki, kd, self.feedback, self.feedforward, table, model.dofs == PLANAR, period_s,
-            self._lead_s / period_s, z, np.empty(len(table.codes)), np.empty(len(model.dofs)),
+            lead_s / period_s, z, np.empty(len(table.codes)), np.empty(len(model.dofs)),
         )  # fmt: skip
         return parameters, np.zeros(2 * len(model.dofs) + 1)
 
@@ -219,9 +221,3 @@ class PidFeedforward(Controller):
             state[:n][integrating] += ((before - after) / np.maximum(self.ki, 1e-300))[integrating]
             state[n : 2 * n] += after - before
         return new
-
-    @property
-    def _lead_s(self) -> float:
-        """2 zeta / omega_n [s], the delay of the thrusters at low frequency."""
-        lag = self.thruster if self.thruster_lead else None
-        return 0.0 if lag is None else lag.delay_s

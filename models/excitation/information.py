@@ -151,11 +151,6 @@ class Persistence:
         """Number of terms."""
         return len(self.terms)
 
-    @property
-    def persistent(self) -> bool:
-        """Whether the recording separates all terms."""
-        return self.rank == self.unknowns
-
     def warning(self) -> str | None:
         """A line that names the terms that are not separated; None if all are."""
         parts = []

@@ -25,13 +25,6 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 
 
-def _steerable(what: str, dofs: Sequence[str]) -> None:
-    if "surge" not in dofs or "yaw" not in dofs:
-        raise ConfigurationError(
-            f"{what} needs a vessel in surge and yaw, got one in {', '.join(dofs)}"
-        )
-
-
 @dataclass(frozen=True)
 class Steered(Mission):
     """A steady surge force, and after `approach_s` a yaw moment.
@@ -97,7 +90,9 @@ class Steered(Mission):
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel has surge and yaw."""
-        _steerable("a turning circle or zig-zag", dofs)
+        if not {"surge", "yaw"} <= set(dofs):
+            what, got = "a turning circle or zig-zag", ", ".join(dofs)
+            raise ConfigurationError(f"{what} needs a vessel in surge and yaw, got one in {got}")
         check_offset(self.offset, dofs)
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:

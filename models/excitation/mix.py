@@ -258,15 +258,12 @@ class Mix(Mission):
 
     def length(self) -> Length:
         """The length of all sub-experiments with their stops, without the passages of a plan."""
-        each, count = self._each_s, self.sub_experiments + len(self.held_out)
+        each = (self.length_s + self.stop_s) * self.time_scale
+        count = self.sub_experiments + len(self.held_out)
         if count > self.length_s:
             return Length("sub_experiments", self.sub_experiments, count * each)
         option = max(("length_s", "stop_s", "time_scale"), key=lambda name: getattr(self, name))
         return Length(option, getattr(self, option), count * each)
-
-    @property
-    def _each_s(self) -> float:
-        return (self.length_s + self.stop_s) * self.time_scale
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The poses of the plan as set-points; without a plan the starting pose."""

@@ -47,12 +47,7 @@ from seatrial.models.identification.blocked_free_run import Blocks, guarded_by
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.physical_constraints import VELOCITY_SCALES, sampled_velocities
 from seatrial.models.identification.problem import Identified, Needs, Problem
-from seatrial.models.identification.residual import (
-    ResidualOptions,
-    Samples,
-    smoothed,
-    thruster_of,
-)
+from seatrial.models.identification.residual import ResidualOptions, Samples, smoothed, thruster_of
 from seatrial.models.identification.structured import inflation
 from seatrial.models.notation import FORCE_UNIT, VELOCITIES, VELOCITY_UNIT
 from seatrial.models.ranges import Folds

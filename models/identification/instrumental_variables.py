@@ -97,9 +97,10 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
         raise IdentificationError(
             f"got {z.shape[1]} instruments for {phi.shape[1]} terms, expected at least as many"
         )
-    zq, zr = qr(_scaled(z))
+    zq, zr = qr(z / _size(z))
     if z.shape[1] == phi.shape[1]:
-        _check_rank(zr, names, "instruments")
+        _, s, vt = np.linalg.svd(zr)
+        _check_singular(s, vt, names, "instruments")
     scale = _size(phi)
     projected = zr if z is phi else (zq.T @ phi) / scale  # of least squares: Q'Q R = R
     u, s, vt = np.linalg.svd(projected, full_matrices=False)
@@ -112,15 +113,6 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
 def _size(columns: Array) -> Array:
     rms = np.sqrt(np.einsum("nj,nj->j", columns, columns) / len(columns))
     return np.where(rms > 0.0, rms, 1.0)
-
-
-def _scaled(columns: Array) -> Array:
-    return np.asarray(columns / _size(columns))
-
-
-def _check_rank(r: Array, names: Sequence[str], what: str) -> None:
-    _, s, vt = np.linalg.svd(r)
-    _check_singular(s, vt, names, what)
 
 
 def _check_singular(s: Array, vt: Array, names: Sequence[str], what: str) -> None:
@@ -283,13 +275,16 @@ class InstrumentalVariables(ResidualOptions):
         )
         if problem.compared or self.instruments == "none":
             return finished(self, problem, lag, estimate.samples, result)
-        for refinement in self._refinements(weak):
+        refinements: tuple[Refinement, ...] = ("none", "free_run")  # until one can be simulated
+        if self.refinement != "none":
+            refinements = (self.refinement,)
+        for refinement in refinements[:: -1 if weak else 1]:
             options = replace(self, refinement=refinement)
             final = finished(options, problem, lag, estimate.samples, result)
             if self._simulates(problem, final.model):
-                return replace(
-                    final, warnings=(*final.warnings, *self._diagnostics(final, refinement))
-                )
+                chosen = (REFINED,) if refinement != self.refinement else ()
+                lacking = (NO_INTERVALS,) if not chosen and final.std_error is None else ()
+                return replace(final, warnings=(*final.warnings, *chosen, *lacking))
         raise IdentificationError(
             "the instruments are too weak: the identified model diverges under the inputs of the "
             "recording, expected one that can be simulated; try fewer terms or a longer recording"
@@ -300,18 +295,6 @@ class InstrumentalVariables(ResidualOptions):
         if problem.compared or self.instruments == "none" or self.inertia_factor is None:
             return False
         return estimate.strength < WEAK
-
-    def _refinements(self, weak: bool) -> tuple[Refinement, ...]:
-        """What to do with the table of the regression, in turn until it can be simulated."""
-        if self.refinement != "none":
-            return (self.refinement,)
-        return ("free_run", "none") if weak else ("none", "free_run")
-
-    def _diagnostics(self, final: Identified, refinement: Refinement) -> tuple[str, ...]:
-        """Warnings of what was done."""
-        if refinement != self.refinement:
-            return (REFINED,)
-        return () if final.std_error is not None else (NO_INTERVALS,)
 
     def _simulates(self, problem: Problem, model: Vessel) -> bool:
         """Whether a model can be simulated under what it was trained on."""

@@ -13,11 +13,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.constrained_table import finished
-from seatrial.models.identification.cross_validation import (
-    Selection,
-    left_out_mse,
-    split,
-)
+from seatrial.models.identification.cross_validation import Selection, left_out_mse, split
 from seatrial.models.identification.kernel_pls import (
     Columns,
     all_orders,
@@ -70,11 +66,7 @@ class PartialLeastSquares(ResidualOptions):
         return z.like(self.samples(problem.validation, problem.nominal, lag))
 
     def bootstrap_errors(
-        self,
-        z: Columns,
-        theta: Callable[[Array], Array],
-        period_s: float,
-        rng: np.random.Generator,
+        self, z: Columns, theta: Callable[[Array], Array], period_s: float, rng: np.random.Generator
     ) -> Array | None:
         """Standard errors of the table of theta(outputs), (n_terms, K); None without a bootstrap.
 

@@ -121,8 +121,7 @@ class Misfit:
             after[refused] = self._rests(points[refused], start)
         moved = np.diag(points) - x
         jacobian = np.stack(
-            [self._change(rest, own) / size for own, size in zip(after, moved, strict=True)],
-            axis=2,
+            [self._change(rest, own) / size for own, size in zip(after, moved, strict=True)], axis=2
         )
         if not np.all(np.isfinite(jacobian)):
             raise IdentificationError(

@@ -8,15 +8,10 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE, Diagnostic
-from seatrial.models.errors import (
-    ConfigurationError,
-    PartError,
-    RecordingError,
-    checked_array,
-    name_of,
-)
+from seatrial.models.errors import ConfigurationError, PartError, RecordingError
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import FORCES, Recording
+from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import NEEDED, Array, Term, each_product_once, manoeuvring_basis

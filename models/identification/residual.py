@@ -331,17 +331,14 @@ def _with_constant_inputs(terms: tuple[Term, ...], recording: Recording) -> list
     constant = {
         name
         for k, name in enumerate(recording.input_names)
-        if recording.inputs is not None and _is_constant(recording.inputs[:, k])
+        if (values := recording.inputs) is not None
+        and np.ptp(values[:, k]) <= NOTHING_LEFT * np.max(np.abs(values[:, k]))
     }
     return [
         i
         for i, term in enumerate(terms)
         if constant & {basis.VARIABLES[code % basis.N_VARIABLES] for code in term.codes}
     ]
-
-
-def _is_constant(values: Array) -> bool:
-    return bool(np.ptp(values) <= NOTHING_LEFT * np.max(np.abs(values)))
 
 
 def smoothed(filtered: Recording, columns: Array, smoothing: Smoothing) -> Array:

@@ -240,10 +240,7 @@ def check_signals(
     inputs: tuple[str, ...] | None, outputs: tuple[str, ...] | None, nominal: Vessel
 ) -> None:
     """Raise ConfigurationError for a signal that a recording of the vessel does not have."""
-    own = {
-        "inputs": tuple(f"tau_{dof}" for dof in nominal.dofs),
-        "outputs": poses_of(nominal.dofs),
-    }
+    own = {"inputs": tuple(f"tau_{dof}" for dof in nominal.dofs), "outputs": poses_of(nominal.dofs)}
     known = {"1", *nominal.velocities, *nominal.accelerations, *basis.ATTITUDE, *AIR}
     for option, values in (("inputs", inputs), ("outputs", outputs)):
         for value in set(values or ()) - set(own[option]):

@@ -104,7 +104,8 @@ def simulated_motion(
         newest.append(which == 0)
         first.append(np.arange(len(piece)) == 0)
     nu, nu_dot = (np.concatenate(parts) for parts in zip(*motions, strict=True))
-    air = None if wind is None else _wind_in_body(wind, recording)
+    heading = recording.attitude[:, 2]
+    air = None if wind is None else in_body(np.tile(wind, (len(heading), 1)), heading)
     moved = replace(recording, nu=nu, nu_dot=nu_dot, wind=air)
     return Simulated(moved, np.concatenate(first), float(np.mean(newest)))
 
@@ -149,10 +150,6 @@ def mean_wind(recording: Recording) -> Array | None:
         return None
     north_east = in_ned(recording.wind, recording.attitude[:, 2])
     return np.asarray(np.mean(north_east, axis=0))
-
-
-def _wind_in_body(wind: Array, recording: Recording) -> Array:
-    return in_body(np.tile(wind, (len(recording), 1)), recording.attitude[:, 2])
 
 
 def _steered(piece: Recording, model: Vessel, limits: Array) -> tuple[Array, Array]:

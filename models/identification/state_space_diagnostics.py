@@ -52,14 +52,7 @@ from seatrial.models.identification.subspace import (
     identify_innovations,
 )
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
-from seatrial.models.notation import (
-    ACCELERATIONS,
-    DOFS,
-    FORCE_UNIT,
-    POSE_UNIT,
-    POSES,
-    VELOCITIES,
-)
+from seatrial.models.notation import ACCELERATIONS, DOFS, FORCE_UNIT, POSE_UNIT, POSES, VELOCITIES
 from seatrial.models.recording.recording import blocked_k_fold
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array, Codes

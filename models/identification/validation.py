@@ -152,12 +152,9 @@ class Prediction:
             case "restarts":
                 return self.restarted(max(round(RESTART_S / self.course.step_s), 2))
             case _:
-                return self._whole()
-
-    def _whole(self) -> Ahead:
-        states, limited = self.free_run
-        errors = deviations(self.course.kinematics, self.course.reached, states)
-        return _ahead(errors[~self.course.restart], limited)
+                states, limited = self.free_run
+                errors = deviations(self.course.kinematics, self.course.reached, states)
+                return _ahead(errors[~self.course.restart], limited)
 
     def restarted(self, every: int) -> Ahead:
         """Errors of a free run that begins anew every `every` samples."""

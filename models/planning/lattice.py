@@ -38,9 +38,6 @@ from seatrial.models.vessel.kinematics import in_body, in_ned
 
 if TYPE_CHECKING:
     import shapely
-
-if TYPE_CHECKING:
-    import shapely
 else:
     import lazy_loader
 

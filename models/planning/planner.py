@@ -157,7 +157,11 @@ def set_up(task: PlanningTask) -> Setting:
     n = len(task.used)
     for name, valid in zip(board.names[:n], board.valid, strict=False):
         if not np.any(valid):
-            raise ConfigurationError(_no_space_message(name, board, board.names.index(name)))
+            along, across = np.ptp(board.paths[board.names.index(name)][0][:, :2], axis=0)
+            raise ConfigurationError(
+                f"{name} takes {along:.3g} m along and {across:.3g} m across its first heading and "
+                "does not fit anywhere in the area between the obstacles"
+            )
     sizes = np.array([task.counts[primitive.name] + 1 for primitive in task.used], dtype=np.int64)
     stride = np.array([int(np.prod(sizes[q + 1 :])) for q in range(n)], dtype=np.int64)
     basics = np.zeros(len(board.names) - n, dtype=np.int64)
@@ -198,14 +202,6 @@ def _arrival(task: PlanningTask, lattice: Lattice) -> int:
     raise ConfigurationError(
         f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: there is no clear passage from a "
         f"neighbouring pose of the lattice, expected a cell_m smaller than {task.cell_m:g}"
-    )
-
-
-def _no_space_message(name: str, board: Placed, p: int) -> str:
-    extent = np.ptp(board.paths[p][0][:, :2], axis=0)
-    return (
-        f"{name} takes {extent[0]:.3g} m along and {extent[1]:.3g} m across its first heading and "
-        "does not fit anywhere in the area between the obstacles"
     )
 
 

@@ -17,19 +17,12 @@ from seatrial.models.recording.source import Source
 from seatrial.models.vessel.basis import Array
 
 if TYPE_CHECKING:  # slow to import
+    import pandas as pd
     import pint
 else:
     import lazy_loader
 
-    pint = lazy_loader.load("pint")
-
-if TYPE_CHECKING:  # slow to import
-    import pandas as pd
-else:
-    import lazy_loader
-
-    pd = lazy_loader.load("pandas")
-
+    pd, pint = lazy_loader.load("pandas"), lazy_loader.load("pint")
 
 SI = {
     "position": POSE_UNIT,
@@ -217,7 +210,8 @@ def seconds(source: Source, column: Column) -> Array:
     """
     name = source.find(column.name) or column.name
     values = source.columns.get(name)
-    if values is not None and values.dtype == np.object_ and _is_date(str(values[0])):
+    first = str(values[0]) if values is not None and values.dtype == np.object_ else ""
+    if ":" in first or first.count("-") + first.count("/") > 1:
         times = _of_dates(source, name)
     else:
         unit = column.unit or source.units.get(name)
@@ -227,10 +221,6 @@ def seconds(source: Source, column: Column) -> Array:
     if column.uniform and len(times) > 1:
         times = np.linspace(times[0], times[-1], len(times))
     return column.sign * times
-
-
-def _is_date(text: str) -> bool:
-    return ":" in text or text.count("-") + text.count("/") > 1
 
 
 def _of_dates(source: Source, name: str) -> Array:

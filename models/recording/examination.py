@@ -12,12 +12,7 @@ from seatrial.models.recording.column_map import KINDS, ColumnMap
 from seatrial.models.recording.consistency import Consistency, consistency
 from seatrial.models.recording.diagnosis import RecordingDefect, problems
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.sampling import (
-    of_angles,
-    original_rate,
-    resampled,
-    sampling,
-)
+from seatrial.models.recording.sampling import of_angles, original_rate, resampled, sampling
 from seatrial.models.recording.source import Source, column
 from seatrial.models.vessel.basis import Array
 

@@ -76,16 +76,13 @@ class FileSet:
             else:
                 test[rows] = later
             if not self.test or number >= len(self.train):
-                _check_tested(path, t[-1] - t[0], int(np.count_nonzero(test[rows])), initial_s)
+                left = np.count_nonzero(test[rows])
+                if left < 2:
+                    raise ConfigurationError(
+                        f"excitation.initial_s: got {initial_s:g} s, which leaves {left} samples "
+                        f"for testing of {path}, {t[-1] - t[0]:g} s long; expected at least 2"
+                    )
         return Split(train, test)
-
-
-def _check_tested(path: Path, span_s: float, samples: int, initial_s: float) -> None:
-    if samples < 2:
-        raise ConfigurationError(
-            f"excitation.initial_s: got {initial_s:g} s, which leaves {samples} samples for "
-            f"testing of {path}, {span_s:g} s long; expected at least 2"
-        )
 
 
 def file_set(train: Sequence[str], test: Sequence[str]) -> FileSet:

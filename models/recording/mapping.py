@@ -86,7 +86,10 @@ def canonical(
     if one and grid is None and not columns.delay_s:
         _check_complete(first, channels)
         t = next(iter(channels.values())).t
-        _check_rising(first, t)
+        if not np.median(np.diff(t)) > 0.0:  # more than half are not later than the last one
+            row = int(np.argmax(np.diff(t) <= 0.0)) + 1
+            place = first.cell(row, next(iter(first.columns))).place
+            raise RecordingError(f"{first.path}, columns.time, {place}: the time does not rise")
         known = {name: channel.values for name, channel in channels.items()}
     else:
         joined = join_channels(
@@ -119,14 +122,6 @@ def _check_complete(source: Source, channels: Mapping[str, Channel]) -> None:
                 f"{source.path}, columns.{name}, {place}: got an empty cell, expected a number in "
                 "each; excitation.resample_hz=RATE joins columns with cells between their samples"
             )
-
-
-def _check_rising(source: Source, t: Array) -> None:
-    """Raise RecordingError if more than half of the samples are not later than the last one."""
-    if not np.median(np.diff(t)) > 0.0:
-        row = int(np.argmax(np.diff(t) <= 0.0)) + 1
-        place = source.cell(row, next(iter(source.columns))).place
-        raise RecordingError(f"{source.path}, columns.time, {place}: the time does not rise")
 
 
 def _rate(channels: Mapping[str, Channel]) -> float:

@@ -189,14 +189,12 @@ def _quaternion(source: Source, many: bool) -> dict[str, str] | None:
         parts = {part: f"{stem}{part}" for part in QUATERNION}
         values = [_numbers(source, column) for column in parts.values()]
         known = [v for v in values if v is not None]
-        if len(known) == len(parts) and _unit_length(np.array(known)):
+        if len(known) != len(parts):
+            continue
+        if np.nanmax(np.abs(np.linalg.norm(np.array(known), axis=0) - 1.0)) < 0.05:
             full = f"{source.name}:" if many else ""
             return {part: f"{full}{column}" for part, column in parts.items()}
     return None
-
-
-def _unit_length(parts: Array) -> bool:
-    return bool(np.nanmax(np.abs(np.linalg.norm(parts, axis=0) - 1.0)) < 0.05)
 
 
 def _numbers(source: Source, name: str) -> Array | None:

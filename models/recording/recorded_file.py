@@ -213,8 +213,8 @@ class RecordedFile(MeasuredRecording):
         if self._is_stored:
             recording = read_recording(self.file, dofs)
             return recording.part(self._window(recording.t))
-        reader, table = self._prepared(dofs)
-        return reader._recording(table, dofs)
+        reader, table = self._mapped(dofs)
+        return reader._recording(reader._cleaned(table), dofs)
 
     @property
     def _is_stored(self) -> bool:
@@ -345,11 +345,6 @@ class RecordedFile(MeasuredRecording):
         if grid is None or self.at_gap == "refuse":
             check_time(known.table, "time", self.sample_time_s)
         return replace(self, columns=known.columns, resample_hz=None), known.table
-
-    def _prepared(self, dofs: Sequence[str]) -> "tuple[RecordedFile, ColumnTable]":
-        """The used columns on one uniform grid, with outliers replaced if configured."""
-        reader, table = self._mapped(dofs)
-        return reader, reader._cleaned(table)
 
     def _cleaned(self, table: ColumnTable) -> ColumnTable:
         if self.outliers.replace:

@@ -1,6 +1,6 @@
 """Columns as they were recorded, and how a file is to be read."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import shorten
@@ -121,7 +121,9 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
     holders = [(source, plain) for source in sources.values() if (plain := source.find(name))]
     if not holders and ":" in name:
         wanted, _, plain_name = name.rpartition(":")
-        named = [sources[wanted]] if wanted in sources else _ending(sources.values(), wanted)
+        ending = f"/{wanted.lstrip('/')}"
+        named = [s for s in sources.values() if f"/{s.name}".endswith(ending)]
+        named = [sources[wanted]] if wanted in sources else named
         if not named:
             listing = shorten(", ".join(sources), 600, placeholder=" ...")
             raise RecordingError(
@@ -145,10 +147,6 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
         listing = shorten(", ".join(known), 600, placeholder=" ...")
         raise RecordingError(f"{_place(sources)}: no column {name!r}, expected it among {listing}")
     return holders[0]
-
-
-def _ending(sources: Iterable[Source], name: str) -> list[Source]:
-    return [source for source in sources if f"/{source.name}".endswith(f"/{name.lstrip('/')}")]
 
 
 def _place(sources: Mapping[str, Source]) -> str:

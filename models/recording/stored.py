@@ -95,14 +95,12 @@ def read_recording(path: Path, dofs: Sequence[str] | None = None) -> Recording:
         raise ConfigurationError(
             f"{path}: got {', '.join(recording.dofs)}, expected {', '.join(missing)} too"
         )
-    return recording if wanted == recording.dofs else _restricted(recording, wanted)
-
-
-def _restricted(recording: Recording, dofs: tuple[str, ...]) -> Recording:
-    index = [recording.dofs.index(dof) for dof in dofs]
+    if wanted == recording.dofs:
+        return recording
+    index = [recording.dofs.index(dof) for dof in wanted]
     values = {name: getattr(recording, name) for name in PER_DOF}
     cut = {name: None if array is None else array[:, index] for name, array in values.items()}
-    return replace(recording, dofs=dofs, **cut)  # type: ignore[arg-type]
+    return replace(recording, dofs=wanted, **cut)  # type: ignore[arg-type]
 
 
 def _names(dofs: Sequence[str]) -> dict[str, list[tuple[str, str]]]:

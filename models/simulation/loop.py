@@ -196,8 +196,7 @@ def sail(
 def _empty_log(n: int, n_dof: int, n_commands: int, positioned: bool) -> Log:
     """A log of n instants; what is commanded has `n_commands` columns, or is a force."""
     inputs = ALLOTTED if positioned else COMMANDED
-    columns = {name: n_commands if name in inputs else n_dof for name in Log._fields}
-    return Log(**{name: np.zeros((n, count)) for name, count in columns.items()})
+    return Log(*(np.zeros((n, n_commands if k in inputs else n_dof)) for k in Log._fields))
 
 
 def _lag(plant: Plant, step_s: float) -> LagTable:
@@ -254,11 +253,7 @@ def _substeps(period_s: float, step_s: float) -> int:
 
 
 def _loop(
-    steps: Sequence[Callable[..., None]],
-    plant: Plant,
-    watch: Watch | None,
-    n: int,
-    period_s: float,
+    steps: Sequence[Callable[..., None]], plant: Plant, watch: Watch | None, n: int, period_s: float
 ) -> tuple[Callable[..., int], list[int]]:
     """The loop, in Python if one of its steps is, and the instants at which it is interrupted.
 

@@ -372,7 +372,7 @@ def spiral(track: Track) -> Spiral:
     side = np.sign(helm[first])
     turn = first + int(np.argmin(side * helm[first:]))
     branches = (slice(first, turn + 1), slice(turn, len(helm)))
-    zero = [_crossing(helm[k], rate[k]) for k in branches]
+    zero = [(_roots(helm[k], rate[k]) or [np.nan])[0] for k in branches]  # NaN: no sign change
     residual = [abs(_at_zero(helm[k], rate[k])) for k in branches if len(helm[k]) > 1]
     width = side * (zero[1] - zero[0])
     return Spiral(
@@ -407,12 +407,6 @@ def _roots(x: Array, y: Array) -> list[float]:
     return [
         float(a - v * (b - a) / (w - v)) for (a, v), (b, w) in points if v != w and v * w <= 0.0
     ]
-
-
-def _crossing(helm: Array, rate: Array) -> float:
-    """Helm at which the rate changes its sign; NaN if it does not."""
-    roots = _roots(helm, rate)
-    return roots[0] if roots else np.nan
 
 
 def _at_zero(helm: Array, rate: Array) -> float:

@@ -190,9 +190,7 @@ class RigidBody:
     def inertia(self) -> Array:
         """M_RB = [m I, -m S(r_g); m S(r_g), I_b], shape (6, 6). Hoyer (2021), eq. (2.9)."""
         arm = self.mass_kg * cross_matrix(self.centre_of_gravity_m)
-        return np.block(
-            [[self.mass_kg * np.eye(3), -arm], [arm, np.array(self.inertia_kg_m2)]],
-        )
+        return np.block([[self.mass_kg * np.eye(3), -arm], [arm, np.array(self.inertia_kg_m2)]])
 
     def restoring(self, dofs: tuple[str, ...]) -> Vessel:
         """g(eta) as a table. Hoyer (2021), eq. (2.7).

@@ -142,7 +142,8 @@ class VesselParameters:
         if self.prime is not None:
             inertia = self.prime.inertia_matrix(inertia, self.dofs)
             derivatives = self.prime.dimensional(derivatives)
-        derivatives = _summed(derivatives, self.restoring)
+        restored = {key: derivatives.get(key, 0.0) + v for key, v in self.restoring.items()}
+        derivatives = derivatives | restored
         table = from_derivatives(self.name, self.dofs, inertia, derivatives, self.coriolis)
         table = table if self.body is None else table + self.body.restoring(self.dofs)
         if self.attitude == table.attitude and not self.inputs and not self.devices:
@@ -282,10 +283,6 @@ class VesselParameters:
     def planar(self) -> bool:
         """Whether the vessel moves in surge, sway and yaw."""
         return self.dofs == PLANAR
-
-
-def _summed(derivatives: dict[str, float], more: dict[str, float]) -> dict[str, float]:
-    return derivatives | {key: derivatives.get(key, 0.0) + value for key, value in more.items()}
 
 
 def check_dofs(dofs: tuple[str, ...]) -> None:

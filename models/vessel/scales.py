@@ -98,7 +98,8 @@ def scales(model: Vessel, limits: tuple[float, ...] | None, length_m: float | No
         raise ConfigurationError(
             f"{model.name}: expected a positive inertia on every axis, got {inertia.tolist()}"
         )
-    length, at_rest = length_m or _length(model), _at_rest(model)
+    length, still = length_m or _length(model), np.zeros((len(model.dofs), len(model.dofs)))
+    at_rest = model.inverse(still, still)  # force without motion [N, Nm], once for each axis
     unit = np.sqrt(GRAVITY * length) / np.where(_angular(model.dofs), length, 1.0)
     if limits is None:
         ahead, across, turning = SERVICE
@@ -135,12 +136,6 @@ def _drag(model: Vessel, speeds: Array, at_rest: Array) -> Array:
     """Force along each axis [N, Nm] that a speed on this axis alone needs, shape (n_dof,)."""
     nu = np.diag(speeds)
     return np.asarray(np.diag(model.inverse(np.zeros_like(nu), nu) - at_rest))
-
-
-def _at_rest(model: Vessel) -> Array:
-    """Force without motion [N, Nm], once for each axis, shape (n_dof, n_dof)."""
-    still = np.zeros((len(model.dofs), len(model.dofs)))
-    return model.inverse(still, still)
 
 
 def _attainable(model: Vessel, at_rest: Array, limits: Array, largest: Array) -> Array:

@@ -30,16 +30,7 @@ from seatrial.models.notation import (
     velocities_of,
 )
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import (
-    AIR,
-    INDEX,
-    INPUTS,
-    N_VARIABLES,
-    SPEED,
-    Array,
-    Codes,
-    Term,
-)
+from seatrial.models.vessel.basis import AIR, INDEX, INPUTS, N_VARIABLES, SPEED, Array, Codes, Term
 from seatrial.models.vessel.devices.device import Device, Installed, device_forces, installed
 from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable, has_coriolis, layout
 

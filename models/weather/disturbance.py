@@ -10,8 +10,9 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from seatrial.models.errors import PartError, checked_array, name_of
+from seatrial.models.errors import PartError
 from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.returned import checked_array, name_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table

@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from seatrial.models.errors import checked_array
+from seatrial.models.returned import checked_array
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 

@@ -26,16 +26,8 @@ else:
     __getattr__, __dir__, __all__ = lazy_loader.attach(
         __name__,
         [
-            *(
-                "animation",
-                "audit",
-                "benchmark_page",
-                "comparison_table",
-                "housekeeping",
-                "leaderboard",
-                "manoeuvre_comparison",
-                "plots",
-            ),
-            *("report", "results", "runs", "selection", "site"),
+            *("animation", "audit", "benchmark_page", "comparison_table", "housekeeping"),
+            *("leaderboard", "manoeuvre_comparison", "plots", "report", "results", "runs"),
+            *("selection", "site"),
         ],
     )

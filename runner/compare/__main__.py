@@ -14,8 +14,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner import plugins
 from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app
-from seatrial.runner.database.passwords import refuse_passwords
-from seatrial.runner.database.terminal import error_line
+from seatrial.runner.database.terminal import error_line, refuse_passwords
 from seatrial.runner.invocation import REPLACED, import_from_working_folder
 
 PROGRAM = "seatrial-results"

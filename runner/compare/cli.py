@@ -35,11 +35,7 @@ else:  # by name: they take their requests from here
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
 MOST_CELLS = 250_000  # of a table, at about 3 kB
-app = typer.Typer(
-    name="seatrial-results",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+app = typer.Typer(name="seatrial-results", no_args_is_help=True, pretty_exceptions_enable=False)
 
 
 def _show_version(wanted: bool) -> None:
@@ -78,8 +74,7 @@ Sweep = Annotated[
     typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: the newest sweep]"),
 ]
 EverySweep = Annotated[
-    str | None,
-    typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: all]"),
+    str | None, typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: all]")
 ]
 Tag = Annotated[
     str | None, typer.Option("--tag", help="Only sweeps with this tag, all of them by default.")
@@ -280,8 +275,7 @@ class PlotOptions:
         ),
     ] = None
     metric: Annotated[
-        str,
-        typer.Option("--metric", "-m", help="Metric of the bars.", autocompletion=METRIC_NAMES),
+        str, typer.Option("--metric", "-m", help="Metric of the bars.", autocompletion=METRIC_NAMES)
     ] = "force_mse"
     rows: Annotated[
         str | None,
@@ -292,8 +286,7 @@ class PlotOptions:
         typer.Option("--columns", "-c", help="Factor of the groups.  [default: disturbance]"),
     ] = None
     dof: Annotated[
-        Several,
-        typer.Option(help="Only these degrees of freedom.", autocompletion=DOF_NAMES),
+        Several, typer.Option(help="Only these degrees of freedom.", autocompletion=DOF_NAMES)
     ] = None
     model: Annotated[str, typer.Option(help="nominal, identified or plant.")] = "identified"
     facet: Annotated[

@@ -104,7 +104,8 @@ class _Writer:
             for place, cell in table.cells.items()
         }
         self.location = {place: self._location(cell) for place, cell in table.cells.items()}
-        self.best = best_cells(table, self._losses(), selection.likeness)
+        losses = {place: self._loss(place, value) for place, value in self.location.items()}
+        self.best = best_cells(table, losses, selection.likeness)
 
     def grid(self) -> TextTable:
         """Return the table; it has a column of units if the rows have different units."""
@@ -133,10 +134,6 @@ class _Writer:
         shown = self.request.statistics
         median = "median" in shown and "mean" not in shown
         return summary(cell.sample, ["median" if median else "mean"]).popitem()[1]
-
-    def _losses(self) -> Mapping[Place, float]:
-        """Return the losses that select the best cells: smaller is better."""
-        return {place: self._loss(place, value) for place, value in self.location.items()}
 
     def _loss(self, place: Place, value: float) -> float:
         """Return the loss of a value; for a coefficient the distance from the true value."""
@@ -324,7 +321,10 @@ def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> 
     for name in request.statistics:
         if name == "std":
             if math.isfinite(figures["std"]):
-                texts.append(("± " if texts else "std ") + _spread_text(figures))
+                size = abs(figures.get("mean", figures.get("median", 0.0)))
+                rounding = figures["std"] < RELATIVE_ROUNDING * size  # of equal values
+                spread = "0" if rounding else number_text(figures["std"], 2)
+                texts.append(("± " if texts else "std ") + spread)
         elif name == "ci":
             low, high = figures["ci_low"], figures["ci_high"]
             if math.isfinite(low):
@@ -333,12 +333,6 @@ def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> 
             label = "" if name == "mean" else f"{name} "
             texts.append(label + number_text(figures[name], digits))
     return " ".join(texts)
-
-
-def _spread_text(figures: Mapping[str, float | int]) -> str:
-    """Return the standard deviation; the rounding error of equal values is printed as 0."""
-    size = abs(figures.get("mean", figures.get("median", 0.0)))
-    return "0" if figures["std"] < RELATIVE_ROUNDING * size else number_text(figures["std"], 2)
 
 
 def _counts_text(cell: PivotCell, request: TableRequest) -> str:

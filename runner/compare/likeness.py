@@ -108,9 +108,7 @@ class Likeness:
 
 
 def differing(
-    likeness: Likeness,
-    cells: Mapping[Hashable, Sequence[Observation]],
-    pooled: Sequence[str] = (),
+    likeness: Likeness, cells: Mapping[Hashable, Sequence[Observation]], pooled: Sequence[str] = ()
 ) -> list[str]:
     """Return the factors that make every cell alike if they become factors of the table.
 

@@ -265,7 +265,9 @@ def against_baseline(
     equal in what they differ in. Cells of the baseline itself are omitted; a cell without a
     counterpart has a test without pairs. Each pair of experiments counts once.
     """
-    counterparts = Counterparts(observations, baseline, likeness, _named(table, baseline))
+    factors = (*table.row_factors, *table.column_factors)
+    free = tuple(name for name in factors if name not in baseline and name not in OWN_FACTORS)
+    counterparts = Counterparts(observations, baseline, likeness, free)
     tests = {}
     for place, cell in table.cells.items():
         own = [o for o in cell.observed if not counterparts.is_reference(o)]
@@ -278,9 +280,3 @@ def against_baseline(
             )
             tests[place] = paired_test(left, right, definition_of(own[0].name).better)
     return tests
-
-
-def _named(table: Pivot, baseline: Mapping[str, str]) -> Key:
-    """Return the factors of the table that the baseline does not fix."""
-    factors = (*table.row_factors, *table.column_factors)
-    return tuple(name for name in factors if name not in baseline and name not in OWN_FACTORS)

@@ -115,17 +115,12 @@ def block_bootstrap(
         row = np.repeat(np.arange(resamples), np.count_nonzero(files == file, axis=1))
         whole, rest = divmod(n, min(length, n))
         starts = rng.integers(0, n, (len(row), whole + 1))
-        cumulative = _cumulative(np.square(of_file), n + length)
+        repeated = np.resize(np.square(of_file), (n + length, *of_file.shape[1:]))
+        cumulative = np.cumsum(np.concatenate([np.zeros_like(repeated[:1]), repeated]), axis=0)
         squares = _sums(cumulative, starts[:, :whole], min(length, n)).sum(axis=1)
         np.add.at(total, row, squares + _sums(cumulative, starts[:, whole], rest))
         np.add.at(count, row, n)
     return np.asarray(total / count[:, None])
-
-
-def _cumulative(squares: Sample, n: int) -> Sample:
-    """Sums (n + 1, ...) over the first k of the squares, which repeat after the last one."""
-    repeated = np.resize(squares, (n, *squares.shape[1:]))
-    return np.concatenate([np.zeros((1, *squares.shape[1:])), np.cumsum(repeated, axis=0)])
 
 
 def _sums(cumulative: Sample, starts: NDArray[np.int64], length: int) -> Sample:

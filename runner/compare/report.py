@@ -22,7 +22,6 @@ from seatrial.runner.compare.results import Queries, StoredRun, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
 from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Condition
-from seatrial.runner.database.records import RunDetail, SweepSummary
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import sheet
 from seatrial.runner.record.catalogue import METRICS, all_declared, definition_of
@@ -83,7 +82,9 @@ def render_report(results: Queries, request: ReportRequest) -> str:
     """Return the page as text; raises ConfigurationError if no run matches."""
     condition, scope = results.selected(request.where, request.sweep, request.tag)
     runs = results.runs(condition)
-    sweeps = _sweeps(results, runs)
+    ids = {run.sweep for run in runs}
+    sweeps = [sweep for sweep in results.reader.sweeps() if sweep.id in ids]
+    lost = [run.id for run in runs if run.status not in ("finished", "running")]
     tables, refused = _tables(results, request, runs)
     tables += _sheets(results, runs)
     pictures, trouble = _pictures(results, request)
@@ -102,15 +103,10 @@ def render_report(results: Queries, request: ReportRequest) -> str:
         refused=refused,
         trouble=trouble,
         warnings=_warnings(results, condition),
-        failures=_failures(results, runs),
+        failures=[results.reader.run(run_id) for run_id in lost[:MOST_LISTED]],
         provenance=_provenance(results, condition),
         listed=html_table(_listed(results, runs)),
     )
-
-
-def _sweeps(results: Queries, runs: Sequence[StoredRun]) -> list[SweepSummary]:
-    ids = {run.sweep for run in runs}
-    return [sweep for sweep in results.reader.sweeps() if sweep.id in ids]
 
 
 def _varied(runs: Sequence[StoredRun]) -> list[tuple[str, str]]:
@@ -217,7 +213,8 @@ def _pictures(results: Queries, request: ReportRequest) -> tuple[list[Picture], 
                     continue
                 except ConfigurationError:
                     continue  # these runs have no data for this figure
-                title = f"{caption}, {variant.dofs[0]}" if _is_dof(variant.dofs) else caption
+                one_dof = len(variant.dofs) == 1 and variant.dofs[0] not in COMBINED
+                title = f"{caption}, {variant.dofs[0]}" if one_dof else caption
                 for drawing in drawings:
                     pictures.append(picture(drawing.figure, title, f"f{len(pictures)}-"))
     return pictures, list(dict.fromkeys(messages))  # one for all degrees of freedom
@@ -239,10 +236,6 @@ def _variants(figure: Figure, shared: PlotRequest, rows: str) -> Iterator[tuple[
             yield figure.caption, request
 
 
-def _is_dof(dofs: Sequence[str]) -> bool:
-    return len(dofs) == 1 and dofs[0] not in COMBINED
-
-
 def _warnings(results: Queries, condition: Condition | None) -> list[str]:
     """Return the warnings with the numbers of their runs."""
     messages = []
@@ -250,11 +243,6 @@ def _warnings(results: Queries, condition: Condition | None) -> list[str]:
         runs = ", ".join(map(str, ids[:10])) + (", …" if len(ids) > 10 else "")
         messages.append(f"{text} (run{'s'[: len(ids) != 1]} {runs})")
     return messages
-
-
-def _failures(results: Queries, runs: Sequence[StoredRun]) -> list[RunDetail]:
-    lost = [run.id for run in runs if run.status not in ("finished", "running")]
-    return [results.reader.run(run_id) for run_id in lost[:MOST_LISTED]]
 
 
 def _provenance(results: Queries, condition: Condition | None) -> list[tuple[str, list[str]]]:

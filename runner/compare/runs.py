@@ -97,10 +97,7 @@ def run_rows(
 
 
 def runs_of(
-    results: Queries,
-    condition: Condition | None,
-    statuses: Sequence[str],
-    limit: int | None = None,
+    results: Queries, condition: Condition | None, statuses: Sequence[str], limit: int | None = None
 ) -> list[RunSummary]:
     """Return runs that meet the condition and have one of the statuses, newest first.
 

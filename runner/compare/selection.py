@@ -20,7 +20,6 @@ from seatrial.runner.compare.results import (
     ordered,
 )
 from seatrial.runner.compare.statistics import DEFAULT, IntervalKind, checked
-from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.catalogue import HORIZONS, PER_FILE
 
 LIMITED = tuple(f"limited_share_{horizon}" for horizon in HORIZONS)
@@ -203,7 +202,13 @@ def _gathered(results: Queries, request: TableRequest) -> Selection:
         if not numbers:  # read all levels, for the error message
             numbers = results.metrics(runs, request.names, condition)
         if request.by_file:
-            numbers += _of_files(results, runs, request, condition)
+            of_files = results.of_files(runs, request.names, condition)
+            if not of_files:
+                raise ConfigurationError(
+                    f"--rows/--columns: no run has {', '.join(request.names)} by file, expected "
+                    f"one of {', '.join(PER_FILE)} of runs with several files for testing"
+                )
+            numbers += of_files
         names = (BELOW_TRUE_MODEL, *DESIGN_FLAWS, *DIVERGENCE)
         flags = results.metrics(runs, names, condition)
     numbers = _selected(results, numbers, request)
@@ -230,19 +235,6 @@ def _gathered(results: Queries, request: TableRequest) -> Selection:
         diverged=diverged_predictions(flags),
         covering=results.covering(runs, condition) if request.of_coefficients else frozenset(),
     )
-
-
-def _of_files(
-    results: Queries, runs: Sequence[StoredRun], request: TableRequest, condition: Condition | None
-) -> list[Observation]:
-    """The errors on each file that was tested on; raises ConfigurationError if none is stored."""
-    numbers = results.of_files(runs, request.names, condition)
-    if not numbers:
-        raise ConfigurationError(
-            f"--rows/--columns: no run has {', '.join(request.names)} by file, expected one of "
-            f"{', '.join(PER_FILE)} of runs with several files for testing"
-        )
-    return numbers
 
 
 def diverged_predictions(numbers: Sequence[Observation]) -> dict[Prediction, float]:
@@ -279,12 +271,7 @@ def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
     models = list(request.models)
     if models and "model" in request.baseline:
         models.append(request.baseline["model"])
-    return {
-        "metric": request.names,
-        "dof": request.dofs,
-        "stage": request.stages,
-        "model": models,
-    }
+    return {"metric": request.names, "dof": request.dofs, "stage": request.stages, "model": models}
 
 
 def _check_names(results: Queries, request: TableRequest, names: set[str]) -> None:

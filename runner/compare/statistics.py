@@ -152,12 +152,7 @@ def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> P
     baseline_mean = float(np.mean(baseline))
     ratio = float(np.mean(sample)) / baseline_mean if baseline_mean != 0.0 else math.nan
     distinct = len({*zip(sample.tolist(), baseline.tolist(), strict=True)})
-    p_value = _wilcoxon(gain) if distinct >= LEAST_PAIRS else math.nan
+    tested = distinct >= LEAST_PAIRS and np.any(gain)
+    p_value = float(scipy.stats.wilcoxon(gain).pvalue) if tested else math.nan
     mean = float(np.mean(sample))
     return PairedTest(pairs, wins, ratio, p_value, mean, mean - baseline_mean)
-
-
-def _wilcoxon(differences: Sample) -> float:
-    if not np.any(differences):
-        return math.nan
-    return float(scipy.stats.wilcoxon(differences).pvalue)

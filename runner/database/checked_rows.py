@@ -8,17 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import Any, TypeVarTuple
 
-from sqlalchemy import (
-    JSON,
-    ColumnClause,
-    Connection,
-    DateTime,
-    Float,
-    Integer,
-    Row,
-    Select,
-    String,
-)
+from sqlalchemy import JSON, ColumnClause, Connection, DateTime, Float, Integer, Row, Select, String
 
 from seatrial.runner.database.tables import Utc
 

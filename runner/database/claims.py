@@ -8,8 +8,7 @@ that seems lost has finished in the meantime.
 
 import os
 import socket
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from datetime import datetime
 from typing import NamedTuple
 
@@ -55,11 +54,15 @@ def claim(
     for _ in range(_TRIES):
         attempts = _attempts(connection, RunRow.fingerprint == start.fingerprint)
         begun = _own(attempts, moment) or _existing(attempts, rerun)
-        if begun is None and _lost_are_given_up(connection, attempts):
+        running = [run for run in attempts if run.status == "running"]
+        # They are lost, unless one has ended or is alive after all.
+        if begun is None and all(_is_given_up(connection, run) for run in running):
             attempt = 1 + max((run.number for run in attempts), default=0)
-            begun = _insert(connection, _row(start, sweep_id, attempt, moment))
-            lost = sum(run.status == "running" for run in attempts)
-            begun = replace(begun, lost=lost) if begun is not None else None
+            row = _row(start, sweep_id, attempt, moment)
+            statement = _insert_unless_there(connection, RunRow).values(heartbeat_at=database_now())
+            run_id = connection.execute(statement.returning(RunRow.id), row).scalar()
+            if run_id is not None:  # otherwise another process was first
+                begun = RunClaim(run_id, "new", lost=len(running))
         if begun is not None:
             if begun.state != "new" and sweep_id is not None:
                 _note_reuse(connection, sweep_id, [begun.run_id])
@@ -119,24 +122,12 @@ def _existing(attempts: Sequence[_Attempt], rerun: bool) -> RunClaim | None:
     return None
 
 
-def _lost_are_given_up(connection: Connection, attempts: Sequence[_Attempt]) -> bool:
-    """Mark the running attempts as interrupted; False if one has ended or is alive after all."""
-    return all(_is_given_up(connection, run) for run in attempts if run.status == "running")
-
-
 def _is_given_up(connection: Connection, run: _Attempt) -> bool:
     process = f"process {run.pid} on {run.host}"
     if is_gone(run.process):
         return give_up(connection, run.id, f"{process} has ended")
     reason = f"{process} had no heartbeat for {STALE_AFTER_S:.0f} s"
     return give_up(connection, run.id, reason, is_stale(RunRow.heartbeat_at))
-
-
-def _insert(connection: Connection, row: Mapping[str, object]) -> RunClaim | None:
-    """Insert the new run; None if another process was first."""
-    statement = _insert_unless_there(connection, RunRow).values(heartbeat_at=database_now())
-    run_id = connection.execute(statement.returning(RunRow.id), row).scalar()
-    return RunClaim(run_id, "new") if run_id is not None else None
 
 
 def _insert_unless_there(connection: Connection, table: type[Base]) -> Insert:

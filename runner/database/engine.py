@@ -31,7 +31,7 @@ from tenacity import retry, retry_if_exception_message, stop_after_delay, wait_f
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database.checked_rows import DamagedCellError
-from seatrial.runner.database.passwords import refuse_passwords
+from seatrial.runner.database.terminal import refuse_passwords
 
 ENVIRONMENT = "SEATRIAL_DATABASE"  # variable with an address, which may hold a password
 

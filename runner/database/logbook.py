@@ -185,6 +185,7 @@ class LogbookWriter(LogbookReader):
         Raises LogbookError, and does not change the run, if the results cannot be stored.
         """
         written = self._write_series(run_id, results.series)
+        began_s = self._began.get(run_id)
         ending = {
             "status": status,
             "error_type": error_type,
@@ -193,7 +194,7 @@ class LogbookWriter(LogbookReader):
             "note": plain(results.note),
             "drawn": None if results.drawn is None else list(results.drawn),
             "finished_at": datetime.now(UTC),
-            "duration_s": self._duration(run_id),
+            "duration_s": None if began_s is None else time.monotonic() - began_s,
         }
         try:
             self._write(
@@ -263,10 +264,6 @@ class LogbookWriter(LogbookReader):
         (row,) = rows
         run_mark = files.mark(*row)
         return files.write(self.results_dir, run_id, run_mark, series)
-
-    def _duration(self, run_id: int) -> float | None:
-        start_s = self._began.get(run_id)
-        return time.monotonic() - start_s if start_s is not None else None
 
     def _end(
         self,

@@ -10,19 +10,7 @@ from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from sqlalchemy import (
-    ColumnElement,
-    Connection,
-    ForeignKeyConstraint,
-    Row,
-    Select,
-    Table,
-    and_,
-    delete,
-    func,
-    or_,
-    select,
-)
+from sqlalchemy import ColumnElement, Connection, Row, and_, delete, func, or_, select
 from sqlalchemy.exc import DatabaseError, OperationalError
 
 from seatrial.models.errors import LogbookError
@@ -46,7 +34,8 @@ def verify(connection: Connection, results_dir: Path) -> Verification:
     try:
         problems += _damage(connection)
         problems += _lost_parents(connection)
-        counts = [_count(connection, table) for table in (RunRow, SeriesRow)]
+        tables = (RunRow, SeriesRow)
+        counts = [connection.scalar(select(func.count()).select_from(t)) or 0 for t in tables]
         damaged = list(_damaged_tables(connection))
         problems += damaged
         if damaged:
@@ -58,10 +47,6 @@ def verify(connection: Connection, results_dir: Path) -> Verification:
     except DatabaseError as error:
         problems.append(LogbookDefect("database", one_line(error)))
     return Verification(counts[0], counts[1], problems, leftover_files)
-
-
-def _count(connection: Connection, table: type[Base]) -> int:
-    return connection.scalar(select(func.count()).select_from(table)) or 0
 
 
 def _damage(connection: Connection) -> Iterator[LogbookDefect]:
@@ -86,16 +71,12 @@ def _lost_parents(connection: Connection) -> Iterator[LogbookDefect]:
     """Find rows that refer to a missing run or sweep."""
     for table in Base.metadata.sorted_tables:
         for key in table.foreign_key_constraints:
-            count = connection.scalar(_without_parent(table, key))
-            if count:
-                parent = key.referred_table.name
-                yield LogbookDefect(f"table {table.name}", f"{count} rows refer to no {parent}")
-
-
-def _without_parent(table: Table, key: ForeignKeyConstraint) -> Select[int]:
-    (column,), parent = key.columns, key.referred_table
-    parent_row = select(parent.c.id).where(parent.c.id == column).exists()
-    return select(func.count()).select_from(table).where(column.is_not(None), ~parent_row)
+            (column,), parent = key.columns, key.referred_table
+            there = select(parent.c.id).where(parent.c.id == column).exists()
+            query = select(func.count()).select_from(table).where(column.is_not(None), ~there)
+            if count := connection.scalar(query):
+                problem = f"{count} rows refer to no {parent.name}"
+                yield LogbookDefect(f"table {table.name}", problem)
 
 
 def _wrong_file(row: Row[*tuple[object, ...]], results_dir: Path) -> LogbookDefect | None:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, timedelta
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -288,7 +288,7 @@ def _summary(row: Row[*tuple[object, ...]]) -> RunSummary:
     values["status"] = _status(row)
     values["superseded"] = bool(values["superseded"])
     for name in ("started_at", "finished_at"):
-        values[name] = _utc(values[name])
+        values[name] = values[name] and values[name].replace(tzinfo=UTC)
     return RunSummary(**values)
 
 
@@ -296,7 +296,3 @@ def _status(row: Row[*tuple[object, ...]]) -> str:
     """Return the status of the view; `interrupted` if the process of a running run has ended."""
     status: str = row.status
     return "interrupted" if status == "running" and is_gone(row.process) else status
-
-
-def _utc(time: datetime | None) -> datetime | None:
-    return time.replace(tzinfo=UTC) if time is not None else None

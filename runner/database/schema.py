@@ -62,7 +62,11 @@ def prepare(address: Address, *, create: bool, results_dir: Path | None = None) 
         if results_dir is not None:
             _require_no_series(address, results_dir)
         if address.path is not None:
-            _make_folder(address.path)
+            try:
+                address.path.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                reason = f"cannot create the folder: {error.strerror}"
+                raise LogbookError(f"{address}: {reason}") from error
     engine = engines.writer(address, create=True)
     try:
         with engines.explained(address), engine.begin() as connection:
@@ -142,13 +146,6 @@ def _writer(connection: Connection) -> str:
             version = json.loads(row[0]).get("seatrial", "of an unknown version")
             return f"{version} (commit {row[1][:12]})" if row[1] else str(version)
     return "of an unknown version"
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise LogbookError(f"{path}: cannot create the folder: {error.strerror}") from error
 
 
 def _require_no_series(address: Address, results_dir: Path) -> None:

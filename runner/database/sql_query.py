@@ -26,11 +26,7 @@ _LARGEST = 256 * 2**20  # characters and bytes of all texts of an answer
 _AT_ONCE = 10  # rows that a PostgreSQL server sends at once
 _PATTERN = 1000  # characters of a pattern of LIKE, whose time grows with the square
 _STEPS = 1000  # of SQLite's virtual machine between two looks at the clock
-_READING = {
-    sqlite3.SQLITE_SELECT,
-    sqlite3.SQLITE_READ,
-    sqlite3.SQLITE_RECURSIVE,
-}
+_READING = {sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_RECURSIVE}
 _PRAGMAS = {"table_info", "table_xinfo", "table_list", "index_list", "index_info"}
 _REFUSED = "expected one query that only reads (SELECT, WITH, VALUES)"
 

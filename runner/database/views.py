@@ -8,16 +8,7 @@ opened for writing (`view_version` holds the digest of its views).
 from functools import cache
 from hashlib import sha256
 
-from sqlalchemy import (
-    Boolean,
-    Connection,
-    DateTime,
-    Float,
-    Integer,
-    String,
-    column,
-    table,
-)
+from sqlalchemy import Boolean, Connection, DateTime, Float, Integer, String, column, table
 
 from seatrial.runner.database.liveness import stale
 from seatrial.runner.record.catalogue import METRICS, Definition

@@ -7,11 +7,7 @@ import numpy as np
 from seatrial.models.identification.problem import Identified
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import Term
-from seatrial.models.vessel.table import (
-    Vessel,
-    coefficient_unit,
-)
+from seatrial.models.vessel.table import Vessel, coefficient_unit
 from seatrial.runner.record.rows import Coefficient
 
 
@@ -53,7 +49,13 @@ def coefficients(
     tables = {"nominal": nominal, "residual": identified.residual, "identified": identified.model}
     if truth is not None:
         tables["plant"] = truth
-    errors = _standard_errors(identified)
+    residual, deviations = identified.residual, identified.std_error
+    errors = {
+        (term, dof): float(deviations[i, j])
+        for i, term in enumerate(residual.terms)
+        for j, dof in enumerate(residual.dofs)
+        if deviations is not None and np.isfinite(deviations[i, j])
+    }
     rows = []
     for model, table in tables.items():
         true = truths[model]
@@ -93,19 +95,6 @@ def _device_rows(
 def same_devices(first: Vessel, second: Vessel) -> bool:
     """Return whether two models have the same parameters of devices."""
     return np.array_equal(first.installed.parameters, second.installed.parameters)
-
-
-def _standard_errors(identified: Identified) -> dict[tuple[Term, str], float]:
-    """Return the standard error of each estimated coefficient, by term and degree of freedom."""
-    if identified.std_error is None:
-        return {}
-    residual = identified.residual
-    return {
-        (term, dof): float(identified.std_error[i, j])
-        for i, term in enumerate(residual.terms)
-        for j, dof in enumerate(residual.dofs)
-        if np.isfinite(identified.std_error[i, j])
-    }
 
 
 def state_space_coefficients(identified: Identified) -> list[Coefficient]:

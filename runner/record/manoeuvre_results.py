@@ -30,7 +30,6 @@ from seatrial.models.simulation.manoeuvre_sheet import (
     DEVIATION_SHARE,
     DIAGNOSTIC,
     Manoeuvre,
-    Sheet,
     intervals,
     sheet,
     track_of,
@@ -71,7 +70,11 @@ def manoeuvre_results(
             result = sheet(sailed(calm, mission, model, length), kind)
         except UNABLE:
             continue
-        metrics += _rows(result, name)
+        metrics += [
+            metric(metric_of_measure(entry.quantity), "validation", name, "all", entry.value)
+            for entry in result.entries
+            if np.isfinite(entry.value)
+        ]
     found = _intervals(calm, mission, identified, kind, length)
     return Results(metrics, diagnostics=found)
 
@@ -90,14 +93,6 @@ def sailed(calm: Trial, mission: SteeredMission, model: Vessel, length_m: float)
     prepared = prepare(calm, Streams(calm.seed), calm.vessel.nominal(), mission, true=model)
     voyage = prepared.sail().voyage
     return track_of(recording_of(voyage, voyage.weather), mission.helm, length_m)
-
-
-def _rows(result: Sheet, model: str) -> list[Metric]:
-    return [
-        metric(metric_of_measure(entry.quantity), "validation", model, "all", entry.value)
-        for entry in result.entries
-        if np.isfinite(entry.value)
-    ]
 
 
 def _intervals(

@@ -17,8 +17,9 @@ from abc import ABC
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from seatrial.models.errors import PartError, checked_array, name_of
+from seatrial.models.errors import PartError
 from seatrial.models.recording.recording import Recording
+from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.record.catalogue import Definition, register

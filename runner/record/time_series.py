@@ -111,7 +111,8 @@ def recording_series(
     if sailed is not None:
         columns |= _weather(sailed.voyage.weather, dofs)
         columns |= _noise(sailed.voyage.weather, dofs)
-        columns |= _requested_forces(sailed.voyage)
+        if is_allocated(sailed.voyage):  # the commanded forces before the allocation
+            columns |= _columns([f"tau_asked_{dof}" for dof in dofs], sailed.voyage.log.tau)
         if sailed.wind is not None:
             columns |= _columns([f"wind_{dof}" for dof in dofs], sailed.wind)
     return Series("recording", columns, _units(dofs, columns))
@@ -149,13 +150,6 @@ def training_series(recording: Recording) -> Series:
         wind = _columns(("air_ahead", "air_abeam"), recording.wind)
         columns, units = columns | wind, units | dict.fromkeys(wind, "m/s")
     return Series("recording", columns, units)
-
-
-def _requested_forces(voyage: Voyage) -> dict[str, Array]:
-    """Return the commanded forces before the allocation, if the allocation changes them."""
-    if not is_allocated(voyage):
-        return {}
-    return _columns([f"tau_asked_{dof}" for dof in voyage.dofs], voyage.log.tau)
 
 
 def _command_names(inputs: Sequence[str]) -> list[str]:

@@ -7,17 +7,11 @@ import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.problem import (
-    Identified,
-    Problem,
-    lack_of_fit,
-    reference_force,
-)
+from seatrial.models.identification.problem import Identified, Problem, lack_of_fit, reference_force
 from seatrial.models.identification.validation import (
     HORIZONS,
     Ahead,
     InertiaError,
-    Prediction,
     combined,
     prediction,
     scores,
@@ -128,10 +122,7 @@ class Predictions:
 
 
 def predictions(
-    problem: Problem,
-    identified: Identified,
-    truth: Vessel | None,
-    horizons_s: Sequence[float] = (),
+    problem: Problem, identified: Identified, truth: Vessel | None, horizons_s: Sequence[float] = ()
 ) -> Predictions:
     """Compute errors and scores of the predictions of every model on the held-out part.
 
@@ -144,38 +135,36 @@ def predictions(
         models["plant"] = truth
     predicted = Predictions([], [], {}, {})
     spread: Array | None = None
+    dofs = problem.validation.dofs
     for model, table in models.items():
         try:
             predictor = prediction(table, problem.validation, problem.thruster)
         except IdentificationError as error:
             label = f"{model} model: {error}"
             predicted.diagnostics.append(Diagnostic("no_prediction", "all", 1.0, label=label))
-            lost = 1.0 if isinstance(error, InertiaError) else np.nan
-            predicted.metrics.extend(_without_prediction(model, problem.validation.dofs, lost))
+            limited, held = (1.0, 0.0) if isinstance(error, InertiaError) else (np.nan, np.nan)
+            unknown = np.full(2 * len(dofs), np.nan)
+            for horizon in HORIZONS:
+                ahead = Ahead(unknown, limited, unknown)
+                predicted.metrics.extend(_over(model, horizon, ahead, unknown, dofs))
+            predicted.metrics.append(metric("held_free_run", "validation", model, "all", held))
             continue
         if spread is None:
             spread = predictor.mean_motion()
-            predicted.metrics.extend(_mean_motion(spread, problem.validation.dofs))
-        rows = _predictions(model, predictor, spread, problem.validation.dofs)
-        predicted.metrics.extend(rows)
+            for horizon in HORIZONS:
+                predicted.metrics.extend(_errors("mean_motion", horizon, spread, dofs))
+        for horizon in HORIZONS:
+            ahead = predictor.over(horizon)
+            if ahead.diverged:
+                unknown = np.full(len(spread), np.nan)
+                ahead = ahead._replace(rmse=unknown, std=unknown)
+            predicted.metrics.extend(_over(model, horizon, ahead, spread, dofs))
+        held = predictor.held_s()
+        predicted.metrics.append(metric("held_free_run", "validation", model, "all", held))
         predicted.free_runs[model] = predictor.motion()
         for seconds in horizons_s:
             predicted.after[model, seconds] = predictor.motion_after(seconds)
     return predicted
-
-
-def _predictions(
-    model: str, predictor: Prediction, spread: Array, dofs: tuple[str, ...]
-) -> list[Metric]:
-    metrics: list[Metric] = []
-    for horizon in HORIZONS:
-        ahead = predictor.over(horizon)
-        if ahead.diverged:
-            unknown = np.full(len(spread), np.nan)
-            ahead = ahead._replace(rmse=unknown, std=unknown)
-        metrics += _over(model, horizon, ahead, spread, dofs)
-    metrics.append(metric("held_free_run", "validation", model, "all", predictor.held_s()))
-    return metrics
 
 
 def _over(
@@ -198,16 +187,3 @@ def _errors(model: str, horizon: str, rmse: Array, dofs: tuple[str, ...]) -> lis
         for quantity, half in zip(QUANTITIES, np.split(rmse, 2), strict=True)
         for row in per_dof(f"{quantity}_rmse_{horizon}", "validation", model, dofs, half)
     ]
-
-
-def _mean_motion(spread: Array, dofs: tuple[str, ...]) -> list[Metric]:
-    return [row for horizon in HORIZONS for row in _errors("mean_motion", horizon, spread, dofs)]
-
-
-def _without_prediction(model: str, dofs: tuple[str, ...], limited: float) -> list[Metric]:
-    """Rows of a model that cannot predict; `limited` is 1 if its inertia makes it impossible."""
-    unknown = np.full(2 * len(dofs), np.nan)
-    ahead = Ahead(unknown, limited, unknown)
-    rows = [row for horizon in HORIZONS for row in _over(model, horizon, ahead, unknown, dofs)]
-    held = 0.0 if limited == 1.0 else np.nan
-    return [*rows, metric("held_free_run", "validation", model, "all", held)]

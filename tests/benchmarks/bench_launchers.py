@@ -46,8 +46,7 @@ def test_launchers(stated: Callable[..., None], tmp_path: Path) -> None:
                 "ratio": ratio,
             },
             "a trial, median": {
-                "shown": f"{one['basic']:.2f} s with basic,"
-                f" {one['processes']:.2f} s with processes",
+                "shown": f"{one['basic']:.2f} s with basic, {one['processes']:.2f} s with processes"
             },
         }
 

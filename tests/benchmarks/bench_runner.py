@@ -86,9 +86,7 @@ def test_a_sweep_grows(stated: Callable[..., None]) -> None:
                 "limit": "linear within 10 %",
                 **({"short": f"{apart:+.0%}"} if apart > 0.1 else {}),
             },
-            "peak memory": {
-                "shown": ", ".join(f"{peak:.0f} MB" for peak in peaks),
-            },
+            "peak memory": {"shown": ", ".join(f"{peak:.0f} MB" for peak in peaks)},
         }
 
     stated(work, item="7a", what="a sweep of 10, 100 and 1,000 trials")

@@ -29,10 +29,8 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
             raise ConfigurationError(
                 f"{path}: is a MATLAB 7.3 file: h5py is not installed: pip install 'seatrial[mat]'"
             )
-        from seatrial.models.recording.formats import hdf5_file  # needs h5py
-
         with bounded(path, EXPECTED):
-            arrays = hdf5_file.datasets(path)
+            arrays = _datasets(path)
     else:
         _check_uncompressed(path)
         with bounded(path, EXPECTED):
@@ -91,3 +89,28 @@ def _unpacked(unpacker: "zlib._Decompress", piece: bytes) -> int:
     except zlib.error:  # the reader proper says it
         return total
     return total
+
+
+def _datasets(path: Path) -> dict[str, NDArray[np.generic]]:
+    """The datasets of numbers, by dotted name; text and MATLAB's own references are left out.
+
+    Raises RecordingError if they are too large.
+    """
+    import h5py
+
+    found: dict[str, h5py.Dataset] = {}
+
+    def visit(name: str, item: object) -> None:
+        hidden = name.startswith("#") or getattr(item, "attrs", {}).get("MATLAB_class") == b"char"
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf" and not hidden:
+            found[name.replace("/", ".")] = item
+
+    with h5py.File(path, "r") as stored:
+        stored.visititems(visit)
+        size = sum(item.size * max(item.dtype.itemsize, 8) for item in found.values())
+        if size > LARGEST_BYTES:
+            raise RecordingError(
+                f"{path}: got {size / 1e6:.3g} MB of numbers, expected at most "
+                f"{LARGEST_BYTES / 1e6:.0f}; cut the recording"
+            )
+        return {name: item[()] for name, item in found.items() if item.ndim}

@@ -55,9 +55,9 @@ def cells(
                 )
                 given += (f"horizons_s={list(task.horizons_s)}",)
                 for seed in range(case.seeds or task.seeds):
-                    yield BenchmarkTrial(
-                        name, label, entrant, seed, _last((*given, f"seed={seed}"))
-                    )
+                    # The last option of a key counts: an entrant may replace one of the task.
+                    last = {o.partition("=")[0]: o for o in (*given, f"seed={seed}")}
+                    yield BenchmarkTrial(name, label, entrant, seed, tuple(last.values()))
 
 
 def lacking(task: Task) -> list[Lacking]:
@@ -73,11 +73,6 @@ def lacking(task: Task) -> list[Lacking]:
         for label, case in task.cases.items()
     }
     return [Lacking(label, files) for label, files in wrong.items() if files]
-
-
-def _last(options: Sequence[str]) -> tuple[str, ...]:
-    """The last option of each key: an entrant may replace one of the task, such as the vessel."""
-    return tuple({option.partition("=")[0]: option for option in options}.values())
 
 
 def _map(task: Task) -> Iterator[str]:

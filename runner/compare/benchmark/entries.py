@@ -62,7 +62,11 @@ class BenchmarkRun:
 
 def entries(results: Queries, task: Task, listed: Iterable[BenchmarkTrial]) -> list[BenchmarkRun]:
     """Return the cells that have been run, with their scores."""
-    newest = _newest(results)
+    columns = (RunTable.id, RunTable.status, RunTable.overrides)
+    ends = (RunTable.started_at, RunTable.finished_at, RunTable.error)
+    ended = RunTable.status.in_(ENDINGS)
+    query = sa.select(*columns, *ends).where(ended).order_by(RunTable.id)
+    newest = {_normal(row.overrides): row for row in results.reader.select(query)}
     found = []
     for cell in listed:
         row = newest.get(_normal(cell.options))
@@ -72,15 +76,6 @@ def entries(results: Queries, task: Task, listed: Iterable[BenchmarkTrial]) -> l
 
 
 Stored = sa.Row[int, str, list[str], datetime, datetime | None, str | None]
-
-
-def _newest(results: Queries) -> dict[tuple[str, ...], Stored]:
-    """Return the newest run that has ended of each set of options, by their normal form."""
-    columns = (RunTable.id, RunTable.status, RunTable.overrides)
-    ends = (RunTable.started_at, RunTable.finished_at, RunTable.error)
-    ended = RunTable.status.in_(ENDINGS)
-    query = sa.select(*columns, *ends).where(ended).order_by(RunTable.id)
-    return {_normal(row.overrides): row for row in results.reader.select(query)}
 
 
 def _normal(options: Iterable[str]) -> tuple[str, ...]:

@@ -173,7 +173,9 @@ def position_score(series: Series, model: str, seconds: float) -> Score:
         return Score(np.array([np.inf]), np.full((len(starts), 1), np.inf), starts, period_s, {})
     before = np.roll(measured, steps, axis=0)
     if model == PERSISTENCE:
-        ends = before + seconds * np.roll(_velocity(series), steps, axis=0)
+        u, v, psi = (series.columns[name] for name in ("surge", "sway", "psi"))
+        north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+        ends = before + seconds * np.roll(np.column_stack([north, east]), steps, axis=0)
     elif model == MEAN_MOTION:
         ends = before + np.mean((measured - before)[reached], axis=0)
     distance = np.linalg.norm(ends - measured, axis=1)[reached, None]
@@ -187,9 +189,3 @@ def _predicted(series: Series, model: str, seconds: float) -> Sample | None:
     if any(name not in series.columns for name in names):
         return None
     return np.column_stack([series.columns[name] for name in names])
-
-
-def _velocity(series: Series) -> Sample:
-    """Measured velocity along north and east [m/s], shape (N, 2)."""
-    u, v, psi = (series.columns[name] for name in ("surge", "sway", "psi"))
-    return np.column_stack([u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)])

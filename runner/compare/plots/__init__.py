@@ -50,11 +50,7 @@ def figures_of(
 
 
 def draw(
-    kind: str,
-    results: Queries,
-    request: PlotRequest,
-    folder: Path,
-    width_mm: float | None = None,
+    kind: str, results: Queries, request: PlotRequest, folder: Path, width_mm: float | None = None
 ) -> list[Path]:
     """Draw the figures of a kind into a folder and return the paths of the files.
 

@@ -142,7 +142,8 @@ def _bars(
         centres, cells, samples, means, spreads, strict=True
     ):
         if sample.size > 1:
-            places = centre + 0.5 * width * _spread_out(sample.size)
+            golden = 0.6180339887498949  # spreads any number of points evenly
+            places = centre + 0.5 * width * (np.arange(sample.size) * golden % 1.0 - 0.5)
             axes.plot(
                 places,
                 sample,
@@ -170,12 +171,6 @@ def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[PivotCel
                 [centre], [mean], [[below], [spread]], fmt="none", ecolor="black", capsize=3,
                 elinewidth=1.2,
             )  # fmt: skip
-
-
-def _spread_out(n: int) -> NDArray[np.float64]:
-    """Return n positions in -0.5 to 0.5, shape (n,), spread by the golden ratio."""
-    golden = 0.6180339887498949
-    return np.asarray((np.arange(n) * golden) % 1.0 - 0.5, dtype=np.float64)
 
 
 def _marks(axes: Axes, centre: float, cell: PivotCell, mean: float, top: float) -> None:

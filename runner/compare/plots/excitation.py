@@ -182,7 +182,8 @@ def _spectrum(
     largest = float(np.max(size))
     axes.set_xlim(frequency[0], frequency[-1])
     if largest > 0.0:
-        smooth = _smooth(size)
+        width = max(5, len(size) // 100)  # a mean over neighbours evens out noise
+        smooth = np.sqrt(np.convolve(np.square(size), np.ones(width) / width, "same"))
         last = float(frequency[np.flatnonzero(smooth >= MATTERS * np.max(smooth))[-1]])
         shown = frequency <= max(2.0 * last, 10.0 * frequency[0])
         axes.set_yscale("log")
@@ -194,12 +195,6 @@ def _spectrum(
         rank, unknowns, lines = (int(values[name]) for name in REPORT)
         title = f"spectral lines: {lines}; {rank} of {unknowns} terms separable"
         axes.set_title(title, loc="left", fontsize=8.5, fontweight="normal")
-
-
-def _smooth(size: Sample) -> Sample:
-    """Return the root mean square of amplitudes (n,) over neighbours, which evens out noise."""
-    width = max(5, len(size) // 100)
-    return np.asarray(np.sqrt(np.convolve(np.square(size), np.ones(width) / width, "same")))
 
 
 def _inseparable(diagnostics: Sequence[StoredDiagnostic], dofs: Sequence[str]) -> list[str]:

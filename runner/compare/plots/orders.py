@@ -166,12 +166,9 @@ def _limit(axes: Axes, curves: Sequence[Curves]) -> None:
 
 def _notes(curves: Mapping[tuple[str, str], Mapping[str, Curves]]) -> list[str]:
     lines = [line for by_dof in curves.values() for line in by_dof.values()]
-    notes = ["line: median over seeds, band: smallest to largest"] if _several(lines) else []
+    several = any(len(line.mse) > 1 for line in lines)
+    notes = ["line: median over seeds, band: smallest to largest"] if several else []
     if any(line.selected for line in lines):
         notes.append("markers: selected orders; not shown: orders above twice the largest of them")
     labels = ordered(line.label for line in lines if line.label)
     return ["; ".join(notes), *([f"order chosen by: {', '.join(labels)}"] if labels else [])]
-
-
-def _several(curves: Sequence[Curves]) -> bool:
-    return any(len(line.mse) > 1 for line in curves)

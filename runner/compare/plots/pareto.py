@@ -67,7 +67,8 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     if len(names) < 2:
         return None
     all_pairs = list(combinations(range(len(names)), 2))
-    pairs = (_of_one_dof(all_pairs, dofs) or all_pairs)[:MOST_PANELS]
+    alike = [(a, b) for a, b in all_pairs if dofs[a] == dofs[b]] if len(dofs) > 3 else []
+    pairs = (alike or all_pairs)[:MOST_PANELS]
     columns = min(len(pairs), ABREAST)
     rows = -(-len(pairs) // columns)
     figure, axes = panels(rows, columns, max(3.8, 5.0 / columns), 3.9)
@@ -81,11 +82,6 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     left_out = f"; {len(pairs)} of {len(all_pairs)} pairs" if len(pairs) < len(all_pairs) else ""
     footnote(figure, [f"circle: the chosen point{seeds}{left_out}"])
     return Drawing(facet.file("pareto"), figure)
-
-
-def _of_one_dof(pairs: Sequence[tuple[int, int]], dofs: Sequence[str]) -> list[tuple[int, int]]:
-    """Return the pairs of one degree of freedom; empty for up to three objectives."""
-    return [(a, b) for a, b in pairs if dofs[a] == dofs[b]] if len(dofs) > 3 else []
 
 
 def _panel(

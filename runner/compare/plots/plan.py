@@ -24,7 +24,6 @@ from seatrial.runner.compare.plots.style import (
     trim,
 )
 from seatrial.runner.compare.results import Queries, StoredRun
-from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 
 FIGURE = Figure(
@@ -49,14 +48,23 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
     plan = results.reader.series(run.id, "plan")
     waters = results.reader.series(run.id, "waters")
-    north, east = _limits(waters)
-    figure, axes = panels(
-        1, 1, WIDTH, 1.2 + 0.9 * WIDTH * float(np.clip(_ratio(north, east), 0.4, 1.6))
+    margin = 0.03 * max(float(np.ptp(waters.columns[name])) for name in ("x", "y"))
+    north, east = (
+        np.array([np.min(waters.columns[name]) - margin, np.max(waters.columns[name]) + margin])
+        for name in ("x", "y")
     )
+    ratio = float(np.clip(np.ptp(north) / np.ptp(east), 0.4, 1.6))
+    figure, axes = panels(1, 1, WIDTH, 1.2 + 0.9 * WIDTH * ratio)
     _waters(axes[0], waters)
     deviation = _track(axes[0], results, run)
-    _passages(axes[0], plan)
-    for number, name in _names(results, run, request).items():
+    for i, part in enumerate(_intervals(plan.columns["manoeuvre"] < 0.0)):
+        passage = plan.columns["y"][part], plan.columns["x"][part]
+        label = None if i else "passage"
+        axes[0].plot(*passage, ":", color=REFERENCE, linewidth=1.2, label=label, zorder=2.5)
+    rows = results.diagnostics([run], ("mix_count",), with_run(None, run.id))[run.id]
+    if not rows:
+        raise ConfigurationError(f"plot plan: run {run.id} has no diagnostic mix_count")
+    for number, name in {int(row.i): str(row.label) for row in rows}.items():
         _manoeuvre(axes[0], plan, number, name)
     _ends(axes[0], plan)
     axes[0].set_xlim(*east)
@@ -70,29 +78,6 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
     footnote(figure, notes)
     trim(figure)
     return Drawing(f"plan-run-{run.id}", figure)
-
-
-def _limits(waters: Series) -> tuple[Sample, Sample]:
-    """Return the limits of north and east [m], each of shape (2,), with a margin."""
-    margin = 0.03 * max(float(np.ptp(waters.columns[name])) for name in ("x", "y"))
-    north, east = (
-        np.array([np.min(waters.columns[name]) - margin, np.max(waters.columns[name]) + margin])
-        for name in ("x", "y")
-    )
-    return north, east
-
-
-def _ratio(north: Sample, east: Sample) -> float:
-    return float(np.ptp(north) / np.ptp(east))
-
-
-def _names(results: Queries, run: StoredRun, request: PlotRequest) -> dict[int, str]:
-    """Return the names of the possible manoeuvres by number."""
-    rows = results.diagnostics([run], ("mix_count",), with_run(None, run.id))[run.id]
-    names = {int(row.i): str(row.label) for row in rows}
-    if not names:
-        raise ConfigurationError(f"plot plan: run {run.id} has no diagnostic mix_count")
-    return names
 
 
 def _waters(axes: Axes, waters: Series) -> None:
@@ -115,15 +100,6 @@ def _intervals(chosen: Flags) -> list[slice]:
     """Return the intervals of consecutive chosen samples, each with the sample after it."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
     return [slice(int(a), int(b) + 1) for a, b in edges.reshape(-1, 2)]
-
-
-def _passages(axes: Axes, plan: Series) -> None:
-    north, east = plan.columns["x"], plan.columns["y"]
-    for i, part in enumerate(_intervals(plan.columns["manoeuvre"] < 0.0)):
-        label = None if i else "passage"
-        axes.plot(
-            east[part], north[part], ":", color=REFERENCE, linewidth=1.2, label=label, zorder=2.5
-        )
 
 
 def _manoeuvre(axes: Axes, plan: Series, number: int, name: str) -> None:

@@ -2,7 +2,6 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
@@ -65,7 +64,9 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
         if values is not None:
             lines.append((label, values, MODEL_COLOURS[model]))
     for label, values, colour in lines:
-        t, shown = _broken(starts, series.columns["t"], values)
+        # With a gap before each piece, so that no line joins two pieces.
+        gaps = np.flatnonzero(starts)[1:]
+        t, shown = (np.insert(each, gaps, np.nan) for each in (series.columns["t"], values))
         axes.plot(t, shown, color=colour, label=label, linewidth=0.9, alpha=0.9)
     margin = ROOM * float(np.std(measured)) or 1.0  # a free run that runs away leaves the panel
     axes.set_ylim(
@@ -73,22 +74,13 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
     )
     axes.set_ylabel(with_unit(dof.capitalize(), series.units[dof]))
     axes.margins(x=0)
-    beside(
-        axes,
-        [(_end(v), f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines[1:]],
-    )
+    beside(axes, [(_end(v), f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines[1:]])
 
 
 def _end(values: Sample) -> float:
     """Return the last finite value of a line, beside which its FIT is written."""
     finite = values[np.isfinite(values)]
     return float(finite[-1]) if len(finite) else float("nan")
-
-
-def _broken(starts: NDArray[np.bool_], t: Sample, values: Sample) -> tuple[Sample, Sample]:
-    """Times and values with a gap before each piece, so that no line joins two pieces."""
-    rows = np.flatnonzero(starts)[1:]
-    return np.insert(t, rows, np.nan), np.insert(values, rows, np.nan)
 
 
 def fit_text(measured: Sample, predicted: Sample) -> str:

@@ -199,16 +199,12 @@ def with_run(condition: Condition | None, run: int) -> Condition:
 Choice = Callable[[Queries, Sequence[StoredRun], Condition | None], StoredRun]
 
 
-def _newest(results: Queries, runs: Sequence[StoredRun], condition: Condition | None) -> StoredRun:
-    return runs[-1]
-
-
 def each_run(
     results: Queries,
     request: PlotRequest,
     kinds: Sequence[str],
     column: str | None = None,
-    typical: Choice = _newest,
+    typical: Choice = lambda results, runs, condition: runs[-1],  # the newest
 ) -> list[tuple[StoredRun, list[str]]]:
     """Return the runs of figures over time, and which of the series `kinds` each run has.
 

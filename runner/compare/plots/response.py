@@ -82,16 +82,12 @@ def _drawing(
     else:
         figure = overlaid(lines, request, colours, f"run {run.id}", limits_of(config))
         note = NOTE
-    headed(figure, figure.axes, f"Response, {_title(run)}")
+    factors = ("vessel", "disturbance", "identifier", "controller", "evaluation")
+    chosen = [run.levels[name] for name in factors if run.levels[name] != "none"]
+    title = f"Response, run {run.id}: {', '.join(chosen)}, seed {run.levels['seed']}"
+    headed(figure, figure.axes, title)
     footnote(figure, [note])
     return Drawing(f"response-run-{run.id}", figure)
-
-
-def _title(run: StoredRun) -> str:
-    """Return `run 17: supply_vessel, wind, lqi, setpoints, seed 3`."""
-    names = ("vessel", "disturbance", "identifier", "controller", "evaluation")
-    levels = [run.levels[name] for name in names if run.levels[name] != "none"]
-    return f"run {run.id}: {', '.join(levels)}, seed {run.levels['seed']}"
 
 
 def overlaid(
@@ -117,7 +113,9 @@ def overlaid(
         pose, force, *wind = axes[column :: len(dofs)]
         _reference(pose, first, dof)
         _missions(pose, force, lines, dof, colours)
-        _limit(force, lines, dof, limits.get(dof))
+        unit, size, peak = _forces(lines, dof)
+        if (limit := limits.get(dof)) is not None:
+            draw_limit(force, limit, peak, unit, size)
         for panel in wind:
             _wind(panel, first, dof)
         axes[(rows - 1) * len(dofs) + column].set_xlabel(with_unit("Time", first.units["t"]))
@@ -144,12 +142,6 @@ def _missions(
         for panel, signal in signals.items():
             panel.plot(series.columns["t"], signal, color=colour, linewidth=width, label=label)
     force.set_ylabel(with_unit(f"Force, {dof}", unit))
-
-
-def _limit(axes: Axes, lines: Mapping[str, Series], dof: str, limit: float | None) -> None:
-    unit, size, peak = _forces(lines, dof)
-    if limit is not None:
-        draw_limit(axes, limit, peak, unit, size)
 
 
 def _pose(series: Series, name: str) -> Sample:

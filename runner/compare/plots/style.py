@@ -154,12 +154,7 @@ def figure(width: float, height: float, rigid: bool = False) -> Figure:
 
 
 def panels(
-    rows: int,
-    columns: int,
-    width: float,
-    height: float,
-    share_x: bool = False,
-    rigid: bool = False,
+    rows: int, columns: int, width: float, height: float, share_x: bool = False, rigid: bool = False
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
 

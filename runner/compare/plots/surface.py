@@ -72,7 +72,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
         figure,
         [
             f"contours: powers of ten; brightest: {WORST:g} times the smallest error and more; "
-            "blank: no model of that order",
+            "blank: no model of that order"
         ],
     )
     return Drawing(f"surface-run-{run.id}", figure)

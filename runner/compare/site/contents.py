@@ -4,7 +4,9 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import pairwise
 
+import numpy as np
 import sqlalchemy as sa
 
 from seatrial.models.errors import LogbookError
@@ -21,16 +23,21 @@ from seatrial.runner.compare.runs import run_details
 from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
 from seatrial.runner.compare.site.measures import StoredMeasures
 from seatrial.runner.compare.site.run_columns import Json, run_columns
-from seatrial.runner.compare.site.thinned_series import thinned
-from seatrial.runner.compare.statistics import quantile_of_t
+from seatrial.runner.compare.statistics import Sample, quantile_of_t
 from seatrial.runner.database.tables import Reuse
 from seatrial.runner.invocation import results_program
 from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import DOF_ORDER, LOST, MODELS
 
 QUANTILES = 200  # of Student's t that the page is told; it computes those beyond by a series
 MOST_FAILURES = 500  # whose tracebacks the page is told, the newest ones
 PARETO = ("pareto_objective", "pareto_chosen")
+TRACK_SAMPLES = 600
+STRETCHES = 300  # of which a line keeps the lowest and the highest sample
+DIGITS = 5  # significant
+PLANE = ("x", "y", "x_d", "y_d", "psi")
+ERRORS = ("e_pos", "e_psi")
 
 
 def summary(results: Queries, database: str, measures: StoredMeasures, opened: int) -> Json:
@@ -218,7 +225,11 @@ def one_run(results: Queries, run_id: int) -> Json:
     diagnostics = [f for f in results.reader.diagnostics(run_id) if f.name in PARETO]
     return {
         "run": run_id,
-        "tables": _tables(results, run_id),
+        "tables": [  # what `show` prints, but for what the page draws itself
+            (grid.title, grid.headers, [[cell.text for cell in row] for row in grid.rows])
+            for grid in run_details(results, run_id)
+            if grid.title not in ("metrics", "series", "coefficients")
+        ],
         "metrics": [
             [definition_of(m.name).label, number(m.value), m.unit, m.dof, m.stage, m.model]
             for m in results.reader.metrics(run_id)
@@ -230,15 +241,6 @@ def one_run(results: Queries, run_id: int) -> Json:
             [f.name, f.dof, f.i, f.j, f.label, number(f.value), f.unit] for f in diagnostics
         ],
     }
-
-
-def _tables(results: Queries, run_id: int) -> list[Sequence[object]]:
-    """Return title, headers and rows of what `show` prints, but for what the page draws itself."""
-    return [
-        (grid.title, grid.headers, [[cell.text for cell in row] for row in grid.rows])
-        for grid in run_details(results, run_id)
-        if grid.title not in ("metrics", "series", "coefficients")
-    ]
 
 
 def _coefficients(results: Queries, run_id: int) -> Json:
@@ -260,3 +262,58 @@ def _coefficients(results: Queries, run_id: int) -> Json:
 def number(value: float | None) -> float | None:
     """Return a number that JSON can hold; None if it is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
+
+
+def thinned(series: Series) -> Json | None:
+    """Return the columns of a series that the page draws; None if it draws none of them.
+
+    `track` holds columns of equal length in metres and radians, `lines` pairs of time [s] and
+    value by column; `every` says how many samples one stands for.
+    """
+    columns = {name: np.asarray(v, dtype=np.float64) for name, v in series.columns.items()}
+    t = columns.get("t", np.zeros(0))
+    track = {name: columns[name] for name in PLANE if name in columns}
+    lines = [name for name in columns if name in ERRORS or name.startswith("residual_")]
+    if not t.size or not ({"x", "y"} <= track.keys() or lines):
+        return None
+    stride = max(1, -(-t.size // TRACK_SAMPLES))
+    rows = np.unique(np.append(np.arange(0, t.size, stride), t.size - 1))
+    return {
+        "every": stride,
+        "track": {name: _rounded(values[rows]) for name, values in track.items()},
+        "lines": {name: [*map(_rounded, extremes(t, columns[name]))] for name in lines},
+        "units": {name: series.units.get(name, "") for name in (*track, *lines)},
+        "training_ends_s": _training_end(t, columns),
+    }
+
+
+def extremes(t: Sample, values: Sample) -> tuple[Sample, Sample]:
+    """Return the lowest and the highest sample of each stretch, in their order.
+
+    `t` and `values` have shape (n,), the results at most (2 STRETCHES,). Values that are not finite
+    are left out.
+    """
+    kept = np.isfinite(values)
+    t, values = t[kept], values[kept]
+    if values.size <= 2 * STRETCHES:
+        return t, values
+    edges = np.linspace(0, values.size, STRETCHES + 1, dtype=np.int64)
+    rows: Sequence[int] = [
+        edge
+        for low, high in pairwise(edges.tolist())
+        for edge in (low + int(np.argmin(values[low:high])), low + int(np.argmax(values[low:high])))
+    ]
+    chosen = np.unique(np.array(rows))
+    return t[chosen], values[chosen]
+
+
+def _training_end(t: Sample, columns: Mapping[str, Sample]) -> float | None:
+    """Return the end of the training part [s], if it is the first part of the series."""
+    train = columns.get("train")
+    if train is None or not np.any(train > 0) or np.all(train > 0) or np.any(np.diff(train) > 0):
+        return None
+    return float(t[int(np.argmin(train))])
+
+
+def _rounded(values: Sample) -> list[float | None]:
+    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]

@@ -54,12 +54,12 @@ def run_columns(results: Queries, runs: Sequence[StoredRun]) -> Json:
     """Return status, seed, streams and factors of runs, and the circumstances of their numbers."""
     likeness = Likeness(results, runs)
     experiments = Experiments.of(runs, likeness)
-    drawn = [None if run.drawn is None else sorted(run.drawn) for run in runs]
+    drawn = [json.dumps(None if run.drawn is None else sorted(run.drawn)) for run in runs]
     return {
         "groups": GROUPS,
         "ids": [run.id for run in runs],
         "statuses": [run.status for run in runs],
-        "drawn": _coded([json.dumps(one) for one in drawn]),
+        "drawn": {"levels": list(dict.fromkeys(drawn)), "codes": _codes(drawn)},
         "experiments": experiments.of_run,
         "factors": [
             *(_run_factor(name, [r.levels[name] for r in runs]) for name in (*GROUPS, "seed")),
@@ -69,12 +69,6 @@ def run_columns(results: Queries, runs: Sequence[StoredRun]) -> Json:
         "circumstances": _circumstances(likeness, experiments),
         "rules": {"after": AFTER_VALIDATION, "without_identifier": WITHOUT_IDENTIFIER},
     }
-
-
-def _coded(texts: Sequence[str]) -> Json:
-    """Return the distinct texts and the place of each text among them."""
-    codes = _codes(texts)
-    return {"levels": list(dict.fromkeys(texts)), "codes": codes}
 
 
 def _run_factor(name: str, levels_of_runs: Sequence[str]) -> Json:

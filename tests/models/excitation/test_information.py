@@ -145,7 +145,6 @@ def test_a_varied_motion_tells_all_terms_apart() -> None:
     t = 0.1 * np.arange(2000)
     nu = (np.sin(0.1 * t) + 0.5 * np.sin(0.73 * t))[:, None]
     (found,) = persistence(recording(nu), surge())
-    assert found.persistent
     assert found.warning() is None
     assert (found.rank, found.unknowns) == (3, 3)
     phi = basis.evaluate(surge().terms, recording(nu).variables())
@@ -156,7 +155,6 @@ def test_a_varied_motion_tells_all_terms_apart() -> None:
 def test_a_steady_motion_cannot_tell_damping_terms_apart() -> None:
     nu = 0.5 + 0.001 * np.sin(0.1 * np.arange(1000))[:, None]
     (found,) = persistence(recording(nu), surge())
-    assert not found.persistent
     assert ("u", "|u|u") in found.inseparable or ("|u|u", "u") in found.inseparable
     assert "not told apart" in (found.warning() or "")
     assert found.rank == 2

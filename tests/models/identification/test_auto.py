@@ -7,11 +7,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.auto import Auto, preferred
-from seatrial.models.identification.blocked_free_run import (
-    Blocks,
-    LeftOut,
-    first_within,
-)
+from seatrial.models.identification.blocked_free_run import Blocks, LeftOut, first_within
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.runner import trial as trials
 from tests.data import DATA

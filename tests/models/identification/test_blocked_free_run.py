@@ -116,10 +116,7 @@ def test_without_a_usable_alternative_the_reason_is_given(calm) -> None:
 
 def test_alternatives_of_one_candidate_compete_first(calm) -> None:
     blocks = Blocks(calm.problem)
-    candidates = {
-        "one": {"one[a]": Given(0.9), "one[b]": Given(0.55)},
-        "two": {"two": Given(0.6)},
-    }
+    candidates = {"one": {"one[a]": Given(0.9), "one[b]": Given(0.55)}, "two": {"two": Given(0.6)}}
     errors, reasons = Contest(candidates, blocks).run()
     assert list(errors) == ["one[b]", "two"]
     assert reasons["one[a]"].startswith("quick estimate: NRMSE ")

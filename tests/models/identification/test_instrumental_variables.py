@@ -31,7 +31,6 @@ from tests.data import DATA
 CONF = Path(__file__).parents[3] / "conf"
 
 
-
 @pytest.fixture(scope="session")
 def identifier(identifier):
     """The estimators by themselves, without smoothing and physical constraints."""

@@ -1,6 +1,5 @@
 """Many candidates in one call against one at a time; and unrealistic ones."""
 
-
 import numpy as np
 import pytest
 

@@ -12,11 +12,7 @@ from seatrial.models.identification.physical_constraints import (
     largest_velocities,
     sampled_velocities,
 )
-from seatrial.models.identification.refinement import (
-    refine,
-    refined_by_segments,
-    segments,
-)
+from seatrial.models.identification.refinement import refine, refined_by_segments, segments
 from seatrial.models.identification.structured import structure
 from tests.trials import excited
 

@@ -13,7 +13,6 @@ from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording import sources as reading
-from seatrial.models.recording.formats.frame import source_of_frame
 from seatrial.models.recording.source import TextOptions
 from seatrial.models.recording.sources import ReadOptions, Source, column, read_sources
 from tests.data import DATA
@@ -147,23 +146,23 @@ def test_a_folder_of_topics() -> None:
 # Other formats
 
 
-def test_parquet_and_frames(tmp_path: Path) -> None:
+def test_parquet(tmp_path: Path) -> None:
     moments = pd.date_range("2025-04-11 11:15:45.3", periods=4, freq="100ms", tz="UTC")
     frame = pd.DataFrame(
         {"t [s]": [0.0, 1.0, 2.0, 3.0], "n": [1, 2, 3, 4], "on": [True, False, True, True],
          "when": moments, "mode": ["a", "b", "a", "b"], "u": [1.0, np.nan, 2.0, 3.0]}
     )  # fmt: skip
     frame.to_parquet(tmp_path / "a.parquet")
-    for source in (one(tmp_path / "a.parquet"), source_of_frame(frame)):
-        assert source.units == {"t": "s"}
-        np.testing.assert_array_equal(source.numbers("n"), [1.0, 2.0, 3.0, 4.0])
-        np.testing.assert_array_equal(source.numbers("on"), [1.0, 0.0, 1.0, 1.0])
-        np.testing.assert_array_equal(source.numbers("u", gaps=True), frame["u"])
-        assert source.columns["mode"].tolist() == ["a", "b", "a", "b"]
-        read = pd.to_datetime(source.columns["when"].tolist())
-        assert read.tolist() == moments.tolist()
-        with pytest.raises(RecordingError, match="column u, row 2: got 'nan', expected a finite"):
-            source.numbers("u")
+    source = one(tmp_path / "a.parquet")
+    assert source.units == {"t": "s"}
+    np.testing.assert_array_equal(source.numbers("n"), [1.0, 2.0, 3.0, 4.0])
+    np.testing.assert_array_equal(source.numbers("on"), [1.0, 0.0, 1.0, 1.0])
+    np.testing.assert_array_equal(source.numbers("u", gaps=True), frame["u"])
+    assert source.columns["mode"].tolist() == ["a", "b", "a", "b"]
+    read = pd.to_datetime(source.columns["when"].tolist())
+    assert read.tolist() == moments.tolist()
+    with pytest.raises(RecordingError, match="column u, row 2: got 'nan', expected a finite"):
+        source.numbers("u")
 
 
 @pytest.mark.parametrize("compressed", [False, True])

@@ -8,13 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.recording import (
-    Recording,
-    blocked_k_fold,
-    by_trips,
-    half,
-    trips,
-)
+from seatrial.models.recording.recording import Recording, blocked_k_fold, by_trips, half, trips
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 
 

@@ -13,15 +13,7 @@ from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.table import Vessel
-from tests.models.control.sailing import (
-    WINDAGE,
-    appendix_k,
-    lqi,
-    ship,
-    steady,
-    voyage,
-    weather,
-)
+from tests.models.control.sailing import WINDAGE, appendix_k, lqi, ship, steady, voyage, weather
 
 
 class Given(NamedTuple):

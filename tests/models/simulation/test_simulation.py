@@ -14,9 +14,7 @@ from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
-from seatrial.models.simulation.registry import (
-    Timetable,
-)
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives

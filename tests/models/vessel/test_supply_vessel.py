@@ -12,10 +12,7 @@ from seatrial.models.errors import ConfigurationError
 from tests.trials import composed
 
 motions = arrays(np.float64, (4, 3), elements=st.floats(-3.0, 3.0))
-SETS = {
-    "as_printed": (5e-5, 22e-5, 12e11, 225e-15),
-    "physical": (5e4, 22e4, 1.2e10, 6.6e5),
-}
+SETS = {"as_printed": (5e-5, 22e-5, 12e11, 225e-15), "physical": (5e4, 22e4, 1.2e10, 6.6e5)}
 
 
 def vessel(parameters: str) -> Any:

@@ -14,12 +14,7 @@ from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.vessel.thruster import (
-    FirstOrderLag,
-    SecondOrderLag,
-    acting_force,
-    no_lag,
-)
+from seatrial.models.vessel.thruster import FirstOrderLag, SecondOrderLag, acting_force, no_lag
 from seatrial.models.weather.weather import Weather
 
 

@@ -96,8 +96,7 @@ def test_what_does_not_suit_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "changes",
-    [{"speed_m_s": -1.0}, {"time_constant_s": 0.0}, {"max_m_s": 0.0}, {"speed_m_s": 2.0}],
+    "changes", [{"speed_m_s": -1.0}, {"time_constant_s": 0.0}, {"max_m_s": 0.0}, {"speed_m_s": 2.0}]
 )
 def test_wrong_currents_are_refused(changes: dict[str, float]) -> None:
     options: dict[str, Any] = {

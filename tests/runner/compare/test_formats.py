@@ -6,12 +6,7 @@ import json
 from html.parser import HTMLParser
 
 from seatrial.runner.compare.formats import OutputFormat, render
-from seatrial.runner.compare.grid import (
-    TableCell,
-    TextTable,
-    grid_of,
-    number_text,
-)
+from seatrial.runner.compare.grid import TableCell, TextTable, grid_of, number_text
 
 NASTY = 'a|b & 50 % of $x_1^2$ <b>"{é}\\'
 GRID = TextTable(

@@ -46,7 +46,7 @@ def test_retry_prints_the_command_of_each_failed_trial(program: Program, plain: 
     code, out, _ = program("retry", *database(plain))
     assert (code, len(out.splitlines())) == (0, 1)
     assert shlex.split(out) == [
-        *("python", "-m", "runner", "identifier=ls", "seed=1", f"results_dir={plain}"),
+        *("python", "-m", "runner", "identifier=ls", "seed=1", f"results_dir={plain}")
     ]
     _, out, _ = program("retry", *database(plain), "--status", "failed,diverged")
     assert [line.split()[4] for line in out.splitlines()] == ["seed=1", "seed=2"]

@@ -15,7 +15,7 @@ import scipy.stats
 
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.site import write_site
-from seatrial.runner.compare.site.thinned_series import STRETCHES, extremes
+from seatrial.runner.compare.site.contents import STRETCHES, extremes
 from seatrial.runner.compare.statistics import paired_test
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Coefficient, Metric

@@ -52,10 +52,7 @@ def test_precedence_is_not_then_and_then_or() -> None:
     assert condition == Joined(
         "or",
         (
-            Joined(
-                "and",
-                (Comparison("seed", "<", 10), Not(Comparison("identifier", "=", "ls"))),
-            ),
+            Joined("and", (Comparison("seed", "<", 10), Not(Comparison("identifier", "=", "ls")))),
             Comparison("vessel", "=", "a b"),
         ),
     )
@@ -123,10 +120,7 @@ def test_conditions_select_by_hand_counted_numbers(results: Queries) -> None:
     assert {text: _selected(results, text) for text, _ in SELECTIONS} == dict(SELECTIONS)
 
 
-def test_conditions_mean_the_same_on_postgresql(
-    postgres: Postgres,
-    tmp_path: Path,
-) -> None:
+def test_conditions_mean_the_same_on_postgresql(postgres: Postgres, tmp_path: Path) -> None:
     url = postgres.new_database()
     with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         stored.fill_plain(logbook)

@@ -15,8 +15,8 @@ from seatrial.runner.compare.__main__ import run as compare
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.engine import file_url, parse
-from seatrial.runner.database.passwords import refuse_passwords
 from seatrial.runner.database.tables import Base
+from seatrial.runner.database.terminal import refuse_passwords
 from tests.runner.command import Command
 from tests.runner.database.samples import make_results, make_start
 from tests.runner.postgres import PASSWORD, Postgres
@@ -97,7 +97,7 @@ def test_a_server_that_refuses_is_told_in_one_line(
 def test_postgresql_without_its_package_says_what_to_install() -> None:
     code = (
         "import sys; sys.modules['psycopg'] = None; from seatrial.runner.database import"
-        " LogbookReader; LogbookReader.read('postgresql://host/db')"
+        " LogbookWriter; LogbookWriter.read('postgresql://host/db')"
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     last = answer.stderr.splitlines()[-1]
