@@ -8,6 +8,7 @@ import pytest
 from seatrial.runner import invocation
 from seatrial.runner.compare.runs import repeat_command
 from seatrial.runner.console import DEFAULT_DATABASE, compare
+from seatrial.runner.database import engine
 
 SCRIPT = "/home/somebody/.venv/bin/seatrial"
 
@@ -30,7 +31,8 @@ def test_the_programs_are_named_as_they_were_started(
         monkeypatch.setattr(invocation, "in_checkout", lambda: False)
     monkeypatch.setattr(sys, "orig_argv", typed)
     monkeypatch.chdir(tmp_path)
-    again = repeat_command(["seed=1"], tmp_path / "results" / "results.db", rerun=True)
+    address = engine.parse(f"sqlite:///{tmp_path}/results/results.db")
+    again = repeat_command(["seed=1"], address, rerun=True)
     assert again == f"{trials} seed=1 rerun=true"
     assert compare("show", DEFAULT_DATABASE, "1") == f"{results} show 1"
 
