@@ -1,6 +1,5 @@
 """What a trial refuses before any work, and what it keeps when a deployment runs away."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,13 +41,6 @@ def test_refused_before_any_work(subtests: pytest.Subtests) -> None:
     for overrides, message in REFUSED:
         with subtests.test(message), pytest.raises(ConfigurationError, match=message):
             trials.check(composed(*overrides))
-
-
-def test_a_class_of_another_role_is_refused() -> None:
-    trial = composed()
-    for group in ("vessel", "excitation", "identifier", "controller"):
-        with pytest.raises(ConfigurationError, match=rf"{group}\._target_: got Disturbance"):
-            trials.check(replace(trial, **{group: trial.disturbance}))
 
 
 def test_without_evaluation_nothing_is_deployed() -> None:
