@@ -47,7 +47,7 @@ class Subject:
     draft: Callable[[argparse.Namespace], Draft]
 
 
-class _Parser(argparse.ArgumentParser):
+class _InitParser(argparse.ArgumentParser):
     """A parser that raises its errors."""
 
     def error(self, message: str) -> NoReturn:
@@ -59,7 +59,7 @@ def run(words: Sequence[str]) -> int:
 
     Raises ConfigurationError for a wrong command, and if a file exists already.
     """
-    parser = _Parser(prog="seatrial init", description="Write files to start from.")
+    parser = _InitParser(prog="seatrial init", description="Write files to start from.")
     subjects = parser.add_subparsers(dest="subject", required=True, metavar="SUBJECT")
     for name, subject in SUBJECTS.items():
         options = subjects.add_parser(name, help=subject.summary, description=subject.summary)

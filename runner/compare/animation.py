@@ -47,7 +47,7 @@ PAGE_STYLE = """<meta charset="utf-8"><meta name="viewport" content="width=devic
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class DeviceLine:
     """A device over time: `start` and `end` are points of the body [m], shape (n, 2)."""
 
     name: str
@@ -153,7 +153,7 @@ def _thinned(series: Series, most: int) -> Series:
 
 
 def _drawn(
-    axes: Axes, name: str, series: Series, parts: Sequence[Part], length: float
+    axes: Axes, name: str, series: Series, parts: Sequence[DeviceLine], length: float
 ) -> Callable[[int], Polygon]:
     """Draw what stays, and return what moves the vessel of a panel to a frame.
 
@@ -198,7 +198,7 @@ def _drawn(
     return move
 
 
-def parts_of(series_of: Sequence[Series], vessel: Config, length: float) -> list[list[Part]]:
+def parts_of(series_of: Sequence[Series], vessel: Config, length: float) -> list[list[DeviceLine]]:
     """Return the devices of each series; those of all have one scale.
 
     `vessel` is the stored configuration, `length` that of the drawn hull [m].
@@ -208,7 +208,7 @@ def parts_of(series_of: Sequence[Series], vessel: Config, length: float) -> list
     return [list(_inputs(series, vessel, length)) for series in series_of]
 
 
-def _forces(series: Series, series_of: Sequence[Series], length: float) -> Iterator[Part]:
+def _forces(series: Series, series_of: Sequence[Series], length: float) -> Iterator[DeviceLine]:
     """The total force from amidships, and the moment as a side force at the bow."""
     largest = {
         name: largest_of([s.columns[name] for s in series_of if name in s.columns]) or 1.0
@@ -217,13 +217,13 @@ def _forces(series: Series, series_of: Sequence[Series], length: float) -> Itera
     zero = np.zeros(len(series.columns["t"]))
     surge, sway, yaw = (np.asarray(series.columns.get(name, zero)) for name in largest)
     size = LONGEST["thrust"] * length / max(largest["tau_surge"], largest["tau_sway"])
-    yield Part("force", "thrust", _points(zero, zero), _points(size * surge, size * sway))
+    yield DeviceLine("force", "thrust", _points(zero, zero), _points(size * surge, size * sway))
     if "tau_yaw" in series.columns:
         bow, side = 0.5 * length, LONGEST["moment"] * length / largest["tau_yaw"] * yaw
-        yield Part("moment", "moment", _points(zero + bow, zero), _points(zero + bow, side))
+        yield DeviceLine("moment", "moment", _points(zero + bow, zero), _points(zero + bow, side))
 
 
-def _inputs(series: Series, vessel: Config, length: float) -> Iterator[Part]:
+def _inputs(series: Series, vessel: Config, length: float) -> Iterator[DeviceLine]:
     """Rudders, and the thrust of propellers and thrusters where they are."""
     devices = [one for one in (vessel.get("devices") or {}).values() if isinstance(one, Mapping)]
     scale = length / float(vessel.get("length_m") or length)  # of hulls that are drawn larger
@@ -238,7 +238,7 @@ def _inputs(series: Series, vessel: Config, length: float) -> Iterator[Part]:
                 stock = _points(zero + STERN * length, zero)
                 side = turning_side(series, value) * np.sin(value)
                 blade = BLADE * length * _points(-np.cos(value), side)
-                yield Part(name, "rudder", stock, stock + blade)
+                yield DeviceLine(name, "rudder", stock, stock + blade)
             continue
         high = max(abs(float(limits.get(end) or 0.0)) for end in ("low", "high")) or 1.0
         fixed = zero + float(device.get("angle_rad") or 0.0)
@@ -246,7 +246,7 @@ def _inputs(series: Series, vessel: Config, length: float) -> Iterator[Part]:
         x = scale * float(device["x_m"]) if "x_m" in device else STERN * length
         start = _points(zero + x, zero + scale * float(device.get("y_m") or 0.0))
         size = LONGEST["thrust"] * length / high * value
-        yield Part(
+        yield DeviceLine(
             name, "thrust", start, start + _points(size * np.cos(angle), size * np.sin(angle))
         )
 
