@@ -208,7 +208,7 @@ def block_bootstrap(
     return np.asarray(np.std(fits, axis=0, ddof=1))
 
 
-SLOW_SHARE = 0.1  # of a segment, at which the residual's slow part is looked for
+SLOW_PERIODS = 0.1  # of a segment, at which the residual's slow part is looked for
 SLOW_SHARE = 1.1  # variance at low frequency, over that of white noise, from which there is one
 MANY = 20  # segments, from which a covariance of their sums is of use
 
@@ -247,7 +247,7 @@ class SegmentSpread:
     def _known(self) -> list[Array]:
         """Covariances (m, m) of sum_k G_k e_k; where e has a slow part, that of segments last."""
         length = len(self.rest) / len(self.begin)
-        if np.all(long_run_share(self.rest, SLOW_SHARE * length) <= SLOW_SHARE):
+        if np.all(long_run_share(self.rest, SLOW_PERIODS * length) <= SLOW_SHARE):
             return [self._stationary(None)]
         influence = np.einsum("ndm,nd->nm", self.gains, self.rest)
         clustered = clustered_covariance(influence, self.begin)
