@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("submitit", reason="no submitit: pip install -e '.[slurm]'")
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.slurm_queue import QueueWatcher
-from tests.runner.programs import ended, rows, sweep, wait
+from tests.runner.programs import ended, program, rows, wait
 from tests.runner.slurm import Slurm
 
 Answer = Callable[[str], None]
@@ -80,9 +80,11 @@ def test_the_queue_of_a_real_slurm(slurm: Slurm, monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.slow
 def test_the_jobs_of_a_sweep_that_is_stopped_are_cancelled(slurm: Slurm, tmp_path: Path) -> None:
-    """Three jobs of ten minutes, of which the third waits for its turn."""
+    """Three jobs of many minutes, of which the third waits for its turn."""
+    search = ("identifier=nsga2", "identifier.population=5000", "identifier.generations=5000")
     options = ("hydra/launcher=submitit_slurm", "hydra.launcher.partition=short", "seed=0,1,2")
-    process = sweep("excitation.interval_s=6000", *options, folder=tmp_path, **slurm.variables)
+    words = ("-m", "runner", "-m", *search, *options, "evaluation=none")
+    process = program(*words, folder=tmp_path, **slurm.variables)
     wait(lambda: rows(tmp_path, "SELECT id FROM run") or process.poll() is not None)
     process.send_signal(signal.SIGTERM)
     code, _, err = ended(process)
