@@ -22,7 +22,7 @@ REPLACED: Mapping[str, str] = {
     "seatrial-results csv-plain": "use csv, which holds texts as they are",
     "hydra/launcher=joblib": "use hydra/launcher=processes",
     "hydra/launcher=submitit_local": "use hydra/launcher=processes",
-    "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone, identifier=sparse has it",
+    "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone",
     "identifier=least_squares": "use identifier=output_error",
     "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
     "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",

@@ -111,7 +111,7 @@ def test_a_prior_weighs_as_an_observation() -> None:
 
 
 def test_the_whole_table_is_determined_with_the_default_prior() -> None:
-    """Hull and all devices: what the recording does not tell stays as it is nominal to be."""
+    """Hull and all devices: what the recording does not tell keeps its nominal value."""
     nominal = vessel("kvlcc2")
     truth = changed(mistaken(nominal, ("vU", "rU")), **TRUTH)
     own = parts(noisy(recorded("kvlcc2", truth, 800), 0, 0.01), nominal)

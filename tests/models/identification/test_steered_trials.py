@@ -38,7 +38,9 @@ def test_abkowitz_by_instruments_turns_as_the_ship(seed: int) -> None:
     for found in circles(identified("iv", seed, truth), truth):
         assert abs(found.ratio - 1.0) < 0.02
         assert found.low < found.ratio < found.high
-        assert found.high - found.low < np.max(np.abs(nominal))  # it says more than is nominal
+        assert found.high - found.low < np.max(
+            np.abs(nominal)
+        )  # it says more than the nominal model
 
 
 @pytest.mark.slow
