@@ -135,7 +135,7 @@ def test_a_job_after_another(master: DictConfig, jobs: list[str]) -> None:
 
 @pytest.mark.parametrize(
     "job",
-    ["identifier=ls seed=4", "hydra.job.name=x seed=1", "~controller", "hydra/launcher=joblib"],
+    ["identifier=ls seed=4", "hydra.job.name=x seed=1", "~controller", "hydra/launcher=processes"],
 )
 def test_what_is_shared_is_what_hydra_composes(master: DictConfig, job: str) -> None:
     sharing = SharingLoader(loader())
