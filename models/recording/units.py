@@ -1,0 +1,140 @@
+"""Units of recorded columns: as a map, a file or a title states them, and their factor to SI."""
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import ACCELERATION_UNIT, FORCE_UNIT, POSE_UNIT, VELOCITY_UNIT
+
+if TYPE_CHECKING:  # slow to import
+    import pint
+else:
+    import lazy_loader
+
+    pint = lazy_loader.load("pint")
+
+TURNS = "revolution/s"  # in which the shaft speed of a vessel is given
+INPUTS = ("rad", TURNS, "N", "N*m", "m/s", "")  # of the inputs of a vessel
+SI = {
+    "position": POSE_UNIT, "velocity": VELOCITY_UNIT, "acceleration": ACCELERATION_UNIT,
+    "force": FORCE_UNIT, "actual_force": FORCE_UNIT, "wind": {"speed": "m/s", "direction": "rad"},
+    "ground": {"speed": "m/s", "course": "rad"}, "water": {"speed": "m/s"},
+    "geodetic": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
+}  # fmt: skip
+# As instruments write them, where pint means something else or nothing.
+SPELLINGS = {
+    "kn": "knot", "kt": "knot", "kts": "knot", "knots": "knot", "°": "deg", "°/s": "deg/s",
+    "rps": TURNS, "1/s": TURNS, "Hz": TURNS, "degrees": "deg", "deg/sec": "deg/s",
+    "m/sec": "m/s", "sec": "s", "Nm": "N*m", "kNm": "kN*m", "rad/s2": "rad/s^2", "m/s2": "m/s^2",
+    "-": "", "RPM": "rpm", "Deg": "deg", "Degrees": "deg", "Radians": "rad", "%": "percent",
+    "°/min": "deg/min", "meters": "m", "metres": "m", "epoch": "s", "timestamp": "s",
+}  # fmt: skip
+# The last words of a title, in lower case; of several units the first of the quantity counts.
+TITLES: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("deg", "degs", "degree", "degrees"), ("deg",)),
+    **dict.fromkeys(("deg_s", "dps", "deg_per_s", "deg_sec", "deg_p_s", "degps"), ("deg/s",)),
+    **dict.fromkeys(("deg_min", "deg_per_min", "deg_p_min"), ("deg/min",)),
+    **dict.fromkeys(("rad", "radians"), ("rad",)),
+    **dict.fromkeys(("rad_s", "rad_per_s", "rad_sec", "rad_p_s", "radps"), ("rad/s",)),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), ("m",)),
+    **dict.fromkeys(("kt", "kts", "knot", "knots"), ("knot",)),
+    **dict.fromkeys(("m_s", "mps", "m_per_s", "m_sec", "m_p_s"), ("m/s",)),
+    **dict.fromkeys(("km_h", "kmh", "kph", "km_per_h"), ("km/h",)),
+    **dict.fromkeys(("m_s2", "mps2", "m_per_s2", "ms2"), ("m/s^2",)),
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), ("s",)),
+    **dict.fromkeys(("msec", "millis", "milliseconds"), ("ms",)),
+    **dict.fromkeys(("us", "usec", "micros", "microseconds"), ("us",)),
+    **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), ("ns",)),
+    **dict.fromkeys(("pct", "percent"), ("percent",)),
+    **dict.fromkeys(("ft", "feet"), ("ft",)),
+    **dict.fromkeys(("n", "newton", "newtons"), ("N",)),
+    **dict.fromkeys(("nm", "n_m"), ("N*m",)),
+    "degs2": ("deg/s^2",), "cm": ("cm",), "mm": ("mm",), "km": ("km",), "kn": ("knot", "kN"),
+    "ms": ("m/s", "ms"), "knm": ("kN*m",), "rpm": ("rpm",), "rps": (TURNS,), "hz": (TURNS,),
+    "min": ("min",), "hours": ("h",), "days": ("day",),
+}  # fmt: skip
+SHAFTS = {"rpm": "rpm", "rps": TURNS}  # that may stand anywhere in the title of an input
+WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[^A-Za-z0-9%]+")  # between the words of a title
+
+
+@lru_cache(maxsize=256)
+def factor(unit: str, target: str) -> float:
+    """The factor on a number in `unit` that gives it in `target`; raises ConfigurationError."""
+    target = SPELLINGS.get(target, target)
+    try:
+        amount = _registry().parse_expression(SPELLINGS.get(unit, unit))
+        quantity = amount if hasattr(amount, "to") else amount * _registry().dimensionless
+        return float(quantity.to(target).magnitude)
+    except Exception as error:  # of many kinds: pint evaluates an expression
+        raise ConfigurationError(
+            f"unit: got {unit!r}, expected a unit of the kind of {target or 'a number'}"
+        ) from error
+
+
+def is_known(unit: str, target: str) -> bool:
+    """Whether a unit is one of the kind of `target`."""
+    try:
+        factor(unit, target)
+    except ConfigurationError:
+        return False
+    return True
+
+
+def input_factor(unit: str) -> float:
+    """The factor of an input of a vessel: angles in rad, speeds of shafts in 1/s, others in SI."""
+    target = next((target for target in INPUTS if is_known(unit, target)), None)
+    if target is None:
+        raise ConfigurationError(
+            f"unit: got {unit!r}, expected that of an angle, a shaft speed or a force, or a number"
+        )
+    return factor(unit, target)
+
+
+def froude_factor(unit: str, scale: float) -> float:
+    """The factor of a quantity in `unit` of a ship that gives that of a model, by Froude's law.
+
+    Lengths of the ship are `scale` times those of the model, times the root of it, and masses its
+    cube: the same water is taken for both.
+    """
+    if scale == 1.0:
+        return 1.0
+    amount = _registry().parse_units(SPELLINGS.get(unit, unit)).dimensionality
+    length, time, mass = (
+        float(str(amount.get(f"[{name}]", 0))) for name in ("length", "time", "mass")
+    )
+    return float(scale ** -(length + 0.5 * time + 3.0 * mass))
+
+
+def words_of(title: str) -> list[str]:
+    """The words of a title in lower case: `TimeUS` is time, us; `yaw_rate (deg/s)` four of them."""
+    return [word.lower() for word in WORDS.split(title) if word]
+
+
+def unit_in_title(title: str, targets: Sequence[str]) -> str | None:
+    """The unit that the last words of a title spell, if it is of the kind of one of `targets`."""
+    words = words_of(title)
+    for count in (3, 2, 1):
+        if len(words) > count:
+            for unit in TITLES.get("_".join(words[-count:]), ()):
+                if any(is_known(unit, target) for target in targets):
+                    return unit
+    if TURNS in targets:
+        return next((SHAFTS[w] for w in (w.rstrip("0123456789") for w in words) if w in SHAFTS), None)
+    return None
+
+
+def targets_of(option: str) -> tuple[str, ...]:
+    """The units in which an option such as `velocity.surge` is kept, any of which may be meant."""
+    kind, _, name = option.partition(".")
+    if kind in ("inputs", "commands"):
+        return INPUTS
+    if kind == "loads":
+        return ("N",)
+    return (SI[kind][name],) if kind in SI else ()
+
+
+@lru_cache(maxsize=1)
+def _registry() -> "pint.UnitRegistry[float]":
+    return pint.UnitRegistry()
