@@ -7,7 +7,8 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording.column import Column, as_column, seconds
+from seatrial.models.recording.column_map import Column, as_column
+from seatrial.models.recording.times import seconds
 from seatrial.models.recording.column_map import KINDS, ColumnMap
 from seatrial.models.recording.consistency import Consistency, consistency
 from seatrial.models.recording.diagnosis import RecordingDefect, problems

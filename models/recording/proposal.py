@@ -7,7 +7,8 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.column import Column, seconds
+from seatrial.models.recording.column_map import Column
+from seatrial.models.recording.times import seconds
 from seatrial.models.recording.proposal_by_motion import propose_by_motion
 from seatrial.models.recording.sampling import in_degrees
 from seatrial.models.recording.source import Source
