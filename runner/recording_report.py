@@ -103,7 +103,7 @@ def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap
 
 def _is_used(name: str, sources: Mapping[str, Source], columns: ColumnMap) -> bool:
     """Whether a map takes a column from a source."""
-    specs = wanted(columns, DOFS).values()
+    specs = wanted(columns, DOFS)[0].values()
     return len(sources) == 1 or any(_holds(sources, spec, name) for spec in specs)
 
 

@@ -117,7 +117,14 @@ class Reading:
             RecordingError: a column is missing, a cell is no number, or channels cannot be joined.
             ConfigurationError: a unit is not known.
         """
-        notes = [f"{path}: {line}" for source in sources.values() for line in source.left_out]
+        try:
+            return self._signals(sources, dofs)
+        except RecordingError as error:
+            named = str(path) in str(error)
+            raise error if named else RecordingError(f"{path}: {error}") from error
+
+    def _signals(self, sources: Sources, dofs: Sequence[str]) -> Signals:
+        notes = [line for source in sources.values() for line in source.left_out]
         channels, holders, readings = self._channels(sources, dofs, notes)
         counts = {}
         for option, channel in channels.items():
@@ -135,10 +142,7 @@ class Reading:
         else:
             cleaned = {o: _clean(c, o, readings[o], notes) for o, c in channels.items()}
             grid = self.grid or TimeGrid(_rate(cleaned), LONGEST_GAP_S)
-            try:
-                t, known = join_channels(cleaned, grid)
-            except RecordingError as error:
-                raise RecordingError(f"{path}: {error}") from error
+            t, known = join_channels(cleaned, grid)
             notes += _dropped(t, cleaned, grid)
         known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
         return Signals(t, known, counts, tuple(readings.values()), tuple(dict.fromkeys(notes)))
@@ -147,7 +151,8 @@ class Reading:
         self, sources: Sources, dofs: Sequence[str], notes: list[str]
     ) -> tuple[dict[str, Channel], dict[str, Source], dict[str, ColumnReading]]:
         """Channels in SI units, their sources, and how they were read, by option."""
-        specs = {**wanted(self.columns, dofs), **self.more}
+        specs, needed = wanted(self.columns, dofs)
+        specs = {**specs, **self.more}
         if not specs:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
         scale, clocks = self.columns.froude_scale, {}
@@ -156,7 +161,12 @@ class Reading:
         start = start if start > EPOCH_S else 0.0  # dates: only differences matter
         channels, holders, readings = {}, {}, {}
         for option, spec in specs.items():
-            source, name = column(sources, spec.name)
+            try:
+                source, name = column(sources, spec.name)
+            except RecordingError:
+                if option in needed or option in self.more:
+                    raise
+                continue
             if source.name not in clocks:
                 clock = clock_of(source, self.columns)
                 clocks[source.name] = seconds(source, clock)
@@ -186,16 +196,21 @@ class Reading:
                 name, row = readings[option].column.removeprefix("-"), int(np.argmax(empty))
                 place, text = source.cell(row, source.find(name.rpartition(":")[2]) or any_column)
                 raise RecordingError(
-                    f"{source.path}, column {name}, {place}: got {text or 'an empty cell'!r}, "
+                    f"{source.path}, column {name}, {place}: got {_shown(text)}, "
                     "expected a finite number; excitation.resample_hz=RATE joins columns with cells "
                     "between their samples"
                 )
         name = as_column(self.columns.time).name
         if len(t) < 2:
             raise RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
+        if np.any(np.isnan(t)):
+            place, text = source.cell(int(np.argmax(np.isnan(t))), source.find(name) or any_column)
+            raise RecordingError(
+                f"{source.path}, column {name}, {place}: got {_shown(text)}, expected a finite number"
+            )
         steps = np.diff(t)
         period = self.sample_time_s or float(np.median(steps))
-        rising = steps > 0.0  # False for NaN
+        rising = steps > 0.0
         wrong = ~rising | (np.abs(steps - period) > UNIFORMITY * abs(period))
         if np.any(wrong):
             k = int(np.argmax(~rising)) if np.any(~rising) else int(np.argmax(wrong))
@@ -212,26 +227,40 @@ class Reading:
         return t
 
 
-def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, Column]:
-    """The columns that a vessel with some degrees of freedom needs, by option."""
+def _shown(text: str | None) -> str:
+    return repr(text) if text and text.strip() else "an empty cell"
+
+
+def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], set[str]]:
+    """The columns that a vessel with some degrees of freedom uses, by option, and which it needs.
+
+    The attitude is used where it is recorded, also by a vessel that does not turn.
+    """
     turned = columns.frames != Frames() or any(columns.lever_arm_m) or columns.geodetic is not None
-    turned = turned or columns.ground is not None
-    differentiated = any(dof not in columns.moving for dof in dofs)
-    result = {}
+    turned = turned or columns.ground is not None or any(dof not in columns.moving for dof in dofs)
+    turns = turned or any(dof in DOFS[3:] for dof in dofs)
+    used: dict[str, Column] = {}
+    needed: set[str] = set()
     for option, spec in columns.columns().items():
         kind, _, dof = option.partition(".")
         if kind in KINDS:
-            motion = kind in ("position", "velocity") and (turned or dof in DOFS[3:])
             replaced = kind == "position" and (
                 (columns.orientation is not None and dof in DOFS[3:])
                 or (columns.geodetic is not None and dof in DOFS[:3])
             )
-            needed = (dof in dofs or motion or (kind == "position" and differentiated)) and not replaced
+            swung = kind == "velocity" and dof in DOFS[3:] and any(columns.lever_arm_m)
+            linear = dof in DOFS[:3] and kind in ("position", "velocity") and turned
+            required = dof in dofs or swung or linear
+            wished = required or (kind == "position" and dof in DOFS[3:])
+            if replaced or not wished:
+                continue
         else:  # air, water and course have a meaning in the plane alone
-            needed = kind not in ("wind", "ground", "water") or set(PLANAR) <= set(dofs)
-        if needed:
-            result[option] = spec
-    return result
+            if kind in ("wind", "ground", "water") and not set(PLANAR) <= set(dofs):
+                continue
+            required = kind != "quaternion" or turns
+        used[option] = spec
+        needed |= {option} if required else set()
+    return used, needed
 
 
 def clock_of(source: Source, columns: ColumnMap) -> Column:
@@ -337,6 +366,8 @@ def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
 def _clean(channel: Channel, option: str, reading: ColumnReading, notes: list[str]) -> Channel:
     """The channel without missing values, and without samples that are not later than the last."""
     valid = ~(np.isnan(channel.values) | np.isnan(channel.t))
+    if timeless := int(np.sum(np.isnan(channel.t))):
+        notes.append(f"{timeless} rows have no time: left out")
     t, values = channel.t[valid], channel.values[valid]
     later = is_later(t)
     if not np.all(later):
@@ -372,7 +403,7 @@ def _unit_quaternions(
 ) -> dict[str, Channel]:
     """Channels with quaternions of length one, without sign flips."""
     names = [f"quaternion.{part}" for part in QUATERNION]
-    if names[0] not in channels:
+    if not set(names) <= set(channels):
         return channels
     quaternions = np.column_stack([channels[name].values for name in names])
     valid = ~np.any(np.isnan(quaternions), axis=1)
