@@ -122,7 +122,8 @@ def _times(channels: Mapping[str, Channel], grid: TimeGrid) -> Array:
     if count < 2:
         raise RecordingError(
             f"got channels that overlap by fewer than two samples at {grid.rate_hz:g} Hz: "
-            f"{channels[last].name} begins at {start:g} s, {channels[first].name} ends at {stop:g} s"
+            f"{channels[last].name} begins at {start:g} s, {channels[first].name} ends at "
+            f"{stop:g} s"
         )
     most = max(len(channel.t) for channel in channels.values())
     if count > MOST_SAMPLES * most:

@@ -8,10 +8,10 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.column_map import Column
-from seatrial.models.recording.times import seconds
 from seatrial.models.recording.proposal_by_motion import propose_by_motion
 from seatrial.models.recording.sampling import in_degrees
 from seatrial.models.recording.source import Source
+from seatrial.models.recording.times import seconds
 from seatrial.models.vessel.basis import Array
 
 # What a name is called, most telling first; of several columns the first in the file is taken.

@@ -19,7 +19,12 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.column_map import (
-    KINDS, QUATERNION, Column, ColumnMap, Frames, as_column,
+    KINDS,
+    QUATERNION,
+    Column,
+    ColumnMap,
+    Frames,
+    as_column,
 )  # fmt: skip
 from seatrial.models.recording.joining import Channel, TimeGrid, join_channels
 from seatrial.models.recording.preprocessing import interpolated, outliers, without_sign_flips
@@ -28,7 +33,13 @@ from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, is_later, seconds
 from seatrial.models.recording.units import (
-    SI, factor, froude_factor, input_factor, is_known, targets_of, unit_in_title,
+    SI,
+    factor,
+    froude_factor,
+    input_factor,
+    is_known,
+    targets_of,
+    unit_in_title,
 )  # fmt: skip
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import body_rates, euler_zyx, pose_jacobian, unroll
@@ -197,8 +208,8 @@ class Reading:
                 place, text = source.cell(row, source.find(name.rpartition(":")[2]) or any_column)
                 raise RecordingError(
                     f"{source.path}, column {name}, {place}: got {_shown(text)}, "
-                    "expected a finite number; excitation.resample_hz=RATE joins columns with cells "
-                    "between their samples"
+                    "expected a finite number; excitation.resample_hz=RATE joins columns with "
+                    "cells between their samples"
                 )
         name = as_column(self.columns.time).name
         if len(t) < 2:
@@ -206,7 +217,8 @@ class Reading:
         if np.any(np.isnan(t)):
             place, text = source.cell(int(np.argmax(np.isnan(t))), source.find(name) or any_column)
             raise RecordingError(
-                f"{source.path}, column {name}, {place}: got {_shown(text)}, expected a finite number"
+                f"{source.path}, column {name}, {place}: got {_shown(text)}, expected a finite "
+                "number"
             )
         steps = np.diff(t)
         period = self.sample_time_s or float(np.median(steps))
@@ -342,7 +354,8 @@ def _froude(option: str, unit: str, known_from: str, scale: float) -> float:
     if kind in ("inputs", "commands"):
         if not unit:
             raise ConfigurationError(
-                f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} depends"
+                f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} "
+                "depends"
             )
         return froude_factor(unit, scale)
     if kind == "geodetic":
@@ -358,7 +371,8 @@ def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
         for sentinel in (size, -size):
             wrong = values == sentinel
             if np.any(wrong) and not np.any(np.abs(values[~wrong] - sentinel) < 0.5 * size):
-                notes.append(f"column {name}: {np.sum(wrong)} cells are {sentinel:g}: missing values")
+                count = int(np.sum(wrong))
+                notes.append(f"column {name}: {count} cells are {sentinel:g}: missing values")
                 values = np.where(wrong, np.nan, values)
     return values
 
@@ -381,13 +395,16 @@ def _clean(channel: Channel, option: str, reading: ColumnReading, notes: list[st
 
 def _rate(channels: Mapping[str, Channel]) -> float:
     """The sample rate [Hz] of the slowest state, rounded to a number of few digits."""
-    steps = [float(np.median(np.diff(c.t))) for c in channels.values() if not c.held and len(c.t) > 1]
+    steps = [
+        float(np.median(np.diff(c.t))) for c in channels.values() if not c.held and len(c.t) > 1
+    ]
     return float(f"{1.0 / max(steps, default=1.0):.2g}")
 
 
 def _dropped(t: Array, channels: Mapping[str, Channel], grid: TimeGrid) -> list[str]:
     """What of the time that the channels cover is not on the grid."""
-    whole = min(float(c.t[-1]) for c in channels.values()) - max(float(c.t[0]) for c in channels.values())
+    ends = min(float(c.t[-1]) for c in channels.values())
+    whole = ends - max(float(c.t[0]) for c in channels.values())
     kept = len(t) / grid.rate_hz
     pieces = len(piece_edges(t, 1.0 / grid.rate_hz)) - 1
     if pieces < 2 and whole - kept < 2.0 / grid.rate_hz:
@@ -455,7 +472,8 @@ def _in_our_frames(
         # The log shows the speed along the bow: what is left of that over ground is the current.
         along, aside = result["velocity.surge"] - known["water.speed"], result["velocity.sway"]
         c, s = np.cos(attitude[:, 2]), np.sin(attitude[:, 2])
-        result["current.north"], result["current.east"] = c * along - s * aside, s * along + c * aside
+        result["current.north"] = c * along - s * aside
+        result["current.east"] = s * along + c * aside
     return result
 
 

@@ -18,13 +18,29 @@ from seatrial.models.recording.examination import Examination, examine
 from seatrial.models.recording.file_set import FileForm, file_set
 from seatrial.models.recording.joining import AtGap, TimeGrid
 from seatrial.models.recording.preprocessing import (
-    AzimuthThrusters, Description, Differentiation, describe, without_bias,
+    AzimuthThrusters,
+    Description,
+    Differentiation,
+    describe,
+    without_bias,
 )  # fmt: skip
 from seatrial.models.recording.reader import (
-    Outliers, Reading, Signals, Sources, clock_of, first_time,
+    Outliers,
+    Reading,
+    Signals,
+    Sources,
+    clock_of,
+    first_time,
 )  # fmt: skip
 from seatrial.models.recording.recording import (
-    Mask, Recording, Split, by_trips, half, piece_edges, sample_time, trips,
+    Mask,
+    Recording,
+    Split,
+    by_trips,
+    half,
+    piece_edges,
+    sample_time,
+    trips,
 )  # fmt: skip
 from seatrial.models.recording.sources import ReadOptions, TextOptions, column, read_sources
 from seatrial.models.recording.stored import is_stored, read_recording
@@ -352,9 +368,10 @@ class RecordedFile(MeasuredRecording):
     def _acting(self, values: Mapping[str, Array], dofs: Sequence[str]) -> Array | None:
         """The acting force (N, n_dof); None if a degree of freedom has none."""
         if self._has_thruster_force(dofs):
+            count = range(len(self.thrusters.rpm))
             rpm, angle = (
-                np.column_stack([values[f"thruster_{k}.{i}"] for i in range(len(self.thrusters.rpm))])
-                for k in ("rpm", "angle")
+                np.column_stack([values[f"thruster_{kind}.{i}"] for i in count])
+                for kind in ("rpm", "angle")
             )
             try:
                 force = self.thrusters.force(rpm, angle)
@@ -387,7 +404,7 @@ class RecordedFile(MeasuredRecording):
         self, values: Mapping[str, Array], rows: Mask, attitude: Array, nu: Array,
         dofs: Sequence[str],
     ) -> Array | None:  # fmt: skip
-        """Velocity of the air over ground in body axes [m/s], shape (n, 2); None if not recorded."""
+        """Velocity of the air over ground in body axes [m/s], (n, 2); None if not recorded."""
         if self.columns.wind is None or "wind.speed" not in values:
             return None
         speed, angle = (values[f"wind.{name}"][rows] for name in ("speed", "direction"))

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
     Differentiation,
@@ -23,6 +22,7 @@ from seatrial.models.recording.preprocessing import (
     without_sign_flips,
 )
 from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
 from tests.data import DATA
