@@ -18,7 +18,6 @@ from seatrial.models.recording.examination import Examination, examine
 from seatrial.models.recording.file_set import FileForm, file_set
 from seatrial.models.recording.joining import AtGap, TimeGrid
 from seatrial.models.recording.preprocessing import (
-    AzimuthThrusters,
     Description,
     Differentiation,
     describe,
@@ -47,6 +46,7 @@ from seatrial.models.recording.stored import is_stored, read_recording
 from seatrial.models.recording.times import EPOCH_S, seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
+from seatrial.models.vessel.thruster import AzimuthThrusters
 
 LEAST_SAMPLES = 2  # of a window
 
