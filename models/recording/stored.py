@@ -21,9 +21,8 @@ from seatrial.models.notation import (
     poses_of,
     velocities_of,
 )
-from seatrial.models.recording.formats.bounded import bounded
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.source import check_size
+from seatrial.models.recording.source import check_size, foreign
 from seatrial.models.vessel.basis import Array
 
 KEY = b"seatrial"  # of the metadata of the schema
@@ -72,7 +71,7 @@ def stored_metadata(path: Path) -> dict[str, object]:
     """What was stored beside the columns; empty if the file is no such recording."""
     if path.suffix != ".parquet" or not path.is_file():
         return {}
-    with bounded(path, "a Parquet file"):
+    with foreign(path, "a Parquet file"):
         content = (parquet.read_schema(path).metadata or {}).get(KEY)
         known = json.loads(content) if content else {}
     return known if isinstance(known, dict) else {}
@@ -86,7 +85,7 @@ def read_recording(path: Path, dofs: Sequence[str] | None = None) -> Recording:
     known = stored_metadata(path)
     if known.get("version") != VERSION:
         raise RecordingError(f"{path}: got version {known.get('version')}, expected {EXPECTED}")
-    with bounded(path, EXPECTED), parquet.ParquetFile(path) as file:
+    with foreign(path, EXPECTED), parquet.ParquetFile(path) as file:
         check_size(path, file.metadata.num_rows * file.metadata.num_columns)
         table = file.read(use_threads=False)
         columns = {name: table[name].to_numpy() for name in table.column_names}
