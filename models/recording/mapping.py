@@ -63,8 +63,9 @@ class Canonical:
 
 
 def canonical(
-    sources: Sources, columns: ColumnMap, dofs: Sequence[str], grid: TimeGrid | None
-) -> Canonical:
+    sources: Sources, columns: ColumnMap, dofs: Sequence[str], grid: TimeGrid | None,
+    heading_deg: float = 0.0,
+) -> Canonical:  # fmt: skip
     """Read the columns of a map for some degrees of freedom.
 
     Args:
@@ -72,6 +73,7 @@ def canonical(
         columns: the map.
         dofs: degrees of freedom of the vessel.
         grid: for channels of several clocks; None: the rate of the first one.
+        heading_deg: heading of the frame of the positions in that of the orientation.
 
     Returns:
         Times and columns on one clock, and the plain map of their names.
@@ -97,7 +99,7 @@ def canonical(
             grid or TimeGrid(_rate(channels), LONGEST_GAP_S),
         )
         t, known = joined.t, joined.columns
-    known = _in_our_frames(t, known, columns)
+    known = _in_our_frames(t, known, columns, np.radians(heading_deg))
 
     def named(kind: str, names: Iterable[str] = DOFS) -> dict[str, str | Column]:
         return {name: f"{kind}.{name}" for name in names if f"{kind}.{name}" in known}
@@ -303,7 +305,9 @@ def _unit_quaternions(channels: dict[str, Channel]) -> dict[str, Channel]:
     return {**channels, **new}
 
 
-def _in_our_frames(t: Array, known: Mapping[str, Array], columns: ColumnMap) -> dict[str, Array]:
+def _in_our_frames(
+    t: Array, known: Mapping[str, Array], columns: ColumnMap, heading: float
+) -> dict[str, Array]:
     """Columns by option in NED and forward, right, down axes at the origin of the vessel."""
     composed = ("quaternion", "geodetic")
     result = {name: v for name, v in known.items() if name.partition(".")[0] not in composed}
@@ -311,7 +315,8 @@ def _in_our_frames(t: Array, known: Mapping[str, Array], columns: ColumnMap) -> 
     attitude = _attitude(known, frames, n)
     for i, dof in enumerate(DOFS[3:]):
         if f"position.{dof}" in known or "quaternion.w" in known:
-            result[f"position.{dof}"] = attitude[:, i]
+            result[f"position.{dof}"] = attitude[:, i].copy()
+    attitude[:, 2] -= heading
     if columns.geodetic is not None:
         path = _path(known, columns.geodetic)
         result |= {f"position.{dof}": path[:, i] for i, dof in enumerate(DOFS[:3])}

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge
@@ -19,7 +19,7 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.column import Column, as_column
 from seatrial.models.recording.column_map import ColumnMap, ColumnTable, read_table
-from seatrial.models.recording.examination import Examination, examine
+from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.file_set import FileForm, file_set
 from seatrial.models.recording.joining import AtGap, Channel, TimeGrid, join_channels
 from seatrial.models.recording.mapping import canonical
@@ -267,11 +267,12 @@ class RecordedFile(MeasuredRecording):
     def examine(self, dofs: Sequence[str]) -> Examination | None:
         """Compare pose and velocity, with all degrees of freedom that the file holds."""
 
-        def read(columns: ColumnMap, known: Sequence[str]) -> Recording:
-            return replace(self, columns=columns).read(known)
+        def read(columns: ColumnMap, dofs: Sequence[str], **options: Any) -> Recording:
+            return replace(self, columns=columns, **options).read(dofs)
 
         files = file_set(self.train, self.test).files if self.train else (self.file,)
-        return examine(read, self.columns, read_sources(files[0], self._options), dofs)
+        sources = read_sources(files[0], self._options)
+        return examine(read, self.columns, sources, dofs, self.heading_deg)
 
     @property
     def trusted(self) -> bool:
@@ -338,7 +339,7 @@ class RecordedFile(MeasuredRecording):
         sources = read_sources(self.file, self._options)
         grid = self.resample_hz and TimeGrid(self.resample_hz, self.max_gap_s, self.at_gap)
         try:
-            known = canonical(sources, self.columns, dofs, grid or None)
+            known = canonical(sources, self.columns, dofs, grid or None, self.heading_deg)
         except RecordingError as error:
             named = str(error).startswith(str(self.file))
             raise error if named else RecordingError(f"{self.file}: {error}") from error
