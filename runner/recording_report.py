@@ -94,7 +94,8 @@ def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap
     return Report(
         str(file.path), samplings, known, "", _ranges(recording),
         _offsets(recording, sources, columns), _terms(recording),
-        (*known.questions, *known.not_compared, *_cures(used, ""), *_bridges(used, recording), *_advice(known, str(file.path))),
+        (*known.questions, *known.not_compared, *_cures(used, ""), *_bridges(used, recording),
+         *_advice(known, str(file.path))),
     )  # fmt: skip
 
 

@@ -51,7 +51,7 @@ FAULTS = (ConfigurationError, RecordingError)
 class Read(Protocol):
     """Reads the recording with a map and other options, in some degrees of freedom."""
 
-    def __call__(self, columns: ColumnMap, dofs: Sequence[str], **options: object) -> Recording: ...
+    def __call__(self, columns: ColumnMap, dofs: Sequence[str], **options: object) -> Recording: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,10 @@ class RecordingDefect:
         return ", ".join(
             f"excitation.{path}: {{{', '.join(f'{key}: {item}' for key, item in value.items())}}}"
             if isinstance(value, Mapping)
+            else f"excitation.{path}={value:g}" if isinstance(value, float)
             else f"excitation.{path}={value}"
             for path, value in self.change.items()
-        )
+        )  # fmt: skip
 
     cure = fix
 
@@ -137,11 +138,11 @@ def examine(
     speeds = set(columns.velocity)
     for own in (forced & (speeds | set(PLANAR)), forced & speeds, set(dofs)):
         known = tuple(dof for dof in DOFS if dof in own)
-        case = _Case(read, columns, sources, known, heading_deg)
         try:
-            return case.examined(poses)
+            recording = read(columns, known)
         except FAULTS:
             continue
+        return _Case(read, columns, sources, known, heading_deg).examined(recording, poses)
     return None
 
 
@@ -184,7 +185,10 @@ class _Case:
         """Read the recording with a change, and compare."""
         columns = changed(self.columns, change)
         options = {k: value for k, value in change.items() if not k.startswith("columns.")}
-        recording = part = self.read(columns, self.known, **options)
+        return self._of(columns, self.read(columns, self.known, **options))
+
+    def _of(self, columns: ColumnMap, recording: Recording) -> _Comparison:
+        part = recording
         if len(part) > MOST_SAMPLES:
             block = np.arange(len(part)) * (2 * BLOCKS) // len(part)
             part = part.part(block % 2 == 0)
@@ -196,9 +200,9 @@ class _Case:
         found = _Diagnosis(result, columns, self.sources, self.heading_deg)
         return _Comparison(columns, recording, result, (*slower, *found.drafts), found.questions)
 
-    def examined(self, poses: set[str]) -> Examination:
-        """What is wrong, with the changes that were tried."""
-        plain = self.compared({})
+    def examined(self, recording: Recording, poses: set[str]) -> Examination:
+        """What is wrong with the recording, with the changes that were tried."""
+        plain = self._of(self.columns, recording)
         turned, wide = self._in_degrees(plain)
         start = self.compared(turned) if turned else plain
         result = replace(start.result, velocities=plain.result.velocities,
@@ -313,7 +317,7 @@ class _Case:
             if rate_hz > SAME_RATE * nice:
                 text = f"the columns are interpolated from {nice:g} Hz, the file has {own:.3g} Hz"
                 defect = RecordingDefect("resampled", (), text, value=nice)
-                drafts.append(_Draft(defect, ({"resample_hz": f"{nice:g}"},)))
+                drafts.append(_Draft(defect, ({"resample_hz": nice},)))
         return tuple(drafts)
 
 
@@ -419,7 +423,7 @@ class _Diagnosis:
 
     def _reverse(self, option: str) -> None:
         kind, _, dof = option.partition(".")
-        spec = self.specs.get(option, Column("-"))
+        spec = self.specs[option]
         name = spec.name if spec.sign < 0.0 else f"-{spec.name}"
         self._add("sign", (dof,), f"the {kind} has the wrong sign", options=(option,), value=-1.0,
                   column=name)  # fmt: skip
@@ -504,8 +508,8 @@ class _Diagnosis:
             if axis.excited and axis.dof not in named and (
                 max(axis.correlation, best[axis.dof]) < LEAST_TRUSTED
             ):  # fmt: skip
-                text = f"velocity and derivative of the pose have a correlation of {axis.correlation:.2f}"
-                self._add("unknown", (axis.dof,), text, value=axis.correlation)
+                self._add("unknown", (axis.dof,), "velocity and derivative of the pose have a "
+                          f"correlation of {axis.correlation:.2f}", value=axis.correlation)
 
 
 def _off(axis: Agreement) -> bool:

@@ -19,6 +19,7 @@ from seatrial.models.vessel.kinematics import body_rates, frame_of_angles, turne
 
 MIN_PIECE = 30  # samples of a piece that is filtered
 EXCITED_VARIANCE = 10.0  # variance of an excited signal, in that of its noise below the cut-off
+LIKELY = 2.0  # times the angular velocity that one of a hundred samples exceeds
 CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
 
 
@@ -109,7 +110,10 @@ class Motion:
             frame = np.empty((3, 3, len(attitude)))
             frame_of_angles(attitude.T, frame)
             rate[:, :3] = np.einsum("jin,nj->ni", frame, rate[:, :3])
-        rate[:, 3:] = body_rates(attitude, self.period_s, self.starts)
+        rate[:, 3:] = turning = body_rates(attitude, self.period_s, self.starts)
+        size = np.linalg.norm(turning, axis=1)
+        most = LIKELY * np.percentile(size, 99.0)  # faster is an instrument that lost its attitude
+        rate[size > most, 3:] *= (most / size[size > most])[:, None]
         return self.inside(rate[:, [DOFS.index(dof) for dof in dofs]], cutoff_hz)
 
     def excited(self, dof: str, observed: Array, expected: Array, cutoff_hz: float) -> bool:
