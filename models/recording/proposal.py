@@ -9,7 +9,6 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.column_map import Column
 from seatrial.models.recording.proposal_by_motion import propose_by_motion
-from seatrial.models.recording.sampling import in_degrees
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import seconds
 from seatrial.models.vessel.basis import Array
@@ -174,9 +173,7 @@ def _unit(source: Source, name: str, option: str) -> str | None:
     lower = name.lower()
     kind, _, dof = option.partition(".")
     if kind == "position" and dof in DOFS[3:]:
-        values = _numbers(source, name)
-        degrees = lower.endswith("_deg") or (values is not None and in_degrees(values))
-        return "deg" if degrees else None
+        return "deg" if lower.endswith("_deg") else None
     endings = ENDINGS.get(kind, {})
     return next((unit for end, unit in endings.items() if re.search(f"_({end})$", lower)), None)
 

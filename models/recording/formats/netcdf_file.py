@@ -3,7 +3,6 @@
 import re
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from seatrial.models.errors import RecordingError

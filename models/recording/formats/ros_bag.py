@@ -40,7 +40,7 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
                 known.append(connection)
             except KeyError as error:
                 (missing,) = error.args
-                within = "its" if missing == connection.msgtype else f"the"
+                within = "its" if missing == connection.msgtype else "the"
                 left_out.append(
                     f"topic {connection.topic} ({connection.msgtype}): {within} definition "
                     f"{'' if within == 'its' else f'of {missing} '}is not in the file; "

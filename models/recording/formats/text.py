@@ -481,7 +481,7 @@ def _values(column: "pa.ChunkedArray", decimal: str) -> tuple[Array | TextArray,
             values = written.cast("float64")
             words = pc.value_counts(pc.filter(column, missing)).to_pylist()
             said = [f"{w['counts']} of {len(column)} cells are {w['values']}" for w in words
-                    if w["values"].strip("+-").lower() not in ("", "nan") or "-" == w["values"]]  # fmt: skip
+                    if w["values"].strip("+-").lower() not in ("", "nan") or w["values"] == "-"]  # fmt: skip
             reason = ", ".join(said) + ": missing values" if said else ""
         except pa.ArrowInvalid:
             values = None
