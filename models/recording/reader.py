@@ -323,13 +323,13 @@ def _unit(
         return titled, "the title"
     kind = option.partition(".")[0]
     if kind in ("position", "velocity", "force", "actual_force", "acceleration"):
-        for other, beside in specs.items():  # of the same quantity, in the same source
+        for other, beside in specs.items():  # of the same quantity, told by the same source
             plain = source.find(beside.name.rpartition(":")[2])
             same = other.partition(".")[0] == kind and targets_of(other) == targets
-            if same and other != option and plain is not None and (
-                unit := beside.unit or source.units.get(plain) or unit_in_title(plain, targets)
-            ) and is_known(unit, targets[0]):  # fmt: skip
-                return unit, f"{beside.name} beside it"
+            if plain is not None and plain != name and same:
+                unit = source.units.get(plain) or unit_in_title(plain, targets)
+                if unit and is_known(unit, targets[0]):
+                    return unit, f"{beside.name} beside it"
     return (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
 
 
