@@ -322,6 +322,10 @@ def _layout(path: Path, data: bytes, text: TextOptions) -> TextLayout:
         separator = "\t"
     free = TextLayout(data, separator, ".", [], 0, 0, 0, 0)
     head = list(islice(_rows(path, free), SAMPLE_LINES))
+    usual = Counter(len(row) for _, row in head).most_common(1)[0][0] if head else 0
+    if usual > 1 and not any(row[-1].strip() for _, row in head if len(row) == usual):
+        # a separator at the end of the rows, which the header lacks
+        head = [(line, [*row, ""] if len(row) == usual - 1 else row) for line, row in head]
     decimal = text.decimal
     if decimal is None:
         found = [cell.strip() for _, row in head for cell in row]

@@ -43,11 +43,12 @@ def file(folder: Path, name: str, content: str | bytes) -> Path:
         "made by hand\n\nt,u\n0,1.5\n1,-2\n2,NaN\n",
         "t,u\ns,m/s\n0,1.5\n1,-2\n2,\n",
         " t  u\n 0  1.5\n 1  -2\n 2  nan\n",
+        "a log\nt\tu\n0\t1.5\t\n1\t-2\t\n2\tnan\t\n",
     ],
 )
 def test_layouts_of_text_are_found_out(tmp_path: Path, content: str) -> None:
     source = one(file(tmp_path, "a.csv", content))
-    assert list(source.columns) == ["t", "u"]
+    assert list(source.columns) == ["t", "u", "c3"][: 3 if content.endswith("\t\n") else 2]
     np.testing.assert_array_equal(source.columns["t"], [0.0, 1.0, 2.0])
     np.testing.assert_array_equal(source.columns["u"], [1.5, -2.0, np.nan])
 
@@ -242,7 +243,11 @@ def test_a_format_by_option_and_one_that_is_not_known(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("suffix", "package", "extra"), [("mcap", "rosbags", "ros"), ("ulg", "pyulog", "ulog")]
+    ("suffix", "package", "extra"),
+    [
+        ("mcap", "rosbags", "ros"), ("ulg", "pyulog", "ulog"), ("xlsx", "openpyxl", "excel"),
+        ("nc", "xarray", "netcdf"), ("bin", "pymavlink", "ardupilot"), ("nmea", "pynmea2", "nmea"),
+    ],
 )
 def test_a_package_that_is_not_installed(
     tmp_path: Path, suffix: str, package: str, extra: str, monkeypatch: pytest.MonkeyPatch
