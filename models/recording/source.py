@@ -26,9 +26,9 @@ MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # of text in another enc
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
 # Cells that stand for no sample, as programs write them, in small letters.
 MISSING = frozenset(
-    ("", "nan", "+nan", "-nan", "n/a", "na", "n.a.", "#n/a", "#n/a n/a", "#na", "<na>", "nat", "null",
-     "none", "nil", "-", "--", "---", "?", "missing", "1.#qnan", "-1.#ind", "1.#ind", "#value!",
-     "#div/0!", "#num!", "#null!", "#ref!", "#name?")
+    ("", "nan", "+nan", "-nan", "n/a", "na", "n.a.", "#n/a", "#n/a n/a", "#na", "<na>", "nat",
+     "null", "none", "nil", "-", "--", "---", "?", "missing", "1.#qnan", "-1.#ind", "1.#ind",
+     "#value!", "#div/0!", "#num!", "#null!", "#ref!", "#name?")
 )  # fmt: skip
 
 
@@ -97,8 +97,8 @@ class Source:
     def _absent(self, name: str) -> RecordingError:
         if name in self.repeated:
             return RecordingError(
-                f"{self.path}: {len(self.repeated[name])} columns are titled {name!r}, expected one "
-                f"of {', '.join(self.repeated[name])}"
+                f"{self.path}: {len(self.repeated[name])} columns are titled {name!r}, "
+                f"expected one of {', '.join(self.repeated[name])}"
             )
         names = [self.written.get(column, column) for column in self.columns]
         listing = shorten(", ".join(names), 600, placeholder=" ...")
@@ -113,7 +113,7 @@ def is_empty(cell: str) -> bool:
 def column_of_cells(cells: Sequence[str]) -> Array | TextArray:
     """Cells as numbers, NaN where one is missing; as they are if one is something else, (N,)."""
     values = _parsed(cells)
-    plain = all(map(is_empty, (cells[row] for row in np.flatnonzero(np.isnan(values)))))
+    plain = all(map(is_empty, (cells[int(row)] for row in np.flatnonzero(np.isnan(values)))))
     return values if plain else np.array(cells, dtype=np.object_)
 
 
@@ -138,8 +138,8 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
     """
     if len(sources) == 1:
         (source,) = sources.values()
-        if name in source.repeated or source.find(name) is not None:
-            return source, source.find(name) or name
+        if name in source.repeated:
+            raise source._absent(name)
     holders = [(source, plain) for source in sources.values() if (plain := source.find(name))]
     if not holders and ":" in name:
         wanted, _, plain_name = name.rpartition(":")
@@ -240,7 +240,7 @@ class Rows:
                 cells.append(value if isinstance(value, str) else f"{value:.17g}")
             else:
                 cells.extend([np.nan] * (self.count - len(cells)))
-                cells.append(value)
+                cells.append(float(value))
         self.count += 1
 
     def columns(self) -> dict[str, Array | TextArray]:

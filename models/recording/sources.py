@@ -57,7 +57,12 @@ CONTENTS: tuple[tuple[str, re.Pattern[bytes]], ...] = (
     ("mat", re.compile(rb"MATLAB ")),
     ("netcdf", re.compile(rb"CDF[\x01\x02\x05]|\x89HDF")),
     ("excel", re.compile(rb"PK\x03\x04")),
-    ("nmea", re.compile(rb"(?:[^\n]{0,200}\n){0,20}?[^\n]{0,100}[$!](?:[A-Z]{2}[A-Z\d]{3}|P[A-Z]{3,}),[^\n]*[,*]")),
+    (
+        "nmea",  # a sentence in one of the first lines
+        re.compile(
+            rb"(?:[^\n]{0,200}\n){0,20}?[^\n]{0,100}[$!](?:[A-Z]{2}[A-Z\d]{3}|P[A-Z]{3,}),[^\n]*[,*]"
+        ),
+    ),
 )
 ANY = (".csv", ".txt", ".dat", ".log", ".asc", ".bin")  # suffixes that say little
 
@@ -86,8 +91,8 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
 
 def _read(path: Path, options: ReadOptions) -> list[Source]:
     """The sources of one file, by the option or by its suffix."""
-    kind = options.format or ("rosbag" if path.is_dir() else _format_of(path))
-    if options.format is None and path.is_file() and (kind is None or path.suffix.lower() in ANY):
+    kind = options.format or ("rosbag" if path.is_dir() else _format_of(path)) or ""
+    if options.format is None and path.is_file() and (not kind or path.suffix.lower() in ANY):
         kind = _kind_of_content(path) or kind or "dat"
     package, extra = FORMATS[kind].package, FORMATS[kind].extra
     if package is not None and find_spec(package) is None:

@@ -2,6 +2,7 @@
 
 import re
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,16 @@ from seatrial.models.recording.source import (
 from seatrial.models.vessel.basis import Array
 
 INSTANCES = ("I", "C", "Instance")  # columns of small numbers that tell sensors apart
+TIMES = {"TimeUS": "us", "TimeMS": "ms"}
 SPELLINGS = {"degheading": "deg", "deglatitude": "deg", "deglongitude": "deg", "m/s/s": "m/s^2",
              "instance": "", "UNKNOWN": "", "satellites": ""}  # fmt: skip
 
 
 def read(path: Path, options: ReadOptions) -> list[Source]:
-    """The message types of a log, `XKF1/0`, `XKF1/1` for several instances; raises RecordingError."""
+    """The message types of a log, `XKF1/0`, `XKF1/1` of several instances.
+
+    Raises RecordingError if it cannot be read.
+    """
     check_file(path)
     with path.open("rb") as file:
         head = file.read(256)
@@ -38,13 +43,13 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
             sources, left_out = _messages(path, b"FMT" in head)
     if not sources:
         raise RecordingError(f"{path}: got no messages with data, expected {expected}")
-    vars(sources[0])["left_out"] = tuple(left_out)
-    return sources
+    return [replace(sources[0], left_out=tuple(left_out)), *sources[1:]]
 
 
 def _binary(path: Path) -> tuple[list[Source], list[str]]:
     """Each message type at once, from where its messages stand in the file."""
     log = DFReader.DFReader_binary(str(path))
+    log.filehandle.close()  # mapped into memory
     content = np.frombuffer(log.data_map, dtype=np.uint8)
     sources: list[Source] = []
     found = {kind: np.array(log.offsets[kind]) for kind in log.formats if len(log.offsets[kind])}
@@ -55,10 +60,10 @@ def _binary(path: Path) -> tuple[list[Source], list[str]]:
         at = at[at + form.len <= len(content)]
         read += len(at) * form.len
         codes = [DFReader.FORMAT_TO_STRUCT[code] for code in form.format[: len(form.columns)]]
-        kinds = [("32<i2" if code == "a" else re.sub(r"(\d+)s", r"S\1", f"<{spec}").replace(
-                 "<S", "S").replace("<b", "i1").replace("<B", "u1").replace("<e", "<f2").replace(
-                 "<q", "<i8").replace("<Q", "<u8")) for code, (spec, _, _) in
-                 zip(form.format, codes, strict=False)]  # fmt: skip
+        kinds = [
+            "(32,)<i2" if code == "a" else f"S{spec[:-1]}" if spec[-1] == "s" else f"<{spec}"
+            for code, (spec, _, _) in zip(form.format, codes, strict=False)
+        ]
         layout = np.dtype(list(zip(form.columns, kinds, strict=True)))
         if not len(at) or layout.itemsize != form.len - 3 or form.name.startswith("FMT"):
             continue
@@ -73,10 +78,9 @@ def _binary(path: Path) -> tuple[list[Source], list[str]]:
                 columns |= {f"{name}[{i}]": v.astype(np.float64) for i, v in enumerate(values.T)}
             else:  # division is exact where the product with 1e-7 is not
                 columns[name] = values.astype(np.float64) / (round(1.0 / factor) if factor else 1)
-        units = {"TimeUS": "us"} if "TimeUS" in columns else {}
-        units |= {n: u for n, u in zip(form.columns, form.units or (), strict=False) if u}
-        field = next((n for n in (form.instance_field, *INSTANCES) if n in form.columns
-                      and rows[n].dtype.kind in "ui" and rows[n].dtype.itemsize == 1), None)  # fmt: skip
+        units = dict(zip(form.columns, form.units or (), strict=False)) | TIMES
+        bytes_ = {n for n in form.columns if rows[n].dtype in (np.uint8, np.int8)}
+        field = next((n for n in (form.instance_field, *INSTANCES) if n in bytes_), None)
         sources += _split(path, form.name, columns, units, columns[field] if field else None)
     lost = len(content) - read
     return sources, [f"{lost} bytes that are no messages"] if lost else []
@@ -96,9 +100,11 @@ def _messages(path: Path, text: bool) -> tuple[list[Source], list[str]]:
         key = (kind, 0 if text else message.get_srcSystem())
         values: list[tuple[str, Any]] = [] if text else [("timestamp", message._timestamp)]
         if key not in units:
-            given = (zip(message.fmt.columns, message.fmt.units or ()) if text
-                     else message.fieldunits_by_name.items())  # fmt: skip
-            units[key] = {n: u for n, u in given if u} | {"TimeUS" if text else "timestamp": "us" if text else "s"}
+            units[key] = TIMES | (
+                dict(zip(message.fmt.columns, message.fmt.units or (), strict=False))
+                if text
+                else {**message.fieldunits_by_name, "timestamp": "s"}
+            )
         for name in message.get_fieldnames():
             value = getattr(message, name)
             parts = enumerate(value) if isinstance(value, list | tuple) else ()
@@ -106,6 +112,7 @@ def _messages(path: Path, text: bool) -> tuple[list[Source], list[str]]:
                 (name, value.hex() if isinstance(value, bytes) else value)
             ]
         rows[key].add(values)
+    (log.filehandle if text else log.f).close()
     systems = {kind: [k for k in rows if k[0] == kind] for kind, _ in rows}
     sources: list[Source] = []
     for (kind, system), own in rows.items():
@@ -113,7 +120,7 @@ def _messages(path: Path, text: bool) -> tuple[list[Source], list[str]]:
         columns, instance = own.columns(), None
         for column, unit in units[kind, system].items():
             if (scale := re.fullmatch(r"deg[eE](\d)", unit)) and column in columns:
-                columns[column] = np.asarray(columns[column], dtype=np.float64) / 10.0 ** int(scale[1])
+                columns[column] = np.asarray(columns[column], dtype=float) / 10.0 ** int(scale[1])
                 units[kind, system][column] = "deg"
         if text:
             instance = next((columns[n] for n in INSTANCES if n in columns), None)
@@ -126,11 +133,12 @@ def _split(
     instance: Array | TextArray | None,
 ) -> list[Source]:  # fmt: skip
     """The source of a message type, or one an instance where there are several."""
-    units = {n: SPELLINGS.get(u, u) for n, u in units.items() if SPELLINGS.get(u, u) and n in columns}
+    spelled = {n: SPELLINGS.get(unit, unit) for n, unit in units.items() if n in columns}
+    units = {n: unit for n, unit in spelled.items() if unit}
     numbers = [] if instance is None else list(dict.fromkeys(instance))
     if instance is None or len(numbers) < 2:
         return [Source(name, path, columns, units)]
     return [
-        Source(f"{name}/{number:g}", path, {n: v[instance == number] for n, v in columns.items()}, units)
-        for number in sorted(numbers)
+        Source(f"{name}/{n:g}", path, {c: v[instance == n] for c, v in columns.items()}, units)
+        for n in sorted(numbers)
     ]

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 from datetime import date, time
 from pathlib import Path
 
@@ -34,8 +35,8 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
         book.close()
     if not sources:
         raise RecordingError(f"{path}: {'; '.join(left_out)}, expected a sheet with a table")
-    return [Source(**{**vars(sources[0]), "left_out": (*left_out, *sources[0].left_out)}),
-            *sources[1:]]  # fmt: skip
+    said = (*left_out, *sources[0].left_out)
+    return [replace(sources[0], left_out=said), *sources[1:]]
 
 
 def _texts(row: tuple[object, ...]) -> list[str]:

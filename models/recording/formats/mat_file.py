@@ -115,15 +115,18 @@ def _leaves(top: str, name: str, value: object, depth: int) -> Iterator[tuple[st
         yield top, name, "too deep in structs"
     elif isinstance(value, dict):
         for field, inner in value.items():
-            own = (top, f"{name}.{field}") if top and name else (top or name, field)
-            yield from _leaves(*own, inner, depth + 1)
+            place = (top, f"{name}.{field}") if top and name else (top or name, field)
+            yield from _leaves(place[0], place[1], inner, depth + 1)
     elif isinstance(value, list):
         base = "/".join(part for part in (top, *name.split(".")) if part)
         rows = [list(_leaves("", "", element, depth + 1)) for element in value]
-        single = [{n: v.item() for _, n, v in row if isinstance(v, np.ndarray) and v.size == 1} for row in rows]
-        if len(rows) > 1 and all(len(own) == len(row) for own, row in zip(single, rows, strict=True)):
-            for field in dict.fromkeys(key for own in single for key in own):
-                yield base, field or base, np.array([own.get(field, np.nan) for own in single])
+        single = [
+            {n: v.item() for _, n, v in row if isinstance(v, np.ndarray) and v.size == 1}
+            for row in rows
+        ]
+        if len(rows) > 1 and list(map(len, single)) == list(map(len, rows)):
+            for field in dict.fromkeys(key for found in single for key in found):
+                yield base, field or base, np.array([found.get(field, np.nan) for found in single])
             return
         for number, element in enumerate(value, 1):
             own = "" if isinstance(element, dict | list) else base.rpartition("/")[2]

@@ -22,7 +22,9 @@ from seatrial.models.vessel.basis import Array
 
 TIME = "time"
 DAY = 86400.0  # [s]
-SENTENCE = re.compile(r"([$!])(P[A-Z0-9]{3,}|[A-Z]{2}[A-Z0-9]{3}),([^*$!\r\n\"]*)(?:\*([0-9A-Fa-f]{2}))?")
+SENTENCE = re.compile(
+    r"([$!])(P[A-Z0-9]{3,}|[A-Z]{2}[A-Z0-9]{3}),([^*$!\r\n\"]*)(?:\*([0-9A-Fa-f]{2}))?"
+)
 # Stamps of loggers: date-times, seconds of a tag block, a number of seconds and its parts, clocks.
 STAMPS = [
     re.compile(pattern)
@@ -96,10 +98,12 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
             tables[key].add([(TIME, clock), *values])
             stamps[key].append(stamp)
             units[key] |= own
+    left_out = (*said, *(f"{count} sentences {reason}" for reason, count in lost.items()))
     if not tables:
-        raise RecordingError(f"{path}: got no sentence of NMEA 0183 with a time{_lines(lost)}")
+        reasons = "".join(f"; {line}" for line in left_out)
+        raise RecordingError(f"{path}: got no sentence of NMEA 0183 with a time{reasons}")
     talkers = Counter(kind for kind, _ in tables)
-    sources = []
+    sources: list[Source] = []
     for (kind, talker), rows in tables.items():
         columns = rows.columns()
         known = {TIME: "s"} | units[kind, talker]
@@ -108,13 +112,9 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
             if columns[TIME].dtype == np.object_ or ":" not in stamps[kind, talker][0]:
                 del known[TIME]
         name = kind if talkers[kind] == 1 else f"{kind}/{talker}"
-        sources.append(Source(name, path, columns, known, left_out=() if sources else (
-            *said, *(f"{count} sentences {reason}" for reason, count in lost.items()))))  # fmt: skip
+        said = () if sources else left_out
+        sources.append(Source(name, path, columns, known, left_out=said))
     return sources
-
-
-def _lines(lost: Counter[str]) -> str:
-    return "".join(f"; {count} sentences {reason}" for reason, count in lost.items())
 
 
 def _clock(kind: str, cells: list[str]) -> tuple[float | None, float | None]:
@@ -152,9 +152,9 @@ def _values(
             degrees = re.fullmatch(r"(\d*?)(\d{1,2}(?:\.\d*)?)", cell)
             side = raw.get(f"{name}_dir", "")
             if degrees and side in ("N", "S", "E", "W"):
-                value = float(degrees[1] or 0) + float(degrees[2]) / 60.0
+                angle = float(degrees[1] or 0) + float(degrees[2]) / 60.0
                 name = "latitude" if name == "lat" else "longitude"
-                values.append((name, -value if side in "SW" else value))
+                values.append((name, -angle if side in "SW" else angle))
         elif NUMBER_TEXT.fullmatch(cell) and name not in ("timestamp", "datestamp"):
             values.append((name, float(cell)))
         elif cell:
@@ -166,7 +166,8 @@ def _values(
             units[name] = UNITS[max(fits, key=len)]
     if kind == "MWV" and raw.get("reference"):  # relative and true wind are different quantities
         kind += f"/{raw['reference']}"
-        units |= {"wind_speed": LETTERS[u]} if (u := raw.get("wind_speed_units", "")) in LETTERS else {}
+        if (letter := raw.get("wind_speed_units", "")) in LETTERS:
+            units["wind_speed"] = LETTERS[letter]
     elif kind == "RPM":  # of a shaft or an engine, and its number
         kind += f"/{raw.get('source', '')}{raw.get('engine_no', '')}"
         units |= {"speed": "rpm", "pitch": "percent"}
@@ -174,9 +175,10 @@ def _values(
 
 
 def _times(stamps: list[str]) -> Array | TextArray:
-    """The stamps of a logger as a column: numbers, date-times, or seconds of clocks from the first."""
+    """The stamps of a logger as a column: numbers, date-times, or seconds since midnight."""
     times = column_of_cells([stamp.replace(",", ".") for stamp in stamps])
     if times.dtype != np.object_ or "-" in stamps[0] or "/" in stamps[0]:
         return times
-    parts = np.array([[*map(float, t.split(":"))] if t.count(":") == 2 else [np.nan] * 3 for t in times])
+    clocks = [t.split(":") if t.count(":") == 2 else ["nan"] * 3 for t in times]
+    parts = np.array(clocks, dtype=np.float64)
     return np.unwrap(parts @ [3600.0, 60.0, 1.0], period=DAY)

@@ -52,10 +52,11 @@ def _column(column: pa.ChunkedArray) -> Array | TextArray | None:
         column, kind = column.cast(kind.value_type), kind.value_type
     if pa.types.is_boolean(kind):
         column = column.cast("int8")
-    if pa.types.is_null(kind) or pa.types.is_decimal(kind) or pa.types.is_primitive(kind):
-        if not pa.types.is_temporal(kind):
-            return np.array(pc.cast(column, "float64", safe=False).to_numpy(), dtype=np.float64)
-    if pa.types.is_temporal(kind) or pa.types.is_string(kind) or pa.types.is_large_string(kind):
+    temporal = pa.types.is_temporal(kind)
+    number = pa.types.is_primitive(kind) or pa.types.is_null(kind) or pa.types.is_decimal(kind)
+    if number and not temporal:
+        return np.array(pc.cast(column, "float64", safe=False).to_numpy(), dtype=np.float64)
+    if temporal or pa.types.is_string(kind) or pa.types.is_large_string(kind):
         texts = pc.fill_null(column.cast("string"), "")
         return np.array(texts.to_pylist(), dtype=np.object_)
     return None

@@ -54,8 +54,8 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
             if count % CHECKED == 0:
                 check_size(path, sum(t.count * len(t.cells) for t in topics.values()))
     left_out += [f"topic /{place}: arrays of {size} elements" for place, size in long.items()]
-    left_out += [f"topic {name}: no messages" for name in
-                 dict.fromkeys(c.topic for c in known) if name.lstrip("/") not in topics]  # fmt: skip
+    silent = dict.fromkeys(c.topic for c in known if c.topic.lstrip("/") not in topics)
+    left_out += [f"topic {name}: no messages" for name in silent]
     if not topics:
         raise RecordingError(f"{path}: got no topic with messages; {'; '.join(left_out)}")
     return [
@@ -76,7 +76,9 @@ def _define(bag: AnyReader, options: ReadOptions) -> None:
         try:
             text = file.expanduser().read_text(encoding="utf-8")
         except (OSError, UnicodeError) as error:
-            raise ConfigurationError(f"excitation.messages: {file}: cannot be read ({error})") from error
+            raise ConfigurationError(
+                f"excitation.messages: {file}: cannot be read ({error})"
+            ) from error
         names = {name for name in wanted if name.rpartition("/")[2] == file.stem}
         if file.parent.name == "msg" and file.parent.parent.name:
             names = {f"{file.parent.parent.name}/msg/{file.stem}"}

@@ -57,7 +57,7 @@ ANNOTATION = re.compile(rb"^#(group|datatype|default)\b", re.MULTILINE)  # of In
 # Titles of a long table, a row a value, in small letters; the first that is there counts.
 LONG = {
     "value": ("value", "val"),
-    "name": ("field", "name", "variable", "parameter", "signal", "channel", "key", "sensor", "topic"),
+    "name": ("field", "name", "variable", "parameter", "signal", "channel", "key", "sensor"),
     "time": ("time", "timestamp", "datetime", "date", "utc", "ts", "t"),
 }  # fmt: skip
 
@@ -78,7 +78,7 @@ def names_of(titles: Sequence[str], below: Sequence[str] = ()) -> Names:
     by the unit only keep their titles; those with equal titles are `x.1`, `x.2` ...
     """
     matches = [TITLE.fullmatch(title) for title in titles]
-    plain = [match["name"] if match else title for match, title in zip(matches, titles, strict=True)]
+    plain = [match["name"] if match else titles[i] for i, match in enumerate(matches)]
     units = [
         (below[i].strip("[]() ") if below else "") or (match["unit"].strip() if match else "")
         for i, match in enumerate(matches)
@@ -96,7 +96,7 @@ def names_of(titles: Sequence[str], below: Sequence[str] = ()) -> Names:
         taken.add(single)
         repeated[title] = (*repeated.get(title, ()), single)
         names.append(single)
-    written = {n: title for n, title in zip(names, titles, strict=True) if times[title] == 1 != n}
+    written = {n: title for n, title in zip(names, titles, strict=True) if title not in repeated}
     known = zip(names, (NO_UNITS.get(unit, unit) for unit in units), strict=True)
     return Names(
         names,
@@ -169,10 +169,17 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     for title, equals in repeated.items():
         first = columns[equals[0]]
         exact = first.dtype == np.object_
-        if all(np.array_equal(first, columns[e], equal_nan=not exact) for e in equals
-               if exact == (columns[e].dtype == np.object_)) and len({columns[e].dtype for e in equals}) == 1:  # fmt: skip
-            left_out.append(f"column {title}: stands {len(equals)} times with equal cells, once kept")
-            columns = {title if n == equals[0] else n: values for n, values in columns.items() if n not in equals[1:]}
+        if all(
+            first.dtype == columns[e].dtype
+            and np.array_equal(first, columns[e], equal_nan=not exact)
+            for e in equals
+        ):
+            left_out.append(f"column {title}: stands {len(equals)} times, with equal cells")
+            columns = {
+                title if known == equals[0] else known: values
+                for known, values in columns.items()
+                if known not in equals[1:]
+            }
             positions[title] = positions[equals[0]]
         else:
             several[title] = equals
@@ -286,7 +293,8 @@ def _wide(source: Source) -> list[Source]:
                 break
         else:
             columns: dict[str, Array | TextArray] = {time: times, str(field): values}
-            made.append(Source(base, source.path, columns, {k: u for k, u in source.units.items() if k == time}))
+            units = {k: unit for k, unit in source.units.items() if k == time}
+            made.append(Source(base, source.path, columns, units))
     lost = [column for column in others if column not in telling]
     said = f"columns {', '.join(lost)}: not of the values of this long table"
     made[0] = replace(made[0], left_out=(
@@ -314,6 +322,10 @@ def _layout(path: Path, data: bytes, text: TextOptions) -> TextLayout:
         separator = "\t"
     free = TextLayout(data, separator, ".", [], 0, 0, 0, 0)
     head = list(islice(_rows(path, free), SAMPLE_LINES))
+    usual = Counter(len(row) for _, row in head).most_common(1)[0][0] if head else 0
+    if usual > 1 and not any(row[-1].strip() for _, row in head if len(row) == usual):
+        # a separator at the end of the rows, which the header lacks
+        head = [(line, [*row, ""] if len(row) == usual - 1 else row) for line, row in head]
     decimal = text.decimal
     if decimal is None:
         found = [cell.strip() for _, row in head for cell in row]
@@ -409,7 +421,7 @@ def _header(
     """Rows before the header, and rows of the header."""
     if text.header_lines is not None:
         return 0, text.header_lines
-    samples = []
+    samples: list[bool] = []
     for place, (_, row) in enumerate(head):
         filled = [cell.strip() for cell in row if not is_empty(cell)]
         sampled = [_is_number(cell, decimal) or bool(DATE.match(cell)) for cell in filled]
@@ -480,15 +492,18 @@ def _values(column: "pa.ChunkedArray", decimal: str) -> tuple[Array | TextArray,
         try:
             values = written.cast("float64")
             words = pc.value_counts(pc.filter(column, missing)).to_pylist()
-            said = [f"{w['counts']} of {len(column)} cells are {w['values']}" for w in words
-                    if w["values"].strip("+-").lower() not in ("", "nan") or w["values"] == "-"]  # fmt: skip
+            said = [
+                f"{word['counts']} of {len(column)} cells are {word['values']}"
+                for word in words
+                if word["values"].lower().lstrip("+-") not in ("", "nan") or "-" in word["values"]
+            ]
             reason = ", ".join(said) + ": missing values" if said else ""
         except pa.ArrowInvalid:
             values = None
             numbers = pc.match_substring_regex(written, f"^(?:{NUMBER})$")
-            if (count := pc.sum(numbers).as_py() or 0) > len(column) // 2:
+            if (pc.sum(numbers).as_py() or 0) > len(column) // 2:
                 odd = pc.filter(column, pc.invert(pc.fill_null(numbers, True)))
-                reason = f"{len(odd)} of {len(column)} cells are no numbers ({odd[0]}): read as text"
+                reason = f"{len(odd)} of {len(column)} cells are no numbers ({odd[0]}): text"
     if values is not None:
         array = np.array(values.to_numpy())
         if np.all((np.abs(array) < MAX_NUMBER) | np.isnan(array)):

@@ -1,12 +1,15 @@
 """Bags of ROS 1, ROS 2 and MCAP, made of the topics of a run of milliAmpere."""
 
 import csv
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.sources import ReadOptions, read_sources
 
 pytest.importorskip("rosbags")
@@ -14,7 +17,7 @@ pytest.importorskip("rosbags")
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tests.data import DATA
 
@@ -103,3 +106,38 @@ def test_bags_hold_what_was_put_in(
         stamp = source.numbers("header.stamp.sec") + 1e-9 * source.numbers("header.stamp.nanosec")
         np.testing.assert_allclose(source.numbers("time"), stamp, rtol=0.0, atol=1e-6)
         assert source.columns["header.frame_id"].tolist() == ["piren"] * len(rows)
+
+
+def test_topics_of_unknown_type_are_left_out_or_defined_by_a_file(tmp_path: Path) -> None:
+    """A message of a package of one's own, in a bag of ROS 2 that holds no definitions."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    definition = "float64 level\nfloat64[100] scan\n"
+    store.register(get_types_from_msg(definition, "boat_msgs/msg/Ballast"))
+    ballast, speed = store.types["boat_msgs/msg/Ballast"], store.types["std_msgs/msg/Float64"]
+    with Bag2Writer(tmp_path / "a", version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        for topic, kind in (("ballast", ballast), ("speed", speed)):
+            name = kind.__msgtype__
+            connection = bag.add_connection(f"/{topic}", name, typestore=store)
+            for k in range(5):
+                values = {"data": float(k)} if kind is speed else {
+                    "level": float(k), "scan": np.zeros(100)
+                }  # fmt: skip
+                bag.write(connection, k * 10**9, store.serialize_cdr(kind(**values), name))
+    with closing(sqlite3.connect(tmp_path / "a" / "a.db3")) as stored:
+        stored.execute("DELETE FROM message_definitions")  # as older programs leave them out
+        stored.commit()
+    (source,) = read_sources(tmp_path / "a", ReadOptions()).values()
+    assert source.name == "speed"
+    assert source.left_out == (
+        "topic /ballast (boat_msgs/msg/Ballast): its definition is not in the file; "
+        "excitation.messages=[Ballast.msg] gives it",
+    )
+    for file in (tmp_path / "Ballast.msg", tmp_path / "boat_msgs" / "msg" / "Ballast.msg"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(definition, encoding="utf-8")
+        sources = read_sources(tmp_path / "a", ReadOptions(messages=(str(file),)))
+        np.testing.assert_array_equal(sources["ballast"].columns["level"], np.arange(5.0))
+        first = next(iter(sources.values()))
+        assert first.left_out == ("topic /ballast, scan: arrays of 100 elements",)
+    with pytest.raises(ConfigurationError, match=r"messages: none\.msg: cannot be read"):
+        read_sources(tmp_path / "a", ReadOptions(messages=("none.msg",)))

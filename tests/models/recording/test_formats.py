@@ -43,11 +43,12 @@ def file(folder: Path, name: str, content: str | bytes) -> Path:
         "made by hand\n\nt,u\n0,1.5\n1,-2\n2,NaN\n",
         "t,u\ns,m/s\n0,1.5\n1,-2\n2,\n",
         " t  u\n 0  1.5\n 1  -2\n 2  nan\n",
+        "a log\nt\tu\n0\t1.5\t\n1\t-2\t\n2\tnan\t\n",
     ],
 )
 def test_layouts_of_text_are_found_out(tmp_path: Path, content: str) -> None:
     source = one(file(tmp_path, "a.csv", content))
-    assert list(source.columns) == ["t", "u"]
+    assert list(source.columns) == ["t", "u", "c3"][: 3 if content.endswith("\t\n") else 2]
     np.testing.assert_array_equal(source.columns["t"], [0.0, 1.0, 2.0])
     np.testing.assert_array_equal(source.columns["u"], [1.5, -2.0, np.nan])
 
@@ -242,7 +243,11 @@ def test_a_format_by_option_and_one_that_is_not_known(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("suffix", "package", "extra"), [("mcap", "rosbags", "ros"), ("ulg", "pyulog", "ulog")]
+    ("suffix", "package", "extra"),
+    [
+        ("mcap", "rosbags", "ros"), ("ulg", "pyulog", "ulog"), ("xlsx", "openpyxl", "excel"),
+        ("nc", "xarray", "netcdf"), ("bin", "pymavlink", "ardupilot"), ("nmea", "pynmea2", "nmea"),
+    ],
 )
 def test_a_package_that_is_not_installed(
     tmp_path: Path, suffix: str, package: str, extra: str, monkeypatch: pytest.MonkeyPatch
@@ -268,3 +273,217 @@ def test_a_folder_holds_several_formats(tmp_path: Path) -> None:
     empty.mkdir()
     with pytest.raises(RecordingError, match="is a folder without recordings"):
         read_sources(empty, ReadOptions())
+
+
+# What a text says besides numbers
+
+
+def test_missing_values_repeated_titles_and_headers_are_named(tmp_path: Path) -> None:
+    rows = "".join(f"{i},{i},{2 * i},{i},{'N/A' if i == 3 else i}\n" for i in range(5))
+    header = "t,x,x,t,v\n"
+    source = one(file(tmp_path, "a.csv", header + rows + header + rows))
+    assert list(source.columns) == ["t", "x.1", "x.2", "v"]
+    assert np.isnan(source.columns["v"]).tolist() == 2 * [False, False, False, True, False]
+    assert source.left_out == (
+        "1 lines that repeat the header",
+        "column v: 2 of 10 cells are N/A: missing values",
+        "column t: stands 2 times, with equal cells",
+    )
+    with pytest.raises(RecordingError, match=r"2 columns are titled 'x', expected one of x\.1, x"):
+        column({"a": source}, "x")
+
+
+@pytest.mark.parametrize("word", ["N/A", "na", "NULL", "None", "nil", "-", "--", "#N/A", "n.a."])
+def test_words_that_mean_missing(tmp_path: Path, word: str) -> None:
+    source = one(file(tmp_path, "a.csv", f"t,u\n0,1\n1,{word}\n2,3\n"))
+    np.testing.assert_array_equal(source.columns["u"], [1.0, np.nan, 3.0])
+    assert source.left_out == (f"column u: 1 of 3 cells are {word}: missing values",)
+
+
+def test_long_tables_and_exports_of_influxdb(tmp_path: Path) -> None:
+    long = "time,name,value\n" + "".join(f"{i},{n},{i}\n" for i in range(5) for n in "uv")
+    source = one(file(tmp_path, "long.csv", long))
+    assert list(source.columns) == ["time", "u", "v"]
+    np.testing.assert_array_equal(source.columns["v"], np.arange(5.0))
+    head = "#datatype,string,long,dateTime:RFC3339,{},string,string\n#default,_result,,,,,\n"
+    titles = ",result,table,_time,_value,_field,_measurement\n"
+    export = head.format("double") + titles
+    export += "".join(f",,0,2024-05-22T15:30:0{i}Z,{i},{f},imu\n" for f in "uv" for i in range(4))
+    export += "\n" + head.format("string") + titles + ",,1,2024-05-22T15:30:01Z,auto,mode,ap\n" * 2
+    sources = read_sources(file(tmp_path, "b.csv", export), ReadOptions())
+    assert {n: list(s.columns) for n, s in sources.items()} == {
+        "imu": ["_time", "u", "v"], "ap": ["_time", "mode"],
+    }  # fmt: skip
+    np.testing.assert_array_equal(sources["imu"].numbers("v"), np.arange(4.0))
+
+
+def test_text_of_gliders(tmp_path: Path) -> None:
+    """Slocum: lines of keys, then names, units and sizes; latitude as degrees and minutes."""
+    text = "dbd_label: DBD_ASC(dinkum_binary_data_ascii)file\nnum_ascii_tags: 14\nfull: 1\n"
+    text += "m_present_time m_lat m_heading\ntimestamp lat rad\n8 8 4\n"
+    text += "1334567890.5 -4030.0 NaN\n1334567894.5 69696969 1.5\n" * 4
+    source = one(file(tmp_path, "a.dba", text))
+    assert source.units == {"m_present_time": "s", "m_lat": "deg", "m_heading": "rad"}
+    np.testing.assert_array_equal(source.columns["m_lat"][:2], [-40.5, np.nan])
+
+
+# Files of programs
+
+
+def test_matlab_cells_of_runs_and_what_is_no_column(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    runs = np.empty(2, dtype=object)
+    runs[:] = [{"t": np.arange(10.0 + i), "x": np.arange(10.0 + i)} for i in range(2)]
+    each = np.array([(1.0, 2.0), (3.0, 4.0)], dtype=[("a", "O"), ("b", "O")])
+    scipy.io.savemat(tmp_path / "a.mat", {"runs": runs, "each": each, "note": "hi"})
+    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as stored:
+        cell = stored.create_dataset("runs", (2, 1), dtype=h5py.ref_dtype)
+        for i in range(2):
+            stored[f"#refs#/{i}/t"] = stored[f"#refs#/{i}/x"] = np.arange(10.0 + i)[None]
+            cell[i, 0] = stored[f"#refs#/{i}"].ref
+        stored["log"] = np.zeros((1, 6), np.uint32)
+        stored["log"].attrs["MATLAB_class"] = np.bytes_("timeseries")
+    for name, reason in (
+        ("a", "note: text, no columns"), ("b", "log: objects of class timeseries, no columns"),
+    ):  # fmt: skip
+        sources = read_sources(tmp_path / f"{name}.mat", ReadOptions())
+        assert [len(sources[f"runs/{i}"]) for i in (1, 2)] == [10, 11]
+        np.testing.assert_array_equal(sources["runs/2"].columns["x"], np.arange(11.0))
+        assert next(iter(sources.values())).left_out == (reason,)
+    sources = read_sources(tmp_path / "a.mat", ReadOptions())
+    np.testing.assert_array_equal(sources["each"].columns["b"], [2.0, 4.0])
+
+
+def test_workbooks(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for row in (["Today"], [], ["Date", "u [m/s]"], [pd.Timestamp("2024-05-01 12:00:00"), 0.5],
+                [pd.Timestamp("2024-05-01 12:00:01"), "N/A"]):  # fmt: skip
+        book.active.append(row)
+    book.create_sheet("notes").append(["windy"])
+    book.save(tmp_path / "a.xlsx")
+    (source,) = read_sources(tmp_path / "a.xlsx", ReadOptions()).values()
+    assert (source.name, source.units) == ("Sheet", {"u": "m/s"})
+    assert source.columns["Date"].tolist() == ["2024-05-01T12:00:00", "2024-05-01T12:00:01"]
+    np.testing.assert_array_equal(source.columns["u"], [0.5, np.nan])
+    assert [line.partition(":")[0] for line in source.left_out] == ["sheet notes", "column u"]
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
+def test_netcdf(tmp_path: Path, engine: Any) -> None:
+    xr = pytest.importorskip("xarray")
+    moments = pd.date_range("2024-05-22 15:30", periods=5, freq="100ms")
+    xr.Dataset(
+        {"u": ("time", np.arange(5.0), {"units": "m s-1"}), "z": ("level", np.arange(3.0))},
+        coords={"time": moments},
+    ).to_netcdf(tmp_path / "a.nc", engine=engine)
+    sources = read_sources(tmp_path / "a.nc", ReadOptions())
+    assert {name: set(s.columns) for name, s in sources.items()} == {
+        "time": {"time", "u"}, "level": {"z"},
+    }  # fmt: skip
+    assert sources["time"].units == {"u": "m s**-1"}
+    assert pd.to_datetime(sources["time"].columns["time"].tolist()).tolist() == moments.tolist()
+
+
+def dataflash() -> bytes:
+    """A log after the description of ArduPilot: formats, units, two cores of an estimator."""
+
+    def message(kind: int, layout: str, *values: object) -> bytes:
+        return b"\xa3\x95" + bytes([kind]) + struct.pack("<" + layout, *values)
+
+    log = b""
+    for kind, size, name, form, columns in (
+        (128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
+        (129, 44, b"FMTU", b"QBNN", b"TimeUS,FmtType,UnitIds,MultIds"),
+        (130, 76, b"UNIT", b"QbZ", b"TimeUS,Id,Label"),
+        (1, 22, b"XKF1", b"QBfcL", b"TimeUS,C,PN,Yaw,Lat"),
+    ):
+        log += message(128, "BB4s16s64s", kind, size, name, form, columns)
+    for letter, unit in ((b"m", b"m"), (b"h", b"degheading"), (b"#", b"instance")):
+        log += message(130, "Qb64s", 9000, ord(letter), unit)
+    log += message(129, "QB16s16s", 9001, 1, b"s#mh-", b"F---G")
+    for k in range(40):
+        log += message(1, "QBfhi", 100_000 + 20_000 * k, k % 2, 0.5 * k, -1234, 473977420)
+    return log
+
+
+def test_logs_of_ardupilot(tmp_path: Path) -> None:
+    pytest.importorskip("pymavlink")
+    path = file(tmp_path, "a.BIN", dataflash() + b"\xa3\x95\x01cut")
+    sources = read_sources(path, ReadOptions())
+    source = sources["XKF1/1"]
+    assert source.units == {"TimeUS": "us", "PN": "m", "Yaw": "deg"}
+    np.testing.assert_array_equal(source.columns["PN"], np.arange(0.5, 20.0, 1.0))
+    assert (source.columns["Yaw"][0], source.columns["Lat"][0]) == (-12.34, 47.397742)
+    assert next(iter(sources.values())).left_out == ("6 bytes that are no messages",)
+
+
+def test_logs_of_mavlink(tmp_path: Path) -> None:
+    pytest.importorskip("pymavlink")
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+    vessel, shore = dialect.MAVLink(None, srcSystem=1), dialect.MAVLink(None, srcSystem=255)
+    log = b""
+    for k in range(10):
+        for sender, message in (
+            (vessel, dialect.MAVLink_attitude_message(100 * k, 0.0, 0.0, 0.25, 0.0, 0.0, 0.5)),
+            (vessel, dialect.MAVLink_global_position_int_message(k, 473977420, *7 * [0])),
+            (vessel, dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)),
+            (shore, dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)),
+        ):  # fmt: skip
+            log += struct.pack(">Q", 1716391812000000 + 100000 * k) + message.pack(sender)
+    sources = read_sources(file(tmp_path, "a.tlog", log), ReadOptions())
+    assert set(sources) == {"ATTITUDE", "GLOBAL_POSITION_INT", "HEARTBEAT/1", "HEARTBEAT/255"}
+    assert sources["ATTITUDE"].units["yaw"] == "rad"
+    np.testing.assert_allclose(
+        sources["ATTITUDE"].columns["timestamp"], 1716391812.0 + 0.1 * np.arange(10), atol=1e-6
+    )
+    assert sources["GLOBAL_POSITION_INT"].columns["lat"][0] == 47.397742
+
+
+def sentence(body: str) -> str:
+    total = 0
+    for letter in body.encode():
+        total ^= letter
+    return f"${body}*{total:02X}"
+
+
+@pytest.mark.parametrize("stamp", ["", "2024-05-22T23:59:{:02d}.500Z ", "17163918{:02d}.5,"])
+def test_nmea(tmp_path: Path, stamp: str) -> None:
+    """Sentences of a second across midnight: the day of RMC, and the next one."""
+    pytest.importorskip("pynmea2")
+    lines = []
+    for k, clock in enumerate(("235958", "235959", "000000")):
+        day = "230394" if clock < "2" else "220394"
+        for body in (
+            f"GPRMC,{clock}.00,A,4807.50,S,01130.00,W,22.4,084.4,{day},003.1,W", "HEHDT,274.5,T",
+            "IIMWV,214.8,R,10.0,K,A", "IIMWV,200.0,T,5.0,N,A", "HEROT,-12.5,V",
+        ):  # fmt: skip
+            lines.append(stamp.format(k) + sentence(body))
+        lines += [stamp.format(k) + "$HEHDT,1.0,T*00", "!AIVDM,1,1,,A,15Mg,0*4E"]
+    sources = read_sources(file(tmp_path, "a.log", "\r\n".join(lines)), ReadOptions())
+    assert list(sources) == ["RMC", "HDT", "MWV/R", "MWV/T"]
+    rmc = sources["RMC"]
+    assert (rmc.columns["latitude"][0], rmc.columns["longitude"][0]) == (-48.125, -11.5)
+    assert rmc.units["spd_over_grnd"] == "knot"
+    assert (sources["MWV/R"].units["wind_speed"], sources["MWV/T"].units["wind_speed"]) == (
+        "km/h", "knot",
+    )  # fmt: skip
+    assert set(rmc.left_out) == {
+        "3 sentences of AIS (they start with !)", "3 sentences with a wrong checksum",
+        "3 sentences ROT of status V (not valid)",
+    }  # fmt: skip
+    times = sources["HDT"].columns["time"]
+    if stamp.startswith("20"):
+        assert times[1] == "2024-05-22T23:59:01.500Z"
+    else:
+        np.testing.assert_array_equal(np.diff(times), [1.0, 1.0])
+        first = 1716391800.5 if stamp else pd.Timestamp("1994-03-22 23:59:58").timestamp()
+        assert times[0] == first
+
+
+def test_content_tells_the_format_where_the_suffix_does_not(tmp_path: Path) -> None:
+    pytest.importorskip("pymavlink")
+    assert "XKF1/0" in read_sources(file(tmp_path, "a.log", dataflash()), ReadOptions())
+    with pytest.raises(RecordingError, match="is of no known format, expected csv, dat, excel"):
+        read_sources(file(tmp_path, "a.xyz", b"\x00\x01\x02" * 99), ReadOptions())
