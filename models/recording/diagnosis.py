@@ -6,7 +6,7 @@ recording, read again with it, agrees. What is no unit of the field is asked, no
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -46,14 +46,14 @@ UNITS = {  # that people record, by that of SI
     "m/s^2": ("m/s^2", "g_0", "cm/s^2", "mm/s^2"), "rad/s^2": ("rad/s^2", "deg/s^2"),
     "s": ("s", "ms", "us", "ns", "min"),
 }  # fmt: skip
-Change = Mapping[str, object]  # options of excitation, such as columns.velocity.surge, and values
+Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.surge, and values
 FAULTS = (ConfigurationError, RecordingError)
 
 
 class Read(Protocol):
     """Reads the recording with a map and other options, in some degrees of freedom."""
 
-    def __call__(self, columns: ColumnMap, dofs: Sequence[str], **options: object) -> Recording: ...  # noqa: D102
+    def __call__(self, columns: ColumnMap, dofs: Sequence[str], **options: Any) -> Recording: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def changed(columns: ColumnMap, change: Change) -> ColumnMap:
     """The map with a change; other options of `excitation` are left out."""
     for path, value in change.items():
         kind, _, name = path.removeprefix("columns.").partition(".")
-        new = Column(**value) if isinstance(value, Mapping) else value
+        new: Any = Column(**value) if isinstance(value, Mapping) else value
         if kind == "frames":
             new = replace(columns.frames, **{name: value})
         elif name:
@@ -189,8 +189,8 @@ class _Case:
     def _of(self, columns: ColumnMap, recording: Recording) -> _Comparison:
         part = recording
         if len(part) > MOST_SAMPLES:
-            block = np.arange(len(part)) * (2 * BLOCKS) // len(part)
-            part = part.part(block % 2 == 0)
+            row = np.arange(len(part)) % -(-len(part) // BLOCKS)
+            part = part.part(row < MOST_SAMPLES // BLOCKS)
         measured = [dof for dof in self.known if dof in columns.acceleration]
         result = consistency(part, measured, columns.moving)
         slower = self._slower(1.0 / recording.period_s)
@@ -312,7 +312,8 @@ class _Case:
                 own = sampling(seconds(source, clock_of(source, self.columns))).rate_hz
             except FAULTS:
                 continue
-            rates = [original_rate(np.column_stack(values), own) for values in parts.values()]
+            rates = [original_rate(np.column_stack(values)[:MOST_SAMPLES], own)
+                     for values in parts.values()]  # fmt: skip
             known = [rate for rate in rates if rate is not None]
             if len(known) < len(rates):
                 continue
@@ -346,7 +347,8 @@ class _Diagnosis:
         self.questions: tuple[str, ...] = ()
         self._frames(result, heading_deg)
         self._order_and_signs()
-        self._time() or self._scales()
+        if not self._time():
+            self._scales()
         self._clock(result)
         self._accelerations(result)
         self._unexplained(result)
@@ -363,7 +365,7 @@ class _Diagnosis:
 
     def _add(
         self, kind: str, axes: Sequence[str], message: str, *changes: Change,
-        options: Sequence[str] = (), value: float | None = None, **new: object,
+        options: Sequence[str] = (), value: float | None = None, **new: Any,
     ) -> None:  # fmt: skip
         """Add a problem; `new` are of the columns `options`."""
         for option in options:

@@ -124,7 +124,7 @@ def _share_of_images(white: Array, total: int) -> float:
     if reach < FEWEST_PAIRS:
         return 0.0
     lower = np.arange(total // 2 - reach, total // 2)
-    first, second = white[lower], white[total - lower]
-    power = np.sum(np.abs(first) ** 2, axis=0) * np.sum(np.abs(second) ** 2, axis=0)
-    together = np.abs(np.sum(first * second, axis=0)) ** 2
-    return float(np.median(together[power > 0.0] / power[power > 0.0])) if np.any(power) else 0.0
+    products = white[lower] * white[total - lower]
+    size = np.abs(products)  # a pure tone counts no more than any other frequency
+    turns = np.divide(products, size, out=np.zeros_like(products), where=size > 0.0)
+    return float(np.median(np.abs(np.mean(turns, axis=0)) ** 2))

@@ -15,6 +15,7 @@ from seatrial.models.recording.diagnosis import Examination, RecordingDefect, ch
 from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.sampling import original_rate
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
 from seatrial.runner.config import build_as
 from seatrial.runner.recording_map import options_of, reader_of
@@ -318,3 +319,7 @@ def test_roll_rate_agrees_through_a_steep_dive() -> None:
     zero = np.zeros((n, 3))
     known = consistency(Recording(ALL[3:], t, noisy, turning, zero, zero, noisy))
     assert all(axis.excited and axis.correlation > 0.98 for axis in known.velocities)
+
+
+def test_a_smooth_motion_of_few_frequencies_is_not_called_interpolated() -> None:
+    assert original_rate(motion(200_000).eta[:, :2], 10.0) is None
