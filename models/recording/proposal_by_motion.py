@@ -30,7 +30,8 @@ LEAST = 1e-9  # of a deviation: a column that varies less is constant
 MOST_COLUMNS = 40
 RESTING_SHARE = 0.02  # of its largest step: a column that changes less rests
 SAMPLES = 400  # of the path that are compared
-TOGETHER, APART = 0.7, 0.2  # least concentration of course less heading, and lead of the better unit
+TOGETHER = 0.7  # least concentration of course less heading
+BETTER = 0.5  # of what is left of it in the other unit
 TURNS = {None: 1.0, "deg": np.pi / 180.0}  # [rad] of a unit of angles
 RATES = {None: 1.0, "deg/s": np.pi / 180.0}
 SPEEDS = {None: 1.0, "knot": 1852.0 / 3600.0}
@@ -125,7 +126,7 @@ def angle_unit(path: tuple[Array, Array, Array], times: Array, heading: Array) -
         turned = [step * np.exp(sign * 1j * size * heading[middle]) for sign in (-1.0, 1.0)]
         best[unit] = max(abs(np.nansum(z)) for z in turned) / max(float(np.nansum(abs(step))), LEAST)
     unit = max(best, key=lambda name: best[name])
-    sure = best[unit] > TOGETHER and best[unit] - min(best.values()) > APART
+    sure = best[unit] > TOGETHER and 1.0 - best[unit] < BETTER * (1.0 - min(best.values()))
     return unit if sure else None
 
 
