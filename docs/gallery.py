@@ -107,11 +107,6 @@ ENTRIES: Mapping[str, Entry] = {
     "prediction": Entry(
         "ferry", "A free run of the held-out part: the vessel is simulated from its forces alone."
     ),
-    "quality": Entry(
-        "measured",
-        "The measured velocity integrated, beside the measured position: a sensor that"
-        " contradicts another one shows here, before any identification.",
-    ),
     "residual": Entry("ferry", "What the model leaves of the force should look like noise."),
     "response": Entry("positioning", "Pose, command and limits of one run."),
     "search": Entry("search", "The best so far, and what was tried."),

@@ -96,7 +96,7 @@ def map_columns(file: File, out: Out = None) -> None:
 
 def proposed(file: Path, sources: Mapping[str, Source]) -> dict[str, object]:
     """A map from names and units, with what the correlations tell put into it."""
-    node = propose(sources)
+    node = propose(sources).map
     if len(sources) > 1 or _has_gaps(file, node):
         node |= _grid(file, node, sources)
     for _ in range(MOST_CURES):

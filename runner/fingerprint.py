@@ -6,7 +6,9 @@ storage, and the files of user-defined parts. Comments and docstrings do not cou
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Mapping
+from contextlib import suppress
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +17,7 @@ from typing import TYPE_CHECKING
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
 from seatrial.runner.plugins import targets
+from seatrial.runner.search_path import located
 from seatrial.runner.vocabulary import NOT_COMPARED
 
 if TYPE_CHECKING:  # what is slow to import
@@ -30,6 +33,9 @@ STORAGE = ("database", "compare")  # subpackages that store and show what was co
 # The project's own packages, whatever they are installed as.
 OWN = tuple(f"{name.rpartition('.')[0]}." for name in (folder_digest.__module__, __name__))
 INSTALLED = ("site-packages", "dist-packages")  # folders of installed packages
+FILE_NAME = re.compile(r"[./]")  # that the name of a file has, beside a folder or suffix
+FILES = ("path", "train", "test", "file")  # options that always name files
+MAPS = ("map", "test_map")  # options of a recording, also of maps that come with the project
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 
@@ -49,57 +55,36 @@ def fingerprint(config: Mapping[str, object], names: Mapping[str, str], sources:
 
 
 def _by_files(key: str, node: object) -> object:
-    """Replace the files that an option names by the digests of their content."""
-    if key == "excitation":
-        return _recordings_by_content(node)
-    if key == "identifier":
-        return _program_by_content(node)
-    if key == "disturbance" and isinstance(node, Mapping) and "wind" in node:
-        return {**node, "wind": _by_content(node["wind"], "file")}
-    return node
-
-
-def _program_by_content(node: object) -> object:
-    """Replace the files of a program that identifies the model by the digests of their content."""
-    if not isinstance(node, Mapping):
+    """Replace the files that options name, or match, by the digests of their content."""
+    if isinstance(node, Mapping):
+        if key == "excitation" and isinstance(node.get("train"), list | tuple) and node["train"]:
+            with suppress(ConfigurationError):  # which the trial says
+                known = file_set.file_set(node["train"], node.get("test") or ())
+                node = {**node, "train": [*map(str, known.train)], "test": [*map(str, known.test)]}
+        return {
+            str(name): _map_by_content(value) if name in MAPS else _by_files(str(name), value)
+            for name, value in node.items()
+        }
+    if isinstance(node, list | tuple):
+        return [_by_files(key, value) for value in node]
+    if not isinstance(node, str) or not (key in FILES or FILE_NAME.search(node)):
         return node
-    changed = {}
-    for key in ("command", "files"):
-        words = node.get(key)
-        if isinstance(words, list | tuple):
-            changed[key] = [_by_content({"word": word}, "word") for word in words]
-    return {**node, **changed}
-
-
-def _recordings_by_content(node: object) -> object:
-    """Replace measured files, folders of them, and patterns by the digests of their content."""
-    if not isinstance(node, Mapping):
+    path = Path(node).expanduser()
+    try:
+        if path.is_dir() and key == "path":
+            return [_digest(file) for file in sorted(path.rglob("*")) if file.is_file()]
+        return _digest(path) if path.is_file() else node
+    except (OSError, ValueError):  # a text that is no path
         return node
-    changed: dict[str, object] = {}
-    path = node.get("path")
-    if isinstance(path, str) and Path(path).expanduser().is_dir():
-        files = sorted(file for file in Path(path).expanduser().rglob("*") if file.is_file())
-        changed["path"] = _digests(files)
-    if isinstance(node.get("train"), list | tuple) and node["train"]:
-        try:
-            known = file_set.file_set(node["train"], node.get("test") or ())
-        except ConfigurationError:  # which the trial says
-            return node
-        changed |= {"train": _digests(known.train), "test": _digests(known.test)}
-    return {**_by_content(node, "path"), **changed}  # type: ignore[dict-item]
 
 
-def _digests(files: Iterable[Path]) -> list[object]:
-    return [_by_content({"path": str(file)}, "path") for file in files]
+def _map_by_content(name: object) -> object:
+    return _digest(path) if name and (path := located(str(name))).is_file() else name
 
 
-def _by_content(node: object, key: str) -> object:
-    """Replace the path of a measured file by the digest of its content."""
-    path = node.get(key) if isinstance(node, Mapping) else None
-    if not isinstance(node, Mapping) or not isinstance(path, str) or not Path(path).is_file():
-        return node
-    stat = Path(path).stat()
-    return {**node, key: _file_digest(path, stat.st_mtime_ns, stat.st_size)}
+def _digest(path: Path) -> str:
+    stat = path.stat()
+    return _file_digest(str(path), stat.st_mtime_ns, stat.st_size)
 
 
 @lru_cache(maxsize=4096)

@@ -29,6 +29,7 @@ REPLACED: Mapping[str, str] = {
     "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
     " identifier=prediction_times",
     "seatrial-results published": "in a checkout, use make published",
+    "seatrial-results plot quality": "use seatrial data check FILE --html PAGE.html",
     "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
     "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
     " figure",

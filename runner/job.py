@@ -1,5 +1,6 @@
 """One trial as a run of the logbook: claimed, run, and stored with its results or its error."""
 
+import logging
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +8,7 @@ from pathlib import Path
 from sys import intern
 from typing import TYPE_CHECKING, Literal
 
-from seatrial.models.errors import Diverged, SeatrialError
+from seatrial.models.errors import Diverged, RecordingError, SeatrialError
 from seatrial.runner import database
 from seatrial.runner.config import Limits, SweepLabels, Trial, build_trial
 from seatrial.runner.fingerprint import fingerprint
@@ -28,6 +29,9 @@ else:
     trials = lazy_loader.load("seatrial.runner.trial", suppress_warning=True)
 
 State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost", "bug"]
+
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -171,6 +175,8 @@ class Planner:
             self._errors[key] = None
             try:
                 check(trial)
+            except RecordingError as problem:  # of its contents: its run fails, the others go on
+                log.warning("%s: %s", order, problem)
             except SeatrialError as problem:
                 self._errors[key] = problem
         if (error := self._errors[key]) is not None:

@@ -55,9 +55,21 @@ def refuse(file: MeasuredRecording, dofs: Sequence[str]) -> None:
 
 def diagnostics(file: MeasuredRecording, dofs: Sequence[str]) -> list[Diagnostic]:
     """Warn of every problem in one line, and return what was found as diagnostics."""
+    read = file.account(dofs)
+    left_out = dict.fromkeys(line for signals in read for line in signals.left_out)
+    for line in left_out:
+        log.warning("recording: %s", line)
+    columns = dict.fromkeys(reading for signals in read for reading in signals.readings)
+    texts = [(f"{c.option}: {c.column} ({c.known_from})", c.unit) for c in columns]
+    account = [
+        *(Diagnostic("recording_left_out", "all", None, i=i, label=line)
+          for i, line in enumerate(left_out)),
+        *(Diagnostic("recording_column", "all", None, unit, i=i, label=text)
+          for i, (text, unit) in enumerate(texts)),
+    ]  # fmt: skip
     known = examined(file, dofs)
     if known is None:
-        return []
+        return account
     result, found = known.result, known.problems
     for problem in found:
         log.warning("recording: %s", problem)
@@ -70,4 +82,4 @@ def diagnostics(file: MeasuredRecording, dofs: Sequence[str]) -> list[Diagnostic
         Diagnostic(f"recording_{p.kind}", "all", p.value, i=i, label=str(p))
         for i, p in enumerate(found)
     ]
-    return [*axes, Diagnostic("consistency_lag", "all", result.lag_s, "s"), *problems]
+    return [*account, *axes, Diagnostic("consistency_lag", "all", result.lag_s, "s"), *problems]

@@ -15,7 +15,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.runner import options
-from seatrial.runner.search_path import CONF
+from seatrial.runner.search_path import CONF, located
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
 MAP_COLUMNS = tuple(field.name for field in fields(ColumnMap))
@@ -30,20 +30,13 @@ def with_map(node: object) -> object:
     """The options of a recording with the content of its map, if it names one."""
     if not isinstance(node, Mapping) or not node.get("map"):
         return node
-    path = _located(str(node["map"]))
+    path = located(str(node["map"]))
     # Those of the configuration are for other files.
     own = {**node, "heading_deg": 0.0, "statistics": [], "map": str(path), **read_map(path)}
     if node.get("test_map"):
-        path = _located(str(node["test_map"]))
+        path = located(str(node["test_map"]))
         own |= {"test_map": str(path), "tested": read_map(path)}
     return own
-
-
-def _located(name: str) -> Path:
-    """The file of a map; a name without a folder may be that of a map of the benchmark."""
-    path = Path(name).expanduser()
-    ours = CONF / "benchmark" / "maps" / path
-    return ours if len(path.parts) == 1 and not path.is_file() and ours.is_file() else path
 
 
 def read_map(path: Path) -> dict[str, object]:

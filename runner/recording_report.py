@@ -10,17 +10,17 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, VELOCITY_UNIT, velocities_of
 from seatrial.models.recording.agreement import correlations, lag
-from seatrial.models.recording.column import Column, as_column, seconds
-from seatrial.models.recording.column_map import ColumnMap
+from seatrial.models.recording.column_map import Column, ColumnMap, as_column
 from seatrial.models.recording.consistency import LONGEST_LAG_S
 from seatrial.models.recording.examination import Examination
-from seatrial.models.recording.mapping import EPOCH_S, first_time, wanted
 from seatrial.models.recording.preprocessing import outliers
+from seatrial.models.recording.reader import first_time, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import Sampling, is_later, sampling
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
+from seatrial.models.recording.times import EPOCH_S, seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll
 
@@ -101,7 +101,7 @@ def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap
 
 def _is_used(name: str, sources: Mapping[str, Source], columns: ColumnMap) -> bool:
     """Whether a map takes a column from a source."""
-    specs = wanted(columns, DOFS).values()
+    specs = wanted(columns, DOFS)[0].values()
     return len(sources) == 1 or any(_holds(sources, spec, name) for spec in specs)
 
 

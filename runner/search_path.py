@@ -38,6 +38,13 @@ class UserFolders(SearchPathPlugin):
             search_path.append("user", f"file://{folder}")
 
 
+def located(name: str) -> Path:
+    """The file of a map; a name without a folder may be that of a map of the benchmark."""
+    path = Path(name).expanduser()
+    ours = CONF / "benchmark" / "maps" / path
+    return ours if len(path.parts) == 1 and not path.is_file() and ours.is_file() else path
+
+
 def user_folders() -> list[Path]:
     """Return the folders of the user, absolute, in the order in which they are searched.
 

@@ -77,17 +77,18 @@ def check(trial: Trial) -> None:
     nominal, thruster = trial.vessel.nominal(), trial.vessel.thruster
     trial.identifier.check(nominal, thruster, isinstance(excitation, MeasuredRecording))
     recording, period = None, trial.sample_time_s
-    if isinstance(excitation, MeasuredRecording):  # a damaged file is a configuration error
-        recording = excitation.read(dofs)
-        period = recording.period_s
-        _check_samples(trial, excitation, recording)
-        recording_checks.refuse(excitation, dofs)
+    if isinstance(excitation, MeasuredRecording):
+        for option, path in excitation.files().items():
+            if not path.exists():
+                raise ConfigurationError(f"excitation.{option}: {path}: there is no such file")
         if skipped(trial) is None:
             evaluation = trial.evaluation
             assert isinstance(evaluation, Mission)
             _check_length(trial, "evaluation", evaluation)
             named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
             named(trial, "evaluation", lambda: evaluation.check(dofs))
+        recording = measured(trial, excitation)
+        period = recording.period_s
     else:
         _check_mission(trial, excitation)
     needs = trial.identifier.needs()
@@ -97,6 +98,14 @@ def check(trial: Trial) -> None:
         controller.build(commanded(nominal, controller), trial.sample_time_s)
         check_periods(trial, controller, period if skipped(trial) is None else None)
     check_needs(needs, trial.vessel.name, thruster, recording)
+
+
+def measured(trial: Trial, file: MeasuredRecording) -> Recording:
+    """Read a recording; raises RecordingError if it cannot be read, trusted, or trained on."""
+    recording = file.read(trial.vessel.dofs)
+    _check_samples(trial, file, recording)
+    recording_checks.refuse(file, trial.vessel.dofs)
+    return recording
 
 
 def _check_samples(trial: Trial, file: MeasuredRecording, recording: Recording) -> None:
@@ -337,7 +346,6 @@ def as_plant(identified: Vessel) -> tuple[Vessel | None, str]:
 
 def with_quality(results: Results, file: MeasuredRecording, recording: Recording) -> Results:
     """Add the statistics and quality checks of a measured recording to the results."""
-    metrics, series = excitation_results.recording_quality(recording)
     diagnostics = [
         *excitation_results.column_statistics(file),
         *excitation_results.outlier_counts(file, recording.dofs),
@@ -345,9 +353,8 @@ def with_quality(results: Results, file: MeasuredRecording, recording: Recording
     ]
     return replace(
         results,
-        metrics=[*results.metrics, *metrics],
+        metrics=[*results.metrics, *excitation_results.recording_quality(recording)],
         diagnostics=[*results.diagnostics, *diagnostics],
-        series=[*results.series, series],
     )
 
 
@@ -400,7 +407,7 @@ def excite(trial: Trial, seeds: Streams) -> ExcitationData:
     """Simulate the excitation with the nominal model, or read the recorded file."""
     vessel = trial.vessel
     if isinstance(trial.excitation, MeasuredRecording):
-        recording, truth, sailed = trial.excitation.read(vessel.dofs), None, None
+        recording, truth, sailed = measured(trial, trial.excitation), None, None
     else:
         model = vessel.nominal()
         sailed = sailed_excitation(prepare(trial, seeds, model, trial.excitation))

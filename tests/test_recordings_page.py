@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.recording import mapping
-from seatrial.models.recording.column import Column
+from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.proposal import propose
+from seatrial.models.recording.reader import Reading
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.runner import data_commands
 from tests.data import DATA
@@ -45,10 +45,11 @@ def test_map_of_the_page_has_no_problem(
 def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:
     """A pulse of 1511 us is no thrust, 1900 us all of it, 1122 us all of it astern."""
     rows = "\n".join(f"{0.1 * i:.1f},0,0,0,{w}" for i, w in enumerate((1511, 1900, 1122)))
-    (tmp_path / "log.csv").write_text("t,x,y,psi,pwm\n" + rows)
+    path = tmp_path / "log.csv"
+    path.write_text("t,x,y,psi,pwm\n" + rows)
     spec = Column("pwm", neutral=1511.0, full=1900.0)
-    source = read_sources(tmp_path / "log.csv", ReadOptions())["log"]
-    values = mapping._in_si(source, "pwm", "inputs.pwm_1", spec)
+    reading = Reading(ColumnMap("t", inputs={"pwm_1": spec}))
+    values = reading.read(path, read_sources(path, ReadOptions()), ()).values["inputs.pwm_1"]
     np.testing.assert_allclose(values, [0.0, 1.0, -1.0])
     with pytest.raises(ConfigurationError, match="neutral and full are 1900, expected two numbers"):
         Column("pwm", neutral=1900.0, full=1900.0)
@@ -58,6 +59,6 @@ def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:
 def test_names_with_units_are_proposed(name: str, unit: str | None, tmp_path: Path) -> None:
     rows = "\n".join(f"{0.1 * i:.1f},{i},{i},{i % 7},{i % 5}" for i in range(50))
     (tmp_path / "log.csv").write_text(f"time,north,east,{name},force_x_N\n{rows}")
-    node = propose(read_sources(tmp_path / "log.csv", ReadOptions()))
+    node = propose(read_sources(tmp_path / "log.csv", ReadOptions())).map
     assert node["velocity"] == {"yaw": name if unit is None else {"column": name, "unit": unit}}
     assert node["force"] == {"surge": "force_x_N"}

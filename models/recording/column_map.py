@@ -175,7 +175,8 @@ class ColumnMap:
     def posed(self) -> tuple[str, ...]:
         """Degrees of freedom whose position or angle is mapped."""
         known = set(self.position) | (set(DOFS[3:]) if self.orientation else set())
-        known |= set(DOFS[: 3 if self.geodetic and self.geodetic.altitude else 2]) if self.geodetic else set()
+        if self.geodetic is not None:
+            known |= set(DOFS[: 3 if self.geodetic.altitude else 2])
         return tuple(dof for dof in DOFS if dof in known)
 
     @property

@@ -7,13 +7,13 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording.column import Column, as_column, seconds
-from seatrial.models.recording.column_map import KINDS, ColumnMap
+from seatrial.models.recording.column_map import KINDS, Column, ColumnMap, as_column
 from seatrial.models.recording.consistency import Consistency, consistency
 from seatrial.models.recording.diagnosis import RecordingDefect, problems
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import of_angles, original_rate, resampled, sampling
 from seatrial.models.recording.source import Source, column
+from seatrial.models.recording.times import seconds
 from seatrial.models.vessel.basis import Array
 
 Read = Callable[[ColumnMap, Sequence[str]], Recording]

@@ -26,6 +26,7 @@ class Channel(NamedTuple):
     t: Array  # (N,) [s], increasing
     values: Array  # (N,)
     held: bool = False
+    name: str = ""  # for messages
 
 
 @dataclass(frozen=True)
@@ -72,20 +73,21 @@ def join_channels(
             channels do not overlap, or there is a gap and `at_gap` is `refuse`.
     """
     known = {name: Channel(*channel) for name, channel in channels.items()}
-    for name, channel in known.items():
-        _check(name, channel)
+    known = {key: c._replace(name=c.name or key) for key, c in known.items()}
+    for channel in known.values():
+        _check(channel.name, channel)
     t = _times(known, grid)
     inside = np.ones(len(t), dtype=np.bool_)
-    for name, channel in known.items():
+    for channel in known.values():
         covered = _covered(channel, t, grid.max_gap_s)
         if grid.at_gap == "refuse" and not np.all(covered):
-            raise _gap(name, channel, grid.max_gap_s)
+            raise _gap(channel.name, channel, grid.max_gap_s)
         inside &= covered
     inside = _long_enough(inside)
     if not np.any(inside):
         raise RecordingError(
             f"got no {MIN_STRETCH} samples of {1.0 / grid.rate_hz:g} s without a gap of more than "
-            f"{grid.max_gap_s:g} s in one of {', '.join(known)}"
+            f"{grid.max_gap_s:g} s in one of {', '.join(c.name for c in known.values())}"
         )
     t = t[inside]
     return JoinedChannels(
@@ -119,8 +121,9 @@ def _times(channels: Mapping[str, Channel], grid: TimeGrid) -> Array:
     count = int(np.floor((stop - start) * grid.rate_hz * (1.0 + 1e-12) + 1e-9)) + 1
     if count < 2:
         raise RecordingError(
-            f"got channels that overlap by fewer than two samples at {grid.rate_hz:g} Hz: {last} "
-            f"begins at {start:g} s, {first} ends at {stop:g} s"
+            f"got channels that overlap by fewer than two samples at {grid.rate_hz:g} Hz: "
+            f"{channels[last].name} begins at {start:g} s, {channels[first].name} ends at "
+            f"{stop:g} s"
         )
     most = max(len(channel.t) for channel in channels.values())
     if count > MOST_SAMPLES * most:

@@ -5,8 +5,9 @@ Synchronisation, quaternions, velocity against position: Hoyer (2021), section 5
 are pure; time and signals run along the first axis.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -14,11 +15,11 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import DOFS, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
+from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
 from seatrial.models.ranges import Positive, PositiveInt, check_ranges
-from seatrial.models.recording.recording import Mask, Recording, attitude_of
+from seatrial.models.recording.recording import Mask, Recording
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import pose_jacobian
+from seatrial.models.vessel.kinematics import pose_jacobian, turned
 
 Check = Literal["integrated_velocity", "differentiated_position"]
 
@@ -224,39 +225,37 @@ class Description:
 
 
 def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
-    """Both checks of every degree of freedom.
+    """Both checks of every degree of freedom, piece by piece.
 
-    The checks are exact for surge, sway and yaw, for all six degrees of freedom, and for axes
-    without angles. In any other set the missing velocities (such as heave, which pitch would
-    rotate forward) are taken as zero.
+    Where surge, sway and yaw are there, velocities are turned by the attitude; axes that are not
+    there, such as heave, which pitch would turn, are taken as zero. In any other set every
+    axis is by itself. Angles are those turned about the axes of the body: no singularity.
     """
-    turning = pose_jacobian(attitude_of(recording.dofs, recording.eta))
-    index = [DOFS.index(dof) for dof in recording.dofs]
-    turning = turning[:, index][:, :, index]
-    rate = np.einsum("nij,nj->ni", turning, recording.nu)
-    start = recording.eta[0]
-    way = scipy.integrate.cumulative_trapezoid(rate, dx=recording.period_s, axis=0, initial=0.0)
-    pose = start + way
-    measured_rate = central_difference(recording.eta, recording.period_s)
-    nu = np.einsum("nij,nj->ni", np.linalg.pinv(turning), measured_rate)
+    n, period_s, dofs = len(recording), recording.period_s, recording.dofs
+    eta, nu = np.zeros((n, 6)), np.zeros((n, 6))
+    index = [DOFS.index(dof) for dof in dofs]
+    eta[:, index], nu[:, index] = recording.eta, recording.nu
+    turned_by = eta[:, 3:] if set(PLANAR) <= set(dofs) else np.zeros((n, 3))
+    turn = pose_jacobian(turned_by)[:, :3, :3]
+    pose, integral, rates = eta.copy(), np.empty((n, 6)), np.empty((n, 6))
+    for a, b in pairwise([*np.flatnonzero(recording.piece_starts).tolist(), n]):
+        part = slice(a, b)
+        pose[part, 3:] = eta[a, 3:] + turned(eta[part, 3:])
+        along = np.einsum("nij,nj->ni", turn[part], nu[part, :3])
+        speed = np.column_stack([along, nu[part, 3:]])
+        way = scipy.integrate.cumulative_trapezoid(speed, dx=period_s, axis=0, initial=0.0)
+        integral[part] = pose[a] + way
+        rate = central_difference(pose[part], period_s) if b - a > 1 else np.zeros((b - a, 6))
+        rates[part, :3] = np.einsum("nji,nj->ni", turn[part], rate[:, :3])
+        rates[part, 3:] = rate[:, 3:]
     checks = []
-    for i, dof in enumerate(recording.dofs):
-        eta, unit, speed = recording.eta[:, i], POSE_UNIT[dof], VELOCITY_UNIT[dof]
+    for dof, i in zip(dofs, index, strict=True):
+        unit, speed_unit = POSE_UNIT[dof], VELOCITY_UNIT[dof]
         checks += [
-            QualityCheck("integrated_velocity", dof, unit, eta, pose[:, i]),
-            QualityCheck("differentiated_position", dof, speed, recording.nu[:, i], nu[:, i]),
+            QualityCheck("integrated_velocity", dof, unit, pose[:, i], integral[:, i]),
+            QualityCheck("differentiated_position", dof, speed_unit, nu[:, i], rates[:, i]),
         ]
     return tuple(checks)
-
-
-def quality_series(checks: Sequence[QualityCheck]) -> tuple[dict[str, Array], dict[str, str]]:
-    """Columns and units of the error series: `x_error`, `u_error` and so on."""
-    columns, units = {}, {}
-    for check in checks:
-        pose = check.check == "integrated_velocity"
-        (name,) = poses_of([check.dof]) if pose else velocities_of([check.dof])
-        columns[f"{name}_error"], units[f"{name}_error"] = check.error, check.unit
-    return columns, units
 
 
 def describe(columns: Mapping[str, Array]) -> tuple[Description, ...]:

@@ -1,7 +1,4 @@
-"""Measured recordings: a CSV file that is read, checked, optionally cleaned, and cut.
-
-Interface of the readers of measured recordings; `recorded_file` implements it for CSV files.
-"""
+"""Measured recordings as excitation: files that are read by a map, checked, and cut."""
 
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -9,29 +6,32 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
+import scipy
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
-from seatrial.models.recording.column import Column, as_column
-from seatrial.models.recording.column_map import ColumnMap, ColumnTable, read_table
+from seatrial.models.recording.column_map import Column, ColumnMap, as_column
 from seatrial.models.recording.examination import Examination, examine
 from seatrial.models.recording.file_set import FileForm, file_set
-from seatrial.models.recording.joining import AtGap, Channel, TimeGrid, join_channels
-from seatrial.models.recording.mapping import canonical
+from seatrial.models.recording.joining import AtGap, TimeGrid
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
     Description,
     Differentiation,
     describe,
-    interpolated,
-    outliers,
     without_bias,
-)
+)  # fmt: skip
+from seatrial.models.recording.reader import (
+    Outliers,
+    Reading,
+    Signals,
+    Sources,
+    clock_of,
+    first_time,
+)  # fmt: skip
 from seatrial.models.recording.recording import (
     Mask,
     Recording,
@@ -41,11 +41,14 @@ from seatrial.models.recording.recording import (
     piece_edges,
     sample_time,
     trips,
-)
-from seatrial.models.recording.sources import ReadOptions, TextOptions, read_sources
+)  # fmt: skip
+from seatrial.models.recording.sources import ReadOptions, TextOptions, column, read_sources
 from seatrial.models.recording.stored import is_stored, read_recording
+from seatrial.models.recording.times import EPOCH_S, seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
+
+LEAST_SAMPLES = 2  # of a window
 
 
 class MeasuredRecording(ABC):
@@ -87,25 +90,14 @@ class MeasuredRecording(ABC):
         """Number of outliers in each column."""
         return {}
 
-
-UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
-
-
-@dataclass(frozen=True)
-class Outliers:
-    """Outliers: samples over `deviations` standard deviations from their `window` neighbours."""
-
-    replace: bool
-    window: Annotated[int, Ge(4)]
-    deviations: Positive
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    def account(self, dofs: Sequence[str]) -> Sequence[Signals]:
+        """How each file was read: units with their origin, and what was left out."""
+        return ()
 
 
 @dataclass(frozen=True)
 class RecordedFile(MeasuredRecording):
-    """A measured CSV file as excitation, which is read, checked and cut instead of simulated.
+    """A measured file as excitation, which is read, checked and cut instead of simulated.
 
     The samples strictly between `start_s` and `end_s` are used (null: all). The first
     `train_fraction` of them are for training, or the trips `training_trips` (counted from 1) if
@@ -141,9 +133,13 @@ class RecordedFile(MeasuredRecording):
     tested: FileForm | None = None  # of the files of `test`, if it is another one
     format: str | None = None
     text: TextOptions = field(default_factory=TextOptions)
+    messages: tuple[str, ...] = ()  # files of message definitions, for bags without them
     trust: bool = False
     map: str | None = None  # file of the columns; its content is in the other options
     test_map: str | None = None  # that of the files of `test`; its content is in `tested`
+    _read: dict[tuple[str, ...], Signals] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -193,8 +189,9 @@ class RecordedFile(MeasuredRecording):
             known = file_set(self.train, self.test)
             parts = {"train": known.train, "test": known.test}
             own = {f"{k}[{i}]": path for k, files in parts.items() for i, path in enumerate(files)}
-        maps = {"map": self.map, "test_map": self.test_map}
-        return own | {name: Path(path).expanduser() for name, path in maps.items() if path}
+        others = {"map": self.map, "test_map": self.test_map}
+        others |= {f"messages[{i}]": path for i, path in enumerate(self.messages)}
+        return own | {name: Path(path).expanduser() for name, path in others.items() if path}
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a column for the vessel is not mapped; does not read it."""
@@ -208,13 +205,73 @@ class RecordedFile(MeasuredRecording):
         Raises RecordingError, which names file, line and column. The low-pass filter of an
         identifier is applied later: it is linear, so it commutes with the differentiation.
         """
+        self.check(dofs)
+        return self._recording(dofs)
+
+    def _recording(self, dofs: Sequence[str]) -> Recording:
         if self.train:
-            return file_set(self.train, self.test).read(lambda file: self._alone(file).read(dofs))
+            files = file_set(self.train, self.test)
+            return files.read(lambda file: self._alone(file)._recording(dofs))
         if self._is_stored:
             recording = read_recording(self.file, dofs)
             return recording.part(self._window(recording.t))
-        reader, table = self._mapped(dofs)
-        return reader._recording(reader._cleaned(table), dofs)
+        signals, n = self._signals(dofs), len(dofs)
+        t, values = signals.t, signals.values
+        rows = self._window(t)
+
+        def of(kind: str) -> Array | None:
+            columns = [values.get(f"{kind}.{dof}") for dof in dofs]
+            known = [c for c in columns if c is not None]
+            return np.column_stack(known) if len(known) == n else None
+
+        def named(kind: str, names: Mapping[str, str | Column]) -> Array | None:
+            known = [values[f"{kind}.{name}"][rows] for name in names]
+            return np.column_stack(known) if known else None
+
+        nu = of("velocity")
+        if nu is None:
+            missing = [dof for dof in dofs if f"velocity.{dof}" not in values]
+            raise ConfigurationError(
+                f"excitation.columns.velocity: no column for {', '.join(missing)}, nor a position "
+                "to differentiate"
+            )
+        tau = of("force") if self.columns.force else None
+        acting, zero = self._acting(values, dofs), np.zeros(len(t))
+        attitude = np.column_stack([values.get(f"position.{dof}", zero) for dof in DOFS[3:]])[rows]
+        attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
+        return Recording(
+            tuple(dofs), t[rows], self._pose(signals, rows, attitude, dofs), nu[rows],
+            self._acceleration(signals, nu, dofs)[rows],
+            np.zeros_like(nu[rows]) if tau is None else tau[rows], attitude,
+            tau_actual=None if acting is None else acting[rows],
+            inputs=named("inputs", self.columns.inputs),
+            commands=named("commands", self.columns.commands),
+            input_names=tuple(self.columns.inputs),
+            wind=self._air(values, rows, attitude, nu, dofs),
+            loads=named("loads", self.columns.loads), load_names=tuple(self.columns.loads),
+        )  # fmt: skip
+
+    def _signals(self, dofs: Sequence[str]) -> Signals:
+        """The used columns in SI units and our frames; read once."""
+        key = tuple(dofs)
+        if key not in self._read:
+            grid = None
+            if self.resample_hz:
+                grid = TimeGrid(self.resample_hz, self.max_gap_s, self.at_gap)
+            more = {}
+            if self._has_thruster_force(dofs):
+                for kind in ("rpm", "angle"):
+                    names = enumerate(getattr(self.thrusters, kind))
+                    more |= {f"thruster_{kind}.{i}": Column(name) for i, name in names}
+            reading = Reading(
+                self.columns, grid, self.sample_time_s, self.outliers, self.heading_deg, more
+            )
+            self._read[key] = reading.read(self.file, self.sources(), dofs)
+        return self._read[key]
+
+    def sources(self) -> Sources:
+        """The columns as recorded, by source."""
+        return read_sources(self.file, ReadOptions(self.format, self.text, self.messages))
 
     @property
     def _is_stored(self) -> bool:
@@ -229,49 +286,31 @@ class RecordedFile(MeasuredRecording):
         form = self.tested
         return replace(alone, columns=form.columns, format=form.format, text=form.text)
 
-    def _recording(self, table: ColumnTable, dofs: Sequence[str]) -> Recording:
-        t = table.columns[self._time]
-        nu = self.columns.values(table, "velocity", dofs)
-        steered = bool(self.columns.inputs) and not self.columns.force
-        tau = np.zeros_like(nu) if steered else self.columns.values(table, "force", dofs)
-        nu_dot, acting = self._acceleration(table, nu, dofs), self._acting(table, dofs)
-        rows = self._window(t)
-        attitude = self.columns.attitude(table, np.radians(self.heading_deg))[rows]
-        attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
-        return Recording(
-            tuple(dofs), t[rows], self._pose(table, rows, attitude, dofs), nu[rows], nu_dot[rows],
-            tau[rows], attitude, tau_actual=None if acting is None else acting[rows],
-            inputs=self._inputs(table, rows, self.columns.inputs),
-            commands=self._inputs(table, rows, self.columns.commands),
-            input_names=tuple(self.columns.inputs),
-            wind=self._air(table, rows, attitude, nu, dofs),
-            loads=self._inputs(table, rows, self.columns.loads),
-            load_names=tuple(self.columns.loads),
-        )  # fmt: skip
+    def _each(self) -> "list[RecordedFile]":
+        """The readers of the files that are not in our own form, one by one."""
+        every = [self]
+        if self.train:
+            every = [self._alone(file) for file in file_set(self.train, self.test).files]
+        return [reader for reader in every if not reader._is_stored]
 
-    def _air(
-        self, table: ColumnTable, rows: Mask, attitude: Array, nu: Array, dofs: Sequence[str]
-    ) -> Array | None:
-        """Velocity of the air (N, 2); None where it is not recorded, or has no meaning."""
-        if not set(PLANAR) <= set(dofs):
-            return None
-        part = replace(table, columns={name: x[rows] for name, x in table.columns.items()})
-        return self.columns.air(part, attitude[:, 2], nu[rows], dofs)
+    def account(self, dofs: Sequence[str]) -> Sequence[Signals]:
+        """How each file was read: units with their origin, and what was left out."""
+        return [reader._signals(dofs) for reader in self._each()]
 
-    @staticmethod
-    def _inputs(table: ColumnTable, rows: Mask, names: Mapping[str, str | Column]) -> Array | None:
-        """Inputs, commands or loads (N, n) by the names of a vessel; None if not recorded."""
-        columns = [table.columns[as_column(name).name][rows] for name in names.values()]
-        return np.column_stack(columns) if columns else None
+    def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
+        """Number of outliers in each used column, over the entire files."""
+        totals: Counter[str] = Counter()
+        for signals in self.account(dofs):
+            totals.update(signals.outliers)
+        return dict(totals)
 
     def examine(self, dofs: Sequence[str]) -> Examination | None:
         """Compare pose and velocity, with all degrees of freedom that the file holds."""
 
         def read(columns: ColumnMap, known: Sequence[str]) -> Recording:
-            return replace(self, columns=columns).read(known)
+            return replace(self, columns=columns)._recording(known)
 
-        files = file_set(self.train, self.test).files if self.train else (self.file,)
-        return examine(read, self.columns, read_sources(files[0], self._options), dofs)
+        return examine(read, self.columns, self._each()[0].sources() if self._each() else {}, dofs)
 
     @property
     def trusted(self) -> bool:
@@ -294,217 +333,96 @@ class RecordedFile(MeasuredRecording):
         files = file_set(self.train, self.test)
         return files.split(recording, self.train_fraction, self.initial_s)
 
-    def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
-        """Number of outliers in each used column, over the entire file."""
-        if self.train:
-            totals: Counter[str] = Counter()
-            for file in file_set(self.train, self.test).files:
-                totals.update(self._alone(file).outlier_counts(dofs))
-            return dict(totals)
-        if self._is_stored:
-            return {}
-        reader, table = self._mapped(dofs)
-        return {name: int(np.sum(wrong)) for name, wrong in reader._outliers(table).items()}
-
     def describe(self) -> tuple[Description, ...]:
         """Descriptive statistics of the recorded columns `statistics` in the window."""
-        if self.train:
-            return tuple(
-                replace(row, name=f"{file.stem}:{row.name}")
-                for file in file_set(self.train, self.test).files
-                for row in self._alone(file).describe()
-            )
-        if not self.columns.is_plain or self._is_stored:
+        if not self.statistics:
             return ()
-        table = read_table(self.file, (self._time,), self.statistics, self._options, gaps=True)
-        window = self._window(table.columns[self._time])
-        names = [name for name in self.statistics if name in table.columns]
-        return describe({name: table.columns[name][window] for name in names})
+        rows = []
+        for reader in self._each():
+            sources = reader.sources()
+            start = first_time(sources, reader.columns)
+            source = column(sources, as_column(reader.columns.time).name)[0]
+            t = seconds(source, clock_of(source, reader.columns))
+            window = reader._window(t - start if start > EPOCH_S else t)
+            known = [name for name in self.statistics if source.find(name) is not None]
+            described = describe({name: source.numbers(name, gaps=True)[window] for name in known})
+            stem = f"{reader.file.stem}:" if self.train else ""
+            rows += [replace(row, name=f"{stem}{row.name}") for row in described]
+        return tuple(rows)
 
-    @property
-    def _options(self) -> ReadOptions:
-        return ReadOptions(self.format, self.text)
-
-    @property
-    def _time(self) -> str:
-        """The column of time."""
-        return as_column(self.columns.time).name
-
-    def _mapped(self, dofs: Sequence[str]) -> "tuple[RecordedFile, ColumnTable]":
-        """The used columns in SI units and our frames, and the reader whose map names them."""
-        if self.columns.is_plain:
-            return self, self._measured(dofs)
-        self.check(dofs)
-        sources = read_sources(self.file, self._options)
-        grid = self.resample_hz and TimeGrid(self.resample_hz, self.max_gap_s, self.at_gap)
-        try:
-            known = canonical(sources, self.columns, dofs, grid or None)
-        except RecordingError as error:
-            named = str(error).startswith(str(self.file))
-            raise error if named else RecordingError(f"{self.file}: {error}") from error
-        if grid is None or self.at_gap == "refuse":
-            check_time(known.table, "time", self.sample_time_s)
-        return replace(self, columns=known.columns, resample_hz=None), known.table
-
-    def _cleaned(self, table: ColumnTable) -> ColumnTable:
-        if self.outliers.replace:
-            columns, t = dict(table.columns), table.columns[self._time]
-            for name, wrong in self._outliers(table).items():
-                valid = ~np.isnan(columns[name])
-                columns[name] = columns[name].copy()
-                columns[name][valid] = interpolated(t[valid], columns[name][valid], wrong[valid])
-            table = replace(table, columns=columns)
-        return table if self.resample_hz is None else self._resampled(table, self.resample_hz)
-
-    def _measured(self, dofs: Sequence[str]) -> ColumnTable:
-        """The used columns as recorded, checked, with continuous angles and quaternions."""
-        self.check(dofs)
-        required = self.columns.required(dofs)
-        if self._has_thruster_force(dofs):
-            required += [*self.thrusters.rpm, *self.thrusters.angle]
-        optional = (*self.columns.quaternion, *self.columns.angles())
-        gaps = self.resample_hz is not None
-        table = read_table(self.file, required, optional, self._options, gaps=gaps)
-        if gaps and self.at_gap == "split":
-            check_increasing(table, self._time)
-        elif gaps:
-            check_gaps(table, self._time, self.max_gap_s)
-        else:
-            check_time(table, self._time, self.sample_time_s)
-        return self.columns.continuous(table, self.thrusters.angle)
-
-    def _outliers(self, table: ColumnTable) -> dict[str, Mask]:
-        """Masks (N,) of the outliers in every column except time, among its own samples."""
-        masks = {}
-        for name, values in table.columns.items():
-            if name != self._time:
-                valid = ~np.isnan(values)
-                masks[name] = np.zeros(len(values), dtype=bool)
-                masks[name][valid] = outliers(
-                    values[valid], self.outliers.window, self.outliers.deviations
-                )
-        return masks
-
-    def _resampled(self, table: ColumnTable, rate_hz: float) -> ColumnTable:
-        t, channels = table.columns[self._time], {}
-        for name, values in table.columns.items():
-            valid = ~np.isnan(values)
-            if name != self._time:
-                channels[name] = Channel(t[valid], values[valid])
-        try:
-            grid = TimeGrid(rate_hz, self.max_gap_s, self.at_gap)
-            joined = join_channels(channels, grid)
-        except RecordingError as error:
-            raise RecordingError(f"{table.path}: {error}") from error
-        return replace(table, columns={self._time: joined.t, **joined.columns})
-
-    def _acceleration(self, table: ColumnTable, nu: Array, dofs: Sequence[str]) -> Array:
+    def _acceleration(self, signals: Signals, nu: Array, dofs: Sequence[str]) -> Array:
         """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated by pieces."""
-        t, nu_dot = table.columns[self._time], np.empty_like(nu)
+        t, nu_dot = signals.t, np.empty_like(nu)
         period_s = sample_time(t)
         for a, b in pairwise(piece_edges(t, period_s)):
             nu_dot[a:b] = self.differentiation.derivative(nu[a:b], period_s)
             for i, dof in enumerate(dofs):
-                if dof in self.columns.acceleration:
-                    recorded = self.columns.values(table, "acceleration", (dof,))[a:b, 0]
+                recorded = signals.values.get(f"acceleration.{dof}")
+                if recorded is not None:
+                    part = recorded[a:b]
                     if self.zero_acceleration_bias:
-                        recorded = without_bias(recorded, nu[a:b, i], period_s)
-                    nu_dot[a:b, i] = recorded
+                        part = without_bias(part, nu[a:b, i], period_s)
+                    nu_dot[a:b, i] = part
         return nu_dot
 
-    def _acting(self, table: ColumnTable, dofs: Sequence[str]) -> Array | None:
+    def _acting(self, values: Mapping[str, Array], dofs: Sequence[str]) -> Array | None:
         """The acting force (N, n_dof); None if a degree of freedom has none."""
         if self._has_thruster_force(dofs):
+            count = range(len(self.thrusters.rpm))
             rpm, angle = (
-                np.column_stack([table.columns[name] for name in names])
-                for names in (self.thrusters.rpm, self.thrusters.angle)
+                np.column_stack([values[f"thruster_{kind}.{i}"] for i in count])
+                for kind in ("rpm", "angle")
             )
             try:
                 force = self.thrusters.force(rpm, angle)
             except RecordingError as error:
-                raise RecordingError(f"{table.path}: {error}") from error
+                raise RecordingError(f"{self.file}: {error}") from error
             return force[:, [PLANAR.index(dof) for dof in dofs]]
-        if all(dof in self.columns.actual_force for dof in dofs):
-            return self.columns.values(table, "actual_force", dofs)
-        return None
+        known = [values.get(f"actual_force.{dof}") for dof in dofs]
+        columns = [c for c in known if c is not None]
+        return np.column_stack(columns) if len(columns) == len(dofs) else None
 
     def _has_thruster_force(self, dofs: Sequence[str]) -> bool:
         """Whether motor speeds determine the acting force in all these degrees of freedom."""
         return bool(self.thrusters.rpm) and set(dofs) <= set(PLANAR)
 
-    def _pose(
-        self, table: ColumnTable, window: Mask, attitude: Array, dofs: Sequence[str]
-    ) -> Array:
-        poses = []
+    def _pose(self, signals: Signals, rows: Mask, attitude: Array, dofs: Sequence[str]) -> Array:
+        """The pose (n, n_dof); a position in surge that is not recorded is the way made good."""
+        poses, t = [], signals.t[rows]
         for dof in dofs:
+            position = signals.values.get(f"position.{dof}")
             if dof in DOFS[3:]:
                 poses.append(attitude[:, DOFS[3:].index(dof)])
+            elif position is not None:
+                poses.append(position[rows])
             else:
-                poses.append(self.columns.values(table, "position", (dof,))[window, 0])
+                speed = signals.values[f"velocity.{dof}"][rows]
+                poses.append(scipy.integrate.cumulative_trapezoid(speed, t, initial=0.0))
         return np.column_stack(poses)
+
+    def _air(
+        self, values: Mapping[str, Array], rows: Mask, attitude: Array, nu: Array,
+        dofs: Sequence[str],
+    ) -> Array | None:  # fmt: skip
+        """Velocity of the air over ground in body axes [m/s], (n, 2); None if not recorded."""
+        if self.columns.wind is None or "wind.speed" not in values:
+            return None
+        speed, angle = (values[f"wind.{name}"][rows] for name in ("speed", "direction"))
+        apparent = self.columns.wind.kind == "apparent"
+        angle = angle if apparent else angle - attitude[:, 2]
+        air = -speed[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        if apparent:
+            air += nu[rows][:, [dofs.index(dof) for dof in ("surge", "sway")]]
+        return np.asarray(air)
 
     def _window(self, t: Array) -> Mask:
         """Mask (N,) of the samples strictly between `start_s` and `end_s`."""
         start = -np.inf if self.start_s is None else self.start_s
         end = np.inf if self.end_s is None else self.end_s
         window = (start < t) & (t < end)
-        if np.count_nonzero(window) < 2:
+        if np.count_nonzero(window) < LEAST_SAMPLES:
             raise RecordingError(
                 f"{self.file}: got {np.count_nonzero(window)} samples with {start:g} < t < {end:g} "
                 f"s, expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
             )
         return window
-
-
-def check_time(table: ColumnTable, name: str, sample_time_s: float | None) -> None:
-    """Raise RecordingError if time does not increase in uniform steps.
-
-    A step may differ by 1 % from `sample_time_s` [s] (None: from the median step).
-    """
-    t = table.columns[name]
-    check_increasing(table, name)
-    steps = np.diff(t)
-    period = float(np.median(steps)) if sample_time_s is None else sample_time_s
-    wrong = np.abs(steps - period) > UNIFORMITY * period
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
-        raise RecordingError(
-            f"{table.path}, column {name}, {table.place(k + 1)}: got a step of "
-            f"{steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
-        )
-
-
-def check_increasing(table: ColumnTable, name: str) -> None:
-    """Raise RecordingError if a time is missing or not later than the previous time."""
-    t = table.columns[name]
-    if len(t) < 2:
-        raise RecordingError(f"{table.path}: got {len(t)} samples, expected at least 2")
-    wrong = ~(np.diff(t) > 0.0)  # True for NaN
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
-        raise RecordingError(
-            f"{table.path}, column {name}, {table.place(k + 1)}: got {t[k + 1]:.6f} s after "
-            f"{t[k]:.6f} s, expected time to increase"
-        )
-
-
-def check_gaps(table: ColumnTable, time: str, longest_s: float) -> None:
-    """Raise RecordingError if a column has no sample for more than `longest_s` [s].
-
-    Columns may start late and end early.
-    """
-    check_increasing(table, time)
-    for name, values in table.columns.items():
-        rows = np.flatnonzero(~np.isnan(values))
-        if len(rows) < 2:
-            raise RecordingError(
-                f"{table.path}, column {name}: got {len(rows)} samples, expected at least 2"
-            )
-        t = table.columns[time][rows]
-        gaps = np.diff(t)
-        if np.max(gaps) > longest_s:
-            k = int(np.argmax(gaps > longest_s))
-            raise RecordingError(
-                f"{table.path}, column {name}, {table.place(int(rows[k]))}: got no sample for "
-                f"{gaps[k]:.6g} s after {t[k]:.6g} s, expected at most {longest_s:g} s"
-            )

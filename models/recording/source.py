@@ -46,6 +46,7 @@ class Source:
     written: dict[str, str] = field(default_factory=dict)  # names in the header, where they differ
     repeated: Mapping[str, int] = field(default_factory=dict)  # names that several columns have
     cell: Callable[[int, str], FileCell] = _row  # reads the file again
+    left_out: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -211,3 +212,4 @@ class ReadOptions:
 
     format: str | None = None
     text: TextOptions = field(default_factory=TextOptions)
+    messages: tuple[str, ...] = ()

@@ -92,9 +92,9 @@ def _of_texts(source: Source, name: str, column: Column) -> Array:
         if written is None:
             written, texts = "ISO8601", texts.str.replace("/", "-")
         stamps = pd.to_datetime(texts, format=written, utc=True, errors="coerce")
-        if written.endswith(".%f") and stamps.isna().sum() > empty.sum():  # whole seconds among them
-            whole = pd.to_datetime(texts, format=written.removesuffix(".%f"), utc=True, errors="coerce")
-            stamps = stamps.fillna(whole)
+        if written.endswith(".%f") and stamps.isna().sum() > empty.sum():  # some without fraction
+            whole = written.removesuffix(".%f")
+            stamps = stamps.fillna(pd.to_datetime(texts, format=whole, utc=True, errors="coerce"))
         times = stamps.astype("datetime64[ns, UTC]").astype(np.int64).to_numpy() * 1e-9
         times[stamps.isna().to_numpy()] = np.nan
     wrong = np.isnan(times) & ~empty.to_numpy()
@@ -102,7 +102,7 @@ def _of_texts(source: Source, name: str, column: Column) -> Array:
         row = int(np.argmax(wrong))
         raise RecordingError(
             f"{source.path}, column {name}, {source.cell(row, name).place}: got {cells[row]!r}, "
-            f"expected a date and time {'as ' + column.format if column.format else 'such as 2025-04-11T11:51:09.416Z'}"
+            f"expected a date and time such as {column.format or '2025-04-11T11:51:09.416Z'}"
         )
     return np.asarray(times, dtype=np.float64)
 
@@ -115,8 +115,8 @@ def _order(source: Source, name: str, texts: "pd.Series[str]") -> str:
     day_first = first > 12 or (sign == "." and second <= 12)
     if first <= 12 and second <= 12 and sign != ".":
         raise RecordingError(
-            f"{source.path}, column {name}: got {texts.iloc[0]!r}, which may be the day or the month "
-            f"first: expected columns.time: {{column: {name}, format: '%d{sign}%m{sign}{year}"
+            f"{source.path}, column {name}: got {texts.iloc[0]!r}, with the day or the month first: "
+            f"expected columns.time: {{column: {name}, format: '%d{sign}%m{sign}{year}"
             f"{_clock_format(str(texts.iloc[0]))}'}}"
         )
     return sign.join(("%d", "%m", year) if day_first else ("%m", "%d", year))
@@ -166,7 +166,7 @@ def _clock(source: Source, name: str, title: str) -> Column | None:
     """A column as a time, with what else is needed to read it; None if it does not rise."""
     stem = re.sub(r"(secs?|time|date)$", "", title)
     siblings = {"_".join(words_of(other)): other for other in source.columns}
-    rest = next((siblings[stem + r] for r in REST if stem + r in siblings and stem + r != title), None)
+    rest = next((siblings[stem + r] for r in REST if stem + r in siblings), None)
     column = Column(name, nanoseconds=rest if re.fullmatch(SECONDS, title) else None)
     if _is_text(source.columns[name]):
         text = next((str(v).strip() for v in source.columns[name] if str(v).strip()), "")
@@ -200,7 +200,8 @@ def disagreement(source: Source, used: Column) -> str | None:
         if other.name == source.find(used.name) or len(t) < 3:
             continue
         apart = seconds(source, other) - t
-        if not 0.9 < (np.nanmax(apart + t) - np.nanmin(apart + t)) / max(np.nanmax(t) - np.nanmin(t), 1e-9) < 1.1:
+        lengths = [float(np.nanmax(clock) - np.nanmin(clock)) for clock in (apart + t, t)]
+        if not 0.9 * lengths[1] < lengths[0] < 1.1 * lengths[1]:
             continue  # not a time, though it is named and rises like one
         apart -= np.nanmedian(apart)
         period = float(np.nanmedian(np.abs(np.diff(t))))

@@ -121,7 +121,8 @@ def unit_in_title(title: str, targets: Sequence[str]) -> str | None:
                 if any(is_known(unit, target) for target in targets):
                     return unit
     if TURNS in targets:
-        return next((SHAFTS[w] for w in (w.rstrip("0123456789") for w in words) if w in SHAFTS), None)
+        bare = (word.rstrip("0123456789") for word in words)
+        return next((SHAFTS[word] for word in bare if word in SHAFTS), None)
     return None
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.elementary import where
@@ -188,6 +189,44 @@ def euler_zyx(quaternions: Array) -> Array:
     phi = np.arctan2(frame[2, 1], frame[2, 2])
     theta = np.arcsin(np.clip(-frame[2, 0], -1.0, 1.0))
     return np.column_stack([phi, theta, np.arctan2(frame[1, 0], frame[0, 0])])
+
+
+def turned(attitude: Array) -> Array:
+    """Rotation about the body axes since the first sample [rad], shape (N, 3).
+
+    The rotation vectors from each attitude (phi, theta, psi) [rad], shape (N, 3), to the next one
+    are summed. Its derivative is (p, q, r) to second order, at every pitch and however the angles
+    jump; of a planar motion it is the heading, unrolled, less the first one.
+
+    Source: the logarithm of conj(q_k) q_k+1, Sola (2017), Quaternion kinematics, section 2.4.
+    """
+    q = quaternion_of(attitude.T).T
+    (a, u), (b, v) = ((part[:, :1], part[:, 1:]) for part in (q[:-1], q[1:]))
+    turn = a * v - b * u - np.cross(u, v)
+    cosine = a * b + np.sum(u * v, axis=1, keepdims=True)
+    size = np.linalg.norm(turn, axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(size, np.abs(cosine)) * np.where(cosine < 0.0, -1.0, 1.0)  # q is -q
+    turn *= np.divide(angle, size, out=np.zeros_like(size), where=size > 0.0)
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(turn, axis=0)])
+
+
+def body_rates(attitude: Array, period_s: float, starts: NDArray[np.bool_] | None = None) -> Array:
+    """(p, q, r) [rad/s], shape (N, 3), by central differences of the rotation of an attitude.
+
+    Args:
+        attitude: (phi, theta, psi) [rad], shape (N, 3), which may jump.
+        period_s: sample time [s].
+        starts: true (N,) at the first sample of each piece; no difference is taken across it.
+    """
+    cuts = () if starts is None else np.flatnonzero(starts[1:]) + 1
+    return np.concatenate(
+        [
+            np.gradient(turned(piece), period_s, axis=0, edge_order=2 if len(piece) > 2 else 1)
+            if len(piece) > 1
+            else np.zeros((len(piece), 3))
+            for piece in np.split(attitude, cuts)
+        ]
+    )
 
 
 frame_of_quaternion_kernel = lean_kernel(frame_of_quaternion)

@@ -20,7 +20,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
-from seatrial.models.recording.column_map import read_table
+from seatrial.models.recording.sources import ReadOptions, column, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
 from seatrial.models.vessel.table import Vessel
@@ -175,7 +175,11 @@ class Wind(Stream):
         return np.stack([speed * np.cos(angle), speed * np.sin(angle)], axis=1)
 
     def _recorded(self, t: Array) -> Array:
-        columns = read_table(Path(self.file or ""), ["t", "speed", "direction"]).columns
+        sources = read_sources(Path(self.file or ""), ReadOptions())
+        columns = {}
+        for name in ("t", "speed", "direction"):
+            source, plain = column(sources, name)
+            columns[name] = source.numbers(plain)
         times = columns["t"]
         if times[0] > t[0] or times[-1] < t[-1] or np.any(np.diff(times) <= 0.0):
             raise ConfigurationError(

@@ -14,7 +14,7 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.excitation.information import Persistence
 from seatrial.models.excitation.mix import Mix
 from seatrial.models.planning.planner import PlannedPath
-from seatrial.models.recording.preprocessing import quality_checks, quality_series
+from seatrial.models.recording.preprocessing import quality_checks
 from seatrial.models.recording.recorded_file import MeasuredRecording
 from seatrial.models.recording.recording import Recording
 from seatrial.runner.record.rows import Metric, Results, Series, metric
@@ -44,18 +44,12 @@ def outlier_counts(excitation: MeasuredRecording, dofs: tuple[str, ...]) -> list
     ]
 
 
-def recording_quality(recording: Recording) -> tuple[list[Metric], Series]:
-    """Compare velocity and position, by integration and by differentiation.
-
-    Returns the largest errors as metrics, and the errors over time as a series.
-    """
-    checks = quality_checks(recording)
-    metrics = [
+def recording_quality(recording: Recording) -> list[Metric]:
+    """Compute the largest errors of the velocity integrated, and of the position differentiated."""
+    return [
         metric(f"{check.check}_error_max", "identification", "plant", check.dof, check.maximum)
-        for check in checks
+        for check in quality_checks(recording)
     ]
-    columns, units = quality_series(checks)
-    return metrics, Series("quality", {"t": recording.t, **columns}, {"t": "s", **units})
 
 
 PASSAGE = -1.0  # in the column `manoeuvre` of the series `plan`

@@ -8,11 +8,12 @@ import pandas as pd
 import pytest
 import yaml
 
-from seatrial.models.recording.column import Column, seconds
+from seatrial.models.recording.column_map import Column
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import sampling
 from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.times import seconds
 from seatrial.runner import data_commands
 from seatrial.runner.recording_map import options_of, reader_of
 from seatrial.runner.recording_report import _bridges, _offset, signals

@@ -63,7 +63,7 @@ def test_nothing_is_differentiated_over_a_gap_of_a_file(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("\n".join(rows))
     options = {"path": str(path), "resample_hz": 10.0}
-    with pytest.raises(RecordingError, match=r"line 81: got no sample for 4\.1 s after 7\.9 s"):
+    with pytest.raises(RecordingError, match=r"position_x: got no sample for 4\.1 s after 7\.9 s"):
         reader(**options).read(("surge",))
     recording = reader(**options, at_gap="split").read(("surge",))
     np.testing.assert_allclose(recording.nu_dot, 1.0, atol=1e-6)

@@ -9,10 +9,10 @@ import yaml
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.column import froude_factor
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.stored import read_recording, write_recording
+from seatrial.models.recording.units import froude_factor
 from seatrial.runner import recording_map
 from seatrial.runner.config import build_as
 from tests.models.recording.test_file_set import CONF

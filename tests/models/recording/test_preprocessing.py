@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.column_map import read_table
 from seatrial.models.recording.preprocessing import (
     AzimuthThrusters,
     Differentiation,
@@ -23,6 +22,7 @@ from seatrial.models.recording.preprocessing import (
     without_sign_flips,
 )
 from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
 from tests.data import DATA
@@ -271,7 +271,8 @@ def test_statistics_equal_the_thesis_to_two_decimals(name: str) -> None:
     beluga = DATA / "beluga"
     table = printed(beluga / "thesis_stats_tex" / f"{name}.tex")
     assert len(table) == 18
-    found = describe(read_table(beluga / f"{name}.csv", list(table)).columns)
+    (source,) = read_sources(beluga / f"{name}.csv", ReadOptions()).values()
+    found = describe({column: source.numbers(column) for column in table})
     for one in found:
         values = (one.count, one.mean, one.std, one.median, one.minimum, one.maximum)
         assert [f"{value:.2f}" for value in values] == table[one.name], one.name

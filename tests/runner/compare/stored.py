@@ -173,7 +173,7 @@ def fill_sailed(logbook: LogbookWriter) -> None:
         logbook,
         start("iv", "calm"),
         diagnostics=_mix(),
-        series=[_quality(), _prediction(), *_planned()],
+        series=[_prediction(), *_planned()],
         sweep=sweep,
     )
     turn = {"vessel": {"length_m": 10.0}, "excitation": {"manoeuvre": "turn", "helm": "delta"}}
@@ -261,12 +261,6 @@ def _residual() -> Series:
             columns[f"residual_{model}_{dof}"] = size * np.sin(t / 5.0)
             units[f"residual_{model}_{dof}"] = unit
     return Series("residual", columns, units)
-
-
-def _quality() -> Series:
-    t = np.arange(0.0, 100.0, 0.5)
-    columns = {"t": t, "x_error": 0.01 * t, "u_error": 0.02 * np.sin(t)}
-    return Series("quality", columns, {"t": "s", "x_error": "m", "u_error": "m/s"})
 
 
 def _prediction() -> Series:

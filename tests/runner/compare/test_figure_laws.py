@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.recording import consistency
 from seatrial.runner.compare.figures import drawings_of
-from seatrial.runner.compare.plots import quality
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
 from seatrial.runner.compare.plots.track import LEAST_SHARE, drawn_length, outline
@@ -194,35 +191,3 @@ def test_a_steered_vessel_responds_with_heading_and_inputs(
     assert np.max(helm.lines[0].get_ydata()) == pytest.approx(35.0)
     limits = [line.get_ydata()[0] for line in helm.lines if line.get_label() == "limit"]
     assert limits == pytest.approx([-35.0, 35.0])
-
-
-def test_quality_says_the_threshold_and_the_verdict(draw: Callable[..., list[Drawing]]) -> None:
-    """A drift of 2 m beside a range of 10 m, and three spikes in noise of 0.1 m/s."""
-    noise = np.random.default_rng(1).normal(0.0, 0.1, len(T))
-    noise[[20, 90, 150]] = 5.0
-
-    def fill(logbook: LogbookWriter) -> None:
-        columns = {"t": T, "x_error": 2.0 * T / T[-1], "u_error": noise}
-        errors = Series("quality", columns, {"t": "s", "x_error": "m", "u_error": "m/s"})
-        motion = Series("recording", {"t": T, "x": 10.0 * T / T[-1]}, {"t": "s", "x": "m"})
-        found = [Diagnostic("consistency_correlation", "surge", 0.2)]
-        stored.finish(logbook, stored.start(), (), (), found, [errors, motion])
-
-    (drawing,) = draw("quality", fill)
-    position, velocity = drawing.figure.axes
-    assert [text.get_text() for text in position.texts] == ["max 2.00 m: drifts"]
-    assert [text.get_text() for text in velocity.texts] == ["max 5.00 m/s: 3 outliers"]
-    limits = [line.get_ydata()[0] for line in position.lines if line.get_linestyle() == "--"]
-    assert limits == pytest.approx([-1.0, 1.0])
-    assert "surge 0.20 (refused)" in drawing.figure._supxlabel.get_text()  # type: ignore[attr-defined]
-
-
-def test_the_verdicts_are_those_of_a_trial() -> None:
-    assert (quality.AGREES, quality.REFUSED) == (consistency.SURE, consistency.LEAST_TRUSTED)
-
-
-def test_a_robust_limit_is_six_deviations_of_normal_noise() -> None:
-    noise = np.random.default_rng(0).normal(0.0, 0.5, 20_000)
-    noise[:100] = 1e6
-    assert quality.robust_limit(noise) == pytest.approx(6.0 * 0.5, rel=0.05)
-    assert quality.robust_limit(np.zeros(9)) is None

@@ -32,8 +32,6 @@ def test_surge_1_finishes_with_mass_and_damping(tmp_path: Path) -> None:
     assert "deployment" in (results.note or "")
     drift = {r.name: r.value for r in results.metrics if r.stage == "identification"}
     assert drift["integrated_velocity_error_max"] == pytest.approx(0.367, abs=0.01)
-    quality = next(s for s in results.series if s.kind == "quality")
-    assert np.max(np.abs(quality.columns["x_error"])) == drift["integrated_velocity_error_max"]
 
 
 @pytest.mark.data

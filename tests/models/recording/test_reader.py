@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.column import Column, Frames, Geodetic
-from seatrial.models.recording.column_map import ColumnMap
-from seatrial.models.recording.mapping import canonical
+from seatrial.models.recording.column_map import Column, ColumnMap, Frames, Geodetic
+from seatrial.models.recording.reader import Reading
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian
@@ -67,14 +66,15 @@ def _frame(motion: Motion) -> pd.DataFrame:
 
 
 def _read(folder: Path, frame: pd.DataFrame, columns: ColumnMap) -> tuple[Array, Array, Array]:
-    """Time, pose and velocity, as `canonical` makes them of a file with these columns."""
+    """Time, pose and velocity, as the reader makes them of a file with these columns."""
     path = folder / "log.csv"
     buffer = io.StringIO()
     frame.to_csv(buffer, index=False)
     path.write_text(buffer.getvalue(), encoding="utf-8")
-    table = canonical(read_sources(path, ReadOptions()), columns, DOFS, None).table.columns
+    signals = Reading(columns).read(path, read_sources(path, ReadOptions()), DOFS)
+    table = signals.values
     return (
-        table["time"],
+        signals.t,
         np.column_stack([table[f"position.{dof}"] for dof in DOFS]),
         np.column_stack([table[f"velocity.{dof}"] for dof in DOFS]),
     )

@@ -1,0 +1,576 @@
+"""From columns of any unit, sense, frame and clock to signals in SI units, NED and body axes.
+
+Every column becomes a channel of its own times. Channels of one clock stay as they are unless a
+rate is asked for; those of several clocks are joined on one grid. Then positions, attitude and
+velocities are turned into our frames, the sensor is moved to the origin of the vessel, and
+velocities that were not recorded are differentiated from the pose. What is left out is said.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from annotated_types import Ge
+
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.recording.column_map import (
+    KINDS,
+    QUATERNION,
+    Column,
+    ColumnMap,
+    Frames,
+    as_column,
+)  # fmt: skip
+from seatrial.models.recording.joining import Channel, TimeGrid, join_channels
+from seatrial.models.recording.preprocessing import interpolated, outliers, without_sign_flips
+from seatrial.models.recording.recording import Mask, piece_edges
+from seatrial.models.recording.smoothing import lowpass, noise_floor
+from seatrial.models.recording.source import Source, column
+from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, is_later, seconds
+from seatrial.models.recording.units import (
+    SI,
+    factor,
+    froude_factor,
+    input_factor,
+    is_known,
+    targets_of,
+    unit_in_title,
+)  # fmt: skip
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import body_rates, euler_zyx, pose_jacobian, unroll
+
+if TYPE_CHECKING:
+    import pymap3d
+else:
+    import lazy_loader
+
+    pymap3d = lazy_loader.load("pymap3d")
+
+HELD_SIGNALS = ("force", "commands")  # constant until the next sample
+LONGEST_GAP_S = 1.0  # [s] that joining fills if nothing else is asked
+QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
+FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
+MIN_PIECE = 30  # samples of a piece that is filtered
+UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
+# Numbers that loggers write where there is none, if nothing else is near.
+SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
+Sources = Mapping[str, Source]
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Outliers: samples over `deviations` standard deviations from their `window` neighbours."""
+
+    replace: bool = False
+    window: Annotated[int, Ge(4)] = 10
+    deviations: Positive = 3.0
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def of(self, values: Array) -> Mask:
+        """Mask (N,) of the outliers among the samples that are there."""
+        valid = ~np.isnan(values)
+        mask = np.zeros(len(values), dtype=np.bool_)
+        mask[valid] = outliers(values[valid], self.window, self.deviations)
+        return mask
+
+
+@dataclass(frozen=True)
+class ColumnReading:
+    """With which unit and sign a column was read, and where they are known from."""
+
+    option: str
+    column: str
+    unit: str
+    known_from: str
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Signals by option, such as `velocity.surge`, on one clock, in SI units and our frames."""
+
+    t: Array  # (N,) [s]
+    values: dict[str, Array]  # (N,) each
+    outliers: dict[str, int]  # by recorded column
+    readings: tuple[ColumnReading, ...]
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How the columns of a recording are read: the map, the grid, and what is cleaned."""
+
+    columns: ColumnMap
+    grid: TimeGrid | None = None  # None: as recorded, else the rate of the slowest state
+    sample_time_s: float | None = None  # None: the median step
+    outliers: Outliers = field(default_factory=Outliers)
+    heading_deg: float = 0.0  # of the frame of the positions in that of the attitude
+    more: Mapping[str, Column] = field(default_factory=dict)  # further columns by option
+
+    def read(self, path: Path, sources: Sources, dofs: Sequence[str]) -> Signals:
+        """The signals that a vessel with some degrees of freedom needs.
+
+        Args:
+            path: the recording, for messages.
+            sources: its columns as recorded, by source.
+            dofs: degrees of freedom of the vessel.
+
+        Returns:
+            All signals that are mapped for these degrees of freedom, on one clock.
+
+        Raises:
+            RecordingError: a column is missing, a cell is no number, or channels cannot be joined.
+            ConfigurationError: a unit is not known.
+        """
+        try:
+            return self._signals(sources, dofs)
+        except RecordingError as error:
+            named = str(path) in str(error)
+            raise error if named else RecordingError(f"{path}: {error}") from error
+
+    def _signals(self, sources: Sources, dofs: Sequence[str]) -> Signals:
+        notes = [line for source in sources.values() for line in source.left_out]
+        channels, holders, readings = self._channels(sources, dofs, notes)
+        counts = {}
+        for option, channel in channels.items():
+            wrong = self.outliers.of(channel.values)
+            counts[readings[option].column.removeprefix("-")] = int(np.sum(wrong))
+            if self.outliers.replace and np.any(wrong):
+                valid = ~np.isnan(channel.values)
+                values = channel.values.copy()
+                values[valid] = interpolated(channel.t[valid], values[valid], wrong[valid])
+                channels[option] = channel._replace(values=values)
+        one = len({id(source) for source in holders.values()}) == 1
+        if one and self.grid is None and not self.columns.delay_s:
+            t = self._one_clock(channels, holders, readings)
+            known = {option: channel.values for option, channel in channels.items()}
+        else:
+            cleaned = {o: _clean(c, o, readings[o], notes) for o, c in channels.items()}
+            grid = self.grid or TimeGrid(_rate(cleaned), LONGEST_GAP_S)
+            t, known = join_channels(cleaned, grid)
+            notes += _dropped(t, cleaned, grid)
+        known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
+        return Signals(t, known, counts, tuple(readings.values()), tuple(dict.fromkeys(notes)))
+
+    def _channels(
+        self, sources: Sources, dofs: Sequence[str], notes: list[str]
+    ) -> tuple[dict[str, Channel], dict[str, Source], dict[str, ColumnReading]]:
+        """Channels in SI units, their sources, and how they were read, by option."""
+        specs, needed = wanted(self.columns, dofs)
+        specs = {**specs, **self.more}
+        if not specs:
+            raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
+        scale, clocks = self.columns.froude_scale, {}
+        pace = froude_factor("s", scale)
+        start = first_time(sources, self.columns)
+        start = start if start > EPOCH_S else 0.0  # dates: only differences matter
+        channels, holders, readings = {}, {}, {}
+        for option, spec in specs.items():
+            try:
+                source, name = column(sources, spec.name)
+            except RecordingError:
+                if option in needed or option in self.more:
+                    raise
+                continue
+            if source.name not in clocks:
+                clock = clock_of(source, self.columns)
+                clocks[source.name] = seconds(source, clock)
+                notes += [line] if (line := disagreement(source, clock)) else []
+            values = _without_sentinels(source.numbers(name, gaps=True), name, notes)
+            unit, known_from = _unit(source, name, option, spec, specs)
+            kind = option.partition(".")[0]
+            delay = self.columns.delay_s.get(source.name, self.columns.delay_s.get(kind, 0.0))
+            values = _in_si(values, option, spec, unit) * _froude(option, unit, known_from, scale)
+            t = pace * (clocks[source.name] - start - delay)
+            label = f"column {spec.name}"
+            channels[option] = Channel(t, values, kind in HELD_SIGNALS, label)
+            holders[option] = source
+            readings[option] = ColumnReading(option, spec.column, unit, known_from)
+        return _unit_quaternions(channels, readings), holders, readings
+
+    def _one_clock(
+        self, channels: Mapping[str, Channel], holders: Mapping[str, Source],
+        readings: Mapping[str, ColumnReading],
+    ) -> Array:  # fmt: skip
+        """The times of channels that share one, which must be complete and rise by equal steps."""
+        source, t = next(iter(holders.values())), next(iter(channels.values())).t
+        any_column = next(iter(source.columns))
+        for option, channel in channels.items():
+            empty = np.isnan(channel.values)
+            if np.any(empty):
+                name, row = readings[option].column.removeprefix("-"), int(np.argmax(empty))
+                place, text = source.cell(row, source.find(name.rpartition(":")[2]) or any_column)
+                raise RecordingError(
+                    f"{source.path}, column {name}, {place}: got {_shown(text)}, "
+                    "expected a finite number; excitation.resample_hz=RATE joins columns with "
+                    "cells between their samples"
+                )
+        name = as_column(self.columns.time).name
+        if len(t) < 2:
+            raise RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
+        if np.any(np.isnan(t)):
+            place, text = source.cell(int(np.argmax(np.isnan(t))), source.find(name) or any_column)
+            raise RecordingError(
+                f"{source.path}, column {name}, {place}: got {_shown(text)}, expected a finite "
+                "number"
+            )
+        steps = np.diff(t)
+        period = self.sample_time_s or float(np.median(steps))
+        rising = steps > 0.0
+        wrong = ~rising | (np.abs(steps - period) > UNIFORMITY * abs(period))
+        if np.any(wrong):
+            k = int(np.argmax(~rising)) if np.any(~rising) else int(np.argmax(wrong))
+            place = source.cell(k + 1, any_column).place
+            got = (
+                f"a step of {steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
+                if np.all(rising)
+                else f"{t[k + 1]:.6f} s after {t[k]:.6f} s, expected time to increase"
+            )
+            raise RecordingError(
+                f"{source.path}, column {name}, {place}: got {got}; excitation.resample_hz=RATE "
+                "puts the columns on a uniform grid"
+            )
+        return t
+
+
+def _shown(text: str | None) -> str:
+    return repr(text) if text and text.strip() else "an empty cell"
+
+
+def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], set[str]]:
+    """The columns that a vessel with some degrees of freedom uses, by option, and which it needs.
+
+    The attitude is used where it is recorded, also by a vessel that does not turn.
+    """
+    turned = columns.frames != Frames() or any(columns.lever_arm_m) or columns.geodetic is not None
+    turned = turned or columns.ground is not None or any(dof not in columns.moving for dof in dofs)
+    turns = turned or any(dof in DOFS[3:] for dof in dofs)
+    used: dict[str, Column] = {}
+    needed: set[str] = set()
+    for option, spec in columns.columns().items():
+        kind, _, dof = option.partition(".")
+        if kind in KINDS:
+            replaced = kind == "position" and (
+                (columns.orientation is not None and dof in DOFS[3:])
+                or (columns.geodetic is not None and dof in DOFS[:3])
+            )
+            swung = kind == "velocity" and dof in DOFS[3:] and any(columns.lever_arm_m)
+            linear = dof in DOFS[:3] and kind in ("position", "velocity") and turned
+            required = dof in dofs or swung or linear
+            wished = required or (kind == "position" and dof in DOFS[3:])
+            if replaced or not wished:
+                continue
+        else:  # air, water and course have a meaning in the plane alone
+            if kind in ("wind", "ground", "water") and not set(PLANAR) <= set(dofs):
+                continue
+            required = kind != "quaternion" or turns
+        used[option] = spec
+        needed |= {option} if required else set()
+    return used, needed
+
+
+def clock_of(source: Source, columns: ColumnMap) -> Column:
+    """The time of a source: that of the map, which may be named `source:column`, or its own."""
+    time = as_column(columns.time)
+    for name in (time.name, time.name.rpartition(":")[2]):
+        if source.find(name) is not None:
+            return replace(time, column=name)
+    known = find_time(source)
+    if known is None:
+        raise source._absent(time.name)
+    return known
+
+
+def first_time(sources: Sources, columns: ColumnMap) -> float:
+    """The first time [s] of all sources that have one, so that it does not depend on the vessel."""
+    firsts = []
+    for source in sources.values():
+        try:
+            firsts.append(float(np.nanmin(seconds(source, clock_of(source, columns)))))
+        except (RecordingError, ConfigurationError, ValueError):
+            continue
+    return min(firsts, default=0.0)
+
+
+def _unit(
+    source: Source, name: str, option: str, spec: Column, specs: Mapping[str, Column]
+) -> tuple[str, str]:
+    """The unit of a column, and where it is known from: the first that tells it."""
+    targets = targets_of(option)
+    if spec.unit is not None:
+        return spec.unit, "the map"
+    if spec.full is not None or not targets:
+        return "", "the map"
+    stated = source.units.get(name)
+    if stated and any(is_known(stated, target) for target in targets):
+        return stated, "the file"
+    titled = unit_in_title(source.written.get(name, name), targets)
+    if titled:
+        return titled, "the title"
+    kind = option.partition(".")[0]
+    if kind in ("position", "velocity", "force", "actual_force", "acceleration"):
+        for other, beside in specs.items():  # of the same quantity, in the same source
+            plain = source.find(beside.name.rpartition(":")[2])
+            same = other.partition(".")[0] == kind and targets_of(other) == targets
+            if same and other != option and plain is not None and (
+                unit := beside.unit or source.units.get(plain) or unit_in_title(plain, targets)
+            ) and is_known(unit, targets[0]):  # fmt: skip
+                return unit, f"{beside.name} beside it"
+    return (targets[0] if len(targets) == 1 else ""), "no unit: SI"
+
+
+def _in_si(values: Array, option: str, spec: Column, unit: str) -> Array:
+    """A column in SI units, with its sign, its sense and without jumps of angles."""
+    kind, _, dof = option.partition(".")
+    if spec.full is not None:
+        values = (values - spec.neutral) / (spec.full - spec.neutral)
+    values = values * spec.sign
+    targets = targets_of(option)
+    if unit and kind in ("inputs", "commands"):
+        values = values * input_factor(unit)
+    elif unit and targets:
+        values = values * factor(unit, targets[0])
+    turning = option in ("wind.direction", "ground.course") or kind == "thruster_angle"
+    if turning or (kind == "position" and dof in DOFS[3:]):
+        values, valid = values.copy(), ~np.isnan(values)
+        values[valid] = unroll(values[valid])
+    if kind == "position" and dof in DOFS[3:]:
+        values = -values if spec.positive == "anticlockwise" else values
+        values = values + 0.5 * np.pi if spec.zero == "east" else values
+    return values
+
+
+def _froude(option: str, unit: str, known_from: str, scale: float) -> float:
+    """The factor of a column in SI units by Froude's law; 1 for what is of the same size."""
+    if scale == 1.0:
+        return 1.0
+    kind, _, dof = option.partition(".")
+    if kind in ("inputs", "commands"):
+        if not unit:
+            raise ConfigurationError(
+                f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} "
+                "depends"
+            )
+        return froude_factor(unit, scale)
+    if kind == "geodetic":
+        raise ConfigurationError("columns.geodetic: froude_scale needs a position in metres")
+    if kind == "loads":
+        return froude_factor("N", scale)
+    return froude_factor(SI[kind][dof], scale) if kind in SI else 1.0
+
+
+def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
+    """The column without numbers that stand for none, such as -999, where nothing else is near."""
+    for size in SENTINELS:
+        for sentinel in (size, -size):
+            wrong = values == sentinel
+            if np.any(wrong) and not np.any(np.abs(values[~wrong] - sentinel) < 0.5 * size):
+                count = int(np.sum(wrong))
+                notes.append(f"column {name}: {count} cells are {sentinel:g}: missing values")
+                values = np.where(wrong, np.nan, values)
+    return values
+
+
+def _clean(channel: Channel, option: str, reading: ColumnReading, notes: list[str]) -> Channel:
+    """The channel without missing values, and without samples that are not later than the last."""
+    valid = ~(np.isnan(channel.values) | np.isnan(channel.t))
+    if timeless := int(np.sum(np.isnan(channel.t))):
+        notes.append(f"{timeless} rows have no time: left out")
+    t, values = channel.t[valid], channel.values[valid]
+    later = is_later(t)
+    if not np.all(later):
+        back, same = int(np.sum(np.diff(t) < 0.0)), int(np.sum(np.diff(t) == 0.0))
+        notes.append(
+            f"column {reading.column}: {int(np.sum(~later))} samples are not later than the one "
+            f"before ({same} times repeat, {back} go back): left out"
+        )
+    return channel._replace(t=t[later], values=values[later])
+
+
+def _rate(channels: Mapping[str, Channel]) -> float:
+    """The sample rate [Hz] of the slowest state, rounded to a number of few digits."""
+    steps = [
+        float(np.median(np.diff(c.t))) for c in channels.values() if not c.held and len(c.t) > 1
+    ]
+    return float(f"{1.0 / max(steps, default=1.0):.2g}")
+
+
+def _dropped(t: Array, channels: Mapping[str, Channel], grid: TimeGrid) -> list[str]:
+    """What of the time that the channels cover is not on the grid."""
+    ends = min(float(c.t[-1]) for c in channels.values())
+    whole = ends - max(float(c.t[0]) for c in channels.values())
+    kept = len(t) / grid.rate_hz
+    pieces = len(piece_edges(t, 1.0 / grid.rate_hz)) - 1
+    if pieces < 2 and whole - kept < 2.0 / grid.rate_hz:
+        return []
+    return [
+        f"{whole - kept:.3g} of {whole:.4g} s are in gaps of more than {grid.max_gap_s:g} s: left "
+        f"out, {pieces} pieces remain"
+    ]
+
+
+def _unit_quaternions(
+    channels: dict[str, Channel], readings: Mapping[str, ColumnReading]
+) -> dict[str, Channel]:
+    """Channels with quaternions of length one, without sign flips."""
+    names = [f"quaternion.{part}" for part in QUATERNION]
+    if not set(names) <= set(channels):
+        return channels
+    quaternions = np.column_stack([channels[name].values for name in names])
+    valid = ~np.any(np.isnan(quaternions), axis=1)
+    lengths = np.linalg.norm(quaternions, axis=1)
+    wrong = np.abs(lengths - 1.0) > QUATERNION_ERROR  # False for NaN
+    if np.any(wrong):
+        k = int(np.argmax(wrong))
+        columns = ", ".join(readings[name].column for name in names)
+        raise RecordingError(
+            f"columns {columns}, sample {k + 1}: got a quaternion of length {lengths[k]:.3g}, "
+            "expected 1"
+        )
+    quaternions[~valid] = np.nan
+    quaternions[valid] = without_sign_flips(quaternions[valid] / lengths[valid, None])
+    new = zip(names, quaternions.T, strict=True)
+    return {**channels, **{name: channels[name]._replace(values=v) for name, v in new}}
+
+
+def _in_our_frames(
+    t: Array, known: Mapping[str, Array], columns: ColumnMap, heading: float
+) -> dict[str, Array]:
+    """Signals by option in NED and forward, right, down axes at the origin of the vessel."""
+    composed = ("quaternion", "geodetic", "ground", "water")
+    result = {name: v for name, v in known.items() if name.partition(".")[0] not in composed}
+    frames, period = columns.frames, float(np.median(np.diff(t)))
+    attitude = _attitude(known, frames, len(t), heading)
+    for i, dof in enumerate(DOFS[3:]):
+        if f"position.{dof}" in known or "quaternion.w" in known:
+            result[f"position.{dof}"] = attitude[:, i]
+    if columns.geodetic is not None:
+        path = _path(known, columns)
+        count = 3 if columns.geodetic.altitude is not None else 2
+        result |= {f"position.{dof}": path[:, i] for i, dof in enumerate(DOFS[:count])}
+    elif frames.position == "ENU":
+        result |= _exchanged(known, "position")
+    if frames.velocity == "earth":
+        result |= _along_body(result, attitude, frames)
+    elif frames.body == "FLU":
+        result |= {f"velocity.{dof}": -result[f"velocity.{dof}"] for dof in FLIPPED
+                   if f"velocity.{dof}" in result}  # fmt: skip
+    if "ground.speed" in known:
+        angle = known["ground.course"] - attitude[:, 2]
+        result["velocity.surge"] = known["ground.speed"] * np.cos(angle)
+        result["velocity.sway"] = known["ground.speed"] * np.sin(angle)
+    result |= _differentiated(t, result, attitude, period)
+    if any(columns.lever_arm_m):
+        result |= _moved(result, attitude, np.array(columns.lever_arm_m))
+    if "water.speed" in known and {"velocity.surge", "velocity.sway"} <= set(result):
+        # The log shows the speed along the bow: what is left of that over ground is the current.
+        along, aside = result["velocity.surge"] - known["water.speed"], result["velocity.sway"]
+        c, s = np.cos(attitude[:, 2]), np.sin(attitude[:, 2])
+        result["current.north"] = c * along - s * aside
+        result["current.east"] = s * along + c * aside
+    return result
+
+
+def _attitude(known: Mapping[str, Array], frames: Frames, n: int, heading: float) -> Array:
+    """(phi, theta, psi) [rad] in NED, shape (N, 3); psi counts from `heading`."""
+    if "quaternion.w" in known:
+        attitude = euler_zyx(np.column_stack([known[f"quaternion.{p}"] for p in QUATERNION]))
+    else:
+        zero = np.zeros(n)
+        attitude = np.column_stack([known.get(f"position.{dof}", zero) for dof in DOFS[3:]])
+    if frames.attitude == "ENU":
+        attitude = attitude * [1.0, -1.0, -1.0] + [0.0, 0.0, 0.5 * np.pi]
+    if "quaternion.w" in known or "position.yaw" in known:
+        attitude[:, 2] = unroll(attitude[:, 2] - heading)
+    return np.asarray(attitude)
+
+
+def _path(known: Mapping[str, Array], columns: ColumnMap) -> Array:
+    """North, east and down [m] of the origin, shape (N, 3), on WGS 84."""
+    assert columns.geodetic is not None
+    latitude, longitude = known["geodetic.latitude"], known["geodetic.longitude"]
+    altitude = known.get("geodetic.altitude", np.zeros(len(latitude)))
+    origin = columns.geodetic.origin or (latitude[0], longitude[0], altitude[0])
+    if np.max(np.abs(latitude)) > 90.0 or np.max(np.abs(longitude)) > 360.0:
+        raise RecordingError(
+            f"columns.geodetic: got {latitude[0]:g}, {longitude[0]:g}, expected degrees"
+        )
+    return np.column_stack(pymap3d.geodetic2ned(latitude, longitude, altitude, *origin))
+
+
+def _exchanged(known: Mapping[str, Array], kind: str) -> dict[str, Array]:
+    """North, east, down of what was mapped as surge, sway, heave but is east, north, up."""
+    order = {"surge": ("sway", 1.0), "sway": ("surge", 1.0), "heave": ("heave", -1.0)}
+    return {
+        f"{kind}.{dof}": sign * known[f"{kind}.{other}"]
+        for dof, (other, sign) in order.items()
+        if f"{kind}.{other}" in known
+    }
+
+
+def _along_body(known: Mapping[str, Array], attitude: Array, frames: Frames) -> dict[str, Array]:
+    """Body velocities of those along the axes of the earth; angular ones are of the body."""
+    if frames.position == "ENU":
+        known = {**known, **_exchanged(known, "velocity")}
+    zero = np.zeros(len(attitude))
+    earth = np.column_stack([known.get(f"velocity.{dof}", zero) for dof in DOFS[:3]])
+    body = np.einsum("nji,nj->ni", pose_jacobian(attitude)[:, :3, :3], earth)
+    return {
+        f"velocity.{dof}": body[:, i]
+        for i, dof in enumerate(DOFS[:3])
+        if f"velocity.{dof}" in known
+    }
+
+
+def _differentiated(
+    t: Array, known: Mapping[str, Array], attitude: Array, period: float
+) -> dict[str, Array]:
+    """Body velocities that were not recorded, from the pose, piece by piece.
+
+    The pose is low-passed forward and backward where its density first reaches four times its
+    noise floor, so that the derivative holds motion and not the noise. Angular velocities are those
+    of the rotation, not of its Euler angles.
+    """
+    absent = [dof for dof in DOFS if f"position.{dof}" in known and f"velocity.{dof}" not in known]
+    if not absent:
+        return {}
+    edges, zero = piece_edges(t, period), np.zeros(len(t))
+    starts = np.zeros(len(t), dtype=np.bool_)
+    starts[edges[:-1]] = True
+    pose = np.column_stack([known.get(f"position.{dof}", zero) for dof in DOFS])
+    cutoff = noise_floor(pose, starts, period).cutoff_hz
+    nu = np.zeros_like(pose)
+    for a, b in pairwise(edges):
+        if b - a < 2:
+            continue
+        rate = np.gradient(pose[a:b], period, axis=0)
+        rate[:, 3:] = body_rates(attitude[a:b], period)
+        if cutoff is not None and cutoff < 0.45 / period and b - a > MIN_PIECE:
+            rate = lowpass(rate, cutoff, period)
+        turn = pose_jacobian(attitude[a:b])[:, :3, :3]
+        nu[a:b, :3] = np.einsum("nji,nj->ni", turn, rate[:, :3])
+        nu[a:b, 3:] = rate[:, 3:]
+    return {f"velocity.{dof}": nu[:, DOFS.index(dof)] for dof in absent}
+
+
+def _moved(known: Mapping[str, Array], attitude: Array, arm: Array) -> dict[str, Array]:
+    """Position and velocity of the origin, from those of a sensor at `arm` [m] in body axes.
+
+    p_o = p_s - R r, v_o = v_s - omega x r.
+    """
+    zero = np.zeros(len(attitude))
+    turn = pose_jacobian(attitude)[:, :3, :3]
+    omega = np.column_stack([known.get(f"velocity.{dof}", zero) for dof in DOFS[3:]])
+    offset, speed = turn @ arm, np.cross(omega, arm)
+    result = {}
+    for i, dof in enumerate(DOFS[:3]):
+        for kind, part in (("position", offset), ("velocity", speed)):
+            if f"{kind}.{dof}" in known:
+                result[f"{kind}.{dof}"] = known[f"{kind}.{dof}"] - part[:, i]
+    return result
