@@ -1,9 +1,9 @@
-"""Which column is what by how they move together: files without names, and units of angles and speeds.
+"""Which column is what by how they move together, and units of angles and speeds.
 
 Time increases by equal steps. The path is the pair of columns whose course follows a third, the
 heading, and the heading is the one of these that has a column of its rate. Velocities are the
 columns that follow the derivative of the path, along the axes of the body or of the earth. The
-rudder best explains the yaw acceleration beside the yaw rate, as in Nomoto's equation of first order.
+rudder explains the yaw acceleration best beside the yaw rate (Nomoto's equation of first order).
 """
 
 from collections.abc import Iterable, Mapping
@@ -124,7 +124,9 @@ def angle_unit(path: tuple[Array, Array, Array], times: Array, heading: Array) -
     best = {}
     for unit, size in (("rad", 1.0), ("deg", TURNS["deg"])):
         turned = [step * np.exp(sign * 1j * size * heading[middle]) for sign in (-1.0, 1.0)]
-        best[unit] = max(abs(np.nansum(z)) for z in turned) / max(float(np.nansum(abs(step))), LEAST)
+        best[unit] = max(abs(np.nansum(z)) for z in turned) / max(
+            float(np.nansum(abs(step))), LEAST
+        )
     unit = max(best, key=lambda name: best[name])
     sure = best[unit] > TOGETHER and 1.0 - best[unit] < BETTER * (1.0 - min(best.values()))
     return unit if sure else None

@@ -1,8 +1,8 @@
-"""Which quantity the title of a column names, by its words: `pose.pose.position.x`, `VN`, `yaw rate`.
+"""Which quantity the title of a column names: `pose.pose.position.x`, `VN`, `yaw rate`.
 
-A title is a kind (position, velocity, force ...), an axis (x, north, surge, roll, psi ...) and words
-that say nothing, in any order. Where the kind is missing the axis tells it: `x` is a position, `u`
-a velocity, `psi` an angle, `r` a rate.
+A title is a kind (position, velocity, force ...), an axis (x, north, surge, roll, psi ...) and
+words that say nothing, in any order. Where the kind is missing the axis tells it: `x` is a
+position, `u` a velocity, `psi` an angle, `r` a rate.
 """
 
 import re
@@ -20,6 +20,10 @@ class Quantity(NamedTuple):
     frame: str = ""  # body, earth, ENU, magnetic, true or apparent
     strange: int = 0
     commanded: bool = False
+
+
+def _words(words: str) -> set[str]:
+    return set(words.split())
 
 
 def _table(rows: Mapping[str, str]) -> dict[str, str]:
@@ -48,22 +52,23 @@ AXES = {
 }  # fmt: skip
 LETTERS = {"n": ("earth", 0), "e": ("earth", 1), "d": ("earth", 2)}  # axes beside a kind only
 MOMENTS = {"k": ("angle", 0), "m": ("angle", 1), "n": ("angle", 2)}  # the same of a force
-NEUTRAL = set(
+NEUTRAL = _words(
     "estimated estimate est hat filtered filt smoothed measured meas mes actual true state states "
-    "navigation nav ned enu body frame frd flu of vessel ship boat vehicle gps gnss ins imu ekf odom "
-    "odometry value data mid world local inertial vector lmc over stamped xyz".split()
+    "navigation nav ned enu body frame frd flu of vessel ship boat vehicle gps gnss ins imu ekf "
+    "odom odometry value data mid world local inertial vector lmc over stamped xyz"
 )
-# What is not measured of the motion of the vessel.
-FOREIGN = set(
+FOREIGN = _words(  # what is not measured of the motion of the vessel
     "error err std stdev cov covariance variance var bias sigma accuracy quality innov innovation "
     "residual noise current currents wave waves temp temperature pressure voltage max min offset "
-    "origin home orientation power dop hdop stamp count deviation variation".split()
+    "origin home orientation power dop hdop stamp count deviation variation"
 )
-REFERENCES = set("ref reference desired des setpoint sp target goal waypoint guidance plan".split())
-COMMANDS = set("cmd command commanded commands order ordered".split())
-MAGNETIC, EARTH = {"magnetic", "mag", "hdm", "compass"}, {"ned", "enu", "earth", "world", "inertial"}
-GROUND, APPARENT = {"ground", "grnd", "gnd", "sog"}, {"apparent", "relative", "rel", "angle"}
-SPEEDS = {"speed", "spd", "velocity", "vel", "velo"}
+REFERENCES = _words("ref reference desired des setpoint sp target goal waypoint guidance plan")
+COMMANDS = _words("cmd command commanded commands order ordered")
+MAGNETIC, EARTH = _words("magnetic mag hdm compass"), _words("ned enu earth world inertial")
+GROUND, APPARENT = _words("ground grnd gnd sog"), _words("apparent relative rel angle")
+ESTIMATES = _words("nav navigation odom odometry estimate estimated estimator local ahrs")
+RAW = _words("imu gps gnss mag baro raw sensor fix compass dvl")
+SPEEDS = _words("speed spd velocity vel velo")
 WHOLE = {
     "tws": ("wind.speed", "true"), "twd": ("wind.direction", "true"),
     "aws": ("wind.speed", "apparent"), "awa": ("wind.direction", "apparent"),
@@ -78,7 +83,7 @@ INPUTS = _table({
     "": "thruster thrusters thrust thr pwm servo servos motor motors throttle esc azimuth rcou "
         "actuator actuators elevator fin fins nozzle jet tunnel steering drive",
 })  # fmt: skip
-LOADS = {"torque", "moment", "power", "temperature", "current", "voltage", "fuel", "load", "rate", "dot"}
+LOADS = _words("torque moment power temperature current voltage fuel load rate dot")
 GLUED = (  # words that are written together
     r"(pos|vel|velo|acc|accel|gyr|gyro|force|torque|moment|tau|omega)([xyzned]|roll|pitch|yaw)",
     r"([vpfmwa])([xyz])|([vp])([ned])|(tau)([uvwpqr])",
@@ -141,7 +146,9 @@ def _of_words(words: Sequence[str], around: set[str]) -> Quantity | None:
         named |= {""} if "force" in kinds and len(core) > 1 else set()
     if named:
         strange = max(len(core) - 1, 0)
-        return None if everything & LOADS else Quantity(f"inputs.{max(named)}", "", strange, ordered)
+        return (
+            None if everything & LOADS else Quantity(f"inputs.{max(named)}", "", strange, ordered)
+        )
     if not ordered and (special := _special(core, known, everything)):
         return special if special.option else None
     if len(axes) != 1:
@@ -166,7 +173,7 @@ def _special(core: Sequence[str], known: set[str], everything: set[str]) -> Quan
     """Wind, speeds over ground and through the water, latitude and longitude, rate of turn."""
     speed = bool(known & SPEEDS)
     if "wind" in everything:
-        if not speed and not known & {"direction", "dir", "angle"} or {"true", "angle"} <= known:
+        if not (speed or known & {"direction", "dir", "angle"}) or {"true", "angle"} <= known:
             return Quantity("")
         frame = "apparent" if everything & APPARENT else "true"
         return Quantity(f"wind.{'speed' if speed else 'direction'}", frame)

@@ -1,4 +1,5 @@
 """Columns are recognised by their titles as loggers of many kinds write them."""
+# ruff: noqa: E501
 
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import yaml
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.proposal import Proposal, propose
-from seatrial.models.recording.source import Source
+from seatrial.models.recording.source import Source, TextArray
 from seatrial.models.vessel.basis import Array
 
 # Of every logger the sources, columns as `title=signal` or `title=signal*factor`, and the map.
@@ -232,7 +233,7 @@ def _sources(text: str, units: dict[str, str] | None = None) -> dict[str, Source
     sources = {}
     for line in text.splitlines():
         name, _, titles = line.partition(": ")
-        columns = {}
+        columns: dict[str, Array | TextArray] = {}
         for title, _, signal in (item.strip().partition("=") for item in titles.split(";")):
             signal_name, _, size = signal.partition("*")
             values = known.get(signal_name)
@@ -253,10 +254,15 @@ def _said(titles: str, wanted: tuple[str, ...] = (), **units: str) -> Proposal:
 
 
 def test_inputs_have_the_names_of_the_vessel() -> None:
-    acting = f"psi=psi; RPM=n*60; Helm=delta; rudder_cmd=T; tau_x=X; thr_left=T; thr_right=pwm"
+    acting = "psi=psi; RPM=n*60; Helm=delta; rudder_cmd=T; tau_x=X; thr_left=T; thr_right=pwm"
     assert _said(acting, ("delta", "n")).map["inputs"] == {"delta": "Helm", "n": {"column": "RPM", "unit": "rpm"}}
     assert "force" not in _said(acting, ("delta", "n")).map
     assert _said(acting, ("pwm_1", "pwm_2")).map["inputs"] == {"pwm_1": "thr_left", "pwm_2": "thr_right"}
+    both = _said("psi=psi; n_prop=n; delta_rudder=delta", ("n", "delta")).map
+    assert both["inputs"] == {"n": "n_prop", "delta": "delta_rudder"}
+    assert _said("psi=psi; n_2=n; n_1=T", ("n_1", "n_2")).map["inputs"] == {"n_1": "n_1", "n_2": "n_2"}
+    (question,) = _said("psi=psi; n_2=n; n_1=T", ("n",)).questions
+    assert "which column is the input n of the vessel? (n_2, n_1)" in question
     (question,) = _said("psi=psi; delta=delta", ("delta", "n")).questions
     assert "which column is the input n of the vessel? (no column looks like it)" in question
     forces = _said(acting)
@@ -267,7 +273,7 @@ def test_inputs_have_the_names_of_the_vessel() -> None:
 @pytest.mark.parametrize(
     ("titles", "question"),
     [
-        (f"depth=z; roll=phi*572.9", "roll ranges from"),
+        ("depth=z; roll=phi*572.9", "roll ranges from"),
         (f"psi=psi; rudder=delta*{DEG}", "rudder ranges from"),
         ("psi=psi; rpm_shaft=n; shaft=n*60", "shaft ranges from"),
         ("psi=psi; pwm_1=pwm", "width of a pulse"),
