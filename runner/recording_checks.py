@@ -7,7 +7,7 @@ from pathlib import Path
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.consistency import LEAST_TRUSTED
-from seatrial.models.recording.examination import Examination
+from seatrial.models.recording.diagnosis import Examination
 from seatrial.models.recording.recorded_file import MeasuredRecording
 
 log = logging.getLogger(__name__)

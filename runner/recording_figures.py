@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from seatrial.models.notation import VELOCITY_UNIT, velocities_of
-from seatrial.models.recording.examination import Examination
+from seatrial.models.recording.diagnosis import Examination
 from seatrial.models.recording.motion import Motion
 from seatrial.models.recording.smoothing import SEGMENT
 from seatrial.runner.compare.plots import style

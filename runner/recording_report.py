@@ -9,18 +9,17 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, VELOCITY_UNIT, velocities_of
-from seatrial.models.recording.agreement import correlations, lag
 from seatrial.models.recording.column_map import Column, ColumnMap, as_column
-from seatrial.models.recording.consistency import LONGEST_LAG_S
-from seatrial.models.recording.examination import Examination
+from seatrial.models.recording.consistency import LONGEST_LAG_S, correlations, lag
+from seatrial.models.recording.diagnosis import Examination
 from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.reader import first_time, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.sampling import Sampling, is_later, sampling
+from seatrial.models.recording.sampling import Sampling, sampling
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
-from seatrial.models.recording.times import EPOCH_S, seconds
+from seatrial.models.recording.times import EPOCH_S, is_later, seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll
 
@@ -86,7 +85,7 @@ def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap
         known = file.examine(dofs)
         if known is None:
             file.read(dofs)
-            why = "the heading is not recorded: the path cannot be turned into body axes"
+            why = "the recording cannot be read in the axes that it is compared in"
     except (ConfigurationError, RecordingError) as error:
         why = str(error)
     if known is None:
@@ -95,7 +94,8 @@ def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap
     return Report(
         str(file.path), samplings, known, "", _ranges(recording),
         _offsets(recording, sources, columns), _terms(recording),
-        (*_cures(used, ""), *_bridges(used, recording), *_advice(known, str(file.path))),
+        (*known.questions, *known.not_compared, *_cures(used, ""), *_bridges(used, recording),
+         *_advice(known, str(file.path))),
     )  # fmt: skip
 
 

@@ -26,7 +26,13 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.smoothing import NEGLIGIBLE_NOISE, derivative_response, noise_floor
+from seatrial.models.recording.smoothing import (
+    ABOVE_FLOOR,
+    NEGLIGIBLE_NOISE,
+    SEGMENT,
+    noise_band,
+    noise_floor,
+)
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
@@ -34,6 +40,29 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 WORTH_A_WARNING = 0.05  # of a nominal coefficient
 CONFIDENCE = 0.95  # that no loss is within the interval of its coefficient, of all together
 RESOLUTION = 1e-12  # of the eigenvalues of scaled columns
+PERIODOGRAMS = 8  # least number of them for a coherence
+EXPLAINED = 0.8  # of an acceleration's noise, if it was computed from the velocity
+
+
+def derivative_response(
+    velocity: Array, acceleration: Array, period_s: float
+) -> tuple[Array, Array] | None:
+    """How an acceleration (N,) was computed from a velocity (N,); None if it was measured.
+
+    Frequencies [Hz] and H of the response i H. A measured acceleration holds more than the velocity
+    explains at the frequencies at which the velocity is noise.
+    """
+    length = min(max(len(velocity) // PERIODOGRAMS, 2), SEGMENT)
+    args = {"fs": 1.0 / period_s, "nperseg": length}
+    frequency, own = scipy.signal.welch(velocity, **args)
+    _, other = scipy.signal.welch(acceleration, **args)
+    _, cross = scipy.signal.csd(velocity, acceleration, **args)
+    floor = np.median(own[noise_band(frequency, 0.5 / period_s)])
+    noise = own < ABOVE_FLOOR * floor
+    explained = np.sum(np.abs(cross[noise]) ** 2 / own[noise])
+    if not explained > EXPLAINED * np.sum(other[noise]):
+        return None
+    return frequency, np.imag(cross) / own
 
 
 def noise_like(recording: Recording, rng: np.random.Generator) -> tuple[Array, Array]:

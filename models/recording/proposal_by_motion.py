@@ -13,7 +13,7 @@ from itertools import permutations
 import numpy as np
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.agreement import correlations
+from seatrial.models.recording.consistency import correlations
 from seatrial.models.recording.source import Source
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll

@@ -53,6 +53,7 @@ else:
 
 HELD_SIGNALS = ("force", "commands")  # constant until the next sample
 LONGEST_GAP_S = 1.0  # [s] that joining fills if nothing else is asked
+SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
 MIN_PIECE = 30  # samples of a piece that is filtered
@@ -298,6 +299,13 @@ def first_time(sources: Sources, columns: ColumnMap) -> float:
     return min(firsts, default=0.0)
 
 
+def unit_of(sources: Sources, columns: ColumnMap, option: str, spec: Column) -> ColumnReading:
+    """With which unit a column is read, and where it is known from; raises RecordingError."""
+    source, name = column(sources, spec.name)
+    unit, known_from = _unit(source, name, option, spec, columns.columns())
+    return ColumnReading(option, spec.column, unit, known_from)
+
+
 def _unit(
     source: Source, name: str, option: str, spec: Column, specs: Mapping[str, Column]
 ) -> tuple[str, str]:
@@ -322,7 +330,7 @@ def _unit(
                 unit := beside.unit or source.units.get(plain) or unit_in_title(plain, targets)
             ) and is_known(unit, targets[0]):  # fmt: skip
                 return unit, f"{beside.name} beside it"
-    return (targets[0] if len(targets) == 1 else ""), "no unit: SI"
+    return (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
 
 
 def _in_si(values: Array, option: str, spec: Column, unit: str) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -14,11 +15,10 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.column_map import Column, ColumnMap, as_column
-from seatrial.models.recording.examination import Examination, examine
+from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.file_set import FileForm, file_set
 from seatrial.models.recording.joining import AtGap, TimeGrid
 from seatrial.models.recording.preprocessing import (
-    AzimuthThrusters,
     Description,
     Differentiation,
     describe,
@@ -47,6 +47,7 @@ from seatrial.models.recording.stored import is_stored, read_recording
 from seatrial.models.recording.times import EPOCH_S, seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
+from seatrial.models.vessel.thruster import AzimuthThrusters
 
 LEAST_SAMPLES = 2  # of a window
 
@@ -307,10 +308,12 @@ class RecordedFile(MeasuredRecording):
     def examine(self, dofs: Sequence[str]) -> Examination | None:
         """Compare pose and velocity, with all degrees of freedom that the file holds."""
 
-        def read(columns: ColumnMap, known: Sequence[str]) -> Recording:
-            return replace(self, columns=columns)._recording(known)
+        def read(columns: ColumnMap, dofs: Sequence[str], **options: Any) -> Recording:
+            return replace(self, columns=columns, **options)._recording(dofs)
 
-        return examine(read, self.columns, self._each()[0].sources() if self._each() else {}, dofs)
+        each = self._each()
+        sources = each[0].sources() if each else {}
+        return examine(read, self.columns, sources, dofs, self.heading_deg)
 
     @property
     def trusted(self) -> bool:

@@ -7,26 +7,21 @@ what was recorded has independent amplitudes there. Gallagher (2005), Detection 
 interpolation in JPEG compressed images, proc. CRV, finds the same period in second differences.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from seatrial.models.recording.diagnosis import RecordingDefect
+from seatrial.models.recording.times import is_later
 from seatrial.models.vessel.basis import Array
 
 GAP = 1.5  # in sample times
 STRAIGHT_LINE = 1e-6  # of the typical second difference: smaller ones are those of a straight line
 MADE_UP = 0.3  # share of samples on straight lines, or held, that makes a file a resampled one
-FULL_TURN_DEG = 360.0
-NEAR_TURN = 0.2  # by which a jump of a heading in degrees may differ from a full turn
 MIN_SAMPLES = 20  # samples for an original rate
 FEWEST_PAIRS = 100  # amplitudes and their images
 IMAGES = 0.5  # share of the power beside half the original rate that is that of images
 LIKELY = 50  # rates that are looked at, among them the multiples of the one that is sought
-NEAR_WHOLE = 0.05  # distance of a rate from a whole number, relative to it
 
 
 @dataclass(frozen=True)
@@ -51,12 +46,6 @@ class Sampling:
                 f"{self.longest_gap_at_s:.0f} s, {100.0 * self.missing:.0f} % missing"
             )
         return text
-
-
-def is_later(t: Array) -> NDArray[np.bool_]:
-    """Which times (N,) are later than all before them."""
-    highest = np.maximum.accumulate(t)
-    return np.concatenate([np.ones(min(len(t), 1), dtype=np.bool_), t[1:] > highest[:-1]])
 
 
 def sampling(t: Array) -> Sampling:
@@ -139,45 +128,3 @@ def _share_of_images(white: Array, total: int) -> float:
     power = np.sum(np.abs(first) ** 2, axis=0) * np.sum(np.abs(second) ** 2, axis=0)
     together = np.abs(np.sum(first * second, axis=0)) ** 2
     return float(np.median(together[power > 0.0] / power[power > 0.0])) if np.any(power) else 0.0
-
-
-def resampled(rates: Sequence[float | None], rate_hz: float) -> list[RecordingDefect]:
-    """The problem of a file of `rate_hz` whose columns were all interpolated from `rates` [Hz]."""
-    known = [rate for rate in rates if rate is not None]
-    if not known or len(known) < len(rates):
-        return []
-    rate = max(known)  # columns that stand still for a while have fewer samples than they had
-    whole = round(rate)
-    nice = float(whole) if abs(rate - whole) < NEAR_WHOLE * rate else float(f"{rate:.2g}")
-    return [
-        RecordingDefect(
-            "resampled", (), f"the columns are interpolated from {nice:g} Hz, the file has "
-            f"{rate_hz:.3g} Hz", f"excitation.resample_hz={nice:g}", nice,
-        )
-    ]  # fmt: skip
-
-
-def in_degrees(angles: Array) -> bool:
-    """Whether angles (N,) must be degrees: they exceed a turn in radians, or jump by 360."""
-    known = angles[~np.isnan(angles)]
-    if len(known) < 2:
-        return False
-    jumps = np.abs(np.diff(known))
-    turns = np.abs(jumps / FULL_TURN_DEG - 1.0) < NEAR_TURN
-    inside = float(np.max(known)) <= FULL_TURN_DEG and float(np.min(known)) >= -FULL_TURN_DEG
-    wide = float(np.max(np.abs(known))) > 2.5 * np.pi
-    wrapped = bool(np.any(np.abs(jumps / (2.0 * np.pi) - 1.0) < NEAR_TURN))
-    return bool(np.any(turns)) or (inside and wide and not wrapped)
-
-
-def of_angles(columns: Sequence[tuple[str, str, Array]]) -> list[RecordingDefect]:
-    """The problem of angles (axis, column, values) that are in degrees by their range."""
-    return [
-        RecordingDefect(
-            "scale", (dof,), f"the angle ranges from {np.nanmin(values):.4g} to "
-            f"{np.nanmax(values):.4g}: degrees, not radians",
-            f"excitation.columns.position.{dof}: {{column: {name}, unit: deg}}", 180.0 / np.pi,
-        )
-        for dof, name, values in columns
-        if in_degrees(values)
-    ]  # fmt: skip

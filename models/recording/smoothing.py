@@ -21,8 +21,6 @@ NOISE_BAND = 0.8  # of the Nyquist frequency; above it there is noise alone
 ABOVE_FLOOR = 4.0  # density over that of the noise
 LOWPASS_ORDER = 4
 SEGMENT = 1024  # samples of one periodogram
-PERIODOGRAMS = 8  # least number of them for a coherence
-EXPLAINED = 0.8  # of an acceleration's noise, if it was computed from the velocity
 NEGLIGIBLE_NOISE = 1e-8  # share of noise in a signal's variance that asks for no smoothing
 SIGNALS, REGRESSORS = 2.0, 0.75  # cut-offs of the two stages, in f_c
 MAX_CUTOFF = 0.9  # of the Nyquist frequency, for a filter
@@ -63,27 +61,6 @@ def noise_floor(signals: Array, starts: NDArray[np.bool_], period_s: float) -> N
 def noise_band(frequency: Array, nyquist: float) -> NDArray[np.bool_]:
     """The frequencies [Hz] (n,) that show noise alone: the highest fifth, or the last one."""
     return np.asarray(frequency >= min(NOISE_BAND * nyquist, frequency[-1]))
-
-
-def derivative_response(
-    velocity: Array, acceleration: Array, period_s: float
-) -> tuple[Array, Array] | None:
-    """How an acceleration (N,) was computed from a velocity (N,); None if it was measured.
-
-    Frequencies [Hz] and H of the response i H. A measured acceleration holds more than the velocity
-    explains at the frequencies at which the velocity is noise.
-    """
-    length = min(max(len(velocity) // PERIODOGRAMS, 2), SEGMENT)
-    args = {"fs": 1.0 / period_s, "nperseg": length}
-    frequency, own = scipy.signal.welch(velocity, **args)
-    _, other = scipy.signal.welch(acceleration, **args)
-    _, cross = scipy.signal.csd(velocity, acceleration, **args)
-    floor = np.median(own[noise_band(frequency, 0.5 / period_s)])
-    noise = own < ABOVE_FLOOR * floor
-    explained = np.sum(np.abs(cross[noise]) ** 2 / own[noise])
-    if not explained > EXPLAINED * np.sum(other[noise]):
-        return None
-    return frequency, np.imag(cross) / own
 
 
 class Smoothing(NamedTuple):

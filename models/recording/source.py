@@ -1,6 +1,10 @@
 """Columns as they were recorded, and how a file is to be read."""
 
-from collections.abc import Callable, Mapping, Sequence
+import io
+import warnings
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import shorten
@@ -10,14 +14,22 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import NDArray
 
-from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.errors import ConfigurationError, RecordingError, SeatrialError
 from seatrial.models.ranges import check_ranges
 from seatrial.models.vessel.basis import Array
 
 MAX_NUMBER = 1e30  # larger numbers are not measurements, and their squares could overflow
 LARGEST_BYTES = 2**28  # of a text file, and of the numbers of any recording
 MOST_CELLS = LARGEST_BYTES // 8
+MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
+MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # of text in another encoding
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
+# Cells that stand for no sample, as programs write them, in small letters.
+MISSING = frozenset(
+    ("", "nan", "+nan", "-nan", "n/a", "na", "n.a.", "#n/a", "#n/a n/a", "#na", "<na>", "nat", "null",
+     "none", "nil", "-", "--", "---", "?", "missing", "1.#qnan", "-1.#ind", "1.#ind", "#value!",
+     "#div/0!", "#num!", "#null!", "#ref!", "#name?")
+)  # fmt: skip
 
 
 class FileCell(NamedTuple):
@@ -35,8 +47,9 @@ def _row(row: int, column: str) -> FileCell:
 class Source:
     """Columns that share a clock: a table, a topic, a group.
 
-    Columns of numbers hold NaN for an empty cell; a column with any other cell holds its text as
-    written, such as date-times. `units` are those of the header (`t [s]` is the column `t` in `s`).
+    Columns of numbers hold NaN for a missing value; a column with any other cell holds its text as
+    written, such as date-times. `units` are those of the file (`t [s]` is the column `t` in `s`).
+    Lines of `left_out` that concern a whole file stand in its first source.
     """
 
     name: str  # stem of the file, or topic, relative to the folder
@@ -44,9 +57,9 @@ class Source:
     columns: dict[str, Array | TextArray]  # (N,) each
     units: dict[str, str] = field(default_factory=dict)
     written: dict[str, str] = field(default_factory=dict)  # names in the header, where they differ
-    repeated: Mapping[str, int] = field(default_factory=dict)  # names that several columns have
+    repeated: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # title: its columns
+    left_out: tuple[str, ...] = ()  # what of the file was left out, and why
     cell: Callable[[int, str], FileCell] = _row  # reads the file again
-    left_out: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -84,16 +97,24 @@ class Source:
     def _absent(self, name: str) -> RecordingError:
         if name in self.repeated:
             return RecordingError(
-                f"{self.path}: {self.repeated[name]} columns {name!r}, expected one"
+                f"{self.path}: {len(self.repeated[name])} columns are titled {name!r}, expected one "
+                f"of {', '.join(self.repeated[name])}"
             )
-        names = [self.written.get(column, column) for column in (*self.columns, *self.repeated)]
+        names = [self.written.get(column, column) for column in self.columns]
         listing = shorten(", ".join(names), 600, placeholder=" ...")
         return RecordingError(f"{self.path}: no column {name!r}, expected it among {listing}")
 
 
 def is_empty(cell: str) -> bool:
     """Whether a cell stands for no sample."""
-    return cell.strip().lstrip("+-").lower() in ("", "nan")
+    return cell.strip().lower() in MISSING
+
+
+def column_of_cells(cells: Sequence[str]) -> Array | TextArray:
+    """Cells as numbers, NaN where one is missing; as they are if one is something else, (N,)."""
+    values = _parsed(cells)
+    plain = all(map(is_empty, (cells[row] for row in np.flatnonzero(np.isnan(values)))))
+    return values if plain else np.array(cells, dtype=np.object_)
 
 
 def _parsed(cells: Sequence[str]) -> Array:
@@ -160,12 +181,78 @@ def _place(sources: Mapping[str, Source]) -> str:
     return str(shared[0]) if shared else ", ".join(map(str, paths))
 
 
+def check_file(path: Path) -> None:
+    """Raise RecordingError if a file has more bytes than are read."""
+    if (size := path.stat().st_size) > LARGEST_BYTES:
+        raise RecordingError(
+            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
+            "recording"
+        )
+
+
 def check_size(path: Path, cells: int) -> None:
     """Raise RecordingError if a recording has more numbers than fit in memory."""
     if cells > MOST_CELLS:
         raise RecordingError(
             f"{path}: got {cells:.3g} numbers, expected at most {MOST_CELLS:.3g}; cut the recording"
         )
+
+
+@contextmanager
+def foreign(path: Path, expected: str) -> Iterator[None]:
+    """Name the file where a reader that is not ours fails, and keep what it prints to ourselves.
+
+    A damaged file can make a reader raise anything. Raises RecordingError.
+    """
+    quiet = io.StringIO()
+    try:
+        with warnings.catch_warnings(), redirect_stdout(quiet), redirect_stderr(quiet):
+            warnings.simplefilter("ignore")
+            yield
+    except SeatrialError:
+        raise
+    except MemoryError as error:
+        raise RecordingError(
+            f"{path}: takes more memory than there is, expected {expected} of a recording; cut it"
+        ) from error
+    except Exception as error:
+        reason = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
+        raise RecordingError(f"{path}: cannot be read ({reason}), expected {expected}") from error
+
+
+class Rows:
+    """Columns that grow message by message; what a message does not have stays missing."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.cells: dict[str, array[float] | list[str]] = {}
+
+    def add(self, values: Iterable[tuple[str, float | str]]) -> None:
+        """Add a message: its numbers and texts by name."""
+        for name, value in values:
+            cells = self.cells.get(name)
+            if cells is None:
+                cells = self.cells[name] = [] if isinstance(value, str) else array("d")
+            elif isinstance(value, str) and not isinstance(cells, list):
+                cells = self.cells[name] = ["" if x != x else f"{x:.17g}" for x in cells]
+            if isinstance(cells, list):
+                cells.extend([""] * (self.count - len(cells)))
+                cells.append(value if isinstance(value, str) else f"{value:.17g}")
+            else:
+                cells.extend([np.nan] * (self.count - len(cells)))
+                cells.append(value)
+        self.count += 1
+
+    def columns(self) -> dict[str, Array | TextArray]:
+        """All columns, shape (N,) each."""
+        found: dict[str, Array | TextArray] = {}
+        for name, cells in self.cells.items():
+            lost = self.count - len(cells)
+            if isinstance(cells, list):
+                found[name] = np.array([*cells, *[""] * lost], dtype=np.object_)
+            else:
+                found[name] = np.concatenate([np.array(cells), np.full(lost, np.nan)])
+        return found
 
 
 @dataclass(frozen=True)
@@ -208,7 +295,10 @@ class TextOptions:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How files are read; `format` null: by the suffix of each file."""
+    """How files are read; `format` null: by the suffix of each file, else by its content.
+
+    `messages` are files `.msg` with definitions of messages of ROS that a bag lacks.
+    """
 
     format: str | None = None
     text: TextOptions = field(default_factory=TextOptions)

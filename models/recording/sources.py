@@ -1,5 +1,6 @@
 """Reads recordings as they are: files of any known format, and folders of them, as sources."""
 
+import re
 from collections import Counter
 from dataclasses import replace
 from importlib import import_module
@@ -9,6 +10,7 @@ from typing import NamedTuple
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording import formats
+from seatrial.models.recording.source import MARKS as MARKS
 from seatrial.models.recording.source import ReadOptions as ReadOptions
 from seatrial.models.recording.source import Source as Source
 from seatrial.models.recording.source import TextArray as TextArray
@@ -34,14 +36,30 @@ class FileFormat(NamedTuple):
 
 
 FORMATS: dict[str, FileFormat] = {
-    "csv": FileFormat((".csv", ".tsv"), "text_file"),
-    "dat": FileFormat((".dat", ".txt", ".asc"), "text_file"),
+    "csv": FileFormat((".csv", ".tsv"), "text"),
+    "dat": FileFormat((".dat", ".txt", ".asc", ".dba", ".log"), "text"),
+    "excel": FileFormat((".xlsx", ".xlsm"), "excel_file", "openpyxl", "excel"),
+    "netcdf": FileFormat((".nc", ".nc4", ".cdf"), "netcdf_file", "xarray", "netcdf"),
+    "ardupilot": FileFormat((".bin", ".tlog"), "ardupilot", "pymavlink", "ardupilot"),
+    "nmea": FileFormat((".nmea", ".nma"), "nmea", "pynmea2", "nmea"),
     "parquet": FileFormat((".parquet", ".pq"), "parquet_file"),
     "mat": FileFormat((".mat",), "mat_file"),
     "rosbag": FileFormat((".bag", ".db3", ".mcap"), "ros_bag", "rosbags", "ros"),
     "ulog": FileFormat((".ulg", ".ulog"), "ulog_file", "pyulog", "ulog"),
 }
 BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
+# Files whose suffix tells nothing: text, and those of programs that use any suffix.
+CONTENTS: tuple[tuple[str, re.Pattern[bytes]], ...] = (
+    ("ardupilot", re.compile(rb"\xa3\x95|FMT, ?128,|.{8}[\xfd\xfe].{5,}", re.DOTALL)),
+    ("rosbag", re.compile(rb"#ROSBAG|\x89MCAP|SQLite format 3\0")),
+    ("ulog", re.compile(rb"ULog\x01")),
+    ("parquet", re.compile(rb"PAR1")),
+    ("mat", re.compile(rb"MATLAB ")),
+    ("netcdf", re.compile(rb"CDF[\x01\x02\x05]|\x89HDF")),
+    ("excel", re.compile(rb"PK\x03\x04")),
+    ("nmea", re.compile(rb"(?:[^\n]{0,200}\n){0,20}?[^\n]{0,100}[$!](?:[A-Z]{2}[A-Z\d]{3}|P[A-Z]{3,}),[^\n]*[,*]")),
+)
+ANY = (".csv", ".txt", ".dat", ".log", ".asc", ".bin")  # suffixes that say little
 
 
 def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
@@ -68,14 +86,16 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
 
 def _read(path: Path, options: ReadOptions) -> list[Source]:
     """The sources of one file, by the option or by its suffix."""
-    kind = options.format or ("rosbag" if path.is_dir() else _format_of(path)) or "csv"
+    kind = options.format or ("rosbag" if path.is_dir() else _format_of(path))
+    if options.format is None and path.is_file() and (kind is None or path.suffix.lower() in ANY):
+        kind = _kind_of_content(path) or kind or "dat"
     package, extra = FORMATS[kind].package, FORMATS[kind].extra
     if package is not None and find_spec(package) is None:
         raise ConfigurationError(
             f"{path}: {package} is not installed: pip install 'seatrial[{extra}]'"
         )
     try:
-        return FORMATS[kind].read(path, ReadOptions(kind, options.text))
+        return FORMATS[kind].read(path, replace(options, format=kind))
     except OSError as error:
         raise _unreadable(path, error) from error
 
@@ -83,6 +103,22 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
 def _format_of(path: Path) -> str | None:
     suffix = path.suffix.lower()
     return next((name for name, form in FORMATS.items() if suffix in form.suffixes), None)
+
+
+def _kind_of_content(path: Path) -> str | None:
+    """The format that the first bytes of a file tell; None for text."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    kind = next((name for name, pattern in CONTENTS if pattern.match(head)), None)
+    if kind is None and b"\0" in head and head[:2] not in MARKS and _format_of(path) is None:
+        raise RecordingError(
+            f"{path}: is of no known format, expected {', '.join(FORMATS)} "
+            f"({', '.join(suffix for form in FORMATS.values() for suffix in form.suffixes)})"
+        )
+    return kind
 
 
 def _files(folder: Path, options: ReadOptions) -> dict[Path, str]:

@@ -12,24 +12,24 @@ from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import (
+    ACCELERATION_UNIT,
+    FORCE_UNIT,
     POSE_UNIT,
+    POSES,
     VELOCITY_UNIT,
     accelerations_of,
     poses_of,
     velocities_of,
 )
-from seatrial.models.recording.formats.bounded import bounded
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.source import check_size
+from seatrial.models.recording.source import check_size, foreign
 from seatrial.models.vessel.basis import Array
 
 KEY = b"seatrial"  # of the metadata of the schema
 VERSION = 1
 EXPECTED = "a recording written by seatrial data convert"
-FORCE_UNIT = {"m/s": "N", "rad/s": "Nm"}
-PER_DOF = ("eta", "nu", "nu_dot", "tau", "tau_filtered", "tau_actual")
-ANGLES = ("attitude_phi", "attitude_theta", "attitude_psi")
-WIND = ("wind_u", "wind_v")
+FORCES, INPUTS = ("tau", "tau_filtered", "tau_actual"), ("inputs", "commands")
+PER_DOF = ("eta", "nu", "nu_dot", *FORCES)
 
 
 def write_recording(recording: Recording, path: Path, metadata: Mapping[str, object]) -> None:
@@ -71,7 +71,7 @@ def stored_metadata(path: Path) -> dict[str, object]:
     """What was stored beside the columns; empty if the file is no such recording."""
     if path.suffix != ".parquet" or not path.is_file():
         return {}
-    with bounded(path, "a Parquet file"):
+    with foreign(path, "a Parquet file"):
         content = (parquet.read_schema(path).metadata or {}).get(KEY)
         known = json.loads(content) if content else {}
     return known if isinstance(known, dict) else {}
@@ -85,7 +85,7 @@ def read_recording(path: Path, dofs: Sequence[str] | None = None) -> Recording:
     known = stored_metadata(path)
     if known.get("version") != VERSION:
         raise RecordingError(f"{path}: got version {known.get('version')}, expected {EXPECTED}")
-    with bounded(path, EXPECTED), parquet.ParquetFile(path) as file:
+    with foreign(path, EXPECTED), parquet.ParquetFile(path) as file:
         check_size(path, file.metadata.num_rows * file.metadata.num_columns)
         table = file.read(use_threads=False)
         columns = {name: table[name].to_numpy() for name in table.column_names}
@@ -103,68 +103,53 @@ def read_recording(path: Path, dofs: Sequence[str] | None = None) -> Recording:
     return replace(recording, dofs=wanted, **cut)  # type: ignore[arg-type]
 
 
-def _names(dofs: Sequence[str]) -> dict[str, list[tuple[str, str]]]:
-    """Names and units of the columns of each field with a column a degree of freedom."""
-    forces = [FORCE_UNIT[VELOCITY_UNIT[dof]] for dof in dofs]
-    names = {
-        "eta": zip(poses_of(dofs), [POSE_UNIT[dof] for dof in dofs], strict=True),
-        "nu": zip(velocities_of(dofs), [VELOCITY_UNIT[dof] for dof in dofs], strict=True),
-        "nu_dot": zip(accelerations_of(dofs), [f"{VELOCITY_UNIT[dof]}^2" for dof in dofs],
-                      strict=True),
-        **{kind: zip([f"{kind}_{dof}" for dof in dofs], forces, strict=True)
-           for kind in ("tau", "tau_filtered", "tau_actual")},
-    }  # fmt: skip
-    return {field: list(pairs) for field, pairs in names.items()}
-
-
 def _columns(recording: Recording) -> Iterator[tuple[str, str, Array]]:
     """Name, unit and values of every column."""
     yield "t", "s", recording.t
-    for field, pairs in _names(recording.dofs).items():
+    for field, names, units in _layout(recording.dofs, recording.input_names, recording.load_names):
         values = getattr(recording, field)
         if values is not None:
-            yield from ((name, unit, values[:, i]) for i, (name, unit) in enumerate(pairs))
-    yield from ((name, "rad", recording.attitude[:, i]) for i, name in enumerate(ANGLES))
-    if recording.wind is not None:
-        yield from ((name, "m/s", recording.wind[:, i]) for i, name in enumerate(WIND))
-    for kind in ("inputs", "commands"):
-        values = getattr(recording, kind)
-        if values is not None:
-            for i, name in enumerate(recording.input_names):
-                yield f"{kind}.{name}", "", values[:, i]
-    if recording.loads is not None:
-        for i, name in enumerate(recording.load_names):
-            yield f"loads.{name}", "N", recording.loads[:, i]
+            yield from zip(names, units, values.T, strict=True)
     if recording.file is not None:
         yield "file", "", recording.file  # type: ignore[misc]
 
 
+def _layout(
+    dofs: Sequence[str], inputs: Sequence[str], loads: Sequence[str]
+) -> list[tuple[str, list[str], list[str]]]:
+    """The fields of a recording that have several columns, with their names and units."""
+    speeds = [VELOCITY_UNIT[dof] for dof in dofs]
+    forces = [FORCE_UNIT[dof] for dof in dofs]
+    return [
+        ("eta", list(poses_of(dofs)), [POSE_UNIT[dof] for dof in dofs]),
+        ("nu", list(velocities_of(dofs)), speeds),
+        ("nu_dot", list(accelerations_of(dofs)), [ACCELERATION_UNIT[dof] for dof in dofs]),
+        *((kind, [f"{kind}_{dof}" for dof in dofs], forces) for kind in FORCES),
+        ("attitude", [f"attitude_{angle}" for angle in POSES[3:]], ["rad"] * 3),
+        ("wind", ["wind_u", "wind_v"], ["m/s"] * 2),
+        *((kind, [f"{kind}.{name}" for name in inputs], [""] * len(inputs)) for kind in INPUTS),
+        ("loads", [f"loads.{name}" for name in loads], ["N"] * len(loads)),
+    ]
+
+
 def _recording(columns: Mapping[str, Array], known: Mapping[str, object]) -> Recording:
     """The recording of its columns and metadata; raises KeyError and the like if they are not."""
-    dofs, inputs, files = (
-        tuple(map(str, known[name]))  # type: ignore[call-overload]
-        for name in ("dofs", "input_names", "file_names")
+    dofs, inputs, files, loads = (
+        tuple(map(str, known.get(name, ())))  # type: ignore[call-overload]
+        for name in ("dofs", "input_names", "file_names", "load_names")
     )
-
-    loads = tuple(map(str, known.get("load_names", ())))  # type: ignore[call-overload]
-
-    def stacked(names: Sequence[str]) -> Array | None:
-        found = [columns[name] for name in names if name in columns]
-        return np.column_stack(found) if found and len(found) == len(names) else None
-
-    fields = {field: stacked([name for name, _ in pairs]) for field, pairs in _names(dofs).items()}
+    fields = {
+        field: np.column_stack([columns[name] for name in names])
+        for field, names, _ in _layout(dofs, inputs, loads)
+        if names and all(name in columns for name in names)
+    }
     return Recording(
         dofs,
         columns["t"],
-        attitude=np.column_stack([columns[name] for name in ANGLES]),
-        wind=stacked(WIND),
         without_lag=bool(known["without_lag"]),
-        inputs=stacked([f"inputs.{name}" for name in inputs]),
-        commands=stacked([f"commands.{name}" for name in inputs]),
         input_names=inputs,
-        loads=stacked([f"loads.{name}" for name in loads]),
         load_names=loads,
         file=columns.get("file"),  # type: ignore[arg-type]
         file_names=files,
-        **fields,  # type: ignore[arg-type]
+        **fields,
     )

@@ -43,6 +43,7 @@ class StoredModel:
     table: Vessel
     state_space: StateSpace | None = None  # that was identified, with all its inputs
     device_values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # identified
+    standard_errors: Mapping[str, float] = field(default_factory=dict)  # of what was identified
 
     @property
     def name(self) -> str:
@@ -68,6 +69,7 @@ class StoredModel:
             "dofs": list(self.table.dofs),
             "inertia": self.table.inertia.tolist(),
             "derivatives": derivatives_of(self.table),
+            **({"standard_errors": dict(self.standard_errors)} if self.standard_errors else {}),
             "coriolis": False,
             "parameter_sets": {},
         }
@@ -145,7 +147,12 @@ def read_model(
     if linear and model == "identified" and STATE_SPACE in rows:
         stored = _state_space(logbook, run, rows[STATE_SPACE], table.dofs)
     devices = device_values(rows[key])
-    found = StoredModel(run, model, replace(table, attitude=attitude), stored, devices)
+    errors = {
+        f"{DERIVATIVE_LETTERS[DOFS.index(row.dof)]}_{row.term.replace('_dot', 'dot')}": row.std_error
+        for row in rows[key]
+        if row.std_error is not None and row.dof in table.dofs
+    }
+    found = StoredModel(run, model, replace(table, attitude=attitude), stored, devices, errors)
     if not run.config["vessel"].get("inputs"):
         return found
     steered = found.parameters

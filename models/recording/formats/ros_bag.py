@@ -1,73 +1,95 @@
 """Bags of ROS 1 and ROS 2, and MCAP: a source a topic, by the package rosbags."""
 
-from array import array
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from seatrial.models.recording.formats.bounded import bounded
-from seatrial.models.recording.formats.nested import MOST_ELEMENTS
-from seatrial.models.recording.source import ReadOptions, Source, TextArray, check_size
-from seatrial.models.vessel.basis import Array
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording.source import (
+    MOST_ELEMENTS,
+    ReadOptions,
+    Rows,
+    Source,
+    check_size,
+    foreign,
+)
 
 EXPECTED = "a bag of ROS 1 or ROS 2, or an MCAP file"
 CHECKED = 10_000  # messages between two checks of the size
 TIME = "time"  # column of the times at which messages were recorded
 
 
-class Topic:
-    """The columns of a topic, message by message."""
-
-    def __init__(self) -> None:
-        self.rows = 0
-        self.numbers: dict[str, array[float]] = {}
-        self.texts: dict[str, list[str]] = {}
-
-    def add(self, message: object, time_ns: int) -> None:
-        """Add the fields of a message; what it does not have stays empty."""
-        for name, value in ((TIME, time_ns / 1e9), *_leaves("", message)):
-            if isinstance(value, str):
-                column = self.texts.setdefault(name, [])
-                column += [""] * (self.rows - len(column)) + [value]
-            else:
-                row = self.numbers.setdefault(name, array("d"))
-                row.extend([np.nan] * (self.rows - len(row)))
-                row.append(value)
-        self.rows += 1
-
-    def columns(self) -> dict[str, Array | TextArray]:
-        """All columns, shape (N,) each."""
-        found: dict[str, Array | TextArray] = {}
-        for name, numbers in self.numbers.items():
-            numbers.extend([np.nan] * (self.rows - len(numbers)))
-            found[name] = np.array(numbers)
-        for name, texts in self.texts.items():
-            filled = [*texts, *[""] * (self.rows - len(texts))]
-            found[name] = np.array(filled, dtype=np.object_)
-        return found
-
-
 def read(path: Path, options: ReadOptions) -> list[Source]:
-    """The topics of a bag; raises RecordingError if it cannot be read."""
-    topics: dict[str, Topic] = {}
+    """The topics of a bag; raises RecordingError if it cannot be read.
+
+    Topics whose messages are not defined, neither in the bag nor by `options`, are left out.
+    """
+    topics: dict[str, Rows] = {}
+    long: dict[str, int] = {}  # arrays that are left out
     store = get_typestore(Stores.LATEST)
-    with bounded(path, EXPECTED), AnyReader([path], default_typestore=store) as bag:
-        for count, (connection, time_ns, raw) in enumerate(bag.messages()):
+    with foreign(path, EXPECTED), AnyReader([path], default_typestore=store) as bag:
+        _define(bag, options)
+        known, left_out = [], []
+        for connection in bag.connections:
+            try:
+                bag.typestore.get_msgdef(connection.msgtype)
+                known.append(connection)
+            except KeyError as error:
+                (missing,) = error.args
+                within = "its" if missing == connection.msgtype else "the"
+                left_out.append(
+                    f"topic {connection.topic} ({connection.msgtype}): {within} definition "
+                    f"{'' if within == 'its' else f'of {missing} '}is not in the file; "
+                    f"excitation.messages=[{missing.rpartition('/')[2]}.msg] gives it"
+                )
+        for count, (connection, time_ns, raw) in enumerate(bag.messages(known) if known else ()):
             message = bag.deserialize(raw, connection.msgtype)
-            topics.setdefault(connection.topic, Topic()).add(message, time_ns)
+            name = connection.topic.lstrip("/")
+            values = _leaves("", message, long, name)
+            topics.setdefault(name, Rows()).add([(TIME, time_ns / 1e9), *values])
             if count % CHECKED == 0:
-                check_size(path, sum(t.rows * len(t.numbers) for t in topics.values()))
+                check_size(path, sum(t.count * len(t.cells) for t in topics.values()))
+    left_out += [f"topic /{place}: arrays of {size} elements" for place, size in long.items()]
+    left_out += [f"topic {name}: no messages" for name in
+                 dict.fromkeys(c.topic for c in known) if name.lstrip("/") not in topics]  # fmt: skip
+    if not topics:
+        raise RecordingError(f"{path}: got no topic with messages; {'; '.join(left_out)}")
     return [
-        Source(name.lstrip("/"), path, topic.columns(), {TIME: "s"})
-        for name, topic in topics.items()
+        Source(name, path, rows.columns(), {TIME: "s"}, left_out=() if i else tuple(left_out))
+        for i, (name, rows) in enumerate(topics.items())
     ]
 
 
-def _leaves(name: str, value: object) -> Iterator[tuple[str, float | str]]:
+def _define(bag: AnyReader, options: ReadOptions) -> None:
+    """Add the messages of common packages and of files to those that a bag defines itself.
+
+    A file is named as in its package, `boat_msgs/msg/Ballast.msg`; outside of one it defines the
+    message of its name that the bag needs. Raises ConfigurationError.
+    """
+    types = dict(get_typestore(Stores.LATEST if bag.is2 else Stores.ROS1_NOETIC).fielddefs)
+    wanted = {connection.msgtype for connection in bag.connections}
+    for file in map(Path, options.messages):
+        try:
+            text = file.expanduser().read_text(encoding="utf-8")
+        except (OSError, UnicodeError) as error:
+            raise ConfigurationError(f"excitation.messages: {file}: cannot be read ({error})") from error
+        names = {name for name in wanted if name.rpartition("/")[2] == file.stem}
+        if file.parent.name == "msg" and file.parent.parent.name:
+            names = {f"{file.parent.parent.name}/msg/{file.stem}"}
+        elif not names:  # of a message within one, whose package is that of the others
+            names = {f"{name.partition('/')[0]}/msg/{file.stem}" for name in wanted - set(types)}
+        for name in names:
+            types |= get_types_from_msg(text, name)
+    bag.typestore.register({k: v for k, v in types.items() if k not in bag.typestore.fielddefs})
+
+
+def _leaves(
+    name: str, value: object, long: dict[str, int], topic: str
+) -> Iterator[tuple[str, float | str]]:
     """The numbers and texts of a message by dotted name, elements of arrays as `name[0]`."""
     if isinstance(value, str):
         yield name, value
@@ -77,7 +99,10 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, float | str]]:
         for field in fields(value):
             if not field.name.startswith("__"):
                 inner = f"{name}.{field.name}" if name else field.name
-                yield from _leaves(inner, getattr(value, field.name))
-    elif isinstance(value, list | tuple | np.ndarray) and len(value) <= MOST_ELEMENTS:
+                yield from _leaves(inner, getattr(value, field.name), long, topic)
+    elif isinstance(value, list | tuple | np.ndarray):
+        if len(value) > MOST_ELEMENTS:
+            long[f"{topic}, {name}"] = len(value)
+            return
         for i, element in enumerate(value):
-            yield from _leaves(f"{name}[{i}]", element)
+            yield from _leaves(f"{name}[{i}]", element, long, topic)

@@ -6,15 +6,7 @@ import numpy as np
 from pyulog.core import ULog
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.formats.bounded import bounded
-from seatrial.models.recording.source import (
-    LARGEST_BYTES,
-    ReadOptions,
-    Source,
-    TextArray,
-    check_size,
-)
-from seatrial.models.vessel.basis import Array
+from seatrial.models.recording.source import ReadOptions, Source, check_file, check_size, foreign
 
 EXPECTED = "a ULog file"
 TIME = "timestamp"  # [us] since the autopilot started
@@ -25,21 +17,19 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
 
     Raises RecordingError if it cannot be read.
     """
-    if (size := path.stat().st_size) > LARGEST_BYTES:
-        raise RecordingError(
-            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
-            "recording"
-        )
-    sources = []
-    with bounded(path, EXPECTED), path.open("rb") as file:  # pyulog leaves a bad file open
+    check_file(path)
+    with foreign(path, EXPECTED), path.open("rb") as file:  # pyulog leaves a bad file open
         topics = ULog(file).data_list
         check_size(path, sum(len(column) for topic in topics for column in topic.data.values()))
-        for topic in topics:
-            columns: dict[str, Array | TextArray] = {
-                name: np.asarray(values, dtype=np.float64) for name, values in topic.data.items()
-            }
-            name = f"{topic.name}/{topic.multi_id}" if topic.multi_id else topic.name
-            sources.append(Source(name, path, columns, {TIME: "us"}))
+        sources = [
+            Source(
+                f"{topic.name}/{topic.multi_id}" if topic.multi_id else topic.name,
+                path,
+                {name: np.asarray(v, dtype=np.float64) for name, v in topic.data.items()},
+                {TIME: "us"},
+            )
+            for topic in topics
+        ]
     if not sources:
         raise RecordingError(f"{path}: got no topic with data, expected {EXPECTED}")
     return sources

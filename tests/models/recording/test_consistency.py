@@ -1,6 +1,7 @@
-"""Pose and velocity of measured recordings: what does not agree is named with its cure."""
+"""Pose and velocity of measured recordings: what does not agree is named with what mends it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,14 @@ import pytest
 from omegaconf import OmegaConf
 from scipy.interpolate import CubicSpline
 
-from seatrial.models.recording.consistency import consistency
-from seatrial.models.recording.diagnosis import RecordingDefect
+from seatrial.models.recording.consistency import _ahead, consistency
+from seatrial.models.recording.diagnosis import Examination, RecordingDefect, changed
 from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
 from seatrial.runner.config import build_as
+from seatrial.runner.recording_map import options_of, reader_of
 from tests.data import DATA
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
@@ -196,3 +198,123 @@ def test_velocity_of_something_else_is_not_trusted() -> None:
                       recording.tau, recording.attitude)  # fmt: skip
     result = consistency(other)
     assert [axis.dof for axis in result.untrusted] == ["sway"]
+
+
+def log(path: Path, **new: np.ndarray | float) -> Path:
+    """The planar motion as a file of its own, with columns replaced."""
+    known = motion()
+    names = ("north", "east", "psi", "u", "v", "r")
+    columns = dict(zip(names, np.hstack([known.eta, known.nu]).T, strict=True))
+    pd.DataFrame({"t": known.t, "n": 1.0, **columns, **new}).to_csv(path, index=False)
+    return path
+
+
+PLANAR_MAP: dict[str, object] = {
+    "time": "t", "inputs": {"n": "n"}, "position": {"surge": "north", "sway": "east", "yaw": "psi"},
+    "velocity": {"surge": "u", "sway": "v", "yaw": "r"},
+}  # fmt: skip
+
+
+def examined(path: Path, **new: object) -> Examination:
+    known = reader_of(path, options_of({**PLANAR_MAP, **new})).examine(("surge", "sway", "yaw"))
+    assert known is not None
+    return known
+
+
+def test_heading_is_the_same_wrapped_or_over_several_turns(tmp_path: Path) -> None:
+    """In radians beyond what a range would call degrees; no guess overrides the map."""
+    psi = 12.0 * motion().eta[:, 2]
+    results = []
+    for values in (psi, (psi + np.pi) % (2.0 * np.pi) - np.pi):
+        path = log(tmp_path / "log.csv", psi=values, r=12.0 * motion().nu[:, 2])
+        found = examined(path, position={"yaw": "psi"}, velocity={"yaw": "r"})
+        assert found.problems == ()
+        results.append(found.result.velocities[0])
+    assert results[0].correlation == pytest.approx(results[1].correlation, abs=1e-12)
+    assert results[0].scale == pytest.approx(results[1].scale, abs=1e-12)
+    assert results[0].scale == pytest.approx(1.0, abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("new", "change"),
+    [
+        ({"u": motion().nu[:, 0] / KNOT}, {"velocity.surge": {"column": "u", "unit": "knot"}}),
+        ({"psi": np.degrees(motion().eta[:, 2])},
+         {"position.yaw": {"column": "psi", "unit": "deg"}}),
+        ({"psi": -motion().eta[:, 2]},
+         {"position.yaw": {"column": "psi", "positive": "anticlockwise"}}),
+        ({"u": motion().nu[:, 1], "v": motion().nu[:, 0]},
+         {"velocity.surge": "v", "velocity.sway": "u"}),
+        ({"u": motion().nu[:, 1] / KNOT, "v": motion().nu[:, 0]},
+         {"velocity.surge": "v", "velocity.sway": {"column": "u", "unit": "knot"}}),
+    ],
+)  # fmt: skip
+def test_the_change_of_a_problem_mends_it(
+    tmp_path: Path, new: dict[str, np.ndarray], change: dict[str, object]
+) -> None:
+    path = log(tmp_path / "log.csv", **new)
+    found = examined(path).problems
+    together = {name: value for problem in found for name, value in problem.change.items()}
+    assert together == {f"columns.{name}": value for name, value in change.items()}
+    reader = reader_of(path, options_of(dict(PLANAR_MAP)))
+    again = replace(reader, columns=changed(reader.columns, together)).examine(ALL)
+    assert again is not None
+    assert again.problems == ()
+
+
+def test_a_factor_of_no_unit_is_a_question(tmp_path: Path) -> None:
+    known = examined(log(tmp_path / "log.csv", u=motion().nu[:, 0] * 0.4))
+    assert known.problems == ()
+    assert known.questions == ("u is 0.40 of d(position)/dt: which unit?",)
+
+
+def test_what_nothing_mends_has_no_change(tmp_path: Path) -> None:
+    noise = np.convolve(np.random.default_rng(3).normal(size=4000), np.ones(40) / 40.0, "same")
+    (problem,) = examined(log(tmp_path / "log.csv", v=noise)).problems
+    assert problem.axes == ("sway",)
+    assert problem.change == {}
+    assert "no change of the map" in str(problem)
+
+
+def test_only_recorded_velocities_are_compared(tmp_path: Path) -> None:
+    """Without sway velocity there is no delay, and nothing is said of the heading."""
+    known = examined(log(tmp_path / "log.csv"), velocity={"surge": "u", "yaw": "r"})
+    assert [axis.dof for axis in known.result.velocities] == ["surge", "yaw"]
+    assert known.problems == ()
+    (line,) = known.not_compared
+    assert line.startswith("no velocity in sway is recorded")
+
+
+def test_a_wide_angle_that_no_motion_tells_is_a_question(tmp_path: Path) -> None:
+    path = log(tmp_path / "log.csv", psi=np.degrees(motion().eta[:, 2]) + 90.0)
+    known = examined(path, velocity={})
+    assert len(known.questions) == 1
+    assert known.questions[0].startswith("psi ranges from")
+    stated = {**PLANAR_MAP["position"], "yaw": {"column": "psi", "unit": "rad"}}  # type: ignore[dict-item]
+    assert examined(path, velocity={}, position=stated).questions == ()
+
+
+def test_nothing_is_shifted_across_a_gap() -> None:
+    known = motion()
+    keep = (known.t < 100.0) | (known.t > 250.0)
+    split = known.part(keep)
+    ahead = _ahead(split, 1.0)
+    first = np.flatnonzero(split.piece_starts)[1]
+    np.testing.assert_array_equal(ahead.nu[first - 1], split.nu[first - 1])
+
+
+def test_roll_rate_agrees_through_a_steep_dive() -> None:
+    """Pitch to 86 degrees and back: the angles of roll and yaw jump, the rotation does not."""
+    n, h = 6000, 0.05
+    t = h * np.arange(n)
+    theta = np.radians(86.0) * np.sin(0.21 * t) ** 2
+    phi, psi = 0.3 * np.sin(0.9 * t), 0.5 * np.sin(0.13 * t)
+    attitude = np.column_stack([phi, theta, psi])
+    rates = np.column_stack([0.27 * np.cos(0.9 * t), np.radians(86.0) * 0.21 * np.sin(0.42 * t),
+                             0.065 * np.cos(0.13 * t)])  # fmt: skip
+    turning = np.linalg.solve(pose_jacobian(attitude)[:, 3:, 3:], rates[:, :, None])[:, :, 0]
+    # As recorded: by a gyro, with an attitude of finite resolution.
+    noisy = attitude + np.random.default_rng(2).normal(scale=2e-3, size=(n, 3)) * [1.0, 1.0, 0.0]
+    zero = np.zeros((n, 3))
+    known = consistency(Recording(ALL[3:], t, noisy, turning, zero, zero, noisy))
+    assert all(axis.excited and axis.correlation > 0.98 for axis in known.velocities)

@@ -69,9 +69,12 @@ def test_options_say_what_cannot_be_found_out(tmp_path: Path) -> None:
     source = one(path, header_lines=0, skip_lines=2, names=("time", "u"))
     np.testing.assert_array_equal(source.columns["u"], [2.0, 4.0])
     path = file(tmp_path, "c.csv", "Länge,b\n1,2\n3,4\n".encode("latin-1"))
+    assert list(one(path).columns) == ["Länge", "b"]
+    assert one(path).left_out == ("the text is not UTF-8: read as latin-1",)
+    path = file(tmp_path, "e.csv", "Länge,“b”\n1,2\n".encode("cp1252"))
     with pytest.raises(RecordingError, match=r"line 1: got .*text\.encoding=latin-1 reads"):
         one(path)
-    assert list(one(path, encoding="latin-1").columns) == ["Länge", "b"]
+    assert list(one(path, encoding="cp1252").columns) == ["Länge", "“b”"]
     path = file(tmp_path, "d.txt", "1 2 3\n4 5 6\n")
     with pytest.raises(RecordingError, match=r"got 3 columns, expected 2 as in excitation\.text"):
         one(path, names=("a", "b"))

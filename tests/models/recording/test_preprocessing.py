@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.preprocessing import (
-    AzimuthThrusters,
     Differentiation,
     central_difference,
     describe,
@@ -25,6 +24,7 @@ from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
+from seatrial.models.vessel.thruster import AzimuthThrusters
 from tests.data import DATA
 
 PLANAR = ("surge", "sway", "yaw")

@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 import scipy
 
-from seatrial.models.recording.smoothing import (
-    derivative_response,
-    lowpass,
-    noise_floor,
-    smoothing_for,
-)
+from seatrial.models.identification.attenuation import derivative_response
+from seatrial.models.recording.smoothing import lowpass, noise_floor, smoothing_for
 
 PERIOD_S = 0.1
 SAMPLES = 8000

@@ -7,6 +7,10 @@ from hypothesis import strategies as st
 
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import (
+    body_rates,
+    euler_zyx,
+    pose_jacobian,
+    quaternion_rate,
     reference_in_body,
     reference_in_body_kernel,
     rotation,
@@ -64,3 +68,33 @@ def test_body_reference_is_the_derivative_of_the_path(reference) -> None:  # typ
         body_velocity((path(s + h) - path(s - h)) / (2 * h), path(s)[2]) for s in (t + h, t - h)
     )
     np.testing.assert_allclose(nu_dot_d, (ahead - behind) / (2 * h), atol=1e-5)
+
+
+def test_angular_velocity_is_that_of_the_rotation_at_every_pitch() -> None:
+    """A dive through 86 degrees of pitch and past the vertical, where roll and yaw jump."""
+    h, n = 0.01, 6000
+    t = h * np.arange(n)
+    omega = np.column_stack([0.02 * np.sin(0.7 * t), 0.2 + 0.1 * np.cos(t), 0.005 * np.sin(t)])
+    q = np.empty((n, 4))
+    q[0] = 1.0, 0.0, 0.0, 0.0
+    rate, mean = np.empty(4), 0.5 * (omega[1:] + omega[:-1])
+    for k in range(n - 1):
+        quaternion_rate(q[k], *mean[k], rate)
+        middle = q[k] + 0.5 * h * rate
+        quaternion_rate(middle, *mean[k], rate)
+        q[k + 1] = (q[k] + h * rate) / np.linalg.norm(q[k] + h * rate)
+    attitude = euler_zyx(q)
+    assert np.degrees(np.max(np.abs(attitude[:, 1]))) > 86.0
+    found = body_rates(attitude, h)
+    np.testing.assert_allclose(found, omega, atol=2e-3)
+    plain = np.gradient(attitude, h, axis=0)
+    turning = np.linalg.solve(pose_jacobian(attitude)[:, 3:, 3:], plain[:, :, None])[:, :, 0]
+    assert np.max(np.abs(turning - omega)) > 1.0  # what the angles alone would give
+
+
+def test_no_angular_velocity_is_taken_across_a_gap() -> None:
+    attitude = np.zeros((20, 3))
+    attitude[:, 2] = np.concatenate([0.1 * np.arange(10), 2.0 + 0.1 * np.arange(10)])
+    starts = np.isin(np.arange(20), (0, 10))
+    np.testing.assert_allclose(body_rates(attitude, 1.0, starts)[:, 2], 0.1, atol=1e-12)
+    assert np.max(body_rates(attitude, 1.0)[:, 2]) > 0.5
