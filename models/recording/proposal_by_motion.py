@@ -31,6 +31,7 @@ MOST_COLUMNS = 40
 RESTING_SHARE = 0.02  # of its largest step: a column that changes less rests
 SAMPLES = 400  # of the path that are compared
 TOGETHER = 0.7  # least concentration of course less heading
+STEP_S = 5.0  # [s] of a path whose length is compared with a speed
 BETTER = 0.5  # of what is left of it in the other unit
 TURNS = {None: 1.0, "deg": np.pi / 180.0}  # [rad] of a unit of angles
 RATES = {None: 1.0, "deg/s": np.pi / 180.0}
@@ -116,28 +117,29 @@ def angle_unit(path: tuple[Array, Array, Array], times: Array, heading: Array) -
         times: of the heading [s], shape (M,)
         heading: angles, shape (M,)
     """
-    t, x, y = path
-    every = max(1, round(SPAN * len(t) / 4))
-    t, x, y = t[::every], x[::every], y[::every]
-    middle = np.searchsorted(times, 0.5 * (t[1:] + t[:-1])).clip(0, len(times) - 1)
-    step = np.diff(x) + 1j * np.diff(y)
-    best = {}
-    for unit, size in (("rad", 1.0), ("deg", TURNS["deg"])):
-        turned = [step * np.exp(sign * 1j * size * heading[middle]) for sign in (-1.0, 1.0)]
-        best[unit] = max(abs(np.nansum(z)) for z in turned) / max(
-            float(np.nansum(abs(step))), LEAST
-        )
-    unit = max(best, key=lambda name: best[name])
-    sure = best[unit] > TOGETHER and 1.0 - best[unit] < BETTER * (1.0 - min(best.values()))
-    return unit if sure else None
+    found: list[tuple[float, str]] = []
+    for every in 4 ** np.arange(8):  # short steps are noise, long ones hide the turns
+        t, x, y = (values[::every] for values in path)
+        middle = np.searchsorted(times, 0.5 * (t[1:] + t[:-1])).clip(0, len(times) - 1)
+        step = np.diff(x) + 1j * np.diff(y)
+        length = max(float(np.sum(np.abs(step))), LEAST)
+        kept = {}
+        for unit, size in (("rad", 1.0), ("deg", TURNS["deg"])):
+            turned = (step * np.exp(sign * 1j * size * heading[middle]) for sign in (-1.0, 1.0))
+            kept[unit] = max(float(np.abs(np.sum(z))) for z in turned) / length
+        unit = max(kept, key=lambda name: kept[name])
+        if len(t) > MIN_SAMPLES and 1.0 - kept[unit] < BETTER * (1.0 - min(kept.values())):
+            found.append((kept[unit], unit))
+    share, unit = max(found, default=(0.0, ""))
+    return unit if share > TOGETHER else None
 
 
 def speed_unit(path: tuple[Array, Array, Array], times: Array, speed: Array) -> str | None:
     """The unit of a speed over ground in which it makes the length of the path; None: none."""
     t, x, y = path
-    every = max(1, round(SPAN * len(t) / 4))
-    length = float(np.nansum(np.hypot(np.diff(x[::every]), np.diff(y[::every]))))
-    sailed = float(np.nansum(speed[1:] * np.diff(times))) + LEAST
+    every = max(1, round(STEP_S / max(float(np.median(np.diff(t))), LEAST)))
+    length = float(np.sum(np.hypot(np.diff(x[::every]), np.diff(y[::every]))))
+    sailed = float(np.sum(speed[1:] * np.diff(times))) + LEAST
     sizes = {"m/s": 1.0, "knot": SPEEDS["knot"], "km/h": 1.0 / 3.6}
     near = (unit for unit, k in sizes.items() if abs(length / sailed / k - 1.0) < FACTOR_TOLERANCE)
     return next(near, None)

@@ -111,8 +111,19 @@ def test_the_unit_of_a_heading_by_the_course(unit: str, turned: bool) -> None:
     heading = known["psi"] * (180.0 / np.pi if unit == "deg" else 1.0) * (-1.0 if turned else 1.0)
     path = (known["t"], known["x"], known["y"])
     assert angle_unit(path, known["t"], heading) == unit
+    noise = 0.3 * np.random.default_rng(2).standard_normal((2, len(heading)))
+    assert angle_unit((path[0], path[1] + noise[0], path[2] + noise[1]), path[0], heading) == unit
     still = (known["t"], np.zeros_like(heading), np.zeros_like(heading))
     assert angle_unit(still, known["t"], heading) is None
+
+
+def test_the_unit_of_the_heading_of_a_long_recording() -> None:
+    """Many turns in every hundredth of it."""
+    t = 0.05 * np.arange(200_000)
+    psi = np.cumsum(0.05 * 0.06 * np.sin(0.05 * t))
+    x, y = np.cumsum(0.1 * np.cos(psi)), np.cumsum(0.1 * np.sin(psi))
+    assert angle_unit((t, x, y), t, np.degrees(psi)) == "deg"
+    assert speed_unit((t, x, y), t, 2.0 * 3.6 + 0.0 * t) == "km/h"
 
 
 @pytest.mark.parametrize(("unit", "size"), [("m/s", 1.0), ("knot", 1.943844), ("km/h", 3.6)])
