@@ -32,7 +32,7 @@ OFFSET_CUTOFF = 0.2  # of the Nyquist frequency: cut-off for clock offsets
 SLOWER = (1.0, 0.5, 0.25, 0.125)  # of that cut-off, until signals agree
 MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
 BRIDGED = 2.5  # sample times of a source that count as a step of it
-MOST_OUTLIERS = 0.01  # share of the samples
+MOST_OUTLIERS = 0.02  # share of the samples of a velocity
 SHORT_S = 120.0  # [s] below which a recording is short
 
 
@@ -81,14 +81,15 @@ class Report:
             return ()
         counts = {r.name: r.outliers for r in self.ranges if r.outliers}
         lines = [f"problem: {problem}" for problem in known.problems]
-        if sum(counts.values()) > MOST_OUTLIERS * len(known.recording):
-            names = ", ".join(f"{name} {count}" for name, count in counts.items())
+        names = ", ".join(f"{name} {count}" for name, count in counts.items())
+        if max(counts.values(), default=0) > MOST_OUTLIERS * len(known.recording):
             lines.append(f"problem: outliers: {names}; excitation.outliers.replace=true")
         lines += [f"question: {line}" for line in known.questions]
         lines += [f"not compared: {line}" for line in known.not_compared]
         compared = any(axis.excited for axis in known.result.velocities)
         if compared and not [line for line in lines if not line.startswith("not compared")]:
-            lines.insert(0, "no problem: pose and velocity belong together")
+            few = f"; few outliers: {names}" if names else ""
+            lines.insert(0, f"no problem: pose and velocity belong together{few}")
         return tuple(lines)
 
 

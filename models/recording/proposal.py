@@ -118,9 +118,16 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
             asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
         asked += () if option in known else _doubts(option, c)
     sure = (f"{option}: {c.full}{known.get(option, '')}" for option, c in chosen.items())
-    lines = (f"{why}: {', '.join(names)}" for why, names in left.items() if names)
+    lines = (f"{why}: {', '.join(_folded(names))}" for why, names in left.items() if names)
     left_out = tuple(shorten(line, 600, placeholder=" ...") for line in lines)
     return Proposal({"time": _time(chosen, times), **result}, tuple(sure), tuple(asked), left_out)
+
+
+def _folded(names: Sequence[str]) -> Iterator[str]:
+    """Names, the elements of an array as one."""
+    arrays = Counter(re.sub(r"\[\d+\]$", "[...]", name) for name in names)
+    rest = dict(zip((re.sub(r"\[\d+\]$", "[...]", name) for name in names), names, strict=True))
+    yield from (array if count > 1 else rest[array] for array, count in arrays.items())
 
 
 def _candidates(
