@@ -1,9 +1,9 @@
 """`seatrial data`: examines and converts recordings, and proposes maps of their columns."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from copy import deepcopy
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 import yaml
@@ -11,9 +11,13 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.proposal import propose
-from seatrial.models.recording.source import Source
+from seatrial.models.recording.proposal import Proposal, propose
+from seatrial.models.recording.reader import clock_of
+from seatrial.models.recording.sampling import sampling
+from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.times import seconds
+from seatrial.runner import in_process
 from seatrial.runner.benchmark import get
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.config import build_as
@@ -36,15 +40,15 @@ Html = Annotated[
 Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", help="Write the map to a file.")
 ]
+VesselName = Annotated[
+    str | None, typer.Option("--vessel", metavar="NAME", help="Map the inputs of this vessel.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Write over a map that exists.")]
 app.command()(convert)
 app.command()(get)
 LINE_WIDTH = 120  # letters of a line that goes to a file
-MOST_CURES = 3  # rounds in which what the correlations tell is put into a proposed map
-FLIPPED = {
-    "frames.velocity=earth": ("velocity", "earth"),
-    "frames.position=ENU": ("position", "ENU"),
-    "frames.body=FLU": ("body", "FLU"),
-}
+MOST_ROUNDS = 3  # in which what the check finds is put into a proposed map
+FAULTS = (ConfigurationError, RecordingError)
 
 
 def main(words: Sequence[str]) -> int:
@@ -65,25 +69,36 @@ def main(words: Sequence[str]) -> int:
 
 @app.command()
 def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
-    """Report sampling, gaps, noise, clocks, and whether pose and velocity belong together.
+    """Report units, sampling, gaps, noise, clocks, and whether pose and velocity belong together.
 
     Without a map, that of `seatrial data map` is used.
     """
     sources = read_sources(file.expanduser(), _options(map_file))
-    node = read_map(map_file) if map_file else _nested(proposed(file, sources))
-    reader = reader_of(file, node)
-    known = report(reader, sources, reader.columns)
+    node = read_map(map_file) if map_file else options_of(drafted(file, sources).map)
+    known = report(reader_of(file, node), sources)
     if html is not None:
         write_page(page(known), html)
     _show(known)
 
 
 @app.command("map")
-def map_columns(file: File, out: Out = None) -> None:
-    """Propose a map from names, units of the header, ranges and correlations, as YAML."""
+def map_columns(
+    file: File, vessel: VesselName = None, out: Out = None, force: Force = False
+) -> None:
+    """Propose a map from titles, units and motion, as YAML; says what is sure, asked, left out."""
+    if out is not None and out.exists() and not force:
+        raise ConfigurationError(f"{out}: exists already, expected a new file or --force")
+    wanted: tuple[str, ...] = ()
+    if vessel is not None:
+        node: Any = in_process.composed([f"vessel={vessel}"]).config["vessel"]
+        wanted = tuple(node.get("inputs") or ())
     sources = read_sources(file.expanduser(), ReadOptions())
-    node = proposed(file, sources)
-    text = yaml.safe_dump(node, sort_keys=False, default_flow_style=None, width=100)
+    draft = drafted(file, sources, wanted)
+    kinds = {"sure": draft.sure, "question": draft.questions, "left out": draft.left_out}
+    for kind, lines in kinds.items():
+        for line in lines:
+            typer.echo(f"{kind}: {line}", err=True)
+    text = yaml.safe_dump(draft.map, sort_keys=False, default_flow_style=None, width=100)
     if out is None:
         typer.echo(text, nl=False)
         return
@@ -94,30 +109,53 @@ def map_columns(file: File, out: Out = None) -> None:
     typer.echo(f"wrote {out}")
 
 
-def proposed(file: Path, sources: Mapping[str, Source]) -> dict[str, object]:
-    """A map from names and units, with what the correlations tell put into it."""
-    node = propose(sources)
+def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Proposal:
+    """A proposed map of a recording, with the changes that the check tried and found to agree.
+
+    Args:
+        file: the recording
+        sources: its columns
+        wanted: names of the inputs of the vessel, if one is named
+    """
+    draft = propose(sources, wanted)
+    node, sure, questions = deepcopy(draft.map), list(draft.sure), list(draft.questions)
+    lines = [line for source in sources.values() for line in source.left_out]
     if len(sources) > 1 or _has_gaps(file, node):
         node |= _grid(file, node, sources)
-    for _ in range(MOST_CURES):
+    asked: Sequence[str] = ()
+    for _ in range(MOST_ROUNDS):
         try:
-            reader = reader_of(file, _nested(node))
-            known = reader.examine(tuple(reader.columns.velocity))
-        except (ConfigurationError, RecordingError):
-            return node
-        before = repr(node)
-        for problem in known.problems if known else ():
-            _cure(node, problem.kind, problem.axes, problem.cure, problem.value)
-        if repr(node) == before:
+            reader = reader_of(file, options_of(deepcopy(node)))
+            known = reader.examine(reader.columns.moving)
+        except FAULTS as error:
+            asked = (str(error),)
             break
-    return node
+        problems = known.problems if known else ()
+        asked = (*known.questions, *known.not_compared) if known else ()
+        asked = (*asked, *(f"{p}?" for p in problems if p.kind == "clock" or not p.change))
+        mended = [p for p in problems if p.change and p.kind != "clock"]
+        for problem in mended:
+            sure.append(str(problem))
+            for path, value in problem.change.items():
+                *groups, last = path.removeprefix("columns.").split(".")
+                group: dict[str, Any] = node
+                for name in groups:
+                    group = group.setdefault(name, {})
+                group[last] = dict(value) if isinstance(value, Mapping) else value
+                if isinstance(value, Mapping):  # its unit is known now
+                    start = f"{value.get('column')} ranges"
+                    questions = [q for q in questions if not q.startswith(start)]
+        if not mended:
+            break
+    left_out = (*lines, *draft.left_out)
+    return Proposal(node, tuple(sure), (*questions, *asked), left_out)
 
 
 def _has_gaps(file: Path, node: dict[str, object]) -> bool:
     """Whether the file is refused as it is, since it is not sampled uniformly or has gaps."""
-    reader = reader_of(file, _nested(node))
     try:
-        reader.read(tuple(reader.columns.velocity))
+        reader = reader_of(file, options_of(deepcopy(node)))
+        reader.account(reader.columns.moving or reader.columns.posed)
     except RecordingError:
         return True
     except ConfigurationError:
@@ -126,66 +164,25 @@ def _has_gaps(file: Path, node: dict[str, object]) -> bool:
 
 
 def _grid(file: Path, node: dict[str, object], sources: Mapping[str, Source]) -> dict[str, object]:
-    """The rate of the source of the velocities; its ordinary steps are no gaps."""
-    reader = reader_of(file, _nested(node))
-    known = report(reader, sources, replace(reader.columns, velocity={}))
-    column = next(iter(reader.columns.velocity.values()), None)
-    name = str(getattr(column, "column", column)).rpartition(":")[0]
-    sampling = known.samplings.get(name) or next(iter(known.samplings.values()))
-    grid: dict[str, object] = {"resample_hz": float(f"{sampling.rate_hz:.2g}"), "at_gap": "split"}
-    bridged = float(f"{BRIDGED / sampling.rate_hz:.2g}") if sampling.rate_hz > 0.0 else 0.0
+    """The rate of the source of the velocities, or of the pose; its ordinary steps are no gaps."""
+    try:
+        reader = reader_of(file, options_of(deepcopy(node)))
+        named = reader.columns.columns()
+        option = min(named, key=lambda o: (not o.startswith("velocity"), not o.startswith("pos")))
+        source = column(sources, named[option].name)[0]
+        rate = sampling(seconds(source, clock_of(source, reader.columns))).rate_hz
+    except (*FAULTS, ValueError):  # nothing is mapped
+        return {}
+    if not rate > 0.0:
+        return {}
+    grid: dict[str, object] = {"resample_hz": float(f"{rate:.2g}"), "at_gap": "split"}
+    bridged = float(f"{BRIDGED / rate:.2g}")
     return grid | {"max_gap_s": bridged} if bridged > reader.max_gap_s else grid
 
 
-def _cure(
-    node: dict[str, object], kind: str, axes: Sequence[str], cure: str, value: float | None
-) -> None:
-    """Put the cure of a problem into a proposed map."""
-    velocity = node.get("velocity")
-    if not isinstance(velocity, dict):
-        return
-    for text, (name, frame) in FLIPPED.items():
-        if text in cure.partition(" (")[0]:
-            frames = node.setdefault("frames", {})
-            if isinstance(frames, dict):
-                frames[name] = frame
-    if kind == "sign":
-        for dof in axes:
-            velocity[dof] = _with(velocity[dof], sign=True)
-    if kind == "swap" and len(axes) == 2:
-        first, second = axes
-        velocity[first], velocity[second] = velocity[second], velocity[first]
-    if kind == "scale" and "unit: " in cure:
-        unit = cure.rpartition("unit: ")[2].rstrip("}")
-        group = node.get("position" if ".position." in cure else "velocity")
-        for dof in axes:
-            if isinstance(group, dict) and dof in group:
-                group[dof] = _with(group[dof], unit=unit)
-    if kind == "resampled" and value:
-        node["resample_hz"] = value
-
-
-def _with(spec: object, unit: str | None = None, sign: bool = False) -> object:
-    """A written column with a unit or the other sign."""
-    column = dict(spec) if isinstance(spec, dict) else {"column": str(spec)}
-    if sign:
-        name = str(column["column"])
-        column["column"] = name[1:] if name.startswith("-") else f"-{name}"
-    if unit:
-        column["unit"] = unit
-    return column if len(column) > 1 else column["column"]
-
-
-def _nested(node: dict[str, object]) -> dict[str, object]:
-    """A proposed map as options of a recording."""
-    return options_of(dict(node))
-
-
 def _options(map_file: Path | None) -> ReadOptions:
-    if map_file is None:
-        return ReadOptions()
-    node = read_map(map_file)
-    reading = {key: node[key] for key in ("format", "text") if key in node}
+    node = read_map(map_file) if map_file else {}
+    reading = {key: node[key] for key in ("format", "text", "messages") if key in node}
     return build_as(ReadOptions, reading, "excitation")
 
 
@@ -193,16 +190,15 @@ def _show(known: Report) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=LINE_WIDTH)
-    problems = () if known.examination is None else known.examination.problems
-    for problem in problems:
-        console.print(f"problem: {problem}", markup=False, soft_wrap=True)
-    if known.examination is not None and not problems:
-        console.print("no problem: pose and velocity belong together")
+    for line in known.verdict:
+        console.print(line, markup=False, soft_wrap=True)
     for sheet in sheets(known):
         grid = Grid(*sheet.heads, title=sheet.title, title_justify="left", box=None)
         grid.columns[0].no_wrap = True
         for row in sheet.rows:
             grid.add_row(*row)
         console.print(grid)
+    for line in known.left_out:
+        console.print(f"left out: {line}", markup=False, soft_wrap=True)
     for line in known.advice:
         console.print(f"next: {line}", markup=False, soft_wrap=True)

@@ -35,7 +35,9 @@ def convert(file: File, target: Target, map_file: MapFile = None, dofs: Axes = N
         raise ConfigurationError(f"{target}: got suffix {target.suffix!r}, expected .parquet")
     if target.exists():
         raise ConfigurationError(f"{target}: exists already, expected a new file")
-    reader, node = _reader(file, map_file)
+    own = {"path": str(file), "map": None if map_file is None else str(map_file)}
+    node = with_map({**yaml.safe_load(DEFAULT.read_text(encoding="utf-8")), **own})
+    reader = build_as(RecordedFile, node, "excitation")
     axes = _axes(reader, dofs)
     reader.check(axes)
     recording = reader.read(axes)
@@ -45,17 +47,6 @@ def convert(file: File, target: Target, map_file: MapFile = None, dofs: Axes = N
         f"wrote {target}: {len(recording)} samples of {recording.period_s:g} s in "
         f"{len(recording.pieces())} pieces, {', '.join(axes)}"
     )
-
-
-def _reader(file: Path, map_file: Path | None) -> tuple[RecordedFile, dict[str, object]]:
-    """The reader of a file, and its options."""
-    default = yaml.safe_load(DEFAULT.read_text(encoding="utf-8"))
-    own = {"path": str(file), "map": None if map_file is None else str(map_file)}
-    node = with_map({**default, **own})
-    assert isinstance(node, dict)
-    reader = build_as(object, node, "excitation")
-    assert isinstance(reader, RecordedFile)
-    return reader, node
 
 
 def _axes(reader: RecordedFile, asked: str | None) -> tuple[str, ...]:

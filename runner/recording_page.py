@@ -36,6 +36,9 @@ def sheets(report: Report) -> Iterator[PageTable]:
         "repeated times",
     )  # fmt: skip
     yield PageTable("Sampling", heads, rows)
+    if report.readings:
+        read = [(r.option, r.column, r.unit or "-", r.known_from) for r in report.readings]
+        yield PageTable("Columns", ("quantity", "column", "unit", "known from"), read)
     if report.examination is None:
         return
     result = report.examination.result

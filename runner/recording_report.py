@@ -9,11 +9,11 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, VELOCITY_UNIT, velocities_of
-from seatrial.models.recording.column_map import Column, ColumnMap, as_column
+from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.consistency import LONGEST_LAG_S, correlations, lag
 from seatrial.models.recording.diagnosis import Examination
 from seatrial.models.recording.preprocessing import outliers
-from seatrial.models.recording.reader import first_time, wanted
+from seatrial.models.recording.reader import ColumnReading, Signals, clock_of, first_time, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import Sampling, sampling
@@ -32,6 +32,7 @@ OFFSET_CUTOFF = 0.2  # of the Nyquist frequency: cut-off for clock offsets
 SLOWER = (1.0, 0.5, 0.25, 0.125)  # of that cut-off, until signals agree
 MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
 BRIDGED = 2.5  # sample times of a source that count as a step of it
+MOST_OUTLIERS = 0.02  # share of the samples of a velocity
 SHORT_S = 120.0  # [s] below which a recording is short
 
 
@@ -69,33 +70,57 @@ class Report:
     offsets: tuple[Offset, ...]
     terms: Mapping[str, tuple[str, ...]]  # by axis, terms that the data do not tell apart
     advice: tuple[str, ...]
+    readings: tuple[ColumnReading, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """Problems and questions, or that there is none; outliers count, too."""
+        known = self.examination
+        if known is None:
+            return ()
+        counts = {r.name: r.outliers for r in self.ranges if r.outliers}
+        lines = [f"problem: {problem}" for problem in known.problems]
+        names = ", ".join(f"{name} {count}" for name, count in counts.items())
+        if max(counts.values(), default=0) > MOST_OUTLIERS * len(known.recording):
+            lines.append(f"problem: outliers: {names}; excitation.outliers.replace=true")
+        lines += [f"question: {line}" for line in known.questions]
+        lines += [f"not compared: {line}" for line in known.not_compared]
+        compared = any(axis.excited for axis in known.result.velocities)
+        if compared and not [line for line in lines if not line.startswith("not compared")]:
+            few = f"; few outliers: {names}" if names else ""
+            lines.insert(0, f"no problem: pose and velocity belong together{few}")
+        return tuple(lines)
 
 
-def report(file: RecordedFile, sources: Mapping[str, Source], columns: ColumnMap) -> Report:
-    """Examine a recording by a map; what cannot be read is said, the rest is reported."""
-    samplings: dict[str, Sampling] = {}
+def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
+    """Examine a recording by its map; what cannot be read is said, the rest is reported."""
+    columns, samplings = file.columns, dict[str, Sampling]()
     for name, source in sources.items():
         with suppress(ConfigurationError, RecordingError):
-            samplings[name] = sampling(seconds(source, as_column(columns.time)))
-    turning = "yaw" in columns.position  # its rate may be missing: it is then differentiated
-    dofs = tuple(dof for dof in DOFS if dof in columns.velocity or (dof == "yaw" and turning))
+            samplings[name] = sampling(seconds(source, clock_of(source, columns)))
+    turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
+    dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
     used = {name: known for name, known in samplings.items() if _is_used(name, sources, columns)}
-    why, known = "", None
+    why, known, read = "", None, list[Signals]()
     try:
         known = file.examine(dofs)
+        read += file.account(known.recording.dofs if known else dofs) if dofs or known else ()
         if known is None:
-            file.read(dofs)
             why = "the recording cannot be read in the axes that it is compared in"
     except (ConfigurationError, RecordingError) as error:
         why = str(error)
+    readings = tuple(dict.fromkeys(row for signals in read for row in signals.readings))
+    left_out = tuple(dict.fromkeys(line for signals in read for line in signals.left_out))
     if known is None:
-        return Report(str(file.path), samplings, None, why, (), (), {}, _cures(used, why))
+        advice = _cures(used, why)
+        return Report(str(file.path), samplings, None, why, (), (), {}, advice, readings, left_out)
     recording = known.recording
     return Report(
         str(file.path), samplings, known, "", _ranges(recording),
         _offsets(recording, sources, columns), _terms(recording),
-        (*known.questions, *known.not_compared, *_cures(used, ""), *_bridges(used, recording),
-         *_advice(known, str(file.path))),
+        (*_cures(used, ""), *_bridges(used, recording), *_advice(known, str(file.path))),
+        readings, left_out,
     )  # fmt: skip
 
 
@@ -141,7 +166,7 @@ def _offsets(
     found = []
     for source in sources.values():
         try:
-            t = seconds(source, as_column(columns.time)) - origin
+            t = seconds(source, clock_of(source, columns)) - origin
         except (ConfigurationError, RecordingError):
             continue
         best = max(

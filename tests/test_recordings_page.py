@@ -59,6 +59,6 @@ def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:
 def test_names_with_units_are_proposed(name: str, unit: str | None, tmp_path: Path) -> None:
     rows = "\n".join(f"{0.1 * i:.1f},{i},{i},{i % 7},{i % 5}" for i in range(50))
     (tmp_path / "log.csv").write_text(f"time,north,east,{name},force_x_N\n{rows}")
-    node = propose(read_sources(tmp_path / "log.csv", ReadOptions()))
+    node = propose(read_sources(tmp_path / "log.csv", ReadOptions())).map
     assert node["velocity"] == {"yaw": name if unit is None else {"column": name, "unit": unit}}
     assert node["force"] == {"surge": "force_x_N"}

@@ -137,6 +137,8 @@ def examine(
     poses, speeds = set(columns.posed), set(columns.moving)
     for own in (poses & (speeds | set(PLANAR)), poses & speeds, set(dofs)):
         known = tuple(dof for dof in DOFS if dof in own)
+        if not known:
+            continue
         try:
             recording = read(columns, known)
         except FAULTS:

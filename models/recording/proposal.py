@@ -1,207 +1,390 @@
-"""Proposes which column is what, from names, units of the header, ranges and correlations."""
+"""Proposes which column is what, by titles, units and motion, and says what it is unsure of."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import MISSING, dataclass, fields
+from itertools import product
+from textwrap import shorten
+from typing import NamedTuple
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.column_map import Column
-from seatrial.models.recording.proposal_by_motion import propose_by_motion
+from seatrial.models.recording.column_map import QUATERNION, Column
+from seatrial.models.recording.proposal_by_motion import angle_unit, propose_by_motion, speed_unit
+from seatrial.models.recording.quantities import (
+    ESTIMATES,
+    KINDS,
+    RAW,
+    REFERENCES,
+    Quantity,
+    quantity,
+)
 from seatrial.models.recording.source import Source
-from seatrial.models.recording.times import seconds
+from seatrial.models.recording.times import clocks, find_time, seconds
+from seatrial.models.recording.units import factor, is_known, targets_of, unit_in_title, words_of
 from seatrial.models.vessel.basis import Array
 
-# What a name is called, most telling first; of several columns the first in the file is taken.
-NAMES: Mapping[str, tuple[str, ...]] = {
-    "geodetic.latitude": (r"lat(itude)?",),
-    "geodetic.longitude": (r"lon(gitude)?|lng",),
-    "geodetic.altitude": (r"alt(itude)?",),
-    "position.surge": (r"(x|pos(ition)?_?x|x_?(ned|north|pos(ition)?)|north(ing)?)(_.*)?",
-                       r".*pos.*_x"),
-    "position.sway": (r"(y|pos(ition)?_?y|y_?(ned|east|pos(ition)?)|east(ing)?)(_.*)?",
-                      r".*pos.*_y"),
-    "position.heave": (r"(z|pos(ition)?_?z|z_?(ned|down|pos(ition)?)|down|depth)(_.*)?",
-                       r".*pos.*_z"),
-    "position.roll": (r"(roll|phi)(_(angle|deg|rad|hat))?",),
-    "position.pitch": (r"(pitch|theta)(_(angle|deg|rad|hat))?",),
-    "position.yaw": (r"(yaw|psi|heading|hdg)(_(angle|deg|rad|hat))?",),
-    "velocity.surge": (r"(u|surge|vel(ocity)?_?x|u_?(vel.*|kn|knots?|mps))",
-                       r"surge_?(vel.*|speed)",
-                       r"(spd|speed|vel.*)_?(fwd|forward|ahead|surge|long.*)",
-                       r".*(linear|vel).*_x"),
-    "velocity.sway": (r"(v|sway|vel(ocity)?_?y|vm?_?(vel.*|kn|knots?|mps))",
-                      r"sway_?(vel.*|speed)",
-                      r"(spd|speed|vel.*)_?(stbd|starboard|abeam|sway|lat.*)",
-                      r".*(linear|vel).*_y"),
-    "velocity.heave": (r"(w|heave|vel(ocity)?_?z|w_?(vel.*|mps))", r"heave_?(vel.*|speed)",
-                       r".*(linear|vel).*_z"),
-    "velocity.roll": (r"p|roll_?(rate|vel.*)|p_?ang.*", r".*angular.*_x"),
-    "velocity.pitch": (r"q|pitch_?(rate|vel.*)|q_?ang.*", r".*angular.*_y"),
-    "velocity.yaw": (r"r|yaw_?(rate|vel.*)|r_?ang.*|rot|rate_?of_?turn", r".*angular.*_z"),
-    "acceleration.surge": (r"(u|surge)_?(dot|acc.*)",),
-    "acceleration.sway": (r"(v|sway)_?(dot|acc.*)",),
-    "acceleration.yaw": (r"(r|yaw)_?(dot|acc.*)",),
-    "force.surge": (r"(.*force|tau|f)_?x|tau_?(u|surge)",),
-    "force.sway": (r"(.*force|tau|f)_?y|tau_?(v|sway)",),
-    "force.heave": (r"(.*force|tau|f)_?z|tau_?(w|heave)",),
-    "force.roll": (r"(.*(torque|moment)|m)_?x|tau_?(p|roll|k)",),
-    "force.pitch": (r"(.*(torque|moment)|m)_?y|tau_?(q|pitch|m)",),
-    "force.yaw": (r"(.*(torque|moment)|m)_?z|tau_?(r|yaw|n)",),
-    "inputs.delta": (r"(delta|rudder).*",),
-    "inputs.n": (r"n|n_prop.*|rpm|rps|shaft.*|propeller.*",),
-}  # fmt: skip
-# The unit at the end of a name, and what it is where it is not that of SI.
-SUFFIX = r"_(deg|rad)(_?(p|per)?_?(s|min))?$|_(m|m_?p?_?s|kn|kts?|knots?|k?nm?|rpm)$"
-ENDINGS: Mapping[str, Mapping[str, str]] = {
-    "velocity": {
-        r"kn|kts?|knots?": "knot", r"deg(_?(p|per)?_?s)?": "deg/s", r"deg_?(p|per)?_?min": "deg/min"
-    },
-    "force": {"kn": "kN", "knm": "kNm"},
-}  # fmt: skip
-INPUT = r".*(thr|pwm|rudder|rpm|rps|motor_speed|throttle|force).*"  # where nothing else acts
-TIMES = (r"(original_|elapsed_)?time(_?stamp)?|stamp", r"t|sec(ond)?s?|.*stamp.*secs")
-TIME_SUFFIX = re.compile(r"_(?P<unit>s|sec|ms|us|ns)$", re.IGNORECASE)
-QUATERNION = ("w", "x", "y", "z")
-UNIT_STEPS = {"ns": 1e6, "us": 1e3, "ms": 1.5}  # median step above which numbers are of this unit
-PREFERRED = ("nav", "odom", "estimate", "")  # sources of the state, before raw instruments
-Options = dict[str, dict[str, object]]
+SYMBOLS = {"eta": "x y z phi theta psi", "nu": "u v w p q r", "tau": "x y z k m n"}  # of matrices
+NUMBERED = re.compile(r"(.*?)[\[(_.]?(\d)[\])]?")
+PART = re.compile(r"(.*?)([wxyz]|\d)[\])]?")
+SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
+BEARINGS = ("position.roll", "position.pitch", "position.yaw", "ground.course", "wind.direction")
+PATHS = (("position.surge", "position.sway"), ("geodetic.latitude", "geodetic.longitude"))
+UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
+DOUBTFUL = {"angle": 4.0 * np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # larger: not rad, or not 1/s
+PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
+METRES = 111_195.0  # of a degree of latitude
+UNKNOWN = Quantity("", strange=99)
 
 
-def propose(sources: Mapping[str, Source]) -> dict[str, object]:
-    """A map of the columns: time, and by option the column of each axis.
+@dataclass(frozen=True)
+class Proposal:
+    """A map as written in YAML, what is sure of it, what must be asked, and what was left out."""
+
+    map: dict[str, object]
+    sure: tuple[str, ...] = ()
+    questions: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+class _Candidate(NamedTuple):
+    """A column, its name in a map, what its title names, and the rank of its source."""
+
+    source: Source
+    name: str
+    full: str
+    option: str
+    frame: str
+    strange: int
+    commanded: bool
+    rank: int
+    values: Array
+
+
+Chosen = dict[str, _Candidate]  # by option of a map
+Path = tuple[Array, Array, Array]
+
+
+def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Proposal:
+    """A map of the columns of a recording.
+
+    Args:
+        sources: tables and topics of the recording, by name
+        wanted: names of the inputs of the vessel, if one is named
 
     Raises RecordingError if no source has a column of time.
     """
-    clocked = {name: time for name, source in sources.items() if (time := _time(source))}
-    if not clocked and len(sources) == 1:
-        return propose_by_motion(next(iter(sources.values())))
-    if not clocked:
+    times = {name: time for name, source in sources.items() if (time := find_time(source))}
+    if not times and len(sources) == 1:
+        found = propose_by_motion(*sources.values())
+        return Proposal(found, ("the columns are told by how they move together",))
+    if not times:
         names = ", ".join(name for source in sources.values() for name in source.columns)
         raise RecordingError(
             f"{next(iter(sources.values())).path}: no column of time among {names[:300]}, expected "
             "one such as t or time"
         )
-    result: dict[str, object] = {"time": _written(next(iter(clocked.values())))}
-    many = len(sources) > 1
-    ordered = sorted((sources[name] for name in clocked), key=_preference)
-    quaternion = next((q for source in ordered if (q := _quaternion(source, many))), None)
-    groups: Options = {}
-    for option in NAMES:
-        kind, _, dof = option.partition(".")
-        if quaternion and kind == "position" and dof in DOFS[3:]:
-            continue
-        known = [source for source in ordered if _preference(source) <= len(PREFERRED)]
-        column = next((c for source in known if (c := _named(source, option, many))), None)
-        if column is not None:
-            groups.setdefault(kind, {})[dof] = _written(column)
-    if not (groups.get("force") or groups.get("inputs")):
-        groups["inputs"] = _inputs(ordered, many)
-    if quaternion:
-        result["orientation"] = quaternion
-    where = groups.pop("geodetic", {})
-    if "surge" not in groups.get("position", {}) and {"latitude", "longitude"} <= set(where):
-        result["geodetic"] = where
-    return {**result, **groups}
+    left = {"no column of time": [name for name in sources if name not in times]}
+    candidates, still = _candidates([sources[name] for name in times], left)
+    chosen = _motion(candidates)
+    asked = _actions(candidates, still, wanted, chosen)
+    units, known = _units(chosen, times)
+    named = {c.full for c in chosen.values()}
+    rest = [c for c in candidates if c.full not in named]
+    left["do not move"] = [c.full for c in still if c.full not in named]
+    left["look like inputs, not mapped"] = [c.full for c in rest if c.option.startswith("inputs")]
+    left["not used"] = [c.full for c in rest if not c.option.startswith("inputs")]
+    left["without a value in some rows, though mapped"] = [
+        f"{c.full} ({np.isnan(c.values).sum()} of {len(c.values)})"
+        for c in {c.full: c for c in chosen.values()}.values()
+        if np.isnan(c.values).any()
+    ]
+    result: dict[str, dict[str, object]] = defaultdict(dict)
+    for option, c in chosen.items():
+        kind, _, name = option.partition(".")
+        unit = units.get(option)
+        result[kind][name] = {"column": c.full, "unit": unit} if unit else c.full
+        if option in ("velocity.surge", "velocity.sway") and c.frame == "earth":
+            result["frames"]["velocity"] = "earth"
+        elif option == "position.surge" and c.frame == "ENU":
+            result["frames"]["position"] = "ENU"
+        elif option == "wind.direction" and c.frame == "apparent":
+            result[kind]["kind"] = "apparent"
+        elif option == "position.yaw" and c.frame == "magnetic":
+            asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
+        asked += () if option in known else _doubts(option, c)
+    sure = (f"{option}: {c.full}{known.get(option, '')}" for option, c in chosen.items())
+    lines = (f"{why}: {', '.join(_folded(names))}" for why, names in left.items() if names)
+    left_out = tuple(shorten(line, 600, placeholder=" ...") for line in lines)
+    return Proposal({"time": _time(chosen, times), **result}, tuple(sure), tuple(asked), left_out)
 
 
-def _inputs(sources: Sequence[Source], many: bool) -> dict[str, object]:
-    """Columns that seem to act on the vessel, by their own names."""
-    return {
-        name: f"{source.name}:{name}" if many else name
-        for source in sources
-        for name in source.columns
-        if re.fullmatch(INPUT, name, re.IGNORECASE) and _moves(source, name)
-    }
+def _folded(names: Sequence[str]) -> Iterator[str]:
+    """Names, the elements of an array as one."""
+    arrays = Counter(re.sub(r"\[\d+\]$", "[...]", name) for name in names)
+    rest = dict(zip((re.sub(r"\[\d+\]$", "[...]", name) for name in names), names, strict=True))
+    yield from (array if count > 1 else rest[array] for array, count in arrays.items())
 
 
-def _preference(source: Source) -> int:
-    """Rank of a source: states that were estimated stand before references and raw instruments."""
-    name = source.name.lower()
-    if re.search("ref|desired|setpoint|waypoint", name):
-        return len(PREFERRED) + 1
-    return next(i for i, word in enumerate(PREFERRED) if word in name)
-
-
-def _time(source: Source) -> Column | None:
-    """The column of time of a source, which must increase; its unit by the size of the steps."""
-    for pattern in TIMES:
+def _candidates(
+    sources: Sequence[Source], left: dict[str, list[str]]
+) -> tuple[list[_Candidate], list[_Candidate]]:
+    """Columns of numbers that move, and others; estimates first, then by how much a source has."""
+    moving: list[_Candidate] = []
+    still: list[_Candidate] = []
+    left["not numbers"] = []
+    many = len(sources) > 1 or bool(left["no column of time"])
+    for source in sources:
+        used = {name for c in clocks(source) for name in (c.name, c.nanoseconds, c.date)}
+        words = set(words_of(source.name))
+        estimate = words & ESTIMATES or any("kf" in word for word in words)
+        rank = 3 if words & REFERENCES else 0 if estimate else 2 if words & RAW else 1
+        titles, quaternion = _titles(source), _quaternion(source)
         for name in source.columns:
-            if re.fullmatch(pattern, TIME_SUFFIX.sub("", name), re.IGNORECASE):
-                column = Column(name)
-                try:
-                    steps = np.diff(seconds(source, column))
-                except (RecordingError, ConfigurationError):
-                    continue
-                median = float(np.nanmedian(steps)) if len(steps) else 0.0
-                if not median > 0.0:
-                    continue
-                dated = source.columns[name].dtype == np.object_
-                if dated or name in source.units:
-                    return column
-                ending = TIME_SUFFIX.search(name)
-                if ending and ending["unit"].lower() in UNIT_STEPS:
-                    return Column(name, unit=ending["unit"].lower())
-                unit = next((unit for unit, least in UNIT_STEPS.items() if median > least), None)
-                return Column(name, unit=unit)
-    return None
+            full = f"{source.name}:{name}" if many else name
+            try:
+                values = source.numbers(name, gaps=True)
+            except RecordingError:
+                left["not numbers"] += [full] if name not in used else []
+                continue
+            if name in used:
+                continue
+            found = quantity(titles.get(name, name), source.name, source.units.get(name))
+            if name in quaternion:
+                found = Quantity(f"orientation.{quaternion[name]}")
+            moves = name in quaternion or not np.nanmax(values, initial=-np.inf) <= np.nanmin(
+                values, initial=np.inf
+            )
+            c = _Candidate(source, name, full, *(found or UNKNOWN), rank, values)
+            (moving if moves else still).append(c)
+    motion = ("position", "velocity", "geodetic", "orientation")
+    covered = Counter(c.source.name for c in moving if c.option.startswith(motion))
+    moving.sort(key=lambda c: (c.commanded, c.rank, -covered[c.source.name], c.source.name,
+                               c.frame == "magnetic", c.strange))  # fmt: skip
+    return moving, still
 
 
-def _named(source: Source, option: str, many: bool) -> Column | None:
-    """The first column of a source whose name is that of an option."""
-    for pattern in NAMES[option]:
-        for name in source.columns:
-            bare = re.sub(SUFFIX, "", name, flags=re.IGNORECASE)
-            known = any(re.fullmatch(pattern, one, re.IGNORECASE) for one in (name, bare))
-            if known and _moves(source, name):
-                full = f"{source.name}:{name}" if many else name
-                return Column(full, unit=_unit(source, name, option))
-    return None
-
-
-def _moves(source: Source, name: str) -> bool:
-    values = _numbers(source, name)
-    known = np.empty(0) if values is None else values[~np.isnan(values)]
-    return len(known) > 0 and bool(np.ptp(known) > 0.0)
-
-
-def _unit(source: Source, name: str, option: str) -> str | None:
-    """The unit that the name or the range tells, where the header has none."""
-    if name in source.units:
-        return None
-    lower = name.lower()
-    kind, _, dof = option.partition(".")
-    if kind == "position" and dof in DOFS[3:]:
-        return "deg" if lower.endswith("_deg") else None
-    endings = ENDINGS.get(kind, {})
-    return next((unit for end, unit in endings.items() if re.search(f"_({end})$", lower)), None)
-
-
-def _quaternion(source: Source, many: bool) -> dict[str, str] | None:
-    """Four columns that end in w, x, y, z, and are of length one together."""
+def _titles(source: Source) -> dict[str, str]:
+    """Titles of the columns of matrices, `eta[2]` of three is psi, and of the forces X, Y, N."""
+    groups: dict[str, list[str]] = defaultdict(list)
     for name in source.columns:
-        if not name.endswith("_w"):
-            continue
-        stem = name[:-1]
-        parts = {part: f"{stem}{part}" for part in QUATERNION}
-        values = [_numbers(source, column) for column in parts.values()]
-        known = [v for v in values if v is not None]
-        if len(known) != len(parts):
-            continue
-        if np.nanmax(np.abs(np.linalg.norm(np.array(known), axis=0) - 1.0)) < 0.05:
-            full = f"{source.name}:" if many else ""
-            return {part: f"{full}{column}" for part, column in parts.items()}
+        if match := NUMBERED.fullmatch(name):
+            groups[match[1]].append(name)
+    result: dict[str, str] = {}
+    for stem, names in groups.items():
+        last = next((word for word in reversed(words_of(stem)) if word != "dot"), "")
+        if last in (*KINDS, *SYMBOLS, "xyz"):
+            axes = SYMBOLS.get(last, "x y z").split()
+            axes = axes if len(names) == len(axes) else [*axes[:2], axes[-1]]
+            if len(names) == len(axes):
+                result |= {n: f"{stem} {axis}" for n, axis in zip(names, axes, strict=True)}
+    forces = {"X", "N"} <= set(source.columns)
+    return result | ({letter: f"tau {letter}" for letter in "XYZKMN"} if forces else {})
+
+
+def _quaternion(source: Source) -> dict[str, str]:
+    """Four columns that differ in w, x, y, z, or a number, and are of length one together."""
+    groups: dict[str, dict[str, str]] = defaultdict(dict)
+    for name in source.columns:
+        if (match := PART.fullmatch(name)) and not set(words_of(name)) & REFERENCES:
+            groups[match[1]][match[2]] = name
+    for parts, order in product(groups.values(), ("wxyz", "0123", "1234")):
+        if set(order) <= set(parts):
+            with suppress(RecordingError):
+                values = np.array([source.numbers(parts[part], gaps=True) for part in order])
+                apart = np.abs(np.linalg.norm(values, axis=0) - 1.0)
+                if np.any(apart < UNIT_LENGTH) and not np.any(apart > UNIT_LENGTH):
+                    size = np.nansum(values**2, axis=1)  # x and y are small, z is not
+                    last = order != "wxyz" and size[0] < size[2]
+                    order = order[3] + order[:3] if last else order
+                    return {parts[part]: q for part, q in zip(order, QUATERNION, strict=True)}
+    return {}
+
+
+def _motion(candidates: Sequence[_Candidate]) -> Chosen:
+    """The columns of pose, velocities, wind and forces, of one source each as far as possible."""
+    chosen: Chosen = {}
+    first: Chosen = {}
+    place: dict[str, int] = {}
+    for i, c in enumerate(candidates):
+        first.setdefault(c.option, c)
+        place.setdefault(c.source.name, i)
+
+    def take(kind: str, names: Sequence[str], near: _Candidate | None, *, only: bool = False,
+             frames: Sequence[str] | None = None) -> None:  # fmt: skip
+        for option in (f"{kind}.{name}" for name in names):
+            fitting = [c for c in candidates if c.option == option]
+            fitting = [c for c in fitting if frames is None or c.frame in frames]
+            own = [c for c in fitting if near is None or c.source is near.source]
+            if best := own or (fitting if not only else []):
+                chosen[option] = best[0]
+
+    x, latitude, yaw = (first.get(o) for o in ("position.surge", PATHS[1][0], "position.yaw"))
+    if latitude and (x is None or place[latitude.source.name] < place[x.source.name]):
+        take("geodetic", ("latitude", "longitude", "altitude"), latitude, only=True)
+    else:
+        take("position", DOFS[:3], x)
+    whole = first.get("orientation.w")
+    if whole and whole.rank < 3 and (yaw is None or whole.rank <= yaw.rank):
+        yaw = whole
+        take("orientation", QUATERNION, whole, only=True)
+    else:
+        near = x or latitude
+        near = near if near and yaw and near.rank <= yaw.rank else yaw
+        take("position", ("yaw",), near)
+        yaw = chosen.get("position.yaw")
+        take("position", ("roll", "pitch"), yaw)
+    along = [c for c in candidates if c.option in ("velocity.surge", "velocity.sway")]
+    along = [c for c in along if c.source is along[0].source]
+    moving = next((c for c in along if c.frame != "earth"), along[0] if along else None)
+    if moving:
+        frames = ("earth",) if moving.frame == "earth" else ("body", "")
+        take("velocity", DOFS[:3], moving, only=True, frames=frames)
+    elif yaw and {"ground.speed", "ground.course"} <= set(first):
+        take("ground", ("speed", "course"), first["ground.speed"])
+    take("velocity", DOFS[3:], moving or yaw)
+    if moving or "ground.speed" in chosen:
+        take("water", ("speed",), None)
+    if moving:
+        take("acceleration", DOFS, moving, only=True)
+    for frame in ("apparent", "true"):
+        winds = [c for c in candidates if c.option == "wind.direction" and c.frame == frame]
+        for c in candidates:
+            if (
+                winds
+                and c.option == "wind.speed"
+                and (c.frame == frame or c.source is winds[0].source)
+            ):
+                chosen |= {"wind.speed": c, "wind.direction": winds[0]}
+                break
+    acting = next((c for c in candidates if c.option.startswith("force.")), None)
+    if acting:
+        take("force", DOFS, acting, only=True)
+    return chosen
+
+
+def _actions(
+    candidates: Sequence[_Candidate], still: Sequence[_Candidate], wanted: Sequence[str],
+    chosen: Chosen,
+) -> list[str]:  # fmt: skip
+    """Choose what acts, by the names of the vessel, or by delta, n and own names; asks the rest."""
+    forces = [option for option in chosen if option.startswith("force.")]
+    if not wanted:
+        for option in ("inputs.delta", "inputs.n", "inputs.") if not forces else ():
+            same = [c for c in candidates if c.option == option]
+            same = [c for c in same if not c.commanded] or same
+            names = Counter(c.name for c in same)
+            for c in same:
+                own = c.name if names[c.name] == 1 and c.name != "data" else c.full
+                alone = len(same) == 1 and option != "inputs."
+                chosen[option if alone else f"inputs.{own}"] = c
+        return []
+    for option in forces:
+        del chosen[option]
+    free: list[_Candidate] = [c for c in (*candidates, *still) if c not in chosen.values()]
+    asked = []
+    for name in wanted:
+        title, found = "_".join(words_of(name)), quantity(name)
+        titles = {c.full: "_".join(words_of(c.name)) for c in free}
+        named = [c for c in free if titles[c.full] == title]
+        longer = [c for c in free if titles[c.full].startswith(f"{title}_")]
+        same = [c for c in free if found and c.option == found.option]
+        same = [c for c in same if c in candidates] or same
+        fitting = named[:1] or longer or [c for c in same if _side(c.name) == _side(name)]
+        fitting = fitting or ([] if _side(name) else same)
+        fitting = [c for c in fitting if not c.commanded] or fitting
+        if len(fitting) == 1:
+            chosen[f"inputs.{name}"] = fitting[0]
+            free.remove(fitting[0])
+        else:
+            some = ", ".join(c.full for c in fitting or same) or "no column looks like it"
+            asked.append(
+                f"which column is the input {name} of the vessel? ({some}): "
+                f"inputs: {{{name}: COLUMN}}"
+            )
+    return asked
+
+
+def _side(name: str) -> str:
+    return next((SIDES.get(w, w) for w in words_of(name) if w in SIDES or w.isdigit()), "")
+
+
+def _units(chosen: Chosen, times: Mapping[str, Column]) -> tuple[dict[str, str], dict[str, str]]:
+    """Units to be written, and where those that are known are known from.
+
+    By the header, the title, the motion, else as of the same quantity beside it.
+    """
+    read: dict[str, str] = {}
+    known: dict[str, str] = {}
+
+    def note(option: str, unit: str | None, origin: str) -> None:
+        if unit and option not in read and any(is_known(unit, t) for t in targets_of(option)):
+            read[option], known[option] = unit, f" in {unit} ({origin})"
+
+    for option, c in chosen.items():
+        note(option, c.source.units.get(c.name), "header")
+        note(option, unit_in_title(c.name, targets_of(option)), "title")
+    path = _path(chosen, times)
+    for option, unit_of in (("position.yaw", angle_unit), ("ground.speed", speed_unit)):
+        if path and option in chosen and option not in read:
+            c = chosen[option]
+            t = seconds(c.source, times[c.source.name])
+            valid = np.isfinite(t) & np.isfinite(c.values)
+            note(option, unit_of(path, t[valid], c.values[valid]), "by the motion")
+    for option, c in chosen.items():
+        kind, targets = option.partition(".")[0], targets_of(option)
+        like = [o for o in read if o.partition(".")[0] == kind and targets_of(o) == targets]
+        like = [o for o in BEARINGS if o in read] if option in BEARINGS else like
+        beside = next((o for o in like if chosen[o].source is c.source), None)
+        if beside is not None and kind != "inputs":
+            note(option, read[beside], f"as {chosen[beside].name}")
+    written = {}
+    for option, unit in read.items():
+        target = next(target for target in targets_of(option) if is_known(unit, target))
+        header = "header" in known[option]
+        if not header and factor(unit, target) != 1.0:
+            written[option] = unit
+    return written, known
+
+
+def _path(chosen: Chosen, times: Mapping[str, Column]) -> Path | None:
+    """Times [s] and positions along two axes [m]; None: not recorded in one source."""
+    for first, second in PATHS:
+        a, b = chosen.get(first), chosen.get(second)
+        if a and b and a.source is b.source:
+            rows = np.array([seconds(a.source, times[a.source.name]), a.values, b.values])
+            t, x, y = rows[:, np.all(np.isfinite(rows), axis=0)]
+            if first.startswith("geodetic") and len(x):
+                x, y = x * METRES, y * METRES * np.cos(np.radians(x[0]))
+            return (t, x, y) if len(t) > 2 else None
     return None
 
 
-def _numbers(source: Source, name: str) -> Array | None:
-    try:
-        return source.numbers(name, gaps=True)
-    except RecordingError:
-        return None
+def _doubts(option: str, c: _Candidate) -> Iterator[str]:
+    """What the range of values without a known unit makes doubtful."""
+    kind, _, key = option.partition(".")
+    least, most = float(np.nanmin(c.values)), float(np.nanmax(c.values))
+    spans = f"{c.full} ranges from {least:.4g} to {most:.4g}"
+    of = c.option.partition(".")[2] if kind == "inputs" else "angle" if option in BEARINGS else ""
+    jumps = of == "angle" and np.any(np.abs(np.abs(np.diff(c.values)) - 360.0) < 36.0)
+    if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
+        pulse = f"{{column: {c.full}, neutral: 1500, full: 1900}}"
+        yield f"{spans}: is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
+    elif max(abs(least), abs(most)) > DOUBTFUL.get(of, np.inf) or jumps:
+        unit = "rpm" if of == "n" else "deg"
+        yield f"{spans}: in which unit? {kind}: {{{key}: {{column: {c.full}, unit: {unit}}}}}"
 
 
-def _written(column: Column) -> object:
-    """A column as it is written in a map: its name, or its name and unit."""
-    return column.column if column.unit is None else {"column": column.column, "unit": column.unit}
+def _time(chosen: Chosen, times: Mapping[str, Column]) -> object:
+    """The clock that most of the sources in use have, as it is written in a map."""
+    used = {c.source.name: c.source for c in chosen.values()}
+    shared = Counter(clock.name for source in used.values() for clock in clocks(source))
+    own = [times[name] for name in used] or list(times.values())
+    column = max(own, key=lambda time: shared[time.name])
+    known = {f.name: getattr(column, f.name) for f in fields(column)
+             if f.default is MISSING or getattr(column, f.name) != f.default}  # fmt: skip
+    return column.column if set(known) == {"column"} else known

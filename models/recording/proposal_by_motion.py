@@ -1,10 +1,9 @@
-"""Proposes which column is what where columns have no names, from how they move together.
+"""Which column is what by how they move together, and units of angles and speeds.
 
 Time increases by equal steps. The path is the pair of columns whose course follows a third, the
-heading, and the heading is the one of these that has a column of its rate. Velocities are
-the columns that follow the derivative of the path, in body axes or along those of the earth.
-The rudder is the column that best explains the yaw acceleration beside the yaw rate, as in Nomoto's
-equation of first order.
+heading, and the heading is the one of these that has a column of its rate. Velocities are the
+columns that follow the derivative of the path, along the axes of the body or of the earth. The
+rudder explains the yaw acceleration best beside the yaw rate (Nomoto's equation of first order).
 """
 
 from collections.abc import Iterable, Mapping
@@ -31,9 +30,13 @@ LEAST = 1e-9  # of a deviation: a column that varies less is constant
 MOST_COLUMNS = 40
 RESTING_SHARE = 0.02  # of its largest step: a column that changes less rests
 SAMPLES = 400  # of the path that are compared
+TOGETHER = 0.7  # least concentration of course less heading
+STEP_S = 5.0  # [s] of a path whose length is compared with a speed
+BETTER = 0.5  # of what is left of it in the other unit
 TURNS = {None: 1.0, "deg": np.pi / 180.0}  # [rad] of a unit of angles
 RATES = {None: 1.0, "deg/s": np.pi / 180.0}
 SPEEDS = {None: 1.0, "knot": 1852.0 / 3600.0}
+Found = tuple[str, str | None]  # a column and its unit
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,6 @@ class _Moving:
 
     @property
     def span(self) -> int:
-        """Samples over which differences are taken."""
         return max(1, round(SPAN * len(next(iter(self.columns.values()), ()))))
 
     def change(self, values: Array) -> Array:
@@ -59,21 +61,18 @@ class _Moving:
 
     def like(
         self, rate: Array, units: Mapping[str | None, float], names: Iterable[str]
-    ) -> tuple[str, str | None] | None:
+    ) -> Found | None:
         """The column, and its unit, whose mean is a rate of change; None if there is none."""
         found = []
         for name in names:
             mean = self.mean(self.columns[name])
-            # About zero, since a speed is known by its mean as well, and by it alone if it hardly
-            # varies.
+            # about zero: a speed that hardly varies is known by its mean alone
             scale = float(mean @ rate) / max(float(mean @ mean), LEAST)
             if abs(np.mean(rate)) > STEADY * np.std(rate):
                 rho = float(mean @ rate / (np.linalg.norm(mean) * np.linalg.norm(rate) + LEAST))
             else:
                 rho = float(correlations(mean[:, None], rate[:, None])[0, 0])
-            near = [
-                unit for unit, size in units.items() if abs(scale / size - 1.0) < FACTOR_TOLERANCE
-            ]
+            near = [u for u, size in units.items() if abs(scale / size - 1.0) < FACTOR_TOLERANCE]
             if rho > ALIKE and near:
                 found.append((rho, name, near[0]))
         return max(found)[1:] if found else None
@@ -93,25 +92,57 @@ def propose_by_motion(source: Source) -> dict[str, object]:
         )
     x, y, psi, turn = path
     heading = moving.columns[psi] * TURNS[turn]
-    result: dict[str, object] = {
-        "time": time,
-        "position": {"surge": x, "sway": y},
-        "heading": _written(psi, turn),
-    }
     rest = [name for name in moving.columns if name not in (x, y, psi)]
-    found, earth = _velocities(moving, x, y, heading, rest)
-    yaw = moving.like(moving.change(heading), RATES, rest)
-    if yaw:
-        found["yaw"] = yaw
-    if found:
-        result["velocity"] = {dof: _written(*column) for dof, column in found.items()}
-    if earth:
-        result["frames"] = {"velocity": "earth"}
-    known = {column for column, _ in found.values()}
+    velocity, earth = _velocities(moving, x, y, heading, rest)
+    if yaw := moving.like(moving.change(heading), RATES, rest):
+        velocity["yaw"] = yaw
+    known = {column for column, _ in velocity.values()}
     rudder = _rudder(moving, heading, [name for name in rest if name not in known])
-    if rudder:
-        result["inputs"] = {"delta": rudder}
-    return result
+    degrees = rudder and turn and np.max(np.abs(moving.columns[rudder])) > np.pi / 2.0
+    groups: dict[str, object] = {
+        "time": time,
+        "position": {"surge": x, "sway": y, "yaw": _written(psi, turn)},
+        "velocity": {dof: _written(*column) for dof, column in velocity.items()},
+        "frames": {"velocity": "earth"} if earth else {},
+        "inputs": {"delta": _written(rudder, "deg" if degrees else None)} if rudder else {},
+    }
+    return {name: group for name, group in groups.items() if group}
+
+
+def angle_unit(path: tuple[Array, Array, Array], times: Array, heading: Array) -> str | None:
+    """The unit of a heading, rad or deg: that in which the course keeps with it; None: unclear.
+
+    Args:
+        path: times [s] and positions along two axes (N,)
+        times: of the heading [s], shape (M,)
+        heading: angles, shape (M,)
+    """
+    found: list[tuple[float, str]] = []
+    for every in 4 ** np.arange(8):  # short steps are noise, long ones hide the turns
+        t, x, y = (values[::every] for values in path)
+        middle = np.searchsorted(times, 0.5 * (t[1:] + t[:-1])).clip(0, len(times) - 1)
+        step = np.diff(x) + 1j * np.diff(y)
+        length = max(float(np.sum(np.abs(step))), LEAST)
+        kept = {}
+        for unit, size in (("rad", 1.0), ("deg", TURNS["deg"])):
+            turned = (step * np.exp(sign * 1j * size * heading[middle]) for sign in (-1.0, 1.0))
+            kept[unit] = max(float(np.abs(np.sum(z))) for z in turned) / length
+        unit = max(kept, key=lambda name: kept[name])
+        if len(t) > MIN_SAMPLES and 1.0 - kept[unit] < BETTER * (1.0 - min(kept.values())):
+            found.append((kept[unit], unit))
+    share, unit = max(found, default=(0.0, ""))
+    return unit if share > TOGETHER else None
+
+
+def speed_unit(path: tuple[Array, Array, Array], times: Array, speed: Array) -> str | None:
+    """The unit of a speed over ground in which it makes the length of the path; None: none."""
+    t, x, y = path
+    every = max(1, round(STEP_S / max(float(np.median(np.diff(t))), LEAST)))
+    length = float(np.sum(np.hypot(np.diff(x[::every]), np.diff(y[::every]))))
+    sailed = float(np.sum(speed[1:] * np.diff(times))) + LEAST
+    sizes = {"m/s": 1.0, "knot": SPEEDS["knot"], "km/h": 1.0 / 3.6}
+    near = (unit for unit, k in sizes.items() if abs(length / sailed / k - 1.0) < FACTOR_TOLERANCE)
+    return next(near, None)
 
 
 def _moving(source: Source) -> tuple[object, _Moving]:
@@ -126,21 +157,15 @@ def _moving(source: Source) -> tuple[object, _Moving]:
         if len(values) < MIN_SAMPLES or not np.all(np.diff(values) >= 0.0):
             continue
         even = np.linspace(values[0], values[-1], len(values))
-        apart = float(np.max(np.abs(values - even)))
-        period = float(even[1] - even[0])
-        if period > 0.0 and apart < EVEN * period:
-            return name, _Moving(period, _moving_columns(columns, name))
-        if period > 0.0 and apart < ROUNDED * abs(values[-1]):
-            written = {"column": name, "uniform": True}
-            return written, _Moving(period, _moving_columns(columns, name))
+        apart, period = float(np.max(np.abs(values - even))), float(even[1] - even[0])
+        if period > 0.0 and apart < max(EVEN * period, ROUNDED * abs(values[-1])):
+            written = name if apart < EVEN * period else {"column": name, "uniform": True}
+            others = {n: v for n, v in columns.items() if n != name and np.std(v) > LEAST}
+            return written, _Moving(period, others)
     raise RecordingError(
         f"{source.path}: no column of time among {', '.join(source.columns)[:300]}, expected one "
         "that increases by equal steps, or one such as t or time"
     )
-
-
-def _moving_columns(columns: Mapping[str, Array], time: str) -> dict[str, Array]:
-    return {name: v for name, v in columns.items() if name != time and np.std(v) > LEAST}
 
 
 def _path(moving: _Moving) -> tuple[str, str, str, str | None] | None:
@@ -154,8 +179,7 @@ def _path(moving: _Moving) -> tuple[str, str, str, str | None] | None:
             if moving.like(moving.change(values * size), RATES, set(rates) - {psi}) is None:
                 continue
             for x, y in permutations(set(rates) - {psi}, 2):
-                course = unroll(np.arctan2(rates[y][::every], rates[x][::every]))
-                drift = course - heading
+                drift = unroll(np.arctan2(rates[y][::every], rates[x][::every])) - heading
                 drift -= 2.0 * np.pi * np.round(np.mean(drift) / (2.0 * np.pi))
                 ratio = float(np.sqrt(np.mean(drift**2)) / max(np.std(heading), LEAST))
                 if ratio < least:
@@ -165,25 +189,23 @@ def _path(moving: _Moving) -> tuple[str, str, str, str | None] | None:
 
 def _velocities(
     moving: _Moving, x: str, y: str, heading: Array, rest: Iterable[str]
-) -> tuple[dict[str, tuple[str, str | None]], bool]:
+) -> tuple[dict[str, Found], bool]:
     """Columns of surge and sway, and whether they are along the axes of the earth."""
-    rate = [moving.change(moving.columns[name]) for name in (x, y)]
-    psi = moving.mean(heading)
-    body = [
-        rate[0] * np.cos(psi) + rate[1] * np.sin(psi),
-        rate[1] * np.cos(psi) - rate[0] * np.sin(psi),
-    ]
-    found: dict[str, tuple[str, str | None]] = {}
-    for axes in (body, rate):
+    north, east = (moving.change(moving.columns[name]) for name in (x, y))
+    cos, sin = np.cos(moving.mean(heading)), np.sin(moving.mean(heading))
+    found: dict[str, Found] = {}
+    for earth, axes in enumerate(
+        ((north * cos + east * sin, east * cos - north * sin), (north, east))
+    ):
         known = [moving.like(values, SPEEDS, rest) for values in axes]
         both = {dof: k for dof, k in zip(("surge", "sway"), known, strict=True) if k}
         if len(both) == 2:
-            return both, axes is rate
+            return both, bool(earth)
         found = found or both
     return found, False
 
 
-def _rudder(moving: _Moving, heading: Array, rest: Iterable[str]) -> object | None:
+def _rudder(moving: _Moving, heading: Array, rest: Iterable[str]) -> str | None:
     """The column that leaves least of the yaw acceleration, beside the yaw rate.
 
     Roll and thrust follow the turn as well, but never rest: of each column the share of samples in
@@ -200,9 +222,7 @@ def _rudder(moving: _Moving, heading: Array, rest: Iterable[str]) -> object | No
         left = float(error @ error) * float(np.mean(steps > RESTING_SHARE * np.max(steps)))
         if left < least:
             best, least = name, left
-    if best is None:
-        return None
-    return _written(best, "deg" if np.max(np.abs(moving.columns[best])) > np.pi / 2.0 else None)
+    return best
 
 
 def _written(name: str, unit: str | None) -> object:

@@ -24,6 +24,7 @@ EPOCH_S = 1e8  # [s] later times are dates
 EPOCHS = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": EPOCH_S}  # least number of an epoch since 1970
 DAY_S = 86400.0
 PLAUSIBLE_S = (0.005, 15.0)  # [s] of a sample time
+LONGEST_STEP = 1e3  # of an epoch in s: numbers with longer steps count us or ns since the start
 RISING = 0.9  # share of steps of a time that rise
 NUMBERED = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4}|\d{2})\b")  # a date, the year last
 ISO = re.compile(r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}")
@@ -183,9 +184,9 @@ def _clock(source: Source, name: str, title: str) -> Column | None:
         return None
     if _is_text(source.columns[name]) or source.units.get(name):
         return column
-    unit = unit_in_title(name, ("s",))
-    if unit is None and (unit := _epoch(source.numbers(name, gaps=True))) is None:
-        step = float(np.median(steps[steps > 0.0]))
+    unit = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
+    step = float(np.median(steps[steps > 0.0]))
+    if unit is None or (unit == "s" and step > LONGEST_STEP):
         fitting = [u for u in ("s", "ms", "us", "ns", "day")
                    if PLAUSIBLE_S[0] <= step * factor(u, "s") <= PLAUSIBLE_S[1]]  # fmt: skip
         unit = fitting[0] if fitting else None

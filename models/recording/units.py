@@ -52,7 +52,7 @@ TITLES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("n", "newton", "newtons"), ("N",)),
     **dict.fromkeys(("nm", "n_m"), ("N*m",)),
     "degs2": ("deg/s^2",), "cm": ("cm",), "mm": ("mm",), "km": ("km",), "kn": ("knot", "kN"),
-    "ms": ("m/s", "ms"), "knm": ("kN*m",), "rpm": ("rpm",), "rps": (TURNS,), "hz": (TURNS,),
+    "ms": ("m/s", "ms"), "knm": ("kN*m",), "k_n": ("kN",), "k_nm": ("kN*m",), "rpm": ("rpm",), "rps": (TURNS,), "hz": (TURNS,),
     "min": ("min",), "hours": ("h",), "days": ("day",),
 }  # fmt: skip
 SHAFTS = {"rpm": "rpm", "rps": TURNS}  # that may stand anywhere in the title of an input
@@ -114,7 +114,7 @@ def words_of(title: str) -> list[str]:
 
 def unit_in_title(title: str, targets: Sequence[str]) -> str | None:
     """The unit that the last words of a title spell, if it is of the kind of one of `targets`."""
-    words = words_of(title)
+    words = words_of(re.sub(r"\W*_\d+$", "", title))  # without the number of a device
     for count in (3, 2, 1):
         if len(words) > count:
             for unit in TITLES.get("_".join(words[-count:]), ()):

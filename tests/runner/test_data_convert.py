@@ -12,6 +12,7 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.recording.stored import read_recording, stored_metadata, write_recording
 from seatrial.runner.__main__ import main
+from seatrial.runner.recording_map import read_map, reader_of
 from tests.data import DATA
 
 PLANAR = ("surge", "sway", "yaw")
@@ -89,10 +90,8 @@ def test_a_converted_recording_is_the_mapped_one(
     words = ("data", "convert", str(boat), "out.parquet", "--map", "map.yaml")
     assert run(monkeypatch, *words) == 0, capfd.readouterr().err
     assert "surge, sway, yaw" in capfd.readouterr().out
-    from seatrial.runner.data_convert import _reader
-
-    mapped = _reader(boat, Path("map.yaml"))[0].read(PLANAR)
-    assert_same(mapped, _reader(Path("out.parquet"), None)[0].read(PLANAR))
+    mapped = reader_of(boat, read_map(Path("map.yaml"))).read(PLANAR)
+    assert_same(mapped, reader_of(Path("out.parquet"), {}).read(PLANAR))
     known = stored_metadata(Path("out.parquet"))
     assert list(known["sha256"]) == [boat.name]  # type: ignore[call-overload]
     units = {field.name: field.metadata[b"unit"] for field in parquet.read_schema("out.parquet")}

@@ -7,7 +7,7 @@ import pytest
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.proposal import propose
-from seatrial.models.recording.proposal_by_motion import propose_by_motion
+from seatrial.models.recording.proposal_by_motion import angle_unit, propose_by_motion, speed_unit
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
@@ -57,8 +57,7 @@ def test_columns_in_any_order(seed: int, degrees: bool, earth: bool) -> None:
     delta = {"column": place["delta"], "unit": "deg"} if degrees else place["delta"]
     assert proposed == {
         "time": place["t"],
-        "position": {"surge": place["x"], "sway": place["y"]},
-        "heading": angle("psi", "deg"),
+        "position": {"surge": place["x"], "sway": place["y"], "yaw": angle("psi", "deg")},
         "velocity": {"surge": place["u"], "sway": place["v"], "yaw": angle("r", "deg/s")},
         **({"frames": {"velocity": "earth"}} if earth else {}),
         "inputs": {"delta": delta},
@@ -91,10 +90,10 @@ def test_the_basins_of_the_kvlcc2(name: str) -> None:
     time = {"hsva": "c1", "marin": {"column": "c1", "uniform": True}}[name]
     heading = {"hsva": "c4", "marin": "c5"}[name]
     for file in files:
-        proposed = propose(read_sources(file, ReadOptions()))
+        proposed = propose(read_sources(file, ReadOptions())).map
         assert proposed["time"] == time
-        assert proposed["position"] == {"surge": "c2", "sway": "c3"}
-        assert proposed["heading"] == {"column": heading, "unit": "deg"}
+        yaw = {"column": heading, "unit": "deg"}
+        assert proposed["position"] == {"surge": "c2", "sway": "c3", "yaw": yaw}
         velocity = proposed["velocity"]
         assert isinstance(velocity, dict)
         rate = {"hsva": "c7", "marin": "c9"}[name]
@@ -102,3 +101,35 @@ def test_the_basins_of_the_kvlcc2(name: str) -> None:
         rudder = {"hsva": "c9", "marin": "c10"}[name]
         assert proposed["inputs"] == {"delta": {"column": rudder, "unit": "deg"}}
     assert files
+
+
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_unit_of_a_heading_by_the_course(unit: str, turned: bool) -> None:
+    """Also where it counts the other way, and not where the path says nothing of it."""
+    known = _zigzag()
+    heading = known["psi"] * (180.0 / np.pi if unit == "deg" else 1.0) * (-1.0 if turned else 1.0)
+    path = (known["t"], known["x"], known["y"])
+    assert angle_unit(path, known["t"], heading) == unit
+    noise = 0.3 * np.random.default_rng(2).standard_normal((2, len(heading)))
+    assert angle_unit((path[0], path[1] + noise[0], path[2] + noise[1]), path[0], heading) == unit
+    still = (known["t"], np.zeros_like(heading), np.zeros_like(heading))
+    assert angle_unit(still, known["t"], heading) is None
+
+
+def test_the_unit_of_the_heading_of_a_long_recording() -> None:
+    """Many turns in every hundredth of it."""
+    t = 0.05 * np.arange(200_000)
+    psi = np.cumsum(0.05 * 0.06 * np.sin(0.05 * t))
+    x, y = np.cumsum(0.1 * np.cos(psi)), np.cumsum(0.1 * np.sin(psi))
+    assert angle_unit((t, x, y), t, np.degrees(psi)) == "deg"
+    assert speed_unit((t, x, y), t, 2.0 * 3.6 + 0.0 * t) == "km/h"
+
+
+@pytest.mark.parametrize(("unit", "size"), [("m/s", 1.0), ("knot", 1.943844), ("km/h", 3.6)])
+def test_the_unit_of_a_speed_by_the_path(unit: str, size: float) -> None:
+    known = _zigzag()
+    path = (known["t"], known["x"], known["y"])
+    speed = np.hypot(known["dx"], known["dy"])
+    assert speed_unit(path, known["t"], size * speed) == unit
+    assert speed_unit(path, known["t"], 2.9 * speed) is None

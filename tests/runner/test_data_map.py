@@ -1,0 +1,116 @@
+"""`seatrial data map` and `data check`: what is sure, asked and left out; what the check mends."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.vessel.basis import Array
+from seatrial.runner import data_commands
+
+KNOT, DEG = 3600.0 / 1852.0, 180.0 / np.pi
+
+
+def _motion() -> dict[str, Array]:
+    """A vessel that turns to both sides at changing speed, at 5 Hz for five minutes."""
+    t = np.arange(0.0, 300.0, 0.2)
+    r = 0.06 * np.sin(0.05 * t) + 0.03 * np.sin(0.11 * t)
+    psi = np.concatenate([[0.0], np.cumsum(0.1 * (r[1:] + r[:-1]))]) + 0.3
+    u, v = 2.0 + 0.4 * np.sin(0.07 * t), -0.5 * r
+    vn, ve = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+    x, y = (np.concatenate([[0.0], np.cumsum(0.1 * (d[1:] + d[:-1]))]) for d in (vn, ve))
+    return {"t": t, "x": x, "y": y, "psi": psi, "u": u, "v": v, "r": r, "vn": vn, "ve": ve}
+
+
+def _log(folder: Path, columns: Mapping[str, Array]) -> str:
+    table = np.column_stack(list(columns.values()))
+    path = folder / "log.csv"
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+    return str(path)
+
+
+def _mapped(path: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, object], str]:
+    assert data_commands.main(["map", path]) == 0
+    shown = capsys.readouterr()
+    return yaml.safe_load(shown.out), shown.err
+
+
+def test_units_and_signs_that_the_check_tried_are_in_the_map(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    m = _motion()
+    columns = {**m, "u": m["u"] * KNOT, "v": m["v"] * KNOT}
+    columns |= {"r": -m["r"] * DEG, "psi": m["psi"] * DEG}
+    del columns["vn"], columns["ve"]
+    node, said = _mapped(_log(tmp_path, {**columns, "note": 0.0 * m["t"]}), capsys)
+    knots = {"surge": {"column": "u", "unit": "knot"}, "sway": {"column": "v", "unit": "knot"}}
+    assert node["velocity"] == {**knots, "yaw": {"column": "-r", "unit": "deg/s"}}
+    assert node["position"] == {"surge": "x", "sway": "y", "yaw": {"column": "psi", "unit": "deg"}}
+    assert "left out: do not move: note" in said
+    assert "sure: position.yaw: psi in deg" in said
+
+
+def test_a_factor_that_is_no_unit_is_asked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    m = _motion()
+    columns = {name: m[name] for name in ("t", "x", "y", "psi", "v", "r")}
+    node, said = _mapped(_log(tmp_path, {**columns, "u": 0.09 * m["u"]}), capsys)
+    assert node["velocity"] == {"surge": "u", "sway": "v", "yaw": "r"}
+    assert "question: u is 0.09 of d(position)/dt: which unit?" in said
+
+
+def test_velocities_along_the_earth_are_told_by_the_check(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    m = _motion()
+    columns = {"t": m["t"], "x": m["x"], "y": m["y"], "psi": m["psi"], "vx": m["vn"], "vy": m["ve"]}
+    node, _ = _mapped(_log(tmp_path, {**columns, "r": m["r"]}), capsys)
+    assert node["frames"] == {"velocity": "earth"}
+
+
+def test_a_map_is_not_written_over_and_has_the_inputs_of_a_vessel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    m, out = _motion(), tmp_path / "map.yaml"
+    columns = {name: m[name] for name in ("t", "x", "y", "psi", "u", "v", "r")}
+    path = _log(tmp_path, {**columns, "Helm": m["r"], "RPM": 60.0 * m["u"], "tau_x": m["u"]})
+    words = ["map", path, "--vessel", "esso_osaka", "-o", str(out)]
+    assert data_commands.main(words) == 0
+    node = yaml.safe_load(out.read_text())
+    assert node["inputs"] == {"delta": "Helm", "n": {"column": "RPM", "unit": "rpm"}}
+    assert "force" not in node
+    with pytest.raises(ConfigurationError, match="exists already, expected a new file or --force"):
+        data_commands.main(words)
+    assert data_commands.main([*words, "--force"]) == 0
+    assert data_commands.main(["check", path, "--map", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert "no problem: pose and velocity belong together" in shown
+    assert "RPM" in shown.partition("Columns")[2]
+    assert "the map" in shown
+
+
+def test_outliers_are_a_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    m = _motion()
+    u = m["u"].copy()
+    u[::25] += 9.0
+    columns = {name: m[name] for name in ("t", "x", "y", "psi", "v", "r")}
+    assert data_commands.main(["check", _log(tmp_path, {**columns, "u": u})]) == 0
+    shown = capsys.readouterr().out
+    assert "no problem" not in shown
+    assert "problem: outliers: u" in shown
+
+
+def test_a_log_without_velocities_is_mapped_and_checked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    m = _motion()
+    path = _log(tmp_path, {"t": m["t"], "north": m["x"], "east": m["y"], "heading": m["psi"]})
+    node, said = _mapped(path, capsys)
+    assert node["position"] == {"surge": "north", "sway": "east", "yaw": "heading"}
+    assert "no velocity in surge and sway and yaw is recorded" in said
+    assert data_commands.main(["check", path]) == 0
+    assert "no problem" not in capsys.readouterr().out
