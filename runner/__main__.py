@@ -53,13 +53,14 @@ from seatrial.runner.stop_signals import StopSignals
 from seatrial.runner.sweep import Session
 
 if TYPE_CHECKING:  # what is slow to import, or seldom used
-    from seatrial.runner import benchmark, completion, data_commands, doctor
+    from seatrial.runner import benchmark, completion, data_commands, doctor, model_command
 else:
     import lazy_loader
 
     benchmark = lazy_loader.load("seatrial.runner.benchmark", suppress_warning=True)
     completion = lazy_loader.load("seatrial.runner.completion", suppress_warning=True)
     data_commands = lazy_loader.load("seatrial.runner.data_commands", suppress_warning=True)
+    model_command = lazy_loader.load("seatrial.runner.model_command", suppress_warning=True)
     doctor = lazy_loader.load("seatrial.runner.doctor", suppress_warning=True)
 
 VARIANT = "--variant"  # options that change together in a sweep
@@ -74,6 +75,7 @@ COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
     "benchmark": lambda words: benchmark.main(words),
     "data": lambda words: data_commands.main(words),
     "doctor": lambda words: doctor.main(words),
+    "model": lambda words: model_command.main(words),
     "init": lambda words: init.run(words),
 }
 

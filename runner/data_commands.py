@@ -53,9 +53,14 @@ FAULTS = (ConfigurationError, RecordingError)
 
 def main(words: Sequence[str]) -> int:
     """Run `seatrial data` with the words that follow it; returns the exit code."""
-    command = typer.main.get_command(app)
+    return run_typer(app, "data", words)
+
+
+def run_typer(program: typer.Typer, name: str, words: Sequence[str]) -> int:
+    """Run a command of `seatrial` that typer parses; returns the exit code."""
+    command = typer.main.get_command(program)
     try:
-        command.main(list(words), prog_name="seatrial data", standalone_mode=False)
+        command.main(list(words), prog_name=f"seatrial {name}", standalone_mode=False)
     except typer.Exit as stop:
         return stop.exit_code
     except typer.Abort:
@@ -63,7 +68,7 @@ def main(words: Sequence[str]) -> int:
     except Exception as error:
         if not hasattr(error, "format_message"):
             raise
-        raise ConfigurationError(f"data: {error.format_message()}") from error
+        raise ConfigurationError(f"{name}: {error.format_message()}") from error
     return 0
 
 

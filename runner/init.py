@@ -132,13 +132,18 @@ def _size(text: str) -> float:
 
 
 def _draft_vessel(arguments: argparse.Namespace) -> Draft:
-    """A planar vessel of some dimensions, in conf/vessel."""
-    name, path = arguments.name, Path("conf", "vessel", f"{arguments.name}.yaml")
+    given = {option: getattr(arguments, option) for option in DIMENSIONS}
+    return draft_vessel(arguments.name, given)
+
+
+def draft_vessel(name: str, given: Mapping[str, float | None]) -> Draft:
+    """A planar vessel of some dimensions (length, beam, draught, mass), in conf/vessel."""
+    path = Path("conf", "vessel", f"{name}.yaml")
     if (CONF / "vessel" / path.name).is_file():
         raise ConfigurationError(f"vessel {name} is seatrial's own, expected a new name")
-    given = {option: getattr(arguments, option) for option in DIMENSIONS}
+    given = {option: given.get(option) for option in DIMENSIONS}
     words = "".join(f" --{key} {value:g}" for key, value in given.items() if value is not None)
-    hull = scales.hull(*given.values())
+    hull = scales.hull(*given.values())  # type: ignore[arg-type]
     forces = scales.derivatives(hull)
     thrust = scales.limits(hull)
     values = {

@@ -147,8 +147,9 @@ def read_model(
     if linear and model == "identified" and STATE_SPACE in rows:
         stored = _state_space(logbook, run, rows[STATE_SPACE], table.dofs)
     devices = device_values(rows[key])
+    letters = dict(zip(DOFS, DERIVATIVE_LETTERS, strict=True))
     errors = {
-        f"{DERIVATIVE_LETTERS[DOFS.index(row.dof)]}_{row.term.replace('_dot', 'dot')}": row.std_error
+        f"{letters[row.dof]}_{row.term.replace('_dot', 'dot')}": row.std_error
         for row in rows[key]
         if row.std_error is not None and row.dof in table.dofs
     }
