@@ -56,7 +56,7 @@ TITLES: dict[str, tuple[str, ...]] = {
     "min": ("min",), "hours": ("h",), "days": ("day",),
 }  # fmt: skip
 SHAFTS = {"rpm": "rpm", "rps": TURNS}  # that may stand anywhere in the title of an input
-WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[^A-Za-z0-9%]+")  # between the words of a title
+WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[^A-Za-z0-9]+")  # between the words of a title
 
 
 @lru_cache(maxsize=256)

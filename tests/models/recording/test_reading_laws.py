@@ -1,0 +1,177 @@
+"""What every log must be read by, whoever wrote it: times, units, missing values, course, gaps."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from seatrial.models.errors import RecordingError
+from seatrial.models.recording.column_map import (
+    Column, ColumnMap, Geodetic, GroundColumns, WaterColumns,
+)  # fmt: skip
+from seatrial.models.recording.joining import TimeGrid
+from seatrial.models.recording.reader import Reading, Signals
+from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.times import disagreement, find_time, seconds
+from seatrial.models.recording.units import unit_in_title
+
+T = np.arange(0.0, 120.0, 0.2)
+PSI = 0.3 + 0.4 * np.sin(0.1 * T)
+U, V = 2.0 + 0.2 * np.sin(0.3 * T), 0.1 * np.cos(0.2 * T)
+R = np.gradient(PSI, T)
+X = np.cumsum(U * np.cos(PSI) - V * np.sin(PSI)) * 0.2
+Y = np.cumsum(U * np.sin(PSI) + V * np.cos(PSI)) * 0.2
+PLANAR = ("surge", "sway", "yaw")
+STAMPS = pd.Timestamp("2024-05-07 10:00:00") + pd.to_timedelta(T, unit="s")
+
+
+def read(
+    folder: Path, columns: ColumnMap, grid: TimeGrid | None = None, **table: object
+) -> Signals:
+    path = folder / "log.csv"
+    pd.DataFrame(table).to_csv(path, index=False)
+    sources = read_sources(path, ReadOptions())
+    return Reading(columns, grid).read(path, sources, PLANAR)
+
+
+@pytest.mark.parametrize(
+    ("title", "values"),
+    [
+        ("TimeUS", (T * 1e6 + 2.6e8).round().astype(int)),
+        ("time_boot_ms", (T * 1e3).round().astype(int)),
+        ("utime", (T * 1e6 + 1.7e15).round().astype(int)),
+        ("%time", ((T * 1e9).round() + 1.7e18).astype(np.int64)),
+        ("Timestamp", (T * 1e3 + 1.7e12).round().astype(int)),
+        ("UTC", 45000.0 + T / 86400.0),
+        ("UTC", STAMPS.strftime("%H:%M:%S.%f")),
+        ("Date", STAMPS.strftime("%d.%m.%Y %H:%M:%S.%f")),
+        ("datetime", STAMPS.strftime("%Y-%m-%dT%H:%M:%S.%fZ")),
+        ("_time", STAMPS.strftime("%Y/%m/%d %H:%M:%S.%f")),
+        ("elapsed_time_s", T),
+    ],
+)
+def test_times_as_loggers_write_them(title: str, values: object, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    pd.DataFrame({"x": X, title: values}).to_csv(path, index=False)
+    (source,) = read_sources(path, ReadOptions()).values()
+    column = find_time(source)
+    assert column is not None
+    assert column.name == title
+    t = seconds(source, column)
+    np.testing.assert_allclose(t - t[0], T, atol=2e-5)
+
+
+def test_a_time_of_day_passes_midnight_and_a_date_may_stand_beside_it(tmp_path: Path) -> None:
+    stamps = pd.Timestamp("2024-12-31 23:59:30") + pd.to_timedelta(T, unit="s")
+    table = {"Date": stamps.strftime("%d/%m/%Y"), "Time": stamps.strftime("%H:%M:%S.%f"), "x": X}
+    path = tmp_path / "log.csv"
+    for names in (["Time", "x"], ["Date", "Time", "x"]):
+        pd.DataFrame(table)[names].to_csv(path, index=False)
+        (source,) = read_sources(path, ReadOptions()).values()
+        column = find_time(source)
+        assert column is not None
+        t = seconds(source, column)
+        np.testing.assert_allclose(t - t[0], T, atol=1e-5)
+    assert column.date == "Date"
+
+
+def test_a_date_that_may_be_of_two_days_is_asked_with_the_line_that_tells(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    pd.DataFrame({"when": STAMPS.strftime("%d/%m/%Y %H:%M:%S"), "x": X}).to_csv(path, index=False)
+    (source,) = read_sources(path, ReadOptions()).values()
+    with pytest.raises(RecordingError, match="format: '%d/%m/%Y %H:%M:%S'"):
+        seconds(source, Column("when"))
+    t = seconds(source, Column("when", format="%m/%d/%Y %H:%M:%S"))
+    assert pd.Timestamp(t[0], unit="s") == pd.Timestamp("2024-07-05 10:00:00")
+
+
+def test_clocks_that_disagree_are_named(tmp_path: Path) -> None:
+    """Nanoseconds without their leading zeros, as a printed `%d.%d` has them."""
+    whole = 1744372269 + np.floor(T + 0.05).astype(int)
+    rest = np.round((T + 0.05) % 1.0 * 1e9).astype(int)
+    printed = [f"{pd.Timestamp(w, unit='s')}.{r}" for w, r in zip(whole, rest, strict=True)]
+    table = {"time": printed, "header_stamp_secs": whole, "header_stamp_nsecs": rest, "x": X}
+    path = tmp_path / "log.csv"
+    pd.DataFrame(table).to_csv(path, index=False)
+    (source,) = read_sources(path, ReadOptions()).values()
+    said = disagreement(source, Column("time"))
+    assert said is not None
+    assert f"{np.sum(rest < 1e8)} of 600 rows" in said
+    assert "columns.time: {column: header_stamp_secs, nanoseconds: header_stamp_nsecs}" in said
+
+
+@pytest.mark.parametrize(
+    ("title", "target", "unit"),
+    [
+        ("heading_deg", "rad", "deg"), ("HeadingDeg", "rad", "deg"), ("u (kn)", "m/s", "knot"),
+        ("yaw rate [deg/s]", "rad/s", "deg/s"), ("force_x_kN", "N", "kN"), ("u_ms", "m/s", "m/s"),
+        ("shaft_rpm", "revolution/s", "rpm"), ("RPM", "revolution/s", "rpm"), ("x", "m", None),
+        ("tau_n", "N*m", None), ("position_s", "m", None), ("Shaft speed [rpm]", "revolution/s", "rpm"),
+    ],
+)  # fmt: skip
+def test_units_in_titles(title: str, target: str, unit: str | None) -> None:
+    assert unit_in_title(title, (target,)) == unit
+
+
+def test_units_by_the_map_then_the_title_then_what_stands_beside(tmp_path: Path) -> None:
+    """Each reading says where its unit is known from, and an explicit one is never overridden."""
+    columns = ColumnMap(
+        "t", position={"surge": "x", "sway": "y", "yaw": "psi"},
+        velocity={"surge": Column("u_kn", unit="m/s"), "sway": "v_kn", "yaw": "r"},
+    )  # fmt: skip
+    table = {"t": T, "x": X, "y": Y, "psi": PSI + 40.0, "u_kn": U, "v_kn": V * 3600 / 1852, "r": R}
+    signals = read(tmp_path, columns, **table)
+    known = {reading.option: (reading.unit, reading.known_from) for reading in signals.readings}
+    assert known["velocity.surge"] == ("m/s", "the map")
+    assert known["velocity.sway"] == ("knot", "the title")
+    assert known["position.yaw"] == ("rad", "no unit is stated: SI")
+    np.testing.assert_allclose(signals.values["velocity.sway"], V, atol=1e-9)
+    np.testing.assert_allclose(np.diff(signals.values["position.yaw"]), np.diff(PSI), atol=1e-9)
+    beside = ColumnMap(
+        "t", position={"yaw": "heading_deg", "roll": "roll"}, velocity={"surge": "u"}
+    )
+    table = {"t": T, "heading_deg": np.degrees(PSI), "roll": 3.0 * np.sin(T), "u": U}
+    path = tmp_path / "log.csv"
+    pd.DataFrame(table).to_csv(path, index=False)
+    signals = Reading(beside).read(path, read_sources(path, ReadOptions()), ("surge", "yaw"))
+    assert np.max(np.abs(signals.values["position.roll"])) < 0.06
+
+
+def test_nothing_vanishes_in_silence(tmp_path: Path) -> None:
+    """Sentinels, repeated stamps, times that go back, missing values and gaps are counted."""
+    t, u = T.copy(), U.copy()
+    t[100], t[200], u[300:303] = t[99], t[195], -999.0
+    t[400:] += 30.0
+    columns = ColumnMap("t", position={"surge": "x", "sway": "y", "yaw": "psi"},
+                        velocity={"surge": "u", "sway": "v", "yaw": "r"})  # fmt: skip
+    table = {"t": t, "x": X, "y": Y, "psi": PSI, "u": u, "v": V, "r": R}
+    signals = read(tmp_path, columns, TimeGrid(5.0, 1.0, "split"), **table)
+    said = "\n".join(signals.left_out)
+    assert "column u: 3 cells are -999: missing values" in said
+    assert "column x: 2 samples are not later than the one before" in said
+    assert "1 times repeat" in said
+    assert "in gaps of more than 1 s: left out, 2 pieces remain" in said
+    assert np.min(signals.values["velocity.surge"]) > 1.0
+
+
+def test_course_and_speed_over_ground_with_a_heading_are_a_body_velocity(tmp_path: Path) -> None:
+    """A current of 0.5 m/s to the east: the log and the speed over ground differ by it."""
+    ahead = 2.0 + 0.2 * np.sin(0.3 * T)
+    north, east = ahead * np.cos(PSI), ahead * np.sin(PSI) + 0.5
+    columns = ColumnMap(
+        "t", position={"yaw": Column("hdg", unit="deg")}, geodetic=Geodetic("lat", "lon"),
+        ground=GroundColumns(Column("sog", unit="knot"), Column("cog", unit="deg")),
+        water=WaterColumns("stw_kn"),
+    )  # fmt: skip
+    knots = 3600.0 / 1852.0
+    signals = read(
+        tmp_path, columns, t=T, hdg=np.degrees(PSI) % 360.0, lat=59.0 + X / 111e3,
+        lon=24.0 + Y / 57e3, sog=np.hypot(north, east) * knots,
+        cog=np.degrees(np.arctan2(east, north)) % 360.0, stw_kn=ahead * knots,
+    )  # fmt: skip
+    u, v = (signals.values[f"velocity.{dof}"] for dof in ("surge", "sway"))
+    np.testing.assert_allclose(u, ahead + 0.5 * np.sin(PSI), atol=1e-9)
+    np.testing.assert_allclose(v, 0.5 * np.cos(PSI), atol=1e-9)
+    np.testing.assert_allclose(signals.values["current.east"], 0.5, atol=1e-9)
+    np.testing.assert_allclose(signals.values["current.north"], 0.0, atol=1e-9)
