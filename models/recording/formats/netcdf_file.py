@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
 from seatrial.models.recording.formats.mat_file import sources_of_arrays
