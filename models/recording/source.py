@@ -1,5 +1,6 @@
 """Columns as they were recorded, and how a file is to be read."""
 
+import codecs
 import io
 import os
 import re
@@ -27,6 +28,7 @@ LARGEST_BYTES = 2**28  # of a file that is read at once, and of the numbers of a
 MOST_CELLS = LARGEST_BYTES // 8
 MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
+Values: TypeAlias = Array | TextArray
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 # Cells that stand for no sample, as programs write them, in small letters.
 MISSING = frozenset(
@@ -60,7 +62,7 @@ class Source:
 
     name: str  # stem of the file, or topic, relative to the folder
     path: Path
-    columns: dict[str, Array | TextArray]  # (N,) each
+    columns: dict[str, Values]  # (N,) each
     units: dict[str, str] = field(default_factory=dict)
     written: dict[str, str] = field(default_factory=dict)  # titles, where they differ from names
     repeated: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # title: its columns
@@ -123,7 +125,7 @@ def table_source(
     source: str,
     path: Path,
     titles: Sequence[str],
-    columns: Sequence[Array | TextArray],
+    columns: Sequence[Values],
     units: Sequence[str] = (),
     reasons: Sequence[str] = (),
     left_out: Sequence[str] = (),
@@ -220,15 +222,6 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
     raise RecordingError(f"{place}: no column {name!r}, expected it among {known}")
 
 
-def check_file(path: Path) -> None:
-    """Raise RecordingError if a file has more bytes than are read."""
-    if (size := path.stat().st_size) > LARGEST_BYTES:
-        raise RecordingError(
-            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
-            "recording, or convert it to Parquet"
-        )
-
-
 def check_size(path: Path, cells: int) -> None:
     """Raise RecordingError if a recording has more numbers than fit in memory."""
     if cells > MOST_CELLS:
@@ -255,6 +248,9 @@ def foreign(path: Path, expected: str) -> Iterator[None]:
         raise RecordingError(f"{path}: cannot be read ({reason}), expected {expected}") from error
 
 
+Contents: TypeAlias = tuple[list[Source], Sequence[str]]  # of a file, and what was left out
+
+
 class Rows:
     """Columns that grow message by message; what a message does not have stays missing.
 
@@ -274,7 +270,7 @@ class Rows:
             cells.append(value)
         self.count += 1
 
-    def columns(self) -> dict[str, Array | TextArray]:
+    def columns(self) -> dict[str, Values]:
         """All columns, shape (N,) each."""
         return {
             name: np.array([*cells, *[""] * (self.count - len(cells))], dtype=np.object_)
@@ -302,24 +298,21 @@ class TextOptions:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        problem = ""
         if self.separator is not None and (len(self.separator) != 1 or self.separator in '"\r\n'):
-            raise ConfigurationError(f"separator: got {self.separator!r}, expected one character")
-        if self.decimal not in (None, ".", ","):
-            raise ConfigurationError(f"decimal: got {self.decimal!r}, expected '.', ',' or null")
-        if self.decimal == "," and self.separator == ",":
-            raise ConfigurationError(
-                "decimal and separator are both ',', expected a different separator"
-            )
-        if self.encoding is not None:
-            try:
-                "".encode(self.encoding)
-            except LookupError as error:
-                raise ConfigurationError(
-                    f"encoding: got {self.encoding!r}, expected one that is known, such as "
-                    "utf-8, latin-1, utf-16"
-                ) from error
-        if len(set(self.names)) < len(self.names):
-            raise ConfigurationError(f"names: got {', '.join(self.names)}, expected each once")
+            problem = f"separator: got {self.separator!r}, expected one character"
+        elif self.decimal not in (None, ".", ","):
+            problem = f"decimal: got {self.decimal!r}, expected '.', ',' or null"
+        elif self.decimal == self.separator == ",":
+            problem = "decimal and separator are both ',', expected a different separator"
+        elif len(set(self.names)) < len(self.names):
+            problem = f"names: got {', '.join(self.names)}, expected each once"
+        try:
+            codecs.lookup(self.encoding or "utf-8")
+        except LookupError:
+            problem = f"encoding: got {self.encoding!r}, expected one that is known, as latin-1"
+        if problem:
+            raise ConfigurationError(problem)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from contextlib import nullcontext
 from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
@@ -10,6 +11,7 @@ from typing import NamedTuple
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording import formats
+from seatrial.models.recording.source import LARGEST_BYTES, foreign
 from seatrial.models.recording.source import ReadOptions as ReadOptions
 from seatrial.models.recording.source import Source as Source
 from seatrial.models.recording.source import TextArray as TextArray
@@ -24,33 +26,34 @@ class FileFormat(NamedTuple):
 
     suffixes: tuple[str, ...]
     reader: str  # file.function
+    expected: str = ""  # for errors of a library that reads it
     package: str | None = None  # needed to read it
+    extra: str = ""  # that installs the package
     begins: bytes = rb"(?!)"  # how a file begins, a regular expression
 
 
 NMEA = rb"(?:[^\n]{0,200}\n){0,20}?[^\n]{0,100}[$!](?:[A-Z]{2}[A-Z\d]{3}|P[A-Z]{3,}),[^\n]*[,*]"
 FORMATS: dict[str, FileFormat] = {
-    "csv": FileFormat((".csv", ".tsv"), "text.read"),
-    "dat": FileFormat((".dat", ".txt", ".asc", ".dba", ".log"), "text.read"),
-    "excel": FileFormat((".xlsx", ".xlsm"), "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
-    "netcdf": FileFormat(
-        (".nc", ".nc4", ".cdf"), "arrays.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]|\x89HDF"
-    ),
-    "ardupilot": FileFormat(
-        (".bin", ".tlog"), "autopilot.read_ardupilot", "pymavlink",
-        rb"\xa3\x95|FMT, ?128,|.{8}[\xfd\xfe].{5,}",
-    ),
-    "nmea": FileFormat((".nmea", ".nma"), "nmea.read", "pynmea2", NMEA),
-    "parquet": FileFormat((".parquet", ".pq"), "tables.read_parquet", None, rb"PAR1"),
-    "mat": FileFormat((".mat",), "arrays.read_matlab", None, rb"MATLAB "),
-    "rosbag": FileFormat(
-        (".bag", ".db3", ".mcap"), "ros_bag.read", "rosbags",
-        rb"#ROSBAG|\x89MCAP|SQLite format 3\0",
-    ),
-    "ulog": FileFormat((".ulg", ".ulog"), "autopilot.read_ulog", "pyulog", rb"ULog\x01"),
+    name: FileFormat(tuple(suffixes.split()), *row)
+    for name, suffixes, *row in (
+        ("csv", ".csv .tsv", "text.read"),
+        ("dat", ".dat .txt .asc .dba .log", "text.read"),
+        ("excel", ".xlsx .xlsm", "tables.read_excel", "a workbook of Excel (.xlsx)", "openpyxl",
+         "excel", rb"PK\x03\x04"),
+        ("netcdf", ".nc .nc4 .cdf", "arrays.read_netcdf", "a netCDF file", "xarray", "netcdf",
+         rb"CDF[\x01\x02\x05]|\x89HDF"),
+        ("ardupilot", ".bin .tlog", "autopilot.read_ardupilot", "a log of ArduPilot", "pymavlink",
+         "ardupilot", rb"\xa3\x95|FMT, ?128,|.{8}[\xfd\xfe].{5,}"),
+        ("nmea", ".nmea .nma", "nmea.read", "sentences of NMEA 0183 with a time", "pynmea2",
+         "nmea", NMEA),
+        ("parquet", ".parquet .pq", "tables.read_parquet", "a Parquet file", None, "", rb"PAR1"),
+        ("mat", ".mat", "arrays.read_matlab", "a MATLAB file", None, "", rb"MATLAB "),
+        ("rosbag", ".bag .db3 .mcap", "ros_bag.read", "a bag of ROS 1 or ROS 2, or an MCAP file",
+         "rosbags", "ros", rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
+        ("ulog", ".ulg .ulog", "autopilot.read_ulog", "a ULog file", "pyulog", "ulog",
+         rb"ULog\x01"),
+    )
 }  # fmt: skip
-EXTRAS = {"rosbags": "ros", "pyulog": "ulog", "openpyxl": "excel", "xarray": "netcdf",
-          "pymavlink": "ardupilot", "pynmea2": "nmea"}  # fmt: skip
 SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes}
 BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
 ANY = (".csv", ".txt", ".dat", ".log", ".asc", ".bin")  # suffixes of files of any content
@@ -102,27 +105,36 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
             )
     form = FORMATS[kind or "dat"]
     if form.package is not None and find_spec(form.package) is None:
-        extra = EXTRAS[form.package]
         raise ConfigurationError(
-            f"{path}: {form.package} is not installed: pip install 'seatrial[{extra}]'"
+            f"{path}: {form.package} is not installed: pip install 'seatrial[{form.extra}]'"
+        )
+    # what is read at once must fit; a bag is read message by message
+    if form.package != "rosbags" and (size := path.stat().st_size) > LARGEST_BYTES:
+        raise RecordingError(
+            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
+            "recording"
         )
     module, _, function = form.reader.partition(".")
     reader = getattr(import_module(f"{formats.__name__}.{module}"), function)
-    sources: list[Source] = reader(path, options)
-    return sources
+    with foreign(path, form.expected) if form.expected else nullcontext():
+        sources, left_out = reader(path, options)
+    if not sources:
+        reasons = "".join(f"; {line}" for line in left_out)
+        raise RecordingError(
+            f"{path}: got no columns of numbers{reasons}, expected {form.expected}"
+        )
+    return [replace(sources[0], left_out=(*left_out, *sources[0].left_out)), *sources[1:]]
 
 
 def _files(folder: Path, options: ReadOptions) -> dict[Path, str]:
     """The recorded files below a folder, and their names relative to it, without suffix."""
-    found: list[Path] = []
-    for path in sorted(folder.rglob("*")):
-        kind = SUFFIXES.get(path.suffix.lower(), "")
-        if path.is_file() and (
-            kind == options.format
-            or (kind and options.format is None)
-            or path.suffix == f".{options.format}"
-        ):
-            found.append(path)
+    kinds = FORMATS if options.format is None else (options.format,)
+    found = [
+        path
+        for path in sorted(folder.rglob("*"))
+        if SUFFIXES.get(path.suffix.lower()) in kinds or path.suffix == f".{options.format}"
+        if path.is_file()
+    ]
     if not found:
         raise RecordingError(
             f"{folder}: is a folder without recordings, expected files with {', '.join(SUFFIXES)}"

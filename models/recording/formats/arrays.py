@@ -12,64 +12,56 @@ from typing import Any
 import numpy as np
 import scipy
 
-from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.source import (
     MOST_ELEMENTS,
+    Contents,
     ReadOptions,
     Source,
-    TextArray,
-    check_file,
+    Values,
     check_size,
-    foreign,
-)  # fmt: skip
-from seatrial.models.vessel.basis import Array
+)
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 NUMERIC = ("double", "single", "logical", "cell", "struct", "char")  # and int8 ... uint64
 
 
-def read_matlab(path: Path, options: ReadOptions) -> list[Source]:
-    """The variables of a MATLAB file; raises RecordingError if it cannot be read."""
+def read_matlab(path: Path, options: ReadOptions) -> Contents:
+    """The variables of a MATLAB file."""
     with path.open("rb") as file:
         head = file.read(520)
-    with foreign(path, "a MATLAB file"):
-        if HDF5 in (head[:8], head[512:]):
-            if find_spec("h5py") is None:
-                raise ConfigurationError(
-                    f"{path}: is a MATLAB 7.3 file: h5py is not installed: pip install "
-                    "'seatrial[mat]'"
-                )
-            import h5py
+    variables: dict[str, object] = {}
+    if HDF5 in (head[:8], head[512:]):
+        if find_spec("h5py") is None:
+            raise ConfigurationError(
+                f"{path}: is a MATLAB 7.3 file: h5py is not installed: pip install 'seatrial[mat]'"
+            )
+        import h5py
 
-            with h5py.File(path, "r") as stored:
-                sizes: list[int] = []
-                stored.visititems(lambda _, item: sizes.append(getattr(item, "size", 0) or 0))
-                check_size(path, sum(sizes))
-                variables = {n: _plain(v, stored) for n, v in stored.items() if n[0] != "#"}
-        else:
-            check_file(path)
-            check_size(path, sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)))
-            variables = {}
-            read = scipy.io.loadmat(path, struct_as_record=False, squeeze_me=True)
-            for name, value in read.items():
-                if isinstance(value, scipy.io.matlab.MatlabOpaque):  # its own name is lost
-                    name = value["s0"].item().decode()
-                if not name.startswith("__"):
-                    variables[name] = _plain(value)
-        leaves = [leaf for name, value in variables.items() for leaf in _leaves("", name, value)]
-    return sources_of_arrays(path, leaves, {}, "a MATLAB file")
+        with h5py.File(path, "r") as stored:
+            sizes: list[int] = []
+            stored.visititems(lambda _, item: sizes.append(getattr(item, "size", 0) or 0))
+            check_size(path, sum(sizes))
+            variables = {n: _plain(v, stored) for n, v in stored.items() if n[0] != "#"}
+    else:
+        check_size(path, sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)))
+        read = scipy.io.loadmat(path, struct_as_record=False, squeeze_me=True)
+        for name, value in read.items():
+            if isinstance(value, scipy.io.matlab.MatlabOpaque):  # its own name is lost
+                name = value["s0"].item().decode()
+            if not name.startswith("__"):
+                variables[name] = _plain(value)
+    leaves = [leaf for name, value in variables.items() for leaf in _leaves("", name, value)]
+    return _sources(path, leaves, {})
 
 
-def read_netcdf(path: Path, options: ReadOptions) -> list[Source]:
-    """The variables of a file, a source a dimension, times as date-times.
-
-    Raises RecordingError if it cannot be read.
-    """
+def read_netcdf(path: Path, options: ReadOptions) -> Contents:
+    """The variables of a file, a source a dimension, times as date-times."""
     import xarray as xr
 
     leaves: list[tuple[str, str, object]] = []
     units: dict[str, str] = {}
-    with foreign(path, "a netCDF file"), xr.open_dataset(path, decode_timedelta=False) as stored:
+    with xr.open_dataset(path, decode_timedelta=False) as stored:
         check_size(path, sum(variable.size for variable in stored.variables.values()))
         for key, variable in stored.variables.items():
             values = np.atleast_1d(variable.values)
@@ -84,52 +76,44 @@ def read_netcdf(path: Path, options: ReadOptions) -> list[Source]:
             leaves.append((max(long, key=lambda name: long[name], default=""), str(key), values))
     if len({group for group, _, _ in leaves if group}) == 1:
         leaves = [("", key, values) for _, key, values in leaves]
-    return sources_of_arrays(path, leaves, units, "a netCDF file")
+    return _sources(path, leaves, units)
 
 
-def sources_of_arrays(
-    path: Path, leaves: list[tuple[str, str, object]], units: Mapping[str, str], expected: str
-) -> list[Source]:
+def _sources(
+    path: Path, leaves: list[tuple[str, str, object]], units: Mapping[str, str]
+) -> Contents:
     """Vectors and matrices with a row or column a sample, by source and name, as sources.
 
     Those of equal length share a clock: the variables of a file, and the fields of one struct.
     Columns of a matrix are named `name[0]`, `name[1]` ...; what is neither is named as left out.
     """
-    groups: dict[tuple[str, int], dict[str, Array | TextArray]] = defaultdict(dict)
+    groups: dict[tuple[str, int], dict[str, Values]] = defaultdict(dict)
     lost: dict[str, list[str]] = defaultdict(list)
     check_size(path, sum(value.size for *_, value in leaves if isinstance(value, np.ndarray)))
     for top, name, value in leaves:
-        kind = str(value)
-        if isinstance(value, np.ndarray):
-            values = np.squeeze(value if value.dtype == np.object_ else value.astype(np.float64))
-            if values.ndim == 1 and len(values) > 1:
-                groups[top, len(values)][name] = values
-                continue
-            if values.ndim == 2 and min(values.shape) <= MOST_ELEMENTS and values.dtype != object:
-                rows = values.T if values.shape[0] > values.shape[1] else values
-                columns = {f"{name}[{i}]": row for i, row in enumerate(rows)}
-                groups[top, rows.shape[1]] |= columns
-                continue
+        values = np.squeeze(value) if isinstance(value, np.ndarray) else np.zeros(())
+        text = values.dtype == np.object_
+        values = values if text else values.astype(np.float64)
+        if values.ndim == 1 and len(values) > 1:
+            groups[top, len(values)][name] = values
+        elif values.ndim == 2 and min(values.shape) <= MOST_ELEMENTS and not text:
+            rows = values.T if values.shape[0] > values.shape[1] else values
+            groups[top, rows.shape[1]] |= {f"{name}[{i}]": row for i, row in enumerate(rows)}
+        else:
             shape = " x ".join(map(str, values.shape))
             kind = "single values" if values.size <= 1 else f"arrays of {shape}"
-        lost[kind].append(f"{top}.{name}" if top else name)
-    left_out = tuple(
-        f"{shorten(', '.join(names), 200, placeholder=' ...')}: {kind}, no columns"
-        for kind, names in lost.items()
-    )
-    if not groups:
-        raise RecordingError(
-            f"{path}: got no vector of numbers{''.join(f'; {line}' for line in left_out)}, "
-            f"expected {expected} with vectors, matrices or structs of them"
-        )
+            kind = kind if isinstance(value, np.ndarray) else str(value)
+            lost[kind].append(f"{top}.{name}" if top else name)
     sources: dict[str, Source] = {}
     for (top, size), columns in sorted(groups.items(), key=lambda item: -len(item[1])):
         name = top or path.stem
         name = f"{name}/{size}" if name in sources else name
         known = {column: units[column] for column in columns if column in units}
-        said = () if sources else left_out
-        sources[name] = Source(name, path, columns, known, left_out=said)
-    return list(sources.values())
+        sources[name] = Source(name, path, columns, known)
+    return list(sources.values()), [
+        f"{shorten(', '.join(names), 200, placeholder=' ...')}: {kind}, no columns"
+        for kind, names in lost.items()
+    ]
 
 
 def _leaves(top: str, name: str, value: object) -> Iterator[tuple[str, str, object]]:

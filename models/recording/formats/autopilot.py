@@ -3,23 +3,12 @@
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from seatrial.models.errors import RecordingError
-from seatrial.models.recording.source import (
-    ReadOptions,
-    Rows,
-    Source,
-    TextArray,
-    check_file,
-    check_size,
-    foreign,
-)  # fmt: skip
-from seatrial.models.vessel.basis import Array
+from seatrial.models.recording.source import Contents, ReadOptions, Rows, Source, Values, check_size
 
 INSTANCES = ("I", "C", "Instance")  # columns of small numbers that tell sensors apart
 TIMES = {"TimeUS": "us", "TimeMS": "ms"}
@@ -31,44 +20,37 @@ class Messages(NamedTuple):
     """All messages of a type."""
 
     name: str
-    columns: dict[str, Array | TextArray]
+    columns: dict[str, Values]
     units: dict[str, str]
     instance: str | None = None  # the column that tells sensors apart
 
 
-def read_ardupilot(path: Path, options: ReadOptions) -> list[Source]:
-    """The message types of a log (.bin, .log, .tlog), `XKF1/0`, `XKF1/1` of several instances.
-
-    Raises RecordingError if it cannot be read.
-    """
-    check_file(path)
+def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
+    """The message types of a log (.bin, .log, .tlog), `XKF1/0`, `XKF1/1` of several instances."""
     with path.open("rb") as file:
         head = file.read(256)
-    expected = "a log of ArduPilot (.bin, .log, .tlog)"
     sources: list[Source] = []
     left_out: list[str] = []
-    with foreign(path, expected):
-        binary = head.startswith(b"\xa3\x95")
-        for name, columns, units, instance in (
-            _binary(path, left_out) if binary else _one_by_one(path, b"FMT" in head, left_out)
-        ):
-            known: dict[str, str] = {}
-            for column in columns.keys() & units.keys():
-                unit = SPELLINGS.get(units[column], units[column])
-                if scale := re.fullmatch(r"deg[eE](\d)", unit):
-                    columns[column] = np.asarray(columns[column], float) / 10.0 ** int(scale[1])
-                    unit = "deg"
-                known |= {column: unit} if unit else {}
-            numbers = np.unique(columns[instance]) if instance else np.zeros(1)
-            for number in numbers:
-                full, own = name, columns
-                if len(numbers) > 1:
-                    full = f"{name}/{number:g}"
-                    own = {n: v[columns[instance or ""] == number] for n, v in columns.items()}
-                sources.append(Source(full, path, own, known))
-    if not sources:
-        raise RecordingError(f"{path}: got no messages with data, expected {expected}")
-    return [replace(sources[0], left_out=tuple(left_out)), *sources[1:]]
+    binary = head.startswith(b"\xa3\x95")
+    for name, columns, units, instance in (
+        _binary(path, left_out) if binary else _one_by_one(path, b"FMT" in head, left_out)
+    ):
+        known: dict[str, str] = {}
+        for column in columns.keys() & units.keys():
+            unit = SPELLINGS.get(units[column], units[column])
+            if scale := re.fullmatch(r"deg[eE](\d)", unit):
+                columns[column] = np.asarray(columns[column], float) / 10.0 ** int(scale[1])
+                unit = "deg"
+            known |= {column: unit} if unit else {}
+        numbers = columns[instance] if instance else np.zeros(1)
+        several = np.unique(numbers)
+        sources += [
+            Source(f"{name}/{n:g}", path, {c: v[numbers == n] for c, v in columns.items()}, known)
+            if len(several) > 1
+            else Source(name, path, columns, known)
+            for n in several
+        ]
+    return sources, left_out
 
 
 def _binary(path: Path, left_out: list[str]) -> Iterator[Messages]:
@@ -93,7 +75,7 @@ def _binary(path: Path, left_out: list[str]) -> Iterator[Messages]:
         if not len(at) or layout.itemsize != form.len - 3 or form.name.startswith("FMT"):
             continue
         rows = content[at[:, None] + np.arange(3, form.len)].view(layout)[:, 0]
-        columns: dict[str, Array | TextArray] = {}
+        columns: dict[str, Values] = {}
         for name, (_, factor, _) in zip(form.columns, codes, strict=True):
             values = rows[name]
             if values.dtype.kind == "S":
@@ -148,26 +130,19 @@ def _one_by_one(path: Path, text: bool, left_out: list[str]) -> Iterator[Message
         left_out.append(f"{bad} messages that are damaged or of an unknown type")
 
 
-def read_ulog(path: Path, options: ReadOptions) -> list[Source]:
-    """The topics of a ULog, `topic` or `topic/1` for further instances, with a `timestamp` in us.
-
-    Raises RecordingError if it cannot be read.
-    """
+def read_ulog(path: Path, options: ReadOptions) -> Contents:
+    """The topics of a ULog, `topic`, `topic/1` of several instances, with a `timestamp` in us."""
     from pyulog.core import ULog
 
-    check_file(path)
-    with foreign(path, "a ULog file"), path.open("rb") as file:  # pyulog leaves a bad file open
+    with path.open("rb") as file:  # pyulog leaves a bad file open
         topics = ULog(file).data_list
-        check_size(path, sum(len(column) for topic in topics for column in topic.data.values()))
-        sources = [
-            Source(
-                f"{topic.name}/{topic.multi_id}" if topic.multi_id else topic.name,
-                path,
-                {name: np.asarray(v, dtype=np.float64) for name, v in topic.data.items()},
-                {"timestamp": "us"},
-            )
-            for topic in topics
-        ]
-    if not sources:
-        raise RecordingError(f"{path}: got no topic with data, expected a ULog file")
-    return sources
+    check_size(path, sum(len(column) for topic in topics for column in topic.data.values()))
+    return [
+        Source(
+            f"{topic.name}/{topic.multi_id}" if topic.multi_id else topic.name,
+            path,
+            {name: np.asarray(values, dtype=np.float64) for name, values in topic.data.items()},
+            {"timestamp": "us"},
+        )
+        for topic in topics
+    ], []

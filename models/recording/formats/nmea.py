@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 from pynmea2 import NMEASentence, TalkerSentence
 
-from seatrial.models.errors import RecordingError
 from seatrial.models.recording.formats.text import column_of_cells, decoded
-from seatrial.models.recording.source import ReadOptions, Rows, Source, TextArray, check_size
-from seatrial.models.vessel.basis import Array
+from seatrial.models.recording.source import Contents, ReadOptions, Rows, Source, Values, check_size
 
 DAY = 86400.0  # [s]
 SENTENCE = re.compile(
@@ -46,8 +44,8 @@ UNIT_OF = {name: unit for unit, names in UNITS.items() for name in names.split()
 LETTERS = {"N": "knot", "K": "km/h", "M": "m/s", "D": "deg", "R": "rpm", "C": "degC", "P": "Pa"}
 
 
-def read(path: Path, options: ReadOptions) -> list[Source]:
-    """The sentences of a log; raises RecordingError if there are none."""
+def read(path: Path, options: ReadOptions) -> Contents:
+    """The sentences of a log that have a time, each type by each talker."""
     data, said = decoded(path, options.text.encoding)
     lines = data.decode().splitlines()
     check_size(path, 8 * len(lines))
@@ -86,9 +84,6 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
             units[kind, talker] |= known
             stamps[kind, talker].append(stamp)
     left_out = (*said, *(f"{count} sentences {reason}" for reason, count in lost.items()))
-    if not tables:
-        reasons = "".join(f"; {line}" for line in left_out)
-        raise RecordingError(f"{path}: got no sentence of NMEA 0183 with a time{reasons}")
     stamped = any(any(own) for own in stamps.values())
     talkers = Counter(kind for kind, _ in tables)
     sources: list[Source] = []
@@ -106,8 +101,8 @@ def read(path: Path, options: ReadOptions) -> list[Source]:
                 known[name] = UNIT_OF[max(fits, key=len)]
         name = kind if talkers[kind] == 1 else f"{kind}/{talker}"
         known = {name: unit for name, unit in known.items() if unit}
-        sources.append(Source(name, path, columns, known, left_out=() if sources else left_out))
-    return sources
+        sources.append(Source(name, path, columns, known))
+    return sources, left_out
 
 
 def _sentences(
@@ -155,7 +150,7 @@ def _positions(raw: dict[str, str]) -> dict[str, str]:
     return fields
 
 
-def _times(stamps: list[str]) -> tuple[Array | TextArray, str]:
+def _times(stamps: list[str]) -> tuple[Values, str]:
     """The stamps of a logger as a column and its unit: numbers, date-times, or clocks in s."""
     times, _ = column_of_cells([stamp.replace(",", ".") for stamp in stamps])
     if times.dtype != np.object_:

@@ -13,80 +13,54 @@ from pyarrow import parquet
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.formats.text import table
-from seatrial.models.recording.source import (
-    LARGEST_BYTES,
-    ReadOptions,
-    Source,
-    TextArray,
-    check_size,
-    foreign,
-    table_source,
-)  # fmt: skip
-from seatrial.models.vessel.basis import Array
+from seatrial.models.recording.source import Contents, ReadOptions, Values, check_size, table_source
 
 
-def read_excel(path: Path, options: ReadOptions) -> list[Source]:
-    """The sheets of a workbook, read like the text that their cells would be.
-
-    Raises RecordingError if it cannot be read or has no table.
-    """
+def read_excel(path: Path, options: ReadOptions) -> Contents:
+    """The sheets of a workbook, read like the text that their cells would be."""
     import openpyxl
 
     sources, left_out = [], []
     text = replace(options.text, separator=",", decimal=".", encoding=None, comment=None)
-    with foreign(path, "a workbook of Excel (.xlsx)"):
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        for sheet in book.worksheets:
-            check_size(path, (sheet.max_row or 0) * (sheet.max_column or 0))
-            written = io.StringIO()
-            writer = csv.writer(written, lineterminator="\n")
-            for row in sheet.iter_rows(max_col=sheet.max_column, values_only=True):
-                writer.writerow(
-                    [
-                        cell.isoformat() if isinstance(cell, date | time)
-                        else int(cell) if isinstance(cell, bool) else cell for cell in row
-                    ] if any(cell is not None for cell in row) else []
-                )  # fmt: skip
-            try:
-                sources.append(table(path, written.getvalue().encode(), text, sheet.title))
-            except RecordingError as error:
-                left_out.append(f"sheet {sheet.title}: {str(error).removeprefix(f'{path}: ')}")
-        book.close()
-    if not sources:
-        raise RecordingError(f"{path}: {'; '.join(left_out)}, expected a sheet with a table")
-    said = (*left_out, *sources[0].left_out)
-    return [replace(sources[0], left_out=said), *sources[1:]]
+    book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+    for sheet in book.worksheets:
+        check_size(path, (sheet.max_row or 0) * (sheet.max_column or 0))
+        written = io.StringIO()
+        writer = csv.writer(written, lineterminator="\n")
+        for row in sheet.iter_rows(max_col=sheet.max_column, values_only=True):
+            cells = [c.isoformat() if isinstance(c, date | time) else c for c in row]
+            cells = [int(c) if isinstance(c, bool) else c for c in cells]
+            writer.writerow([] if all(c is None for c in cells) else cells)
+        try:
+            sources.append(table(path, written.getvalue().encode(), text, sheet.title))
+        except RecordingError as error:
+            left_out.append(f"sheet {sheet.title}: {str(error).removeprefix(f'{path}: ')}")
+    book.close()
+    return sources, left_out
 
 
-def read_parquet(path: Path, options: ReadOptions) -> list[Source]:
-    """The columns of a Parquet file, date-times as text, units from the metadata of fields.
-
-    Raises RecordingError if it cannot be read.
-    """
-    with foreign(path, "a Parquet file"), parquet.ParquetFile(path) as file:
+def read_parquet(path: Path, options: ReadOptions) -> Contents:
+    """The columns of a Parquet file, date-times as text, units from the metadata of fields."""
+    with parquet.ParquetFile(path) as file:
+        groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
         check_size(path, file.metadata.num_rows * file.metadata.num_columns)
-        groups = range(file.metadata.num_row_groups)
-        size = sum(file.metadata.row_group(group).total_byte_size for group in groups)
-        if size > 2 * LARGEST_BYTES:
-            raise RecordingError(f"{path}: got {size / 1e6:.0f} MB, cut the recording")
+        check_size(path, sum(group.total_byte_size for group in groups) // 16)  # of long texts
         stored = file.read(use_threads=False)
-        columns: list[Array | TextArray] = []
-        titles, units, left_out = [], [], []
-        for field, column in zip(stored.schema, stored.columns, strict=True):
-            values = _column(column)
-            if values is None:
-                left_out.append(
-                    f"column {field.name}: of type {field.type}, no numbers and no text"
-                )
-            else:
-                columns.append(values)
-                # pandas writes an index without a name so
-                titles.append("index" if field.name == "__index_level_0__" else field.name)
-                units.append((field.metadata or {}).get(b"unit", b"").decode())
-        return [table_source(path.stem, path, titles, columns, units, (), left_out)]
+    columns: list[Values] = []
+    titles, units, left_out = [], [], []
+    for field, column in zip(stored.schema, stored.columns, strict=True):
+        values = _column(column)
+        if values is None:
+            left_out.append(f"column {field.name}: of type {field.type}, no numbers and no text")
+        else:
+            columns.append(values)
+            # pandas writes an index without a name so
+            titles.append("index" if field.name == "__index_level_0__" else field.name)
+            units.append((field.metadata or {}).get(b"unit", b"").decode())
+    return [table_source(path.stem, path, titles, columns, units)], left_out
 
 
-def _column(column: pa.ChunkedArray) -> Array | TextArray | None:
+def _column(column: pa.ChunkedArray) -> Values | None:
     """A column as numbers, NaN for null, or as text; None if it is neither, shape (N,)."""
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
