@@ -106,15 +106,12 @@ class Source:
         return parsed
 
     def _absent(self, name: str) -> RecordingError:
+        got = f"no column {name!r}, expected it among"
+        names = [self.written.get(plain, plain) for plain in self.columns]
         if name in self.repeated:
-            return RecordingError(
-                f"{self.path}: {len(self.repeated[name])} columns are titled {name!r}, "
-                f"expected one of {', '.join(self.repeated[name])}"
-            )
-        names = [self.written.get(column, column) for column in self.columns]
-        return RecordingError(
-            f"{self.path}: no column {name!r}, expected it among {_listing(names)}"
-        )
+            names = list(self.repeated[name])
+            got = f"{len(names)} columns are titled {name!r}, expected one of"
+        return RecordingError(f"{self.path}: {got} {_listing(names)}")
 
 
 def _listing(names: Iterable[str]) -> str:

@@ -1,7 +1,8 @@
 """Files of arrays: MATLAB v5 by scipy and 7.3 (HDF5) by h5py, netCDF by xarray."""
 
-import math
 import re
+import struct
+import zlib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
@@ -22,6 +23,7 @@ from seatrial.models.recording.source import (
     check_size,
 )
 
+COMPRESSED = 15  # type of an element of a v5 file
 HDF5 = b"\x89HDF\r\n\x1a\n"
 NUMERIC = ("double", "single", "logical", "cell", "struct", "char")  # and int8 ... uint64
 
@@ -44,7 +46,17 @@ def read_matlab(path: Path, options: ReadOptions) -> Contents:
             check_size(path, sum(sizes))
             variables = {n: _plain(v, stored) for n, v in stored.items() if n[0] != "#"}
     else:
-        check_size(path, sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)))
+        with path.open("rb") as file:  # how large its compressed variables say they are
+            order = "<" if file.read(128)[126:] == b"IM" else ">"
+            total, end = 0, 128
+            while len(tag := file.read(8)) == 8:
+                kind, length = struct.unpack(f"{order}2I", tag)
+                end += 8 + length
+                if kind == COMPRESSED:
+                    start = zlib.decompressobj().decompress(file.read(min(length, 1024)), 8)
+                    total += struct.unpack(f"{order}2I", start)[1]
+                file.seek(end)
+        check_size(path, total // 8)
         read = scipy.io.loadmat(path, struct_as_record=False, squeeze_me=True)
         for name, value in read.items():
             if isinstance(value, scipy.io.matlab.MatlabOpaque):  # its own name is lost

@@ -4,7 +4,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,13 +16,8 @@ SPELLINGS = {"degheading": "deg", "deglatitude": "deg", "deglongitude": "deg", "
              "instance": "", "UNKNOWN": "", "satellites": ""}  # fmt: skip
 
 
-class Messages(NamedTuple):
-    """All messages of a type."""
-
-    name: str
-    columns: dict[str, Values]
-    units: dict[str, str]
-    instance: str | None = None  # the column that tells sensors apart
+# Messages of a type: name, columns, units, and the column that tells sensors apart.
+Messages: TypeAlias = tuple[str, dict[str, Values], dict[str, str], str | None]
 
 
 def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
@@ -88,7 +83,7 @@ def _binary(path: Path, left_out: list[str]) -> Iterator[Messages]:
         small = {n for n in form.columns if rows[n].dtype in (np.uint8, np.int8)}
         instance = next((n for n in (form.instance_field, *INSTANCES) if n in small), None)
         units = dict(zip(form.columns, form.units or (), strict=False)) | TIMES
-        yield Messages(form.name, columns, units, instance)
+        yield form.name, columns, units, instance
     if lost:
         left_out.append(f"{lost} bytes that are no messages")
 
@@ -125,7 +120,7 @@ def _one_by_one(path: Path, text: bool, left_out: list[str]) -> Iterator[Message
         columns = own.columns()
         instance = next((n for n in INSTANCES if n in columns), None) if text else None
         name = kind if systems[kind] == 1 else f"{kind}/{system}"
-        yield Messages(name, columns, units[kind, system] | TIMES, instance)
+        yield name, columns, units[kind, system] | TIMES, instance
     if bad:
         left_out.append(f"{bad} messages that are damaged or of an unknown type")
 

@@ -163,9 +163,8 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
         values, reason = column_of_cells(cells, decimal)
         texts += len(set(map(id, values))) if values.dtype == np.object_ else 0
         check_size(path, 8 * texts)  # different texts take more memory than numbers
-        if (
-            units[place] in ("lat", "lon") and values.dtype != np.object_
-        ):  # of a glider: degrees and minutes, DDMM.mm
+        # of a glider: degrees and minutes, DDMM.mm
+        if units[place].strip() in ("lat", "lon") and values.dtype != np.object_:
             whole = np.trunc(values / 100.0)
             values = whole + (values - 100.0 * whole) / 60.0
             values[np.abs(values) > 180.0] = np.nan  # where it had no position
