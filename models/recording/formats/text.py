@@ -149,7 +149,7 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     repeats = 0
     for place, _ in head[start:before]:  # a logger that starts again writes its header again
         again = b"\n" + data.split(b"\n", place)[place - 1].rstrip(b"\r")
-        if len(again) > 1 and again in data[len(top) :]:
+        if len(again) > 1 and data.find(again, len(top)) >= 0:
             found_again = re.compile(re.escape(again) + rb"(?=\r?\n)")
             rest, number = found_again.subn(b"\n", data[len(top) :])
             data, repeats = top + rest, repeats + number
@@ -160,6 +160,7 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     units = titles[1] if len(titles) > 1 and len(titles[1]) == width else [""] * width
     texts = 0
     for place, cells in enumerate(_cells(path, data, separator, width, line, before)):
+        cells = pc.utf8_trim_whitespace(cells.combine_chunks())
         values, reason = column_of_cells(cells, decimal)
         texts += len(set(map(id, values))) if values.dtype == np.object_ else 0
         check_size(path, 8 * texts)  # different texts take more memory than numbers
@@ -252,8 +253,8 @@ def _header(rows: list[list[str]], decimal: str, white: bool) -> tuple[int, int]
 
 def _cells(
     path: Path, data: bytes, separator: str, width: int, lines_before: int, rows_before: int
-) -> list[pa.Array]:
-    """The columns below the header, as text without surrounding spaces."""
+) -> list[pa.ChunkedArray]:
+    """The columns below the header, as text."""
     check_size(path, (data.count(b"\n") + 1) * width)
     names = [str(place) for place in range(width)]
     try:
@@ -276,7 +277,8 @@ def _cells(
                 ) from error
         reason = shorten(str(error), 600)
         raise RecordingError(f"{path}: {reason}, expected comma-separated values") from error
-    return [pc.utf8_trim_whitespace(column.combine_chunks()) for column in cells.columns]
+    columns: list[pa.ChunkedArray] = cells.columns
+    return columns
 
 
 def column_of_cells(cells: pa.Array | Sequence[str], decimal: str = ".") -> tuple[Values, str]:
