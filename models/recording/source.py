@@ -1,14 +1,19 @@
 """Columns as they were recorded, and how a file is to be read."""
 
+import codecs
 import io
+import os
+import re
 import warnings
 from array import array
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from itertools import count, islice
 from pathlib import Path
 from textwrap import shorten
-from typing import Annotated, NamedTuple, TypeAlias
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Ge
@@ -19,17 +24,20 @@ from seatrial.models.ranges import check_ranges
 from seatrial.models.vessel.basis import Array
 
 MAX_NUMBER = 1e30  # larger numbers are not measurements, and their squares could overflow
-LARGEST_BYTES = 2**28  # of a text file, and of the numbers of any recording
+LARGEST_BYTES = 2**28  # of a file that is read at once, and of the numbers of any recording
 MOST_CELLS = LARGEST_BYTES // 8
 MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
-MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # of text in another encoding
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
+Values: TypeAlias = Array | TextArray
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 # Cells that stand for no sample, as programs write them, in small letters.
 MISSING = frozenset(
     ("", "nan", "+nan", "-nan", "n/a", "na", "n.a.", "#n/a", "#n/a n/a", "#na", "<na>", "nat",
      "null", "none", "nil", "-", "--", "---", "?", "missing", "1.#qnan", "-1.#ind", "1.#ind",
      "#value!", "#div/0!", "#num!", "#null!", "#ref!", "#name?")
 )  # fmt: skip
+TITLE = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?P<unit>[^\[\]()]*)[\])]")
+NO_UNITS = {"nodim": "", "bool": "", "enum": "", "timestamp": "s"}  # of gliders
 
 
 class FileCell(NamedTuple):
@@ -54,12 +62,12 @@ class Source:
 
     name: str  # stem of the file, or topic, relative to the folder
     path: Path
-    columns: dict[str, Array | TextArray]  # (N,) each
+    columns: dict[str, Values]  # (N,) each
     units: dict[str, str] = field(default_factory=dict)
-    written: dict[str, str] = field(default_factory=dict)  # names in the header, where they differ
+    written: dict[str, str] = field(default_factory=dict)  # titles, where they differ from names
     repeated: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # title: its columns
     left_out: tuple[str, ...] = ()  # what of the file was left out, and why
-    cell: Callable[[int, str], FileCell] = _row  # reads the file again
+    cell: Callable[[int, str], FileCell] = _row  # a cell of the file, by row and column
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -76,14 +84,17 @@ class Source:
         Raises RecordingError, with file, column and line, if a cell is not a finite number.
         """
         column = self.find(name)
-        if column is None or name in self.repeated:
+        if column is None:
             raise self._absent(name)
         values = self.columns[column]
-        numeric = values.dtype != np.object_
-        parsed = np.asarray(values, dtype=np.float64) if numeric else _parsed(values.tolist())
-        wrong = ~(np.abs(parsed) < MAX_NUMBER)
-        if gaps:
-            wrong &= ~np.isnan(parsed) if numeric else ~np.array([is_empty(v) for v in values])
+        if values.dtype == np.object_:
+            cells = [cell.strip() for cell in values]
+            parsed = np.array([float(c) if NUMBER.fullmatch(c) else np.nan for c in cells])
+            missing = np.array([c.lower() in MISSING for c in cells], dtype=bool)
+        else:
+            parsed = np.asarray(values, dtype=np.float64)
+            missing = np.isnan(parsed)
+        wrong = ~(np.abs(parsed) < MAX_NUMBER) & ~(missing & gaps)
         if np.any(wrong):
             row = int(np.argmax(wrong))
             place, text = self.cell(row, column)
@@ -95,39 +106,84 @@ class Source:
         return parsed
 
     def _absent(self, name: str) -> RecordingError:
+        got = f"no column {name!r}, expected it among"
+        names = [self.written.get(plain, plain) for plain in self.columns]
         if name in self.repeated:
-            return RecordingError(
-                f"{self.path}: {len(self.repeated[name])} columns are titled {name!r}, "
-                f"expected one of {', '.join(self.repeated[name])}"
+            names = list(self.repeated[name])
+            got = f"{len(names)} columns are titled {name!r}, expected one of"
+        return RecordingError(f"{self.path}: {got} {_listing(names)}")
+
+
+def _listing(names: Iterable[str]) -> str:
+    return shorten(", ".join(names), 600, placeholder=" ...")
+
+
+def table_source(
+    source: str,
+    path: Path,
+    titles: Sequence[str],
+    columns: Sequence[Values],
+    units: Sequence[str] = (),
+    reasons: Sequence[str] = (),
+    left_out: Sequence[str] = (),
+    cell: Callable[[int, int], FileCell] | None = None,
+) -> Source:
+    """A table as a source: names, units and repeated titles of its columns.
+
+    `t [s]` is the column `t` in `s`, a column without title is c1, c2 ... Columns whose names
+    differ by the unit only keep their titles. Columns of one title are one if their cells are
+    equal, else `x.1`, `x.2` ...
+
+    Args:
+        source: its name.
+        titles: as written, of the `columns`, (N,) each.
+        units: of the columns, where the file has them apart from the titles.
+        reasons: what was left out of the columns; `left_out`: of the table.
+        cell: a cell of the file by row and number of the column.
+    """
+    titles = [title.strip() or f"c{i + 1}" for i, title in enumerate(titles)]
+    matches = [TITLE.fullmatch(title) for title in titles]
+    plain = [m["name"] if m else title for m, title in zip(matches, titles, strict=True)]
+    places: dict[str, list[int]] = defaultdict(list)
+    for i, title in enumerate(titles):
+        places[title].append(i)
+    alike = Counter(plain[own[0]] for own in places.values())
+    names: dict[int, str] = {}
+    repeated: dict[str, tuple[str, ...]] = {}
+    twice = []
+    for title, own in places.items():
+        first = columns[own[0]]
+        exact = first.dtype == np.object_
+        others = [columns[i] for i in own[1:]]
+        if all(first.dtype == other.dtype for other in others) and all(
+            np.array_equal(first, other, equal_nan=not exact) for other in others
+        ):
+            names[own[0]] = plain[own[0]] if alike[plain[own[0]]] == 1 else title
+            twice += (
+                [f"column {title}: stands {len(own)} times, with equal cells"] if others else []
             )
-        names = [self.written.get(column, column) for column in self.columns]
-        listing = shorten(", ".join(names), 600, placeholder=" ...")
-        return RecordingError(f"{self.path}: no column {name!r}, expected it among {listing}")
-
-
-def is_empty(cell: str) -> bool:
-    """Whether a cell stands for no sample."""
-    return cell.strip().lower() in MISSING
-
-
-def column_of_cells(cells: Sequence[str]) -> Array | TextArray:
-    """Cells as numbers, NaN where one is missing; as they are if one is something else, (N,)."""
-    values = _parsed(cells)
-    plain = all(map(is_empty, (cells[int(row)] for row in np.flatnonzero(np.isnan(values)))))
-    return values if plain else np.array(cells, dtype=np.object_)
-
-
-def _parsed(cells: Sequence[str]) -> Array:
-    """Cells as numbers, shape (N,); NaN where a cell is none."""
-    values = np.full(len(cells), np.nan)
-    for row, cell in enumerate(cells):
-        # float() accepts more than is written by instruments: 1_000, and digits of other scripts.
-        if cell.isascii() and "_" not in cell and not is_empty(cell):
-            try:
-                values[row] = float(cell)
-            except ValueError:
-                continue
-    return values
+        else:
+            free = (name for i in count(1) if (name := f"{title}.{i}") not in places)
+            repeated[title] = tuple(islice(free, len(own)))
+            names |= dict(zip(own, repeated[title], strict=True))
+    names = dict(sorted(names.items()))
+    said = [f"column {name}: {reasons[i]}" for i, name in names.items() if reasons and reasons[i]]
+    known: dict[str, str] = {}
+    for i, name in names.items():
+        match = matches[i]
+        unit = (units[i].strip("[]() ") if units else "") or (match["unit"] if match else "")
+        known |= {name: unit} if (unit := NO_UNITS.get(unit.strip(), unit.strip())) else {}
+    numbers = {name: i for i, name in names.items()}
+    return Source(
+        source,
+        path,
+        {name: columns[i] for i, name in names.items()},
+        known,
+        {name: titles[i] for i, name in names.items() if titles[i] not in (name, *repeated)},
+        repeated,
+        (*left_out, *said, *twice),
+        _row if cell is None else lambda row, column: cell(row, numbers[column]),
+    )
 
 
 def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
@@ -136,58 +192,31 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
     A source may be named by the end of its path. Raises RecordingError if there is no such column,
     or several.
     """
-    if len(sources) == 1:
-        (source,) = sources.values()
-        if name in source.repeated:
-            raise source._absent(name)
-    holders = [(source, plain) for source in sources.values() if (plain := source.find(name))]
+    searched, title = list(sources.values()), name
+    place = os.path.commonpath([source.path for source in searched])
+    holders = [(source, plain) for source in searched if (plain := source.find(name))]
     if not holders and ":" in name:
-        wanted, _, plain_name = name.rpartition(":")
+        wanted, _, title = name.rpartition(":")
         ending = f"/{wanted.lstrip('/')}"
-        named = [s for s in sources.values() if f"/{s.name}".endswith(ending)]
-        named = [sources[wanted]] if wanted in sources else named
-        if not named:
-            listing = shorten(", ".join(sources), 600, placeholder=" ...")
+        searched = [source for source in searched if f"/{source.name}".endswith(ending)]
+        searched = [sources[wanted]] if wanted in sources else searched
+        if not searched:
             raise RecordingError(
-                f"{_place(sources)}: no source {wanted!r}, expected it among {listing}"
+                f"{place}: no source {wanted!r}, expected it among {_listing(sources)}"
             )
-        holders = [(source, plain) for source in named if (plain := source.find(plain_name))]
-        if not holders:
-            raise named[0]._absent(plain_name)
-    if len(holders) > 1:
-        listing = shorten(", ".join(source.name for source, _ in holders), 300, placeholder=" ...")
+        holders = [(source, plain) for source in searched if (plain := source.find(title))]
+    if len(holders) == 1:
+        return holders[0]
+    if holders:
         raise RecordingError(
-            f"{_place(sources)}: {len(holders)} sources have a column {name!r}: {listing}; "
-            f"expected one of them before it, as {holders[0][0].name}:{holders[0][1]}"
+            f"{place}: {len(holders)} sources have a column {name!r}: "
+            f"{_listing(source.name for source, _ in holders)}; expected one of them before it, "
+            f"as {holders[0][0].name}:{holders[0][1]}"
         )
-    if not holders:
-        if len(sources) == 1:
-            raise next(iter(sources.values()))._absent(name)
-        known = [
-            f"{source.name}:{plain}" for source in sources.values() for plain in source.columns
-        ]
-        listing = shorten(", ".join(known), 600, placeholder=" ...")
-        raise RecordingError(f"{_place(sources)}: no column {name!r}, expected it among {listing}")
-    return holders[0]
-
-
-def _place(sources: Mapping[str, Source]) -> str:
-    paths = [source.path for source in sources.values()]
-    shared = [
-        path
-        for path in (paths[0], *paths[0].parents)
-        if all(path == other or path in other.parents for other in paths)
-    ]
-    return str(shared[0]) if shared else ", ".join(map(str, paths))
-
-
-def check_file(path: Path) -> None:
-    """Raise RecordingError if a file has more bytes than are read."""
-    if (size := path.stat().st_size) > LARGEST_BYTES:
-        raise RecordingError(
-            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
-            "recording"
-        )
+    if len(searched) == 1 or ":" in name:
+        raise searched[0]._absent(title)
+    known = _listing(f"{source.name}:{plain}" for source in searched for plain in source.columns)
+    raise RecordingError(f"{place}: no column {name!r}, expected it among {known}")
 
 
 def check_size(path: Path, cells: int) -> None:
@@ -200,9 +229,9 @@ def check_size(path: Path, cells: int) -> None:
 
 @contextmanager
 def foreign(path: Path, expected: str) -> Iterator[None]:
-    """Name the file where a reader that is not ours fails, and keep what it prints to ourselves.
+    """Name the file where a library fails, which may raise anything, and hide what it prints.
 
-    A damaged file can make a reader raise anything. Raises RecordingError.
+    Raises RecordingError.
     """
     quiet = io.StringIO()
     try:
@@ -211,48 +240,41 @@ def foreign(path: Path, expected: str) -> Iterator[None]:
             yield
     except SeatrialError:
         raise
-    except MemoryError as error:
-        raise RecordingError(
-            f"{path}: takes more memory than there is, expected {expected} of a recording; cut it"
-        ) from error
     except Exception as error:
         reason = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
         raise RecordingError(f"{path}: cannot be read ({reason}), expected {expected}") from error
 
 
+Contents: TypeAlias = tuple[list[Source], Sequence[str]]  # of a file, and what was left out
+
+
 class Rows:
-    """Columns that grow message by message; what a message does not have stays missing."""
+    """Columns that grow message by message; what a message does not have stays missing.
+
+    A column holds numbers or texts, by its first value.
+    """
 
     def __init__(self) -> None:
         self.count = 0
-        self.cells: dict[str, array[float] | list[str]] = {}
+        self.cells: dict[str, Any] = {}  # array of float, or list of str
 
-    def add(self, values: Iterable[tuple[str, float | str]]) -> None:
-        """Add a message: its numbers and texts by name."""
+    def add(self, values: Iterable[tuple[str, Any]]) -> None:
+        """Add a message: its numbers and texts (str) by name."""
         for name, value in values:
-            cells = self.cells.get(name)
-            if cells is None:
-                cells = self.cells[name] = [] if isinstance(value, str) else array("d")
-            elif isinstance(value, str) and not isinstance(cells, list):
-                cells = self.cells[name] = ["" if x != x else f"{x:.17g}" for x in cells]
-            if isinstance(cells, list):
-                cells.extend([""] * (self.count - len(cells)))
-                cells.append(value if isinstance(value, str) else f"{value:.17g}")
-            else:
-                cells.extend([np.nan] * (self.count - len(cells)))
-                cells.append(float(value))
+            text = isinstance(value, str)
+            cells = self.cells.setdefault(name, [] if text else array("d"))
+            cells.extend(["" if text else np.nan] * (self.count - len(cells)))
+            cells.append(value)
         self.count += 1
 
-    def columns(self) -> dict[str, Array | TextArray]:
+    def columns(self) -> dict[str, Values]:
         """All columns, shape (N,) each."""
-        found: dict[str, Array | TextArray] = {}
-        for name, cells in self.cells.items():
-            lost = self.count - len(cells)
-            if isinstance(cells, list):
-                found[name] = np.array([*cells, *[""] * lost], dtype=np.object_)
-            else:
-                found[name] = np.concatenate([np.array(cells), np.full(lost, np.nan)])
-        return found
+        return {
+            name: np.array([*cells, *[""] * (self.count - len(cells))], dtype=np.object_)
+            if isinstance(cells, list)
+            else np.append(cells, np.full(self.count - len(cells), np.nan))
+            for name, cells in self.cells.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -273,24 +295,21 @@ class TextOptions:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        problem = ""
         if self.separator is not None and (len(self.separator) != 1 or self.separator in '"\r\n'):
-            raise ConfigurationError(f"separator: got {self.separator!r}, expected one character")
-        if self.decimal not in (None, ".", ","):
-            raise ConfigurationError(f"decimal: got {self.decimal!r}, expected '.', ',' or null")
-        if self.decimal == "," and self.separator == ",":
-            raise ConfigurationError(
-                "decimal and separator are both ',', expected a different separator"
-            )
-        if self.encoding is not None:
-            try:
-                "".encode(self.encoding)
-            except LookupError as error:
-                raise ConfigurationError(
-                    f"encoding: got {self.encoding!r}, expected one that is known, such as "
-                    "utf-8, latin-1, utf-16"
-                ) from error
-        if len(set(self.names)) < len(self.names):
-            raise ConfigurationError(f"names: got {', '.join(self.names)}, expected each once")
+            problem = f"separator: got {self.separator!r}, expected one character"
+        elif self.decimal not in (None, ".", ","):
+            problem = f"decimal: got {self.decimal!r}, expected '.', ',' or null"
+        elif self.decimal == self.separator == ",":
+            problem = "decimal and separator are both ',', expected a different separator"
+        elif len(set(self.names)) < len(self.names):
+            problem = f"names: got {', '.join(self.names)}, expected each once"
+        try:
+            codecs.lookup(self.encoding or "utf-8")
+        except LookupError:
+            problem = f"encoding: got {self.encoding!r}, expected one that is known, as latin-1"
+        if problem:
+            raise ConfigurationError(problem)
 
 
 @dataclass(frozen=True)

@@ -2,183 +2,161 @@
 
 import re
 from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from pynmea2 import NMEASentence, TalkerSentence
 
-from seatrial.models.errors import RecordingError
-from seatrial.models.recording.formats.text import NUMBER_TEXT, content
-from seatrial.models.recording.source import (
-    ReadOptions,
-    Rows,
-    Source,
-    TextArray,
-    check_size,
-    column_of_cells,
-)
-from seatrial.models.vessel.basis import Array
+from seatrial.models.recording.formats.text import column_of_cells, decoded
+from seatrial.models.recording.source import Contents, ReadOptions, Rows, Source, Values, check_size
 
-TIME = "time"
 DAY = 86400.0  # [s]
 SENTENCE = re.compile(
     r"([$!])(P[A-Z0-9]{3,}|[A-Z]{2}[A-Z0-9]{3}),([^*$!\r\n\"]*)(?:\*([0-9A-Fa-f]{2}))?"
 )
-# Stamps of loggers: date-times, seconds of a tag block, a number of seconds and its parts, clocks.
-STAMPS = [
+# Stamps of loggers: date-times, seconds of a tag block, clocks, a number of seconds.
+STAMPS = tuple(
     re.compile(pattern)
     for pattern in (
         r"(\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ]+\d?\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?)",
-        r"\\[^\\]*\bc:(\d{9,})", r"(\d?\d:\d\d:\d\d(?:[.,]\d+)?)",
+        r"\\[^\\]*\bc:(\d{9,})",
+        r"(\d?\d:\d\d:\d\d(?:[.,]\d+)?)",
         r"(?:^|[\s,;\[(])(\d+(?:\.\d+)?)(?=[\s,;:\])\"]|$)",
     )
-]  # fmt: skip
+)
 # Sentences that the package does not know.
 FIELDS = {"THS": ("heading", "status"), "HSC": ("heading_true", "true", "heading_mag", "magnetic")}
-UNITS = {  # beginnings or ends of the names of fields, the longest that fits
-    "spd_over_grnd": "knot", "_kts": "knot", "_knots": "knot", "_kmph": "km/h", "_kn": "knot",
-    "water_speed_km": "km/h", "wind_speed_km": "km/h", "wind_speed_meters": "m/s", "_ms": "m/s",
-    "lon_water_spd": "knot", "trans_water_spd": "knot", "lon_grnd_spd": "knot",
-    "trans_grnd_spd": "knot", "true_course": "deg", "true_track": "deg", "mag_track": "deg",
-    "heading": "deg", "deviation": "deg", "variation": "deg", "mag_variation": "deg",
-    "direction_true": "deg", "direction_magnetic": "deg", "wind_angle": "deg", "latitude": "deg",
-    "longitude": "deg", "rate_of_turn": "deg/min", "rsa_": "deg", "depth": "m", "offset": "m",
-    "altitude": "m", "geo_sep": "m", "depth_feet": "ft", "depth_fathoms": "fathom",
-    "depth_meters": "m", "std_dev": "m", "deg_t": "deg", "deg_m": "deg", "deg_r": "deg",
-}  # fmt: skip
+UNITS = {  # of fields, by how their names begin or end, the longest that fits
+    "knot": "spd_over_grnd _kts _knots _kn lon_water_spd trans_water_spd lon_grnd_spd "
+    "trans_grnd_spd",
+    "km/h": "_kmph water_speed_km wind_speed_km",
+    "m/s": "wind_speed_meters _ms",
+    "deg": "true_course true_track mag_track heading deviation variation mag_variation "
+    "direction_true direction_magnetic wind_angle latitude longitude rsa_ deg_t deg_m deg_r",
+    "deg/min": "rate_of_turn",
+    "m": "depth offset altitude geo_sep depth_meters std_dev",
+    "ft": "depth_feet",
+    "fathom": "depth_fathoms",
+}
+UNIT_OF = {name: unit for unit, names in UNITS.items() for name in names.split()}
 LETTERS = {"N": "knot", "K": "km/h", "M": "m/s", "D": "deg", "R": "rpm", "C": "degC", "P": "Pa"}
 
 
-def read(path: Path, options: ReadOptions) -> list[Source]:
-    """The sentences of a log; raises RecordingError if there are none."""
-    data, said = content(path, options.text)
+def read(path: Path, options: ReadOptions) -> Contents:
+    """The sentences of a log that have a time, each type by each talker."""
+    data, said = decoded(path, options.text.encoding)
+    lines = data.decode().splitlines()
+    check_size(path, 8 * len(lines))
     tables: dict[tuple[str, str], Rows] = defaultdict(Rows)
     units: dict[tuple[str, str], dict[str, str]] = defaultdict(dict)
     stamps: dict[tuple[str, str], list[str]] = defaultdict(list)
     lost: Counter[str] = Counter()
-    lines = data.decode().splitlines()
-    check_size(path, 8 * len(lines))
-    dated = next((day for line in lines for m in SENTENCE.finditer(line)
-                  if (day := _clock(m[2][-3:], m[3].split(","))[1]) is not None), 0.0)  # fmt: skip
-    day, clock, stamped = dated, np.nan, 0
-    for line in lines:
-        end = 0
-        for match in SENTENCE.finditer(line):
-            talker, kind, cells = match[2][:-3], match[2][-3:], match[3].split(",")
-            if match[2].startswith("P"):
-                talker, kind = "", match[2]
-            beside, end = line[end : match.start()] or line[match.end() :], match.end()
-            if match[1] == "!":
-                lost["of AIS (they start with !)"] += 1
-                continue
-            if match[4] and int(match[4], 16) != NMEASentence.checksum(f"{match[2]},{match[3]}"):
-                lost["with a wrong checksum"] += 1
-                continue
-            seconds, date = _clock(kind, cells)
-            if seconds is not None:
-                if date is not None:
-                    day = date
-                elif clock - day - seconds > DAY / 2.0:  # past midnight
-                    day += DAY
-                clock = day + seconds
-            names = FIELDS.get(kind) or [f[1] for f in getattr(TalkerSentence.sentence_types.get(
-                kind), "fields", ())] or [f"c{i + 1}" for i in range(len(cells))]  # fmt: skip
-            raw = dict(zip(names, (cell.strip() for cell in cells), strict=False))
-            if raw.get("status") == "V":
-                lost[f"{kind} of status V (not valid)"] += 1
-                continue
-            stamp = next((found[1] for p in STAMPS if (found := p.search(beside))), "")
-            if not stamp and np.isnan(clock):
-                lost["before the first time"] += 1
-                continue
-            stamped += bool(stamp)
-            kind, values, own = _values(kind, raw, cells)
-            key = (kind, talker)
-            tables[key].add([(TIME, clock), *values])
-            stamps[key].append(stamp)
-            units[key] |= own
+    days = (_day(raw) for *_, raw, _ in _sentences(lines, Counter()))
+    day, clock = next((d for d in days if d is not None), 0.0), np.nan
+    for kind, talker, raw, beside in _sentences(lines, lost):
+        if time := re.fullmatch(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)", raw.get("timestamp", "")):
+            seconds = 3600.0 * int(time[1]) + 60.0 * int(time[2]) + float(time[3])
+            if (own := _day(raw)) is not None:
+                day = own
+            elif clock - day - seconds > DAY / 2.0:  # past midnight
+                day += DAY
+            clock = day + seconds
+        stamp = next((found[1] for p in STAMPS if (found := p.search(beside))), "")
+        if raw.get("status") == "V":
+            lost[f"{kind} of status V (not valid)"] += 1
+        elif not stamp and np.isnan(clock):
+            lost["before the first time"] += 1
+        else:
+            known = {}
+            if kind == "XDR":  # type, value, unit and name of each transducer
+                each = list(zip(*(iter(raw.values()),) * 4, strict=False))
+                raw = {name: value for _, value, _, name in each}
+                known = {name: LETTERS.get(unit, "") for _, _, unit, name in each}
+            elif kind == "MWV":  # relative and true wind are different quantities
+                kind += f"/{raw.get('reference', '')}".rstrip("/")
+                known = {"wind_speed": LETTERS.get(raw.get("wind_speed_units", ""), "")}
+            elif kind == "RPM":  # of a shaft or an engine, and its number
+                kind += f"/{raw.get('source', '')}{raw.get('engine_no', '')}"
+                known = {"speed": "rpm", "pitch": "percent"}
+            tables[kind, talker].add([("time", clock), *_positions(raw).items()])
+            units[kind, talker] |= known
+            stamps[kind, talker].append(stamp)
     left_out = (*said, *(f"{count} sentences {reason}" for reason, count in lost.items()))
-    if not tables:
-        reasons = "".join(f"; {line}" for line in left_out)
-        raise RecordingError(f"{path}: got no sentence of NMEA 0183 with a time{reasons}")
+    stamped = any(any(own) for own in stamps.values())
     talkers = Counter(kind for kind, _ in tables)
     sources: list[Source] = []
     for (kind, talker), rows in tables.items():
         columns = rows.columns()
-        known = {TIME: "s"} | units[kind, talker]
+        for name, cells in columns.items():
+            if cells.dtype == np.object_ and name not in ("timestamp", "datestamp"):
+                columns[name], _ = column_of_cells(cells.tolist())
+        known = {"time": "s"} | units[kind, talker]
         if stamped:
-            columns[TIME] = _times(stamps[kind, talker])
-            if columns[TIME].dtype == np.object_ or ":" not in stamps[kind, talker][0]:
-                del known[TIME]
+            columns["time"], known["time"] = _times(stamps[kind, talker])
+        for name in columns.keys() - known.keys():
+            fits = [key for key in UNIT_OF if name.startswith(key) or name.endswith(key)]
+            if fits and columns[name].dtype != np.object_:
+                known[name] = UNIT_OF[max(fits, key=len)]
         name = kind if talkers[kind] == 1 else f"{kind}/{talker}"
-        said = () if sources else left_out
-        sources.append(Source(name, path, columns, known, left_out=said))
-    return sources
+        known = {name: unit for name, unit in known.items() if unit}
+        sources.append(Source(name, path, columns, known))
+    return sources, left_out
 
 
-def _clock(kind: str, cells: list[str]) -> tuple[float | None, float | None]:
-    """The time of day of a sentence [s] and the day [s since 1970], None where it has none."""
-    fields = [f[1] for f in getattr(TalkerSentence.sentence_types.get(kind), "fields", ())]
-    raw = dict(zip(fields, cells, strict=False))
-    time = re.fullmatch(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)", raw.get("timestamp", ""))
-    seconds = 3600.0 * int(time[1]) + 60.0 * int(time[2]) + float(time[3]) if time else None
+def _sentences(
+    lines: Sequence[str], lost: Counter[str]
+) -> Iterator[tuple[str, str, dict[str, str], str]]:
+    """Type and talker of each sentence, its fields, and the text of the logger beside it."""
+    for line in lines:
+        end = 0
+        for match in SENTENCE.finditer(line):
+            mark, tag, body, checksum = match.groups()
+            beside, end = line[end : match.start()] or line[match.end() :], match.end()
+            if mark == "!":
+                lost["of AIS (they start with !)"] += 1
+            elif checksum and int(checksum, 16) != NMEASentence.checksum(f"{tag},{body}"):
+                lost["with a wrong checksum"] += 1
+            else:
+                talker, kind = ("", tag) if tag.startswith("P") else (tag[:-3], tag[-3:])
+                cells = [cell.strip() for cell in body.split(",")]
+                fields = getattr(TalkerSentence.sentence_types.get(kind), "fields", ())
+                names = FIELDS.get(kind) or [each[1] for each in fields]
+                names = names or [f"c{i + 1}" for i in range(len(cells))]
+                if kind == "XDR":  # as many as there are transducers
+                    names = [str(i) for i in range(len(cells))]
+                yield kind, talker, dict(zip(names, cells, strict=False)), beside
+
+
+def _day(raw: dict[str, str]) -> float | None:
+    """The day of a sentence [s since 1970]; None if it has none."""
+    text = raw.get("datestamp") or raw.get("day", "") + raw.get("month", "") + raw.get("year", "")
     try:
-        if kind == "RMC":
-            date = datetime.strptime(raw["datestamp"], "%d%m%y")
-        elif kind == "ZDA":
-            date = datetime(int(raw["year"]), int(raw["month"]), int(raw["day"]))
-        else:
-            return seconds, None
-    except (ValueError, KeyError):
-        return seconds, None
-    return seconds, date.replace(tzinfo=UTC).timestamp()
+        date = datetime.strptime(text, "%d%m%y" if len(text) == 6 else "%d%m%Y") if text else None
+    except ValueError:
+        return None
+    return date.replace(tzinfo=UTC).timestamp() if date else None
 
 
-def _values(
-    kind: str, raw: dict[str, str], cells: list[str]
-) -> tuple[str, list[tuple[str, float | str]], dict[str, str]]:
-    """The source of a sentence, its numbers and texts by name, and their units."""
-    values: list[tuple[str, float | str]] = []
-    units: dict[str, str] = {}
-    if kind == "XDR":  # type, value, unit and name of each transducer
-        for _, value, unit, name in zip(*(iter(cells),) * 4, strict=False):
-            if NUMBER_TEXT.fullmatch(value):
-                values.append((name, float(value)))
-                units |= {name: LETTERS[unit]} if unit in LETTERS else {}
-        return kind, values, units
-    for name, cell in raw.items():
-        if name in ("lat", "lon"):
-            degrees = re.fullmatch(r"(\d*?)(\d{1,2}(?:\.\d*)?)", cell)
-            side = raw.get(f"{name}_dir", "")
-            if degrees and side in ("N", "S", "E", "W"):
-                angle = float(degrees[1] or 0) + float(degrees[2]) / 60.0
-                name = "latitude" if name == "lat" else "longitude"
-                values.append((name, -angle if side in "SW" else angle))
-        elif NUMBER_TEXT.fullmatch(cell) and name not in ("timestamp", "datestamp"):
-            values.append((name, float(cell)))
-        elif cell:
-            values.append((name, cell))
-        else:
-            continue
-        fits = [key for key in UNITS if name.startswith(key) or name.endswith(key)]
-        if fits and isinstance(values[-1][1], float):
-            units[name] = UNITS[max(fits, key=len)]
-    if kind == "MWV" and raw.get("reference"):  # relative and true wind are different quantities
-        kind += f"/{raw['reference']}"
-        if (letter := raw.get("wind_speed_units", "")) in LETTERS:
-            units["wind_speed"] = LETTERS[letter]
-    elif kind == "RPM":  # of a shaft or an engine, and its number
-        kind += f"/{raw.get('source', '')}{raw.get('engine_no', '')}"
-        units |= {"speed": "rpm", "pitch": "percent"}
-    return kind, values, units
+def _positions(raw: dict[str, str]) -> dict[str, str]:
+    """The fields of a sentence, with latitude and longitude in degrees."""
+    fields = {name: cell for name, cell in raw.items() if cell and name not in ("lat", "lon")}
+    for short, name in (("lat", "latitude"), ("lon", "longitude")):
+        degrees = re.fullmatch(r"(\d*?)(\d{1,2}(?:\.\d*)?)", raw.get(short, ""))
+        if degrees and (side := raw.get(f"{short}_dir", "")) in ("N", "S", "E", "W"):
+            angle = float(degrees[1] or 0) + float(degrees[2]) / 60.0
+            fields[name] = repr(-angle if side in "SW" else angle)
+    return fields
 
 
-def _times(stamps: list[str]) -> Array | TextArray:
-    """The stamps of a logger as a column: numbers, date-times, or seconds since midnight."""
-    times = column_of_cells([stamp.replace(",", ".") for stamp in stamps])
-    if times.dtype != np.object_ or "-" in stamps[0] or "/" in stamps[0]:
-        return times
+def _times(stamps: list[str]) -> tuple[Values, str]:
+    """The stamps of a logger as a column and its unit: numbers, date-times, or clocks in s."""
+    times, _ = column_of_cells([stamp.replace(",", ".") for stamp in stamps])
+    if times.dtype != np.object_:
+        return times, "s" if ":" in stamps[0] else ""
+    if "-" in stamps[0] or "/" in stamps[0]:
+        return times, ""
     clocks = [t.split(":") if t.count(":") == 2 else ["nan"] * 3 for t in times]
     parts = np.array(clocks, dtype=np.float64)
-    return np.unwrap(parts @ [3600.0, 60.0, 1.0], period=DAY)
+    return np.unwrap(parts @ [3600.0, 60.0, 1.0], period=DAY), "s"

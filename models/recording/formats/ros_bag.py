@@ -8,60 +8,53 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.source import (
     MOST_ELEMENTS,
+    Contents,
     ReadOptions,
     Rows,
     Source,
     check_size,
-    foreign,
 )
 
-EXPECTED = "a bag of ROS 1 or ROS 2, or an MCAP file"
 CHECKED = 10_000  # messages between two checks of the size
-TIME = "time"  # column of the times at which messages were recorded
 
 
-def read(path: Path, options: ReadOptions) -> list[Source]:
-    """The topics of a bag; raises RecordingError if it cannot be read.
+def read(path: Path, options: ReadOptions) -> Contents:
+    """The topics of a bag, each with the times at which its messages were recorded.
 
     Topics whose messages are not defined, neither in the bag nor by `options`, are left out.
     """
     topics: dict[str, Rows] = {}
     long: dict[str, int] = {}  # arrays that are left out
-    store = get_typestore(Stores.LATEST)
-    with foreign(path, EXPECTED), AnyReader([path], default_typestore=store) as bag:
+    left_out: list[str] = []
+    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
         _define(bag, options)
-        known, left_out = [], []
+        known = []
         for connection in bag.connections:
             try:
                 bag.typestore.get_msgdef(connection.msgtype)
                 known.append(connection)
             except KeyError as error:
                 (missing,) = error.args
-                within = "its" if missing == connection.msgtype else "the"
+                of = "its definition" if missing == connection.msgtype else f"that of {missing}"
                 left_out.append(
-                    f"topic {connection.topic} ({connection.msgtype}): {within} definition "
-                    f"{'' if within == 'its' else f'of {missing} '}is not in the file; "
+                    f"topic {connection.topic} ({connection.msgtype}): {of} is not in the file; "
                     f"excitation.messages=[{missing.rpartition('/')[2]}.msg] gives it"
                 )
         for count, (connection, time_ns, raw) in enumerate(bag.messages(known) if known else ()):
             message = bag.deserialize(raw, connection.msgtype)
             name = connection.topic.lstrip("/")
             values = _leaves("", message, long, name)
-            topics.setdefault(name, Rows()).add([(TIME, time_ns / 1e9), *values])
+            topics.setdefault(name, Rows()).add([("time", time_ns / 1e9), *values])
             if count % CHECKED == 0:
                 check_size(path, sum(t.count * len(t.cells) for t in topics.values()))
     left_out += [f"topic /{place}: arrays of {size} elements" for place, size in long.items()]
     silent = dict.fromkeys(c.topic for c in known if c.topic.lstrip("/") not in topics)
     left_out += [f"topic {name}: no messages" for name in silent]
-    if not topics:
-        raise RecordingError(f"{path}: got no topic with messages; {'; '.join(left_out)}")
-    return [
-        Source(name, path, rows.columns(), {TIME: "s"}, left_out=() if i else tuple(left_out))
-        for i, (name, rows) in enumerate(topics.items())
-    ]
+    sources = [Source(name, path, rows.columns(), {"time": "s"}) for name, rows in topics.items()]
+    return sources, left_out
 
 
 def _define(bag: AnyReader, options: ReadOptions) -> None:

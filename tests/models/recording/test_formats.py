@@ -12,6 +12,7 @@ import scipy
 from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording import source as recorded
 from seatrial.models.recording import sources as reading
 from seatrial.models.recording.source import TextOptions
 from seatrial.models.recording.sources import ReadOptions, Source, column, read_sources
@@ -181,6 +182,31 @@ def test_matlab_5(tmp_path: Path, compressed: bool) -> None:
     np.testing.assert_array_equal(sources["a"].columns["t"], t)
     np.testing.assert_array_equal(sources["a"].columns["nu[1]"], 2.0 * t)
     np.testing.assert_array_equal(sources["log"].columns["gps.pos[2]"], np.arange(2.0, 60.0, 3.0))
+
+
+def test_matlab_5_with_an_object_and_with_a_cell_too_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A timeseries, whose contents only MATLAB knows; compressed zeros in a cell."""
+
+    def element(kind: int, content: bytes) -> bytes:
+        return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"t": np.arange(5.0)})
+    flags, shape = element(6, struct.pack("<II", 13, 0)), struct.pack("<ii", 1, 2)
+    handle = element(14, flags + element(5, shape) + element(1, b"") + element(6, shape))
+    names = b"".join(element(1, word) for word in (b"ts", b"MCOS", b"timeseries"))
+    log = element(14, element(6, struct.pack("<II", 17, 0)) + names + handle)
+    path.write_bytes(path.read_bytes() + log)
+    assert one(path).left_out == ("ts: objects of class timeseries, no columns",)
+    cell = np.empty(1, dtype=object)
+    cell[0] = np.zeros(2000)
+    scipy.io.savemat(path, {"c": cell, "t": np.arange(5.0)}, do_compression=True)
+    monkeypatch.setattr(recorded, "MOST_CELLS", 1000)
+    monkeypatch.setattr(scipy.io, "loadmat", None)
+    with pytest.raises(RecordingError, match="numbers, expected at most"):
+        one(path)
 
 
 def test_matlab_7_3(tmp_path: Path) -> None:

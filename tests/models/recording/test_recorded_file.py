@@ -137,7 +137,7 @@ def test_only_the_columns_in_use_must_exist() -> None:
     assert len(recording) == 230
     assert recording.period_s == pytest.approx(0.1)
     refused = refusal(BELUGA / "synthetic_only_surge.csv", PLANAR)
-    assert "no column 'position_y', expected it among , Time, force_x" in refused
+    assert "no column 'position_y', expected it among c1, Time, force_x" in refused
 
 
 def test_recorded_acceleration_and_acting_force(tmp_path: Path) -> None:
