@@ -259,7 +259,7 @@ class RecordedFile(MeasuredRecording):
             grid = None
             if self.resample_hz:
                 grid = TimeGrid(self.resample_hz, self.max_gap_s, self.at_gap)
-            more = {}
+            more: dict[str, Column] = {}
             if self._has_thruster_force(dofs):
                 for kind in ("rpm", "angle"):
                     names = enumerate(getattr(self.thrusters, kind))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.column_map import Column
-from seatrial.models.recording.source import Source
+from seatrial.models.recording.source import Source, TextArray
 from seatrial.models.recording.units import factor, unit_in_title, words_of
 from seatrial.models.vessel.basis import Array
 
@@ -47,7 +47,7 @@ def seconds(source: Source, column: Column) -> Array:
     are taken for one. Raises RecordingError if a cell is neither a number nor a date.
     """
     name = source.find(column.name) or column.name
-    values = source.columns.get(name)
+    values = source.columns.get(name, np.empty(0))
     text = next((str(v) for v in values if str(v).strip()), "") if _is_text(values) else ""
     if column.format or CLOCK.match(text) or ISO.match(text) or NUMBERED.match(text):
         times = _of_texts(source, name, column)
@@ -65,8 +65,8 @@ def seconds(source: Source, column: Column) -> Array:
     return column.sign * times
 
 
-def _is_text(values: object) -> bool:
-    return isinstance(values, np.ndarray) and values.dtype == np.object_
+def _is_text(values: Array | TextArray) -> bool:
+    return bool(values.dtype == np.object_)
 
 
 def _epoch(times: Array) -> str | None:
@@ -115,8 +115,8 @@ def _order(source: Source, name: str, texts: "pd.Series[str]") -> str:
     day_first = first > 12 or (sign == "." and second <= 12)
     if first <= 12 and second <= 12 and sign != ".":
         raise RecordingError(
-            f"{source.path}, column {name}: got {texts.iloc[0]!r}, with the day or the month first: "
-            f"expected columns.time: {{column: {name}, format: '%d{sign}%m{sign}{year}"
+            f"{source.path}, column {name}: got {texts.iloc[0]!r}, is the day or the month first? "
+            f"columns.time: {{column: {name}, format: '%d{sign}%m{sign}{year}"
             f"{_clock_format(str(texts.iloc[0]))}'}}"
         )
     return sign.join(("%d", "%m", year) if day_first else ("%m", "%d", year))
