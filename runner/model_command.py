@@ -125,7 +125,7 @@ def _drafted_vessel(
 def _input_terms(
     hull: scales.Hull, inputs: Mapping[str, np.ndarray], signals: Mapping[str, np.ndarray]
 ) -> tuple[str, str]:
-    """Terms of the inputs of a vessel, and their ranges: thrust that holds the mean speed, a rudder's lift.
+    """Terms of inputs, and their ranges: thrust that holds the mean speed, a rudder's lift.
 
     A rudder turns the way it did in the log; the area is that of DNV, L T / 100 (1 + 50 (B / L)^2).
     """

@@ -114,6 +114,7 @@ def file_set(train: Sequence[str], test: Sequence[str]) -> FileSet:
     known = FileSet(tuple(found["train"]), tuple(found["test"]))
     if len(known.files) > MOST_FILES:
         raise ConfigurationError(
-            f"excitation.train and test: got {len(known.files)} files, expected at most {MOST_FILES}"
+            f"excitation.train and test: got {len(known.files)} files, expected at most "
+            f"{MOST_FILES}"
         )
     return known

@@ -29,7 +29,7 @@ class Channel(NamedTuple):
     name: str = ""  # for messages
 
     def gaps(self, t: Array, longest_s: float) -> Array:
-        """The time without a sample at each time t (n,), where it exceeds `longest_s` [s]; else 0."""
+        """The time [s] without a sample at times t (n,), where longer than `longest_s`; else 0."""
         before = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, None)
         if self.held:
             length = t - self.t[before]

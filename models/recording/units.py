@@ -52,7 +52,8 @@ TITLES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("n", "newton", "newtons"), ("N",)),
     **dict.fromkeys(("nm", "n_m"), ("N*m",)),
     "degs2": ("deg/s^2",), "cm": ("cm",), "mm": ("mm",), "km": ("km",), "kn": ("knot", "kN"),
-    "ms": ("m/s", "ms"), "knm": ("kN*m",), "k_n": ("kN",), "k_nm": ("kN*m",), "rpm": ("rpm",), "rps": (TURNS,), "hz": (TURNS,),
+    "ms": ("m/s", "ms"), "knm": ("kN*m",), "k_n": ("kN",), "k_nm": ("kN*m",),
+    "rpm": ("rpm",), "rps": (TURNS,), "hz": (TURNS,),
     "min": ("min",), "hours": ("h",), "days": ("day",),
 }  # fmt: skip
 SHAFTS = {"rpm": "rpm", "rps": TURNS}  # that may stand anywhere in the title of an input

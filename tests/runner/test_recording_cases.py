@@ -117,6 +117,5 @@ def test_the_stated_unit_makes_no_difference(tmp_path: Path) -> None:
                        env={**os.environ, "PYTHONPATH": str(ROOT)}).stdout
         for name in ("map.yaml", "map_rad.yaml")
     ]  # fmt: skip
-    assert [re.sub(r"(the map|no unit.*)", "", out) for out in outs][0].split() == re.sub(
-        r"(the map|no unit.*)", "", outs[1]
-    ).split()
+    stated, unstated = (re.sub(r"(the map|no unit.*)", "", out).split() for out in outs)
+    assert stated == unstated

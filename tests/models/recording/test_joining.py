@@ -56,7 +56,7 @@ def test_an_old_command_is_a_gap() -> None:
     t = np.array([0.0, 1.0, 6.0, 7.0])
     clock = np.arange(0.0, 7.0, 0.1)
     channels = {"command": Channel(t, t, True), "x": Channel(clock, clock)}
-    grid_t, joined = join_channels(channels, TimeGrid(10.0, 1.5, "split"))
+    grid_t, _ = join_channels(channels, TimeGrid(10.0, 1.5, "split"))
     age = grid_t - t[np.searchsorted(t, grid_t + 1e-9) - 1]
     assert np.max(age) <= 1.5 + 1e-6
     assert np.count_nonzero(np.diff(grid_t) > 0.15) == 1

@@ -8,7 +8,11 @@ import pytest
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.column_map import (
-    Column, ColumnMap, Geodetic, GroundColumns, WaterColumns,
+    Column,
+    ColumnMap,
+    Geodetic,
+    GroundColumns,
+    WaterColumns,
 )  # fmt: skip
 from seatrial.models.recording.joining import TimeGrid
 from seatrial.models.recording.reader import Reading, Signals
@@ -107,7 +111,8 @@ def test_clocks_that_disagree_are_named(tmp_path: Path) -> None:
         ("heading_deg", "rad", "deg"), ("HeadingDeg", "rad", "deg"), ("u (kn)", "m/s", "knot"),
         ("yaw rate [deg/s]", "rad/s", "deg/s"), ("force_x_kN", "N", "kN"), ("u_ms", "m/s", "m/s"),
         ("shaft_rpm", "revolution/s", "rpm"), ("RPM", "revolution/s", "rpm"), ("x", "m", None),
-        ("tau_n", "N*m", None), ("position_s", "m", None), ("Shaft speed [rpm]", "revolution/s", "rpm"),
+        ("tau_n", "N*m", None), ("position_s", "m", None),
+        ("Shaft speed [rpm]", "revolution/s", "rpm"),
     ],
 )  # fmt: skip
 def test_units_in_titles(title: str, target: str, unit: str | None) -> None:
