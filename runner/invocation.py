@@ -28,6 +28,9 @@ REPLACED: Mapping[str, str] = {
     "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
     "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
     " identifier=prediction_times",
+    "search.default_first": "the configuration as it is comes first, if the space contains it",
+    "search.dof": "write search.metric=name:dof",
+    "search.sampler": "the sampler is TPE; search.startup=<search.trials> makes a random search",
     "seatrial-results published": "in a checkout, use make published",
     "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
     "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
