@@ -1,4 +1,4 @@
-"""Candidates of a search: what was to be made better, and what each candidate achieved.
+"""The objectives of a search, and what each of its candidates achieved.
 
 A search is a sweep whose overrides name its objectives (`search.objective=...`). The trials of a
 candidate differ in the seed only, so they have one `experiment`.
@@ -14,11 +14,11 @@ from typing import Any, Literal
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.results import FINISHED, Queries, StoredRun
+from seatrial.runner.compare.results import FINISHED, Queries
 from seatrial.runner.compare.where import OfSweeps
 from seatrial.runner.database.records import SweepSummary
 from seatrial.runner.record.catalogue import all_declared, declared
-from seatrial.runner.vocabulary import STATUSES
+from seatrial.runner.vocabulary import ENDINGS
 
 STORED = "search.objective="  # begins the override of an objective, in the row of a sweep
 STAGES = ("deployment", "validation", "identification")  # the first one that a metric has
@@ -41,25 +41,25 @@ class Objective:
 
     @property
     def override(self) -> str:
-        """Return the override by which a sweep stores its objective."""
+        """The override by which a sweep stores its objective."""
         return STORED + ":".join(astuple(self))
 
     @property
     def unit(self) -> str:
-        """Return the unit of the metric."""
+        """The unit of the metric."""
         return declared(self.metric).unit_of(self.dof)
 
-    def value_in(self, metrics: Iterable[Any]) -> float:
-        """Return the value among the stored metrics of a run; NaN if it has none."""
-        own = (self.metric, self.stage, self.model, self.dof)
-        values = [m.value for m in metrics if (m.name, m.stage, m.model, m.dof) == own]
-        return math.nan if not values or values[0] is None else float(values[0])
+    def values(self, metrics: Iterable[Any]) -> list[float]:
+        """Return the value among the stored metrics of a run; empty if it has none."""
+        place = (self.metric, self.stage, self.model, self.dof)
+        own = [m.value for m in metrics if (m.name, m.stage, m.model, m.dof) == place]
+        return [math.nan if value is None else float(value) for value in own]
 
-    def over_seeds(self, values: Sequence[float]) -> float:
-        """Return the statistic of one value a seed; NaN if one of them is not finite."""
-        if not values or not np.all(np.isfinite(values)):
-            return math.nan
-        return float(getattr(np, self.statistic)(values))
+    def over_runs(self, runs: Sequence[Iterable[Any]]) -> float:
+        """Return the statistic over the metrics of runs; NaN if one of them has no finite value."""
+        values = [next(iter(self.values(metrics)), math.nan) for metrics in runs]
+        finite = values and np.all(np.isfinite(values))
+        return float(getattr(np, self.statistic)(values)) if finite else math.nan
 
     def loss(self, value: float) -> float:
         """Return what is to be as low as possible: the value, minus it, or the distance to it."""
@@ -69,29 +69,28 @@ class Objective:
 
 
 def objective_of(
-    metric: str, dof: str | None, stage: str | None, model: str, statistic: str, direction: str
+    metric: str, stage: str | None, model: str, statistic: str, direction: str
 ) -> Objective:
     """Return the objective of a search; raises ConfigurationError for what no trial stores.
 
     `metric` is a name of the catalogue, or name:dof.
     """
-    name, _, own = metric.partition(":")
-    known = [each.name for each in all_declared()]
+    name, _, dof = metric.partition(":")
+    known = {each.name: each for each in all_declared()}
     if name not in known:
         close = get_close_matches(name, known, n=1)
         hint = f"did you mean {close[0]}?" if close else "see seatrial-results metrics"
         raise ConfigurationError(f"search.metric: got {name!r}, {hint}")
-    definition = declared(name)
+    definition = known[name]
     stages = [each for each in STAGES if each in definition.stages]
-    if stage is not None and stage not in stages:
-        raise ConfigurationError(
-            f"search.stage: got {stage}, expected one of {', '.join(stages)} for {name}"
-        )
-    units = definition.unit if isinstance(definition.unit, Mapping) else None
-    dof = own or dof or (next(iter(units)) if units and len(units) == 1 else None)
-    if dof is None or (units is not None and dof not in units):
-        expected = ", ".join(units) if units else "a degree of freedom, or all"
-        raise ConfigurationError(f"search.dof: got {dof} for {name}, expected {expected}")
+    if stage not in (None, *stages):
+        expected = " or ".join(stages)
+        raise ConfigurationError(f"search.stage: got {stage} for {name}, expected {expected}")
+    units = [*definition.unit] if isinstance(definition.unit, Mapping) else []
+    dof = dof or (units[0] if len(units) == 1 else "")
+    if not dof or (units and dof not in units):
+        expected = ", ".join(f"{name}:{each}" for each in units or ("<dof>", "all"))
+        raise ConfigurationError(f"search.metric: got {metric}, expected one of {expected}")
     better = DIRECTIONS.get(direction, definition.better)
     if better is None:
         raise ConfigurationError(
@@ -132,40 +131,20 @@ def candidates(
     """Return the candidates of a search, in its order."""
     condition = OfSweeps((sweep.id,))
     runs = results.runs(condition)
-    stored: dict[int, list[Any]] = defaultdict(list)
-    for metric in results.metrics(runs, [one.metric for one in objectives], condition):
-        stored[metric.run.id].append(metric)
-    groups: dict[str, list[StoredRun]] = defaultdict(list)
+    metrics: dict[int, list[Any]] = defaultdict(list)
+    for metric in results.metrics(runs, [each.metric for each in objectives], condition):
+        if metric.run.status == FINISHED:
+            metrics[metric.run.id].append(metric)
+    groups: dict[str, list[int]] = defaultdict(list)
     for run in runs:
-        if run.status in STATUSES and run.status != "running":
-            groups[run.experiment or ""].append(run)
-    most = max(map(len, groups.values()), default=0)
-    found = []
-    for number, group in enumerate(groups.values(), 1):
-        values = [o.over_seeds([o.value_in(stored[run.id]) for run in group]) for o in objectives]
-        ended = all(run.status == FINISHED for run in group)
-        feasible = ended and all(map(math.isfinite, values))
-        found.append(
-            Candidate(
-                number,
-                tuple(run.id for run in group),
-                tuple(values) if feasible else (math.nan,) * len(objectives),
-                ("complete" if len(group) == most else "pruned") if feasible else "infeasible",
-            )
-        )
+        if run.status in ENDINGS:
+            groups[run.experiment or ""].append(run.id)
+    most, found = max(map(len, groups.values()), default=0), list[Candidate]()
+    for number, ids in enumerate(groups.values(), 1):
+        values = [each.over_runs([metrics[id_] for id_ in ids]) for each in objectives]
+        if all(map(math.isfinite, values)):
+            state: Any = "complete" if len(ids) == most else "pruned"
+        else:
+            state, values = "infeasible", [math.nan] * len(objectives)
+        found.append(Candidate(number, tuple(ids), tuple(values), state))
     return found
-
-
-def front(losses: Sequence[Sequence[float]]) -> list[int]:
-    """Return the rows of losses (candidates x objectives) that no other row dominates.
-
-    A row with NaN is none of them; of equal rows it is the first.
-    """
-    table = np.array(losses, dtype=np.float64)
-    return [
-        i
-        for i, row in enumerate(table)
-        if not np.any(np.isnan(row))
-        and not np.any(np.all(table <= row, axis=1) & np.any(table < row, axis=1))
-        and not np.any(np.all(table[:i] == row, axis=1))
-    ]

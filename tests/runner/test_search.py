@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.runner import search_space
+from seatrial.models.errors import ConfigurationError, Diverged, LogbookError
 from seatrial.runner import trial as trials
 from seatrial.runner.compare.figures import drawings_of
 from seatrial.runner.compare.plots.request import PlotRequest
@@ -22,6 +21,7 @@ from seatrial.runner.compare.search_candidates import candidates, objective_of, 
 from seatrial.runner.config import Trial
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.record.rows import Metric, Results
+from seatrial.runner.search import Space
 from tests.runner.command import Command
 from tests.runner.programs import ended, program
 
@@ -123,6 +123,21 @@ def test_a_search_goes_on_where_it_was_stopped(
     assert "9 candidates" in longer.out
 
 
+def test_a_search_stops_if_results_cannot_be_stored(
+    seatrial: Command, fake: Fake, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: object) -> None:
+        raise LogbookError("the disk is full")
+
+    words = (*SEARCH, *SPACE, "search.trials=2")
+    with monkeypatch.context() as patched:
+        patched.setattr("seatrial.runner.sweep.perform", full)
+        answer = seatrial(*words)
+    assert answer.code == 2
+    assert re.search(r"^seatrial: lost: .*: the disk is full$", answer.err, re.MULTILINE)
+    assert seatrial(*words).code == 0
+
+
 @pytest.mark.slow
 def test_what_fails_or_diverges_is_infeasible(seatrial: Command, fake: Fake) -> None:
     def value(kp: float, seed: int) -> float:
@@ -167,7 +182,7 @@ def test_several_objectives_have_a_front(seatrial: Command, fake: Fake) -> None:
 def test_higher_and_target_are_known_from_the_catalogue() -> None:
     for metric in all_declared():
         dof = next(iter(metric.unit)) if not isinstance(metric.unit, str) else "all"
-        words = (metric.name, dof, None, "identified", "median", "auto")
+        words = (f"{metric.name}:{dof}", None, "identified", "median", "auto")
         if metric.better is None:
             with pytest.raises(ConfigurationError, match="expected minimize or maximize"):
                 objective_of(*words)
@@ -187,12 +202,25 @@ def test_a_dry_run_shows_the_space(seatrial: Command, fake: Fake) -> None:
     assert fake.ran == list(seatrial.folder.iterdir()) == []
 
 
+def test_a_default_that_is_not_in_the_space_is_no_candidate(seatrial: Command, fake: Fake) -> None:
+    """The default identifier has no basis; the ferry's own gain is 100."""
+    words = ("identifier=ls,ridge", "identifier.basis=physical", "dry_run=true")
+    answer = seatrial(*SEARCH, *words)
+    assert answer.code == 0, answer
+    assert "identifier=ls" in answer.out or "identifier=ridge" in answer.out
+    seatrial(*SEARCH, "controller.kp=[interval(20,99),550,940]", "search.trials=1")
+    assert 20.0 <= fake.ran[0][0] <= 99.0
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["seed=0,1"], "hydra/sweeper=optuna: got no option to search"),
         ([*SPACE, "search.metric=e_pos_mea"], "search.metric: got 'e_pos_mea', did you mean"),
-        ([*SPACE, "search.metric=force_mse"], "search.dof: got None for force_mse, expected "),
+        ([*SPACE, "search.metric=force_mse"], "search.metric: got force_mse, expected one of "),
+        ([*SPACE, "search.metric=e_pos_mae:surge"], "search.metric: got e_pos_mae:surge, expected"),
+        ([*SPACE, "search.stage=identification"], "search.stage: got identification for e_pos_mae"),
+        ([*SPACE, "search.dof=surge"], "search.dof is gone: write search.metric=name:dof"),
         ([*SPACE, "search.trials=0"], "search.trials must be at least 1, got 0"),
         ([*SPACE, "limits.trials=100"], "search.trials: got 100 values, 400 trials"),
         (["plant.scale=interval(2,1)"], "plant.scale: "),
@@ -233,11 +261,11 @@ def test_a_metric_that_trials_do_not_store_is_named(seatrial: Command, fake: Fak
     ],
 )
 def test_parameters_and_overrides(text: str, values: dict[str, Any], expected: str) -> None:
-    space = search_space.space_of([OverridesParser.create().parse_override(text)])
+    space = Space([OverridesParser.create().parse_override(text)])
     assert space.distributions.keys() == values.keys()
     for name, distribution in space.distributions.items():
         assert distribution._contains(distribution.to_internal_repr(values[name]))
-    assert space.overrides(space.rounded(values)) == [expected]
+    assert space.overrides(values) == [expected]
 
 
 @pytest.mark.slow

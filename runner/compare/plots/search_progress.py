@@ -22,13 +22,7 @@ from seatrial.runner.compare.plots.style import (
     panels,
 )
 from seatrial.runner.compare.results import Queries
-from seatrial.runner.compare.search_candidates import (
-    Candidate,
-    Objective,
-    candidates,
-    front,
-    search_of,
-)
+from seatrial.runner.compare.search_candidates import Candidate, Objective, candidates, search_of
 
 FIGURE = Figure(
     "search",
@@ -110,11 +104,15 @@ def _front(
         [one.values[i] for one in complete], [one.values[j] for one in complete], "o",
         color=MUTED, markersize=3.5, linestyle="none", label="candidates",
     )  # fmt: skip
-    losses = [
-        [objective.loss(value) for objective, value in zip(objectives, one.values, strict=True)]
-        for one in complete
+    losses = np.array(
+        [[each.loss(v) for each, v in zip(objectives, one.values, strict=True)] for one in complete]
+    )
+    best = [
+        one
+        for one, own in zip(complete, losses, strict=True)
+        if not np.any(np.all(losses <= own, axis=1) & np.any(losses < own, axis=1))
     ]
-    best = sorted((complete[k] for k in front(losses)), key=lambda one: one.values[i])
+    best.sort(key=lambda one: one.values[i])
     axes.plot(
         [one.values[i] for one in best], [one.values[j] for one in best],
         "o-" if len(objectives) == 2 else "o", color=PALETTE[0], markersize=5, label="front",
