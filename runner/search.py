@@ -11,7 +11,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import astuple, dataclass, field
+from difflib import get_close_matches
 from importlib.util import find_spec
+from statistics import median
 from typing import TYPE_CHECKING, Any, Literal
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -27,24 +29,21 @@ from seatrial.runner.config import Limits, build_as
 from seatrial.runner.hydra_errors import EXPECTED
 from seatrial.runner.job import Order, PlannedTrial, Refusal, known, listed
 from seatrial.runner.overrides import nested_sweeps, text_of
-from seatrial.runner.vocabulary import Stage
 
 if TYPE_CHECKING:  # what is slow to import, and Optuna may be lacking
     import optuna
 
     from seatrial.runner import budget
-    from seatrial.runner.compare import search_candidates
+    from seatrial.runner.record import catalogue
 else:
     import lazy_loader
 
     optuna = lazy_loader.load("optuna")
     budget = lazy_loader.load("seatrial.runner.budget", suppress_warning=True)
-    search_candidates = lazy_loader.load(
-        "seatrial.runner.compare.search_candidates", suppress_warning=True
-    )
+    catalogue = lazy_loader.load("seatrial.runner.record.catalogue", suppress_warning=True)
 
 log = logging.getLogger(__name__)
-PREFIX = "search."
+STAGES = ("deployment", "validation", "identification")  # the first one that a metric has
 
 
 @dataclass(frozen=True)
@@ -52,9 +51,6 @@ class SearchOptions:
     """The options of a search, as conf/hydra/sweeper/optuna.yaml explains them."""
 
     metric: tuple[str, ...]
-    stage: Stage | None
-    model: str
-    statistic: Literal["mean", "median", "min", "max"]
     direction: Literal["auto", "minimize", "maximize"]
     trials: PositiveInt
     batch: PositiveInt
@@ -66,6 +62,47 @@ class SearchOptions:
         check_ranges(self)
         if not self.metric:
             raise ConfigurationError("search.metric: got none, expected at least one metric")
+
+
+class Objective:
+    """The median over the runs of a candidate of one metric of the identified model.
+
+    `metric` is a name of the catalogue, or name:dof. Raises ConfigurationError for another one, and
+    if neither the catalogue nor the direction says which of its values are better.
+    """
+
+    def __init__(self, metric: str, direction: str) -> None:
+        self.name, _, dof = metric.partition(":")
+        names = [each.name for each in catalogue.all_declared()]
+        if self.name not in names:
+            close = get_close_matches(self.name, names, n=1)
+            hint = f"did you mean {close[0]}?" if close else "see seatrial-results metrics"
+            raise ConfigurationError(f"search.metric: got {self.name!r}, {hint}")
+        declared = catalogue.declared(self.name)
+        units = [] if isinstance(declared.unit, str) else [*declared.unit]
+        dof = dof or (units[0] if len(units) == 1 else "")
+        if not dof or (units and dof not in units):
+            expected = ", ".join(f"{self.name}:{each}" for each in units or ("<dof>", "all"))
+            raise ConfigurationError(f"search.metric: got {metric}, expected one of {expected}")
+        better = {"minimize": "lower", "maximize": "higher"}.get(direction, declared.better)
+        if better is None:
+            raise ConfigurationError(
+                f"search.direction: {self.name} has no better direction, "
+                "expected minimize or maximize"
+            )
+        self.better, self.unit = better, declared.unit_of(dof)
+        self.place = (min(declared.stages, key=STAGES.index), "identified", dof, self.name)
+
+    def over_runs(self, runs: Sequence[Mapping[Any, float | None]]) -> float:
+        """Return the median over the metrics of runs; NaN if one of them has no finite value."""
+        values = [math.nan if (value := run.get(self.place)) is None else value for run in runs]
+        return median(values) if all(map(math.isfinite, values)) else math.nan
+
+    def loss(self, value: float) -> float:
+        """Return what is to be as low as possible: the value, minus it, or the distance to it."""
+        if isinstance(self.better, str):
+            return -value if self.better == "higher" else value
+        return abs(value - self.better)
 
 
 class Space:
@@ -142,10 +179,10 @@ class Attempt:
     """A candidate: its plans, one for each seed, and the metrics of its runs that have ended."""
 
     asked: "optuna.Trial"
-    overrides: list[str]
     plans: list[PlannedTrial]
     state: Literal["complete", "pruned", "infeasible"]
-    runs: list[list[Any]] = field(default_factory=list)  # no metrics of one that has failed
+    # Values by stage, model, dof and name; none of a run that has failed.
+    runs: list[dict[tuple[Any, ...], float | None]] = field(default_factory=list)
     losses: list[float] = field(default_factory=list)  # by objective, over the runs so far
 
 
@@ -171,16 +208,15 @@ class SearchSweeper(sweeps.SeatrialSweeper):
         parsed = parser.parse_overrides([*words, *arguments])
         overrides = {override.get_key_element(): override for override in parsed}  # the last counts
         node: Any = OmegaConf.to_container(own.search, resolve=True)
-        for key in [key for key in overrides if key.startswith(PREFIX)]:
+        for key in [key for key in overrides if key.startswith("search.")]:
             value = overrides.pop(key).value()
             if isinstance(value, ChoiceSweep):  # in no configuration: search.metric=a,b
-                items = [str(getattr(item, "text", item)) for item in value.list]
-                node[key.removeprefix(PREFIX)] = items
+                texts = [str(getattr(item, "text", item)) for item in value.list]
+                node[key.removeprefix("search.")] = texts
         if isinstance(node["metric"], str):
             node["metric"] = [node["metric"]]
         self._options = options = build_as(SearchOptions, node, "search")
-        of = options.stage, options.model, options.statistic, options.direction
-        self._objectives = [search_candidates.objective_of(name, *of) for name in options.metric]
+        self._objectives = [Objective(name, options.direction) for name in options.metric]
         self._space = space = Space([*overrides.values()])
         trials, seeds = options.trials, len(space.seeds)
         limits = build_as(Limits, OmegaConf.to_container(own.limits, resolve=True), "limits")
@@ -204,9 +240,7 @@ class SearchSweeper(sweeps.SeatrialSweeper):
             self.session.say([*lines, f"{trials} candidates, at most {trials * seeds} trials"])
             return
         plan = sweeps.accepted(first.plans)[0]
-        stored = [text for text in arguments if not text.startswith(PREFIX)]
-        stored += [objective.override for objective in self._objectives]
-        with self.underway(plan, stored, trials * seeds) as begun:
+        with self.underway(plan, arguments, trials * seeds) as begun:
             done = self._search(first, begun)
             begun.planned = sum(len(one.runs) for one in done)
         self._conclude(done, begun.job.sweep_id, plan.database_url)
@@ -222,7 +256,7 @@ class SearchSweeper(sweeps.SeatrialSweeper):
         for refusal in refused[:1]:
             log.warning("refused: %s", refusal)
         ready = [plan for plan in plans if isinstance(plan, PlannedTrial)]
-        return Attempt(asked, overrides, ready, "infeasible" if refused else "complete")
+        return Attempt(asked, ready, "infeasible" if refused else "complete")
 
     def _search(self, first: Attempt, begun: sweeps.SweepUnderway) -> list[Attempt]:
         """Run batches of candidates until all are done.
@@ -250,13 +284,15 @@ class SearchSweeper(sweeps.SeatrialSweeper):
                 for one in running:
                     runs = [ended.get(one.plans[seed].fingerprint) for seed in step]
                     ids = [run.run_id if run and run.status == "finished" else None for run in runs]
-                    one.runs += [logbook.metrics(id_) if id_ else [] for id_ in ids]
-                    lacking = [each for each in self._objectives if not each.values(one.runs[-1])]
+                    stored = [logbook.metrics(id_) if id_ else [] for id_ in ids]
+                    one.runs += [{astuple(m)[:4]: m.value for m in metrics} for metrics in stored]
+                    places = [each.place for each in self._objectives]
+                    lacking = [place for place in places if place not in one.runs[-1]]
                     if one is first and ids[-1] and lacking:
-                        name, dof, stage, model, *_ = astuple(lacking[0])
+                        *place, name = lacking[0]
                         raise ConfigurationError(
-                            f"search.metric: run {ids[-1]} has no {name} ({stage}, {model}, {dof}),"
-                            " expected one that every trial stores"
+                            f"search.metric: run {ids[-1]} has no {name} ({', '.join(place)}), "
+                            "expected one that every trial stores"
                         )
                     one.losses = [each.loss(each.over_runs(one.runs)) for each in self._objectives]
                     if not all(map(math.isfinite, one.losses)):
@@ -280,15 +316,19 @@ class SearchSweeper(sweeps.SeatrialSweeper):
         """Print the first and the best candidates, with the command lines that repeat them."""
 
         def achieved(one: Attempt) -> str:
+            if one.state != "complete":
+                return one.state
             values = [(each, each.over_runs(one.runs)) for each in self._objectives]
-            texts = [f"{each} = {value:.4g} {each.unit}" for each, value in values]
-            return ", ".join(texts) if one.state == "complete" else one.state
+            return ", ".join(f"median {each.name} = {x:.4g} {each.unit}" for each, x in values)
 
         states, runs = Counter(one.state for one in done), sum(len(one.runs) for one in done)
         counts = ", ".join(f"{states[key]} {key}" for key in ("complete", "pruned", "infeasible"))
+        options = ",".join(key.lstrip("+") for key in self._space.searched)
+        names = ",".join(each.name for each in self._objectives)
+        table = ("table", url, "--rows", options, "--metric", names, "--sweep", str(sweep_id))
         lines = [
             f"search, sweep {sweep_id}: {len(done)} candidates, {counts}; {runs} runs",
-            f"figure: {console.compare('plot', url, 'search', '--sweep', str(sweep_id))}",
+            f"compare: {console.compare(*table)}",
             f"candidate 1: {achieved(done[0])}",
         ]
         best = dict[tuple[float, ...], Attempt]()  # of equal candidates the first
@@ -296,7 +336,7 @@ class SearchSweeper(sweeps.SeatrialSweeper):
             best.setdefault(tuple(trial.values), done[trial.number])
         seeds = "seed=" + ",".join(text.partition("=")[2] for text in self._space.seeds)
         for one in best.values():
-            command = console.trial_command(["-m", *one.overrides, seeds])
+            command = console.trial_command(["-m", *one.plans[0].overrides[:-1], seeds])
             lines += [f"best: candidate {one.asked.number + 1}, {achieved(one)}", f"  {command}"]
         self.session.say(lines if best else [*lines, "no candidate is complete"])
         self.session.exit_code = int(not best)
