@@ -38,7 +38,8 @@ if TYPE_CHECKING:  # what is slow to import, and Optuna may be lacking
 else:
     import lazy_loader
 
-    optuna = lazy_loader.load("optuna")
+    # lazy_loader looks through the stack for what is absent, which loads all other lazy modules.
+    optuna = lazy_loader.load("optuna") if find_spec("optuna") else None
     budget = lazy_loader.load("seatrial.runner.budget", suppress_warning=True)
     catalogue = lazy_loader.load("seatrial.runner.record.catalogue", suppress_warning=True)
 
