@@ -181,7 +181,7 @@ runpy.run_module("seatrial.runner", run_name="__main__")
 
 
 def test_it_runs_without_the_packages_of_its_extras() -> None:
-    """As pip install seatrial has it: none of what the extras bring may be needed, or looked for."""
+    """As pip install seatrial has it: what the extras bring is neither needed nor looked for."""
     with (ROOT / "pyproject.toml").open("rb") as file:
         extras = tomllib.load(file)["project"]["optional-dependencies"]
     own = ("docs", "test", "bench", "check")  # for developers
