@@ -57,8 +57,6 @@ SWEEPS: Mapping[str, str] = {
     f" evaluation=none identifier=iv {_ROUTE}",
     "zigzag": "vessel=kvlcc2 excitation=rudder_zigzag identifier=none controller=none"
     " evaluation=none",
-    "search": "-m hydra/sweeper=optuna identifier=none disturbance=noise"
-    " 'seed=range(0,2)' 'controller.kp=[tag(log,interval(20,500)),550,940]' search.trials=12",
     "benchmark": "benchmark",  # of `make benchmark`, which takes long: only drawn here
     "measured": "vessel=beluga_diagonal excitation=recording controller=none evaluation=none"
     " identifier=ls identifier.basis=physical excitation.path=$SEATRIAL_DATA/beluga/random-1.csv",
@@ -109,7 +107,6 @@ ENTRIES: Mapping[str, Entry] = {
     ),
     "residual": Entry("ferry", "What the model leaves of the force should look like noise."),
     "response": Entry("positioning", "Pose, command and limits of one run."),
-    "search": Entry("search", "The best so far, and what was tried."),
     "spectrum": Entry("subspace", "The order is where the singular values fall off."),
     "surface": Entry("surface", "Error over order and number of terms; the choice is marked."),
     "track": Entry("ferry", "The hull to scale; both models sail in the same weather."),

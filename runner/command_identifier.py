@@ -1,8 +1,7 @@
 """An identifier that is a command: another program, in any language, finds the coefficients.
 
-The program reads `problem.json` and the recording that it names, and writes `coefficients.json` or
-`coefficients.csv`: the coefficients of tau[dof] = sum_k theta[k, dof] phi_k in SI units.
-docs/howto/plugins.md describes these files.
+The program reads `problem.json` and `recording.csv`, and writes `coefficients.csv`: those of
+tau[dof] = sum_k theta[k, dof] phi_k in SI units. docs/howto/plugins.md describes these files.
 """
 
 import csv
@@ -12,14 +11,14 @@ import shlex
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from math import isfinite, isinf, nan
 from pathlib import Path
 from reprlib import repr as short
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -29,11 +28,9 @@ from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.database.series_files import parquet_of
 from seatrial.runner.record.time_series import training_series
 
-VERSION = 1  # of these files
-ANSWERS = ("coefficients.json", "coefficients.csv")
+RECORDING, ANSWER = "recording.csv", "coefficients.csv"
 COLUMNS = ("term", "dof", "value", "std_error")
 
 
@@ -41,12 +38,11 @@ COLUMNS = ("term", "dof", "value", "std_error")
 class CommandIdentifier(Identifier):
     """Runs a command in the working folder, with the folder of the problem as its last argument.
 
-    `limit_s` [s] is the longest time that it may take.
+    `limit_s` [s] is the longest time that it may take; the coefficients depend on `files` as well.
     """
 
     command: tuple[str, ...] = ()
     limit_s: Positive = 600.0
-    recording: Literal["parquet", "csv"] = "parquet"
     files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -54,14 +50,10 @@ class CommandIdentifier(Identifier):
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for a command that is not installed, and for missing files."""
-        if not self.command:
-            raise ConfigurationError(
-                "identifier.command: got none, expected a list such as [python, fit.py]"
-            )
-        if shutil.which(self.command[0]) is None:
-            raise ConfigurationError(
-                f"identifier.command: got {self.command[0]!r}, expected a program that is installed"
-            )
+        if not self.command or shutil.which(self.command[0]) is None:
+            got = repr(self.command[0]) if self.command else "none"
+            expected = "a program that is installed, such as [python, fit.py]"
+            raise ConfigurationError(f"identifier.command: got {got}, expected {expected}")
         for name in self.files:
             if not Path(name).is_file():
                 raise ConfigurationError(f"identifier.files: got {name!r}, expected a file")
@@ -70,24 +62,24 @@ class CommandIdentifier(Identifier):
         """Return the nominal model with the coefficients of the program; raises PartError."""
         with TemporaryDirectory(prefix="seatrial-", ignore_cleanup_errors=True) as name:
             folder = Path(name)
-            write_problem(folder, problem, int(rng.integers(2**31)), self.recording)
+            write_problem(folder, problem, int(rng.integers(2**31)))
             try:
                 self._run(folder)
-                return identified(read_answer(folder), problem.nominal)
-            except PartError as error:
+                if not (folder / ANSWER).is_file():
+                    raise PartError(f"got no {ANSWER}, expected one")
+                text = (folder / ANSWER).read_text(encoding="utf-8-sig", errors="replace")
+                return identified(csv.DictReader(text.splitlines()), problem.nominal)
+            except (PartError, OSError, csv.Error) as error:
                 raise PartError(f"{shlex.join(self.command)}: {error}") from error
 
     def _run(self, folder: Path) -> None:
         """Run the command until it ends, or the limit; nothing that it started remains."""
         messages = folder / "messages.txt"
         with messages.open("wb") as output:
-            try:
-                process = subprocess.Popen(
-                    [*self.command, str(folder)], stdin=subprocess.DEVNULL, stdout=output,
-                    stderr=output, start_new_session=True,
-                )  # fmt: skip
-            except OSError as error:
-                raise PartError(f"cannot be started: {error.strerror}") from error
+            process = subprocess.Popen(
+                [*self.command, str(folder)], stdin=subprocess.DEVNULL, stdout=output,
+                stderr=output, start_new_session=True,
+            )  # fmt: skip
             try:
                 code = process.wait(self.limit_s)
             except subprocess.TimeoutExpired:
@@ -104,22 +96,18 @@ class CommandIdentifier(Identifier):
             raise PartError(f"{ended}: {last[:200] or 'no message'}")
 
 
-def write_problem(folder: Path, problem: Problem, seed: int, form: str) -> None:
+def write_problem(folder: Path, problem: Problem, seed: int) -> None:
     """Write the recording and the prior knowledge of the vessel to a folder."""
     series, nominal = training_series(problem.training), problem.nominal
-    recording = folder / f"recording.{form}"
-    if form == "parquet":
-        recording.write_bytes(parquet_of(series))
-    else:
-        columns, header = np.column_stack([*series.columns.values()]), ",".join(series.columns)
-        np.savetxt(recording, columns, "%.17g", ",", header=header, comments="")
+    columns, header = np.column_stack([*series.columns.values()]), ",".join(series.columns)
+    np.savetxt(folder / RECORDING, columns, "%.17g", ",", header=header, comments="")
     content = {
-        "version": VERSION,
+        "version": 1,  # of these files
         "vessel": nominal.name,
         "dofs": nominal.dofs,
         "sample_time_s": problem.training.period_s,
         "seed": seed,
-        "recording": recording.name,
+        "recording": RECORDING,
         "columns": series.units,
         "nominal": [
             {"term": term.name, "dof": dof, "value": float(value), "unit": nominal.unit(term, dof)}
@@ -132,54 +120,33 @@ def write_problem(folder: Path, problem: Problem, seed: int, form: str) -> None:
     (folder / "problem.json").write_text(json.dumps(content, indent=1))
 
 
-def read_answer(folder: Path) -> list[Any]:
-    """Read the rows that the program has written; raises PartError if it is no such file."""
-    files = [folder / name for name in ANSWERS if (folder / name).is_file()]
-    if len(files) != 1:
-        got = "both" if files else "none"
-        raise PartError(f"got {got} of {' and '.join(ANSWERS)}, expected one")
-    (path,) = files
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-        rows = json.loads(text) if path.suffix == ".json" else [*csv.DictReader(text.splitlines())]
-    except (ValueError, csv.Error) as error:
-        raise PartError(f"{path.name}: {error}") from error
-    rows = rows.get("coefficients") if isinstance(rows, dict) else rows
-    if not isinstance(rows, list) or not rows:
-        raise PartError(f"{path.name}: got no coefficients, expected at least one")
-    return rows
-
-
-def identified(rows: Iterable[Any], nominal: Vessel) -> Identified:
+def identified(rows: Iterable[Mapping[str, Any]], nominal: Vessel) -> Identified:
     """Return the nominal model with the coefficients of the rows; others keep their values.
 
     Each row has term, dof, value and maybe std_error. Raises PartError for one that has not.
     """
-    found: dict[tuple[basis.Term, str], tuple[float, float]] = {}
+    found: dict[tuple[basis.Term, int], tuple[float, float]] = {}
     for number, row in enumerate(rows, 1):
-        where = f"coefficient {number}: "
+        where = f"{ANSWER}: coefficient {number}: "
         try:
-            if not set(row) <= set(COLUMNS):
+            term, dof = basis.term(row["term"]), nominal.dofs.index(row["dof"])
+            value, spread = float(row["value"]), float(row.get("std_error") or nan)
+            if not set(row) <= set(COLUMNS) or not isfinite(value) or isinf(spread):
                 raise ValueError
-            key, spread = (basis.term(row["term"]), str(row["dof"])), row.get("std_error")
-            value = float(row["value"]), nan if spread in (None, "") else float(spread)
         except SeatrialError as error:
             raise PartError(f"{where}{error}") from error
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise PartError(f"{where}got {short(row)}, expected term, dof and value") from error
-        if key[1] not in nominal.dofs:
-            expected = ", ".join(nominal.dofs)
-            raise PartError(f"{where}dof: got {key[1]!r}, expected one of {expected}")
-        if not isfinite(value[0]) or isinf(value[1]):
-            raise PartError(f"{where}got {short(row)}, expected finite numbers")
-        if key in found:
-            raise PartError(f"{where}got {key[0].name} in {key[1]} twice")
-        found[key] = value
+            expected = f"term, dof ({', '.join(nominal.dofs)}), finite value, maybe std_error"
+            raise PartError(f"{where}got {short(dict(row))}, expected {expected}") from error
+        if (term, dof) in found:
+            raise PartError(f"{where}got {term.name} in {nominal.dofs[dof]} twice")
+        found[term, dof] = value, spread
+    if not found:
+        raise PartError(f"{ANSWER}: got no coefficients, expected at least one")
     terms = tuple(dict.fromkeys([*nominal.terms, *(term for term, _ in found)]))
     theta = np.array(nominal.on(terms).theta)
     errors = np.full(theta.shape, nan)
-    for (term, dof), value in found.items():
-        place = terms.index(term), nominal.dofs.index(dof)
-        theta[place], errors[place] = value
+    for (term, dof), estimate in found.items():
+        theta[terms.index(term), dof], errors[terms.index(term), dof] = estimate
     model = Vessel(nominal.name, nominal.dofs, terms, theta, nominal.attitude)
     return Identified(model, model - nominal, std_error=errors)

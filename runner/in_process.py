@@ -95,13 +95,11 @@ def run_trial(overrides: Sequence[str]) -> Call:
 def run_sweep(call: Call, overrides: Sequence[str]) -> None:
     """Run the sweep of the overrides and the variants of the call; the call holds the outcome.
 
-    Raises SeatrialError, in one line, if the sweep cannot be run or loses its workers.
+    Raises SeatrialError, in one line, if the sweep cannot be run.
     """
     words, call.variants = left_to_jobs(overrides, call.variants)
     with _hydra(overrides, call) as hydra:
         hydra.multirun("trial", call, [*words, *QUIET], with_log_configuration=False)
-        if isinstance(call.error, str):
-            raise SeatrialError(call.error)
 
 
 def composed(overrides: Sequence[str]) -> Order:

@@ -23,13 +23,25 @@ REPLACED: Mapping[str, str] = {
     "hydra/launcher=joblib": "use hydra/launcher=processes",
     "hydra/launcher=submitit_local": "use hydra/launcher=processes",
     "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone",
+    "identifier.recording": "the recording of identifier=command is always recording.csv",
     "identifier=least_squares": "use identifier=output_error",
     "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
     "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
     "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
     " identifier=prediction_times",
+    "search.default_first": "the configuration as it is comes first, if the space contains it",
+    "search.dof": "write search.metric=name:dof",
+    "search.sampler": "the sampler is TPE; search.startup=<search.trials> makes a random search",
     "seatrial-results published": "in a checkout, use make published",
+<<<<<<< HEAD
     "seatrial-results plot quality": "use seatrial data check FILE --html PAGE.html",
+=======
+    "search.model": "the objective is a metric of the identified model",
+    "search.stage": "the objective is of the deployment, or of the first stage that has the metric",
+    "search.statistic": "the objective is the median over the seeds",
+    "seatrial-results plot search": "use seatrial-results table --rows <option> --metric <metric>;"
+    " a search prints its best candidates",
+>>>>>>> main
     "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
     "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
     " figure",

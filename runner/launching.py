@@ -35,7 +35,6 @@ class LaunchResult:
 
     outcomes: list[Outcome] = field(default_factory=list)
     bugs: list[Outcome] = field(default_factory=list)  # not stored in a row
-    error: str | None = None  # why the rest was not launched
 
 
 def check(options: DictConfig) -> None:

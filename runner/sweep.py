@@ -262,7 +262,7 @@ class SeatrialSweeper(Sweeper):
         jobs = jobs_of(parser, self.params, variants, arguments, limits)
         composer = Composer(self._loader, self._config)
         jobs = composer.applicable(jobs)
-        plans = _planned(composer, jobs)
+        plans = planned(composer, jobs)
         if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
             self.session.list_trials(listed(plans))
         else:
@@ -274,8 +274,10 @@ class SeatrialSweeper(Sweeper):
             launched = self._launch(remaining, sweep.job)
             status = sweep.logbook.sweep_status(sweep.job.sweep_id)
         outcomes += launched.outcomes
-        lines = console.sweep_summary(status, outcomes, plans[0].database_url, factors)
-        self._end(launched, lines, console.sweep_exit_code(status, outcomes))
+        self.session.say(console.sweep_summary(status, outcomes, plans[0].database_url, factors))
+        self.session.exit_code = console.sweep_exit_code(status, outcomes)
+        if launched.bugs:
+            raise RuntimeError(launched.bugs[0].error)
 
     @contextmanager
     def underway(
@@ -300,13 +302,6 @@ class SeatrialSweeper(Sweeper):
                     logbook.give_up_sweep(sweep_id)
                     raise
             logbook.end_sweep(sweep_id, sweep.planned)
-
-    def _end(self, launched: LaunchResult, lines: Iterable[str], exit_code: int) -> None:
-        """Print the summary of a sweep; raises the first bug of its trials."""
-        self.session.say(lines)
-        self.session.exit_code, self.session.error = exit_code, launched.error
-        if launched.bugs:
-            raise RuntimeError(launched.bugs[0].error)
 
     @property
     def _choice(self) -> str:
@@ -366,7 +361,7 @@ def _check_hydra(hydra: Any) -> None:
     check_finite(OmegaConf.to_container(hydra, resolve=False), "hydra")
 
 
-def _planned(composer: Composer, jobs: Sequence[list[str]]) -> list[PlannedTrial | Refusal]:
+def planned(composer: Composer, jobs: Sequence[list[str]]) -> list[PlannedTrial | Refusal]:
     """Compose, build and check the jobs; those that choose the same options one after the other."""
     planner, plans = Planner(collect().sources), dict[int, PlannedTrial | Refusal]()
     choices = [composer.choices(job) for job in jobs]

@@ -2,6 +2,9 @@
 
 import os
 import re
+import subprocess
+import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -163,3 +166,35 @@ def test_looking_around_imports_nothing_heavy(tmp_path: Path) -> None:
     assert status == 0, said
     assert re.search(rf"'({heavy})'", said) is None, said
     assert "'hydra'" in said
+
+
+ROOT = Path(__file__).parents[2]
+WITHOUT = """
+import importlib.machinery, runpy, sys
+find = importlib.machinery.PathFinder.find_spec
+hidden = set(sys.argv.pop(1).split(","))
+importlib.machinery.PathFinder.find_spec = staticmethod(
+    lambda name, *rest: None if name.partition(".")[0] in hidden else find(name, *rest)
+)
+runpy.run_module("seatrial.runner", run_name="__main__")
+"""
+
+
+def test_it_runs_without_the_packages_of_its_extras() -> None:
+    """As pip install seatrial has it: what the extras bring is neither needed nor looked for."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        extras = tomllib.load(file)["project"]["optional-dependencies"]
+    own = ("docs", "test", "bench", "check")  # for developers
+    packages = {
+        re.split(r"[\[><=]", text)[0].replace("-", "_")
+        for extra, texts in extras.items()
+        if extra not in own
+        for text in texts
+    }
+    words = ["vessel=surge_linear", "identifier=ls", "dry_run=true"]
+    answer = subprocess.run(
+        [sys.executable, "-c", WITHOUT, ",".join(packages), *words], cwd=ROOT, timeout=120,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert answer.returncode == 0, answer.stderr
+    assert "optuna" in packages

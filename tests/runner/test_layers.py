@@ -37,7 +37,7 @@ ONLY = {
 EDGE = {
     *("__main__", "sweep", "processes", "launching", "composition", "overrides"),
     *("hydra_errors", "in_process", "yaml_files"),
-    *("search", "search_path", "search_space"),
+    *("search", "search_path"),
 }
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "matplotlib", "rich", "typer"}
 
