@@ -33,15 +33,12 @@ REPLACED: Mapping[str, str] = {
     "search.dof": "write search.metric=name:dof",
     "search.sampler": "the sampler is TPE; search.startup=<search.trials> makes a random search",
     "seatrial-results published": "in a checkout, use make published",
-<<<<<<< HEAD
     "seatrial-results plot quality": "use seatrial data check FILE --html PAGE.html",
-=======
     "search.model": "the objective is a metric of the identified model",
     "search.stage": "the objective is of the deployment, or of the first stage that has the metric",
     "search.statistic": "the objective is the median over the seeds",
     "seatrial-results plot search": "use seatrial-results table --rows <option> --metric <metric>;"
     " a search prints its best candidates",
->>>>>>> main
     "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
     "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
     " figure",
