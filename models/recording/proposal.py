@@ -32,7 +32,7 @@ PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controlle
 METRES = 111_195.0  # of a degree of latitude
 UNKNOWN = Quantity("", strange=99)
 AXES_OF = {  # where a map states the axes or reference of a column
-    "velocity.surge": ("frames", "velocity", "earth"), "velocity.sway": ("frames", "velocity", "earth"),
+    **dict.fromkeys(("velocity.surge", "velocity.sway"), ("frames", "velocity", "earth")),
     "position.surge": ("frames", "position", "ENU"), "wind.direction": ("wind", "kind", "apparent"),
 }  # fmt: skip
 
@@ -88,8 +88,8 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     chosen = _motion([c for c in every if c.moves])
     asked = _actions(every, wanted, chosen)
     units = _units(chosen, times)
-    time, clock = _clock(chosen, times, sources)
-    sure, columns = [clock], defaultdict[str, dict[str, object]](dict)
+    clock, line = _clock(chosen, times, sources)
+    sure, columns = [line], defaultdict[str, dict[str, object]](dict)
     for option, c in chosen.items():
         kind, _, name = option.partition(".")
         unit, origin = units.get(option, ("", ""))
@@ -115,7 +115,7 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
             left.setdefault(reason, []).append(f"{c.full} ({missing} of {len(c.values)})")
     lines = [f"{why}: {', '.join(_folded(names))}" for why, names in left.items() if names]
     left_out = tuple(shorten(line, 600, placeholder=" ...") for line in lines)
-    return Proposal({"time": time, **columns}, tuple(sure), tuple(asked), left_out)
+    return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), left_out)
 
 
 def _folded(names: Sequence[str]) -> Iterator[str]:
@@ -306,7 +306,8 @@ def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, 
                 known.setdefault(option, (unit, origin))
     path = _path(chosen, times)
     for option, unit_of in (("position.yaw", angle_unit), ("ground.speed", speed_unit)):
-        if path and option not in known and (c := chosen.get(option)):
+        if path and option in chosen and option not in known:
+            c = chosen[option]
             t = seconds(c.source, times[c.source.name])
             valid = np.isfinite(t) & np.isfinite(c.values)
             if unit := unit_of(path, t[valid], c.values[valid]):
@@ -359,8 +360,9 @@ def _clock(
     shared = Counter(clock.name for name in used for clock in clocks(sources[name]))
     holder = sources[max(used, key=lambda name: shared[times[name].name])]
     clock = times[holder.name]
-    origins = ((holder.units.get(clock.name), "header"), (unit_in_title(clock.name, ("s",)), "title"),
-               (clock.unit, "by its numbers"), ("s", "no unit is stated"))  # fmt: skip
+    stated, titled = holder.units.get(clock.name), unit_in_title(clock.name, ("s",))
+    origins = ((stated, "header"), (titled, "title"), (clock.unit, "by its numbers"),
+               ("s", "no unit is stated"))  # fmt: skip
     unit, origin = next((unit, origin) for unit, origin in origins if unit)
     text = holder.columns[clock.name].dtype == np.object_
     how = "dates or times of day" if text else f"in {unit} ({origin})"

@@ -102,8 +102,8 @@ def propose_by_motion(source: Source) -> dict[str, object]:
     velocity = earth if by_earth else body or earth
     if yaw := moving.like(moving.change(heading), RATES, rest):
         velocity["yaw"] = yaw
-    known = {column for column, _ in velocity.values()}
-    rudder = _rudder(moving, heading, [name for name in rest if name not in known])
+    taken = {column for column, _ in velocity.values()}
+    rudder = _rudder(moving, heading, [name for name in rest if name not in taken])
     large = rudder and turn == "deg" and np.max(np.abs(moving.columns[rudder])) > np.pi / 2.0
 
     def written(name: str, unit: str) -> object:

@@ -152,8 +152,8 @@ def _matched(words: Sequence[str], around: set[str]) -> Quantity | None:
         name = "n" if "shaft" in devices else "delta" if "rudder" in devices else ""
         result = Quantity(f"inputs.{name}", "", max(len(core) - 1, 0), ordered)
         return None if everything & WORDS["load"] else result
-    if not ordered and (result := _named(core, known, everything)):
-        return result if result.option else None
+    if not ordered and (named := _named(core, known, everything)):
+        return named if named.option else None
     kind, i = AXES.get(axes[0]) or letters[axes[0]] if len(axes) == 1 else ("", 0)
     option, magnetic = _option(kinds, kind, i), bool(everything & WORDS["magnetic"])
     if (magnetic and option != "position.yaw") or (ordered and not option.startswith("force")):
