@@ -12,13 +12,11 @@ from seatrial.models.notation import POSE_UNIT, velocities_of
 from seatrial.models.recording.diagnosis import Examination
 from seatrial.models.recording.preprocessing import QualityCheck, quality_checks
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.smoothing import SEGMENT, lowpass
+from seatrial.models.recording.smoothing import SEGMENT
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.compare.page import picture, render_page
 from seatrial.runner.compare.plots import style
 from seatrial.runner.recording_report import Report
-
-MIN_PIECE = 30  # samples of a piece that is filtered
 
 
 def page(report: Report) -> str:
@@ -55,12 +53,9 @@ def velocities(known: Examination, checks: tuple[QualityCheck, ...]) -> Figure:
     recording, cutoff = known.recording, known.result.cutoff_hz
     sheet, panels = style.panels(len(recording.dofs), 1, 6.5, 1.5, share_x=True)
     rates = [check for check in checks if check.check == "differentiated_position"]
-    edges = [*np.flatnonzero(recording.piece_starts).tolist(), len(recording)]
     for axes, check in zip(panels, rates, strict=True):
         both = np.column_stack([check.calculated, check.measured])
-        for a, b in pairwise(edges):
-            if b - a >= MIN_PIECE:
-                both[a:b] = lowpass(both[a:b], cutoff, recording.period_s)
+        both = recording.lowpassed(both, cutoff)
         _draw(axes, recording, both[:, 0], color=style.PALETTE[1], label="from the pose")
         _draw(axes, recording, both[:, 1], color=style.PALETTE[0], label="recorded", linewidth=1.0)
         axes.set_ylabel(f"{velocities_of([check.dof])[0]} [{check.unit}]")

@@ -23,6 +23,7 @@ from seatrial.runner.recording_offsets import offsets
 MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
 BRIDGED = 2.5  # sample times of a source that count as a step of it
 MOST_OUTLIERS = 0.02  # share of the samples of a velocity
+MOST_MISSING = 0.01  # share of the duration of a source in gaps
 SHORT_S = 120.0  # [s] below which a recording is short
 MANOEUVRES = {
     "surge": "accelerate and stop, at several speeds",
@@ -186,7 +187,7 @@ def _advice(
             advice.append(
                 f"{name}: {s.not_later} times are not later than the one before: {rounded}"
             )
-        if recording is None and s.gaps:
+        if s.gaps and s.missing > MOST_MISSING:
             advice.append(
                 f"{name}: {s}: excitation.at_gap=split leaves gaps longer than max_gap_s out"
             )

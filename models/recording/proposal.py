@@ -113,17 +113,11 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
         elif missing := np.isnan(c.values).sum():
             reason = "without a value in some rows, though mapped"
             left.setdefault(reason, []).append(f"{c.full} ({missing} of {len(c.values)})")
-    lines = [f"{why}: {', '.join(_folded(names))}" for why, names in left.items() if names]
-    left_out = tuple(shorten(line, 600, placeholder=" ...") for line in lines)
-    return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), left_out)
-
-
-def _folded(names: Sequence[str]) -> Iterator[str]:
-    """Names, the elements of an array as one."""
-    arrays = defaultdict[str, list[str]](list)
-    for name in names:
-        arrays[re.sub(r"\[\d+\]$", "[...]", name)].append(name)
-    yield from (array if len(own) > 1 else own[0] for array, own in arrays.items())
+    lines = []
+    for why, names in left.items():  # the elements of an array as one
+        text = ", ".join(dict.fromkeys(re.sub(r"\[\d+\]$", "[...]", name) for name in names))
+        lines += [shorten(f"{why}: {text}", 600, placeholder=" ...")] if names else []
+    return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), tuple(lines))
 
 
 def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate], list[str]]:
@@ -202,11 +196,11 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
     for c in candidates:
         first.setdefault(c.option, c)
 
-    def take(kind: str, names: Sequence[str], near: _Candidate | None, *, only: bool = False,
-             frames: Sequence[str] | None = None) -> None:  # fmt: skip
+    def take(
+        kind: str, names: Sequence[str], near: _Candidate | None, *, only: bool = False
+    ) -> None:  # of the source of a column, else of any
         for option in (f"{kind}.{name}" for name in names):
-            fitting = [c for c in candidates
-                       if c.option == option and (frames is None or c.frame in frames)]  # fmt: skip
+            fitting = [c for c in candidates if c.option == option]
             own = [c for c in fitting if near is None or c.source is near.source]
             if best := own or (fitting if not only else []):
                 chosen[option] = best[0]
@@ -231,8 +225,10 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
     along = [c for c in along if c.source is along[0].source]
     moving = next((c for c in along if c.frame != "earth"), along[0] if along else None)
     if moving:
-        frames = ("earth",) if moving.frame == "earth" else ("body", "")
-        take("velocity", DOFS[:3], moving, only=True, frames=frames)
+        linear, earth = [f"velocity.{dof}" for dof in DOFS[:3]], moving.frame == "earth"
+        candidates = [c for c in candidates
+                      if c.option not in linear or (c.frame == "earth") == earth]  # fmt: skip
+        take("velocity", DOFS[:3], moving, only=True)
         take("acceleration", DOFS, moving, only=True)
     elif yaw and sog and course:
         take("ground", ("speed", "course"), sog)
