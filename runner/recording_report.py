@@ -10,6 +10,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.diagnosis import Examination
+from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.reader import Signals, clock_of, first_time, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
@@ -106,9 +107,7 @@ def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
 def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
     """Problems and questions, or that there is none; outliers count, too; and the current."""
     lines = [f"problem: {problem}" for problem in known.problems]
-    counts = {r.column: count for part in signals for r in part.readings
-              if r.option.startswith("velocity")
-              and (count := part.outliers.get(r.column.removeprefix("-"), 0))}  # fmt: skip
+    counts = {name: count for part in signals for name, count in _outliers(part).items() if count}
     names = ", ".join(f"{name} {count}" for name, count in counts.items())
     if max(counts.values(), default=0) > MOST_OUTLIERS * len(known.recording):
         lines.append(f"problem: outliers: {names}; excitation.outliers.replace=true")
@@ -159,16 +158,23 @@ def _ranges(signals: Signals) -> ReportTable:
     starts[piece_edges(signals.t, period)[:-1]] = True
     values = np.column_stack(list(signals.values.values()))
     noise = noise_floor(values, starts, period).deviation
-    recorded = {r.option: r.column.removeprefix("-") for r in signals.readings}
+    counts = _outliers(signals)
     rows = []
     for option, x, deviation in zip(signals.values, values.T, noise, strict=True):
         targets = ("m/s",) if option.startswith("current") else targets_of(option)
-        outliers = signals.outliers.get(recorded.get(option, ""), "-")
         numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), deviation)
         unit = targets[0] if len(targets) == 1 else "-"
-        rows.append((option, unit, *(f"{number:.3g}" for number in numbers), f"{outliers}"))
+        rows.append(
+            (option, unit, *(f"{number:.3g}" for number in numbers), f"{counts.get(option, '-')}")
+        )
     heads = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
     return ReportTable("Ranges", heads, rows)
+
+
+def _outliers(signals: Signals) -> dict[str, int]:
+    """The number of outliers of each velocity."""
+    return {option: int(np.sum(outliers(values))) for option, values in signals.values.items()
+            if option.startswith("velocity.")}  # fmt: skip
 
 
 def _kept(recording: Recording) -> float:

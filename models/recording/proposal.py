@@ -114,9 +114,9 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
             reason = "without a value in some rows, though mapped"
             left.setdefault(reason, []).append(f"{c.full} ({missing} of {len(c.values)})")
     lines = []
-    for why, names in left.items():  # the elements of an array as one
-        text = ", ".join(dict.fromkeys(re.sub(r"\[\d+\]$", "[...]", name) for name in names))
-        lines += [shorten(f"{why}: {text}", 600, placeholder=" ...")] if names else []
+    for why, columns_left in left.items():  # the elements of an array as one
+        text = ", ".join(dict.fromkeys(re.sub(r"\[\d+\]$", "[...]", n) for n in columns_left))
+        lines += [shorten(f"{why}: {text}", 600, placeholder=" ...")] if columns_left else []
     return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), tuple(lines))
 
 

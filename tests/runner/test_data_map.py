@@ -101,7 +101,7 @@ def test_outliers_are_a_problem(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert data_commands.main(["check", _log(tmp_path, {**columns, "u": u})]) == 0
     shown = capsys.readouterr().out
     assert "no problem" not in shown
-    assert "problem: outliers: u" in shown
+    assert "problem: outliers: velocity.surge" in shown
 
 
 def test_a_log_without_velocities_is_mapped_and_checked(
