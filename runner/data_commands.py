@@ -85,8 +85,10 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
 
     Without a map, that of `seatrial data map` is used.
     """
-    sources = read_sources(file.expanduser(), _options(map_file))
-    node = read_map(map_file) if map_file else options_of(drafted(file, sources).map)
+    node = read_map(map_file) if map_file else {}
+    reading = {key: node[key] for key in ("format", "text", "messages") if key in node}
+    sources = read_sources(file.expanduser(), build_as(ReadOptions, reading, "excitation"))
+    node = node or options_of(drafted(file, sources).map)
     known = report(reader_of(file, node), sources)
     if html is not None:
         write_page(recording_page.page(known), html)
@@ -188,12 +190,6 @@ def _grid(file: Path, node: dict[str, object], sources: Mapping[str, Source]) ->
     grid: dict[str, object] = {"resample_hz": float(f"{rate:.2g}"), "at_gap": "split"}
     bridged = float(f"{BRIDGED / rate:.2g}")
     return grid | {"max_gap_s": bridged} if bridged > reader.max_gap_s else grid
-
-
-def _options(map_file: Path | None) -> ReadOptions:
-    node = read_map(map_file) if map_file else {}
-    reading = {key: node[key] for key in ("format", "text", "messages") if key in node}
-    return build_as(ReadOptions, reading, "excitation")
 
 
 def _show(known: Report) -> None:
