@@ -53,7 +53,11 @@ class FileSet:
                 raise RecordingError(
                     f"{path}: {error}; excitation.resample_hz gives all files one sample time"
                 ) from error
-        return replace(end_to_end(parts), file_names=_names(self.files))
+        for depth in range(1, max(len(path.parts) for path in self.files) + 1):
+            names = tuple("/".join(path.parts[-depth:]) for path in self.files)
+            if len(set(names)) == len(names):  # as much of the folders as tells the files apart
+                break
+        return replace(end_to_end(parts), file_names=names)
 
     def split(self, recording: Recording, train_fraction: float, initial_s: float) -> Split:
         """Training and test samples of the recording that `read` returns.
@@ -67,21 +71,17 @@ class FileSet:
         for number, path in enumerate(self.files):
             rows = np.flatnonzero(recording.file == number)
             t = recording.t[rows]
-            later = t >= t[0] + initial_s
-            if not self.test:
-                parts = half(len(rows), train_fraction)
-                train[rows], test[rows] = parts.train, parts.test & later
-            elif number < len(self.train):
+            if self.test and number < len(self.train):
                 train[rows] = True
-            else:
-                test[rows] = later
-            if not self.test or number >= len(self.train):
-                left = np.count_nonzero(test[rows])
-                if left < 2:
-                    raise ConfigurationError(
-                        f"excitation.initial_s: got {initial_s:g} s, which leaves {left} samples "
-                        f"for testing of {path}, {t[-1] - t[0]:g} s long; expected at least 2"
-                    )
+                continue
+            parts = None if self.test else half(len(rows), train_fraction)
+            train[rows] = False if parts is None else parts.train
+            test[rows] = (t >= t[0] + initial_s) & (True if parts is None else parts.test)
+            if (left := np.count_nonzero(test[rows])) < 2:
+                raise ConfigurationError(
+                    f"excitation.initial_s: got {initial_s:g} s, which leaves {left} samples "
+                    f"for testing of {path}, {t[-1] - t[0]:g} s long; expected at least 2"
+                )
         return Split(train, test)
 
 
@@ -90,43 +90,30 @@ def file_set(train: Sequence[str], test: Sequence[str]) -> FileSet:
 
     Raises ConfigurationError if a pattern matches nothing, or a file is in both.
     """
-    found = FileSet(_matching("train", train), _matching("test", test))
-    if both := set(found.train) & set(found.test):
+    found: dict[str, dict[Path, None]] = {"train": {}, "test": {}}
+    for option, patterns in (("train", train), ("test", test)):
+        for pattern in patterns:
+            if not pattern or any(character in pattern for character in "\0\r\n"):
+                raise ConfigurationError(
+                    f"excitation.{option}: got {pattern!r}, expected a file or a pattern of files"
+                )
+            wanted = str(Path(pattern).expanduser())
+            # Path.glob takes no absolute patterns.
+            every = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
+            if not every:
+                raise ConfigurationError(
+                    f"excitation.{option}: got {pattern}, which matches no file, expected "
+                    "recordings"
+                )
+            found[option] |= dict.fromkeys(Path(match) for match in sorted(every))
+    if both := set(found["train"]) & set(found["test"]):
         raise ConfigurationError(
             f"excitation.test: got {min(both)}, which excitation.train has too, "
             "expected each file once"
         )
-    if len(found.files) > MOST_FILES:
+    known = FileSet(tuple(found["train"]), tuple(found["test"]))
+    if len(known.files) > MOST_FILES:
         raise ConfigurationError(
-            f"excitation.train and test: got {len(found.files)} files, "
-            f"expected at most {MOST_FILES}"
+            f"excitation.train and test: got {len(known.files)} files, expected at most {MOST_FILES}"
         )
-    return found
-
-
-def _matching(option: str, patterns: Sequence[str]) -> tuple[Path, ...]:
-    files: list[Path] = []
-    for pattern in patterns:
-        if not pattern or any(character in pattern for character in "\0\r\n"):
-            raise ConfigurationError(
-                f"excitation.{option}: got {pattern!r}, expected a file or a pattern of files"
-            )
-        wanted = str(Path(pattern).expanduser())
-        # Path.glob takes no absolute patterns.
-        every = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
-        matches = sorted(every)
-        if not matches:
-            raise ConfigurationError(
-                f"excitation.{option}: got {pattern}, which matches no file, expected recordings"
-            )
-        files += [Path(match) for match in matches]
-    return tuple(dict.fromkeys(files))
-
-
-def _names(files: Sequence[Path]) -> tuple[str, ...]:
-    """The names of files, with as much of their folders as tells them apart."""
-    for depth in range(1, max(len(path.parts) for path in files) + 1):
-        names = ["/".join(path.parts[-depth:]) for path in files]
-        if len(set(names)) == len(names):
-            return tuple(names)
-    return tuple(map(str, files))
+    return known

@@ -43,8 +43,8 @@ WORDS = {name: frozenset(words.split()) for name, words in {
                "over stamped xyz",
     "foreign": "error err std stdev cov covariance variance var bias sigma accuracy quality innov "
                "innovation residual noise current currents wave waves temp temperature pressure "
-               "voltage max min offset origin home orientation power dop hdop stamp count deviation "
-               "variation",  # no motion of the vessel
+               "voltage max min offset origin home orientation power dop hdop stamp count "
+               "deviation variation",  # no motion of the vessel
     "reference": "ref reference desired des setpoint sp target goal waypoint guidance plan",
     "command": "cmd command commanded commands order ordered",
     "estimate": "nav navigation odom odometry estimate estimated estimator local ahrs",

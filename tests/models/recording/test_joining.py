@@ -10,7 +10,7 @@ from seatrial.models.recording.joining import Channel, TimeGrid, join_channels
 def test_straight_lines_are_joined_exactly_and_within_all_channels() -> None:
     rng = np.random.default_rng(4)
     one, two = (np.sort(rng.uniform(a, b, 200)) for a, b in ((0.0, 9.0), (1.0, 10.0)))
-    channels = {"x": Channel(one, 3.0 * one), "y": (two, 1.0 - two, False)}
+    channels = {"x": Channel(one, 3.0 * one), "y": Channel(two, 1.0 - two)}
     t, values = join_channels(channels, TimeGrid(10.0, 1.0))
     assert t[0] == two[0]
     assert one[-1] - 0.1 < t[-1] <= one[-1]
@@ -21,7 +21,7 @@ def test_straight_lines_are_joined_exactly_and_within_all_channels() -> None:
 
 def test_channels_that_do_not_overlap() -> None:
     early, late = np.linspace(0.0, 1.0, 5), np.linspace(2.0, 3.0, 5)
-    channels = {"a": Channel(early, early), "b": Channel(late, late)}
+    channels = {"a": Channel(early, early, name="a"), "b": Channel(late, late, name="b")}
     with pytest.raises(RecordingError, match="b begins at 2 s, a ends at 1 s"):
         join_channels(channels, TimeGrid(10.0, 1.0))
 
@@ -29,9 +29,9 @@ def test_channels_that_do_not_overlap() -> None:
 def test_a_command_is_held_until_the_next_and_a_state_is_interpolated() -> None:
     t = np.array([0.0, 1.0, 2.0])
     channels = {"held": Channel(t, t, True), "state": Channel(t, t)}
-    joined = join_channels(channels, TimeGrid(10.0, 2.0))
-    np.testing.assert_allclose(joined.columns["state"], joined.t)
-    np.testing.assert_array_equal(joined.columns["held"], np.floor(joined.t + 1e-9))
+    grid_t, joined = join_channels(channels, TimeGrid(10.0, 2.0))
+    np.testing.assert_allclose(joined["state"], grid_t)
+    np.testing.assert_array_equal(joined["held"], np.floor(grid_t + 1e-9))
 
 
 def test_no_sample_lies_in_a_gap_and_none_is_made_from_both_its_sides() -> None:
@@ -39,13 +39,13 @@ def test_no_sample_lies_in_a_gap_and_none_is_made_from_both_its_sides() -> None:
     t = np.concatenate([np.arange(0.0, 5.0, 0.13), np.arange(9.0, 15.0, 0.13)])
     x = t + 100.0 * (t > 7.0)
     other = np.arange(0.0, 15.0, 0.01)
-    channels = {"x": Channel(t, x), "other": Channel(other, -other)}
-    joined = join_channels(channels, TimeGrid(10.0, 0.5, "split"))
+    channels = {"x": Channel(t, x, name="x"), "other": Channel(other, -other)}
+    grid_t, joined = join_channels(channels, TimeGrid(10.0, 0.5, "split"))
     last, first = t[t < 7.0][-1], t[t > 7.0][0]
-    assert not np.any((joined.t > last) & (joined.t < first))
-    np.testing.assert_allclose(joined.columns["x"], joined.t + 100.0 * (joined.t > 7.0))
-    np.testing.assert_allclose(joined.columns["other"], -joined.t)
-    steps = np.diff(joined.t) * 10.0  # a gap is a multiple of the sample time
+    assert not np.any((grid_t > last) & (grid_t < first))
+    np.testing.assert_allclose(joined["x"], grid_t + 100.0 * (grid_t > 7.0))
+    np.testing.assert_allclose(joined["other"], -grid_t)
+    steps = np.diff(grid_t) * 10.0  # a gap is a multiple of the sample time
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
     assert np.count_nonzero(steps > 1.5) == 1
     with pytest.raises(RecordingError, match=r"x: got no sample for 4\.\d+ s after 4\.94 s"):
@@ -56,21 +56,18 @@ def test_an_old_command_is_a_gap() -> None:
     t = np.array([0.0, 1.0, 6.0, 7.0])
     clock = np.arange(0.0, 7.0, 0.1)
     channels = {"command": Channel(t, t, True), "x": Channel(clock, clock)}
-    joined = join_channels(channels, TimeGrid(10.0, 1.5, "split"))
-    age = joined.t - t[np.searchsorted(t, joined.t + 1e-9) - 1]
+    grid_t, joined = join_channels(channels, TimeGrid(10.0, 1.5, "split"))
+    age = grid_t - t[np.searchsorted(t, grid_t + 1e-9) - 1]
     assert np.max(age) <= 1.5 + 1e-6
-    assert np.count_nonzero(np.diff(joined.t) > 0.15) == 1
+    assert np.count_nonzero(np.diff(grid_t) > 0.15) == 1
 
 
 @pytest.mark.parametrize(
     ("t", "message"),
     [
         ([0.0], "x: got 1 samples, expected at least 2"),
-        (
-            [0.0, 1.0, 1.0],
-            "x, sample 3: got 1.000000 s after 1.000000 s, expected time to increase",
-        ),
-        ([0.0, np.nan, 1.0], "x, sample 2: got nan s after 0.000000 s, expected time to increase"),
+        ([0.0, 1.0, 1.0], "x: got 3 samples, expected time to increase"),
+        ([0.0, np.nan, 1.0], "x: got 3 samples, expected time to increase"),
     ],
 )
 def test_clocks_that_cannot_be_joined(t: list[float], message: str) -> None:
