@@ -3,12 +3,13 @@
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 import yaml
 from rich.console import Console
 from rich.table import Table as Grid
+from rich.text import Text
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.proposal import Proposal, propose
@@ -23,8 +24,14 @@ from seatrial.runner.compare.page import write_page
 from seatrial.runner.config import build_as
 from seatrial.runner.data_convert import convert
 from seatrial.runner.recording_map import options_of, read_map, reader_of
-from seatrial.runner.recording_page import page, sheets
 from seatrial.runner.recording_report import BRIDGED, Report, report
+
+if TYPE_CHECKING:  # slow to import
+    from seatrial.runner import recording_page
+else:
+    import lazy_loader
+
+    recording_page = lazy_loader.load("seatrial.runner.recording_page", suppress_warning=True)
 
 app = typer.Typer(
     name="seatrial data", no_args_is_help=True, pretty_exceptions_enable=False,
@@ -78,11 +85,13 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
 
     Without a map, that of `seatrial data map` is used.
     """
-    sources = read_sources(file.expanduser(), _options(map_file))
-    node = read_map(map_file) if map_file else options_of(drafted(file, sources).map)
+    node = read_map(map_file) if map_file else {}
+    reading = {key: node[key] for key in ("format", "text", "messages") if key in node}
+    sources = read_sources(file.expanduser(), build_as(ReadOptions, reading, "excitation"))
+    node = node or options_of(drafted(file, sources).map)
     known = report(reader_of(file, node), sources)
     if html is not None:
-        write_page(page(known), html)
+        write_page(recording_page.page(known), html)
     _show(known)
 
 
@@ -125,8 +134,7 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
     draft = propose(sources, wanted)
     node, sure, questions = deepcopy(draft.map), list(draft.sure), list(draft.questions)
     lines = [line for source in sources.values() for line in source.left_out]
-    if len(sources) > 1 or _has_gaps(file, node):
-        node |= _grid(file, node, sources)
+    node |= _grid(file, node, sources)
     asked: Sequence[str] = ()
     for _ in range(MOST_ROUNDS):
         try:
@@ -156,20 +164,11 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
     return Proposal(node, tuple(sure), (*questions, *asked), left_out)
 
 
-def _has_gaps(file: Path, node: dict[str, object]) -> bool:
-    """Whether the file is refused as it is, since it is not sampled uniformly or has gaps."""
-    try:
-        reader = reader_of(file, options_of(deepcopy(node)))
-        reader.account(reader.columns.moving or reader.columns.posed)
-    except RecordingError:
-        return True
-    except ConfigurationError:
-        return False
-    return False
-
-
 def _grid(file: Path, node: dict[str, object], sources: Mapping[str, Source]) -> dict[str, object]:
-    """The rate of the source of the velocities, or of the pose; its ordinary steps are no gaps."""
+    """The rate of the source of the velocities, or of the pose; its ordinary steps are no gaps.
+
+    One source that can be read as it is, with its own samples, needs none.
+    """
     try:
         reader = reader_of(file, options_of(deepcopy(node)))
         named = reader.columns.columns()
@@ -178,6 +177,14 @@ def _grid(file: Path, node: dict[str, object], sources: Mapping[str, Source]) ->
         rate = sampling(seconds(source, clock_of(source, reader.columns))).rate_hz
     except (*FAULTS, ValueError):  # nothing is mapped
         return {}
+    try:
+        if len(sources) == 1:
+            reader.account(reader.columns.moving or reader.columns.posed)
+            return {}
+    except ConfigurationError:
+        return {}
+    except RecordingError:
+        pass
     if not rate > 0.0:
         return {}
     grid: dict[str, object] = {"resample_hz": float(f"{rate:.2g}"), "at_gap": "split"}
@@ -185,25 +192,20 @@ def _grid(file: Path, node: dict[str, object], sources: Mapping[str, Source]) ->
     return grid | {"max_gap_s": bridged} if bridged > reader.max_gap_s else grid
 
 
-def _options(map_file: Path | None) -> ReadOptions:
-    node = read_map(map_file) if map_file else {}
-    reading = {key: node[key] for key in ("format", "text", "messages") if key in node}
-    return build_as(ReadOptions, reading, "excitation")
-
-
 def _show(known: Report) -> None:
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     if not console.is_terminal:
-        console = Console(highlight=False, width=LINE_WIDTH)
+        console = Console(highlight=False, markup=False, width=LINE_WIDTH)
     for line in known.verdict:
-        console.print(line, markup=False, soft_wrap=True)
-    for sheet in sheets(known):
-        grid = Grid(*sheet.heads, title=sheet.title, title_justify="left", box=None)
-        grid.columns[0].no_wrap = True
-        for row in sheet.rows:
-            grid.add_row(*row)
+        console.print(line, soft_wrap=True)
+    for table in known.tables:
+        console.print(table.title, soft_wrap=True)
+        grid = Grid(box=None)
+        for i, head in enumerate(table.heads):
+            grid.add_column(Text(head), no_wrap=i == 0)
+        for row in table.rows:
+            grid.add_row(*(Text(cell) for cell in row))
         console.print(grid)
-    for line in known.left_out:
-        console.print(f"left out: {line}", markup=False, soft_wrap=True)
-    for line in known.advice:
-        console.print(f"next: {line}", markup=False, soft_wrap=True)
+    for line in (*(f"left out: {line}" for line in known.left_out),
+                 *(f"next: {line}" for line in known.advice)):  # fmt: skip
+        console.print(line, soft_wrap=True)

@@ -1,6 +1,7 @@
 """`seatrial data convert`: a mapped recording as Parquet, with its metadata."""
 
 import hashlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -12,10 +13,8 @@ from seatrial.models.notation import DOFS
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.stored import write_recording
 from seatrial.runner.config import build_as
-from seatrial.runner.recording_map import with_map
-from seatrial.runner.search_path import CONF
+from seatrial.runner.recording_map import DEFAULT, with_map
 
-DEFAULT = CONF / "excitation" / "recording.yaml"
 File = Annotated[Path, typer.Argument(help="A file, or a folder with a file a topic.")]
 Target = Annotated[Path, typer.Argument(metavar="OUT.parquet", help="The file to be written.")]
 MapFile = Annotated[
@@ -51,35 +50,23 @@ def convert(file: File, target: Target, map_file: MapFile = None, dofs: Axes = N
 
 def _axes(reader: RecordedFile, asked: str | None) -> tuple[str, ...]:
     """The degrees of freedom that are asked for, or all that have columns."""
-    if asked is not None:
-        names = tuple(name.strip() for name in asked.split(","))
-        if unknown := [name for name in names if name not in DOFS]:
-            raise ConfigurationError(
-                f"--dofs: got {unknown[0]}, expected some of {', '.join(DOFS)}"
-            )
-        return names
-    mapped = tuple(dof for dof in DOFS if _is_mapped(reader, dof))
-    if not mapped:
+    names = tuple(name.strip() for name in asked.split(",")) if asked is not None else ()
+    if unknown := [name for name in names if name not in DOFS]:
+        raise ConfigurationError(f"--dofs: got {unknown[0]}, expected some of {', '.join(DOFS)}")
+    for dof in DOFS if asked is None else ():
+        with suppress(ConfigurationError):
+            reader.check((dof,))
+            names = (*names, dof)
+    if not names:
         raise ConfigurationError("data convert: got a map of no degree of freedom, expected --map")
-    return mapped
-
-
-def _is_mapped(reader: RecordedFile, dof: str) -> bool:
-    try:
-        reader.check((dof,))
-    except ConfigurationError:
-        return False
-    return True
+    return names
 
 
 def _digests(path: Path) -> dict[str, str]:
     """SHA-256 of the file, or of the files of the folder, by name."""
-    files = sorted(path.rglob("*")) if path.is_dir() else [path]
-    return {
-        file.relative_to(path.parent).as_posix(): _digest(file) for file in files if file.is_file()
-    }
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    digests = {}
+    for name in filter(Path.is_file, sorted(path.rglob("*")) if path.is_dir() else [path]):
+        with name.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        digests[name.relative_to(path.parent).as_posix()] = digest
+    return digests

@@ -8,277 +8,173 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import DOFS, VELOCITY_UNIT, velocities_of
-from seatrial.models.recording.column_map import Column, ColumnMap
-from seatrial.models.recording.consistency import LONGEST_LAG_S, correlations, lag
+from seatrial.models.notation import DOFS
 from seatrial.models.recording.diagnosis import Examination
 from seatrial.models.recording.preprocessing import outliers
-from seatrial.models.recording.reader import ColumnReading, Signals, clock_of, first_time, wanted
+from seatrial.models.recording.reader import Signals, clock_of, first_time, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import Sampling, sampling
-from seatrial.models.recording.smoothing import lowpass, noise_floor
+from seatrial.models.recording.smoothing import noise_floor
 from seatrial.models.recording.source import Source, column
-from seatrial.models.recording.times import EPOCH_S, is_later, seconds
-from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import unroll
+from seatrial.models.recording.times import EPOCH_S, seconds
+from seatrial.models.recording.units import targets_of
+from seatrial.runner.recording_offsets import offsets
 
-SIMILAR = 0.9  # correlation of two signals that are of the same quantity
-COVERED = 0.5  # share of the recording that a signal must cover to be compared
-SINGULAR_RATIO = 0.01  # of a singular value, relative to the largest, of terms not told apart
-MIN_WEIGHT = 0.3  # relative weight of a term in a combination
-MIN_SAMPLES = 50  # samples of a signal that is compared
-OFFSET_CUTOFF = 0.2  # of the Nyquist frequency: cut-off for clock offsets
-SLOWER = (1.0, 0.5, 0.25, 0.125)  # of that cut-off, until signals agree
 MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
 BRIDGED = 2.5  # sample times of a source that count as a step of it
 MOST_OUTLIERS = 0.02  # share of the samples of a velocity
+MOST_MISSING = 0.01  # share of the duration of a source in gaps
 SHORT_S = 120.0  # [s] below which a recording is short
+MANOEUVRES = {
+    "surge": "accelerate and stop, at several speeds",
+    "sway": "zig-zags of 20 degrees, or sideways steps", "heave": "steps in depth",
+    "roll": "roll decay, or zig-zags at speed", "pitch": "pitch decay, or steps of the trim",
+    "yaw": "zig-zags of 10 and 20 degrees and turning circles",
+}  # fmt: skip
 
 
-class Offset(NamedTuple):
-    """By how much a source is behind the recording, by the signals that agree best."""
+class ReportTable(NamedTuple):
+    """A table: title, heads of the columns, and rows of text."""
 
-    source: str
-    column: str
-    signal: str
-    seconds: float
-    correlation: float
-
-
-class SignalRange(NamedTuple):
-    """Range, noise and outliers of one signal of the recording."""
-
-    name: str
-    unit: str
-    least: float
-    most: float
-    deviation: float
-    noise: float
-    outliers: int
+    title: str
+    heads: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
 
 
 @dataclass(frozen=True)
 class Report:
-    """Everything that the page shows."""
+    """What the terminal and the page show, in this order; `examination` is drawn on the page."""
 
     path: str
-    samplings: Mapping[str, Sampling]
-    examination: Examination | None
-    why_not: str  # the recording could not be read; empty if it could
-    ranges: tuple[SignalRange, ...]
-    offsets: tuple[Offset, ...]
-    terms: Mapping[str, tuple[str, ...]]  # by axis, terms that the data do not tell apart
+    verdict: tuple[str, ...]  # problems and questions, or that there is none
+    tables: tuple[ReportTable, ...]
+    left_out: tuple[str, ...]
     advice: tuple[str, ...]
-    readings: tuple[ColumnReading, ...] = ()
-    left_out: tuple[str, ...] = ()
-
-    @property
-    def verdict(self) -> tuple[str, ...]:
-        """Problems and questions, or that there is none; outliers count, too."""
-        known = self.examination
-        if known is None:
-            return ()
-        counts = {r.name: r.outliers for r in self.ranges if r.outliers}
-        lines = [f"problem: {problem}" for problem in known.problems]
-        names = ", ".join(f"{name} {count}" for name, count in counts.items())
-        if max(counts.values(), default=0) > MOST_OUTLIERS * len(known.recording):
-            lines.append(f"problem: outliers: {names}; excitation.outliers.replace=true")
-        lines += [f"question: {line}" for line in known.questions]
-        lines += [f"not compared: {line}" for line in known.not_compared]
-        compared = any(axis.excited for axis in known.result.velocities)
-        if compared and not [line for line in lines if not line.startswith("not compared")]:
-            few = f"; few outliers: {names}" if names else ""
-            lines.insert(0, f"no problem: pose and velocity belong together{few}")
-        return tuple(lines)
+    examination: Examination | None
 
 
 def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
     """Examine a recording by its map; what cannot be read is said, the rest is reported."""
-    columns, samplings = file.columns, dict[str, Sampling]()
+    columns, times, used = file.columns, {}, set()
     for name, source in sources.items():
         with suppress(ConfigurationError, RecordingError):
-            samplings[name] = sampling(seconds(source, clock_of(source, columns)))
+            times[name] = seconds(source, clock_of(source, columns))
+    for spec in wanted(columns, DOFS)[0].values():
+        with suppress(RecordingError):
+            used.add(column(sources, spec.name)[0].name)
+    samplings = {name: sampling(t) for name, t in times.items()}
+    slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
     turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
-    used = {name: known for name, known in samplings.items() if _is_used(name, sources, columns)}
-    why, known, read = "", None, list[Signals]()
+    known, signals, why = None, list[Signals](), ""
     try:
         known = file.examine(dofs)
-        read += file.account(known.recording.dofs if known else dofs) if dofs or known else ()
-        if known is None:
-            why = "the recording cannot be read in the axes that it is compared in"
+        signals += file.account(known.recording.dofs if known else dofs) if dofs or known else ()
+        why = "" if known else "it cannot be read in the axes that are to be compared"
     except (ConfigurationError, RecordingError) as error:
         why = str(error)
-    readings = tuple(dict.fromkeys(row for signals in read for row in signals.readings))
-    left_out = tuple(dict.fromkeys(line for signals in read for line in signals.left_out))
+    readings = dict.fromkeys(row for part in signals for row in part.readings)
+    left_out = dict.fromkeys(line for part in signals for line in part.left_out)
+    tables = [_sampling(samplings)]
+    if readings:
+        rows = [(r.option, r.column, r.unit or "-", r.known_from) for r in readings]
+        tables.append(ReportTable("Columns", ("quantity", "column", "unit", "known from"), rows))
     if known is None:
-        advice = _cures(used, why)
-        return Report(str(file.path), samplings, None, why, (), (), {}, advice, readings, left_out)
-    recording = known.recording
-    return Report(
-        str(file.path), samplings, known, "", _ranges(recording),
-        _offsets(recording, sources, columns), _terms(recording),
-        (*_cures(used, ""), *_bridges(used, recording), *_advice(known, str(file.path))),
-        readings, left_out,
-    )  # fmt: skip
+        verdict, advice = [f"problem: {why}"], _advice(slow)
+    else:
+        tables.append(_agreement(known))
+        recording, start = known.recording, first_time(sources, columns)
+        start = start if start > EPOCH_S else 0.0  # zero in the recording, where times are dates
+        if len(sources) > 1 and _kept(recording) >= MIN_SHARE_LEFT:  # else too little is left
+            apart = [
+                (o.source, f"{o.seconds:+.3f}", f"{o.correlation:.3f}", o.column, o.signal)
+                for o in offsets(recording, sources, {n: t - start for n, t in times.items()})
+            ]
+            heads = ("source", "behind [s]", "correlation", "column", "compared with")
+            tables += [ReportTable("Clocks of the sources", heads, apart)] if apart else []
+        tables += [_ranges(part) for part in signals]
+        verdict = _verdict(known, signals)
+        still = [axis.dof for axis in known.result.velocities if not axis.excited]
+        trial = f"seatrial vessel=NAME excitation=recording excitation.path={file.path}"
+        advice = _advice(slow, recording, still) or [
+            f"nothing is missing: {trial} excitation.map=MAP.yaml"
+        ]
+    lines = tuple(verdict), tuple(tables), tuple(left_out), tuple(advice)
+    return Report(str(file.path), *lines, known)
 
 
-def _is_used(name: str, sources: Mapping[str, Source], columns: ColumnMap) -> bool:
-    """Whether a map takes a column from a source."""
-    specs = wanted(columns, DOFS)[0].values()
-    return len(sources) == 1 or any(_holds(sources, spec, name) for spec in specs)
-
-
-def _holds(sources: Mapping[str, Source], spec: Column, name: str) -> bool:
-    try:
-        return column(sources, spec.name)[0].name == name
-    except RecordingError:
-        return False
-
-
-def _ranges(recording: Recording) -> tuple[SignalRange, ...]:
-    noise = noise_floor(recording.nu, recording.piece_starts, recording.period_s).deviation
-    return tuple(
-        SignalRange(
-            name, VELOCITY_UNIT[dof], float(np.min(values)), float(np.max(values)),
-            float(np.std(values)), float(noise[i]), int(np.sum(outliers(values))),
-        )
-        for i, (name, dof, values) in enumerate(
-            zip(velocities_of(recording.dofs), recording.dofs, recording.nu.T, strict=True)
-        )
-    )  # fmt: skip
-
-
-def _offsets(
-    recording: Recording, sources: Mapping[str, Source], columns: ColumnMap
-) -> tuple[Offset, ...]:
-    """Clock offsets of the sources, by cross-correlation with pose and velocity.
-
-    There are none where most of the recording is in gaps: what is left says too little.
-    """
-    if len(sources) < 2 or _kept(recording) < MIN_SHARE_LEFT:
-        return ()
-    poses = np.column_stack([recording.eta, recording.nu])
-    names = [f"pose {dof}" for dof in recording.dofs] + list(velocities_of(recording.dofs))
-    start = first_time(sources, columns)
-    origin = start if start > EPOCH_S else 0.0  # zero in the recording, where times are dates
-    found = []
-    for source in sources.values():
-        try:
-            t = seconds(source, clock_of(source, columns)) - origin
-        except (ConfigurationError, RecordingError):
-            continue
-        best = max(
-            (
-                offset
-                for name, values in signals(source).items()
-                if (offset := _offset(source.name, name, t, values, recording, poses, names))
-            ),
-            key=lambda offset: abs(offset.correlation),
-            default=None,
-        )
-        if best is not None:
-            found.append(best)
-    return tuple(found)
-
-
-def signals(source: Source) -> dict[str, Array]:
-    """Columns of numbers that move, and the heading of a quaternion; angles are unrolled."""
-    result = {}
-    for name in source.columns:
-        try:
-            values = source.numbers(name, gaps=True)
-        except RecordingError:
-            continue
-        known = values[~np.isnan(values)]
-        if len(known) >= MIN_SAMPLES and np.ptp(known) > 0.0 and "stamp" not in name:
-            result[name] = values
-    stem = next((name[:-1] for name in result if name.endswith("_w")), None)
-    if stem and f"{stem}z" in result:
-        w, z = result[f"{stem}w"], result[f"{stem}z"]
-        result[f"heading of {stem.rstrip('_')}"] = unroll(2.0 * np.arctan2(z, w))
-    return result
-
-
-def _offset(
-    source: str, name: str, t: Array, values: Array, recording: Recording, known: Array,
-    names: Sequence[str],
-) -> Offset | None:  # fmt: skip
-    """The offset by one column, if it is of the quantity of a signal of the recording."""
-    valid = ~(np.isnan(values) | np.isnan(t))
-    t, values = t[valid], values[valid]
-    t, values = t[is_later(t)], values[is_later(t)]
-    inside = (recording.t >= t[0]) & (recording.t <= t[-1]) if len(t) >= MIN_SAMPLES else None
-    if inside is None or np.mean(inside) < COVERED:
-        return None
-    period = recording.period_s
-    fine = min(period, float(np.median(np.diff(t))) or period)
-    grid = np.arange(recording.t[inside][0], recording.t[inside][-1], fine)
-    own = np.interp(grid, t, values)[:, None]
-    others = np.column_stack([np.interp(grid, recording.t, column) for column in known.T])
-    after = np.clip(np.searchsorted(recording.t, grid[:-1]), 1, len(recording.t) - 1)
-    step = np.diff(recording.t)[after - 1]
-    for part in SLOWER:  # states that were recorded more slowly than the grid are steps below it
-        cutoff = OFFSET_CUTOFF * part * 0.5 / period
-        moving, known_rates = (np.diff(lowpass(x, cutoff, fine), axis=0) for x in (own, others))
-        inside = step < max(1.5 * period, 0.5 / cutoff)  # longer steps say nothing of this band
-        rho = correlations(moving[inside], known_rates[inside])[0]
-        best = int(np.argmax(np.abs(rho)))
-        if abs(rho[best]) >= SIMILAR - 0.4:
-            sign = np.sign(rho[best])
-            most = round(LONGEST_LAG_S / fine)
-            rate = known_rates[:, [best]]
-            behind = lag(sign * moving, rate, most, inside) * fine
-            moved = np.interp(grid[:-1] + behind, grid[:-1], moving[:, 0])[:, None]
-            agreed = float(correlations(moved[inside], rate[inside])[0, 0])
-            if abs(agreed) >= SIMILAR:
-                return Offset(source, name, names[best], behind, agreed)
-    return None
-
-
-def _terms(recording: Recording) -> dict[str, tuple[str, ...]]:
-    """Terms of a common model that the data do not tell apart, by degree of freedom."""
-    speeds = dict(zip(velocities_of(recording.dofs), recording.nu.T, strict=True))
-    result = {}
-    for i, (dof, name) in enumerate(
-        zip(recording.dofs, velocities_of(recording.dofs), strict=True)
-    ):
-        own = speeds[name]
-        terms = {
-            f"{name}_dot": recording.nu_dot[:, i],
-            name: own,
-            f"|{name}|{name}": abs(own) * own,
-        }
-        for first, second in (("v", "r"), ("u", "r"), ("u", "v")):
-            if {first, second} <= set(speeds) and name not in (first, second):
-                terms[f"{first}{second}"] = speeds[first] * speeds[second]
-        phi = np.column_stack(list(terms.values()))
-        size = np.linalg.norm(phi, axis=0)
-        if np.any(size == 0.0):
-            result[dof] = tuple(n for n, s in zip(terms, size, strict=True) if s == 0.0)
-            continue
-        _, values, ways = np.linalg.svd(phi / size, full_matrices=False)
-        if values[-1] < SINGULAR_RATIO * values[0]:
-            weight = np.abs(ways[-1]) / np.max(np.abs(ways[-1]))
-            result[dof] = tuple(n for n, w in zip(terms, weight, strict=True) if w > MIN_WEIGHT)
-    return result
-
-
-def _cures(samplings: Mapping[str, Sampling], why: str) -> tuple[str, ...]:
-    """What sampling asks for."""
-    advice = [why] if why else []
-    for name, known in samplings.items():
-        if known.not_later:
-            advice.append(
-                f"{name}: {known.not_later} times are not later than the one before: "
-                "columns.time: {column: NAME, uniform: true} if they are rounded"
+def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
+    """Problems and questions, or that there is none; outliers count, too; and the current."""
+    lines = [f"problem: {problem}" for problem in known.problems]
+    counts = {name: count for part in signals for name, count in _outliers(part).items() if count}
+    names = ", ".join(f"{name} {count}" for name, count in counts.items())
+    if max(counts.values(), default=0) > MOST_OUTLIERS * len(known.recording):
+        lines.append(f"problem: outliers: {names}; excitation.outliers.replace=true")
+    lines += [f"question: {line}" for line in known.questions]
+    if not lines and any(axis.excited for axis in known.result.velocities):
+        few = f"; few outliers: {names}" if names else ""
+        lines = [f"no problem: pose and velocity belong together{few}"]
+    for part in signals:
+        if "current.north" in part.values:
+            north, east = (
+                float(np.nanmean(part.values[f"current.{n}"])) for n in ("north", "east")
             )
-        if known.gaps and known.missing > 0.01:
-            advice.append(
-                f"{name}: {known}: excitation.at_gap=split leaves gaps longer than max_gap_s out"
-            )
-    return tuple(advice)
+            towards = np.degrees(np.arctan2(east, north)) % 360.0
+            speed = np.hypot(north, east)
+            lines.append(f"current: {speed:.2f} m/s towards {towards:.0f} deg on average")
+    return [*lines, *(f"not compared: {line}" for line in known.not_compared)]
+
+
+def _sampling(samplings: Mapping[str, Sampling]) -> ReportTable:
+    heads = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
+             "repeated times")  # fmt: skip
+    return ReportTable("Sampling", heads, [
+        (name or "-", f"{s.count}", f"{s.duration_s:.1f}", f"{s.rate_hz:.4g}", f"{s.gaps}",
+         f"{s.longest_gap_s:.3g} at {s.longest_gap_at_s:.0f}" if s.gaps else "-",
+         f"{100.0 * s.missing:.1f}", f"{s.not_later}")
+        for name, s in samplings.items()
+    ])  # fmt: skip
+
+
+def _agreement(known: Examination) -> ReportTable:
+    result = known.result
+    title = (
+        f"Pose and velocity, below {result.cutoff_hz:.2g} Hz; the velocities are "
+        f"{round(result.lag_s, 3) + 0.0:+.3f} s behind"
+    )
+    kinds = (("velocity", result.velocities), ("acceleration", result.accelerations))
+    return ReportTable(title, ("axis", "compared", "correlation", "scale", "excited"), [
+        (axis.dof, kind, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
+         "yes" if axis.excited else "no")
+        for kind, axes in kinds
+        for axis in axes
+    ])  # fmt: skip
+
+
+def _ranges(signals: Signals) -> ReportTable:
+    """Range, noise and outliers of every signal, in SI units and our frames."""
+    period, starts = float(np.median(np.diff(signals.t))), np.zeros(len(signals.t), dtype=np.bool_)
+    starts[piece_edges(signals.t, period)[:-1]] = True
+    values = np.column_stack(list(signals.values.values()))
+    noise = noise_floor(values, starts, period).deviation
+    counts = _outliers(signals)
+    rows = []
+    for option, x, deviation in zip(signals.values, values.T, noise, strict=True):
+        targets = ("m/s",) if option.startswith("current") else targets_of(option)
+        numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), deviation)
+        unit = targets[0] if len(targets) == 1 else "-"
+        rows.append(
+            (option, unit, *(f"{number:.3g}" for number in numbers), f"{counts.get(option, '-')}")
+        )
+    heads = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
+    return ReportTable("Ranges", heads, rows)
+
+
+def _outliers(signals: Signals) -> dict[str, int]:
+    """The number of outliers of each velocity."""
+    return {option: int(np.sum(outliers(values))) for option, values in signals.values.items()
+            if option.startswith("velocity.")}  # fmt: skip
 
 
 def _kept(recording: Recording) -> float:
@@ -286,37 +182,30 @@ def _kept(recording: Recording) -> float:
     return len(recording.t) * recording.period_s / float(recording.t[-1] - recording.t[0])
 
 
-def _bridges(samplings: Mapping[str, Sampling], recording: Recording) -> tuple[str, ...]:
-    """Advice where ordinary steps of a slow source count as gaps, so that most is left out."""
+def _advice(
+    samplings: Mapping[str, Sampling], recording: Recording | None = None, still: Sequence[str] = ()
+) -> list[str]:
+    """What to do next, by the sampling of the sources in use and the axes that hardly move."""
+    advice = []
+    for name, s in samplings.items():
+        if s.not_later:
+            rounded = "columns.time: {column: NAME, uniform: true} if they are rounded"
+            advice.append(
+                f"{name}: {s.not_later} times are not later than the one before: {rounded}"
+            )
+        if s.gaps and s.missing > MOST_MISSING:
+            advice.append(
+                f"{name}: {s}: excitation.at_gap=split leaves gaps longer than max_gap_s out"
+            )
+    if recording is None:
+        return advice
+    length = float(recording.t[-1] - recording.t[0])
     name, slowest = min(samplings.items(), key=lambda item: item[1].rate_hz or np.inf)
-    if _kept(recording) > MIN_SHARE_LEFT or not slowest.rate_hz > 0.0:
-        return ()
-    whole = float(recording.t[-1] - recording.t[0])
-    return (
-        f"{_kept(recording) * whole:.0f} of {whole:.0f} s are kept, the rest is in gaps: "
-        f"excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the steps of {name}",
-    )
-
-
-MANOEUVRES = {
-    "surge": "accelerate and stop, at several speeds",
-    "sway": "zig-zags of 20 degrees, or sideways steps",
-    "heave": "steps in depth",
-    "roll": "roll decay, or zig-zags at speed",
-    "pitch": "pitch decay, or steps of the trim",
-    "yaw": "zig-zags of 10 and 20 degrees and turning circles",
-}
-
-
-def _advice(known: Examination, path: str) -> list[str]:
-    """What to run next."""
-    advice = [
-        f"{axis.dof} hardly moves: {MANOEUVRES[axis.dof]}"
-        for axis in known.result.velocities
-        if not axis.excited
-    ]
-    seconds_long = known.recording.t[-1] - known.recording.t[0]
-    if seconds_long < SHORT_S:
-        advice.append(f"the recording lasts {seconds_long:.0f} s: run several minutes")
-    trial = f"seatrial vessel=NAME excitation=recording excitation.path={path}"
-    return advice or [f"nothing is missing: {trial} excitation.map=MAP.yaml"]
+    if _kept(recording) <= MIN_SHARE_LEFT and slowest.rate_hz > 0.0:
+        advice.append(f"{_kept(recording) * length:.0f} of {length:.0f} s are kept, the rest is in "
+                      f"gaps: excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the "
+                      f"steps of {name}")  # fmt: skip
+    advice += [f"{dof} hardly moves: {MANOEUVRES[dof]}" for dof in still]
+    if length < SHORT_S:
+        advice.append(f"the recording lasts {length:.0f} s: run several minutes")
+    return advice

@@ -33,10 +33,11 @@ SAMPLES = 400  # of the path that are compared
 TOGETHER = 0.7  # least concentration of course less heading
 STEP_S = 5.0  # [s] of a path whose length is compared with a speed
 BETTER = 0.5  # of what is left of it in the other unit
-TURNS = {None: 1.0, "deg": np.pi / 180.0}  # [rad] of a unit of angles
-RATES = {None: 1.0, "deg/s": np.pi / 180.0}
-SPEEDS = {None: 1.0, "knot": 1852.0 / 3600.0}
-Found = tuple[str, str | None]  # a column and its unit
+DEG, KNOT = np.pi / 180.0, 1852.0 / 3600.0
+TURNS, RATES, SPEEDS = {"rad": 1.0, "deg": DEG}, {"": 1.0, "deg/s": DEG}, {"": 1.0, "knot": KNOT}
+GROUND = {"m/s": 1.0, "knot": KNOT, "km/h": 1.0 / 3.6}
+Found = tuple[str, str]  # a column and its unit, "" for that of SI
+Path = tuple[Array, Array, Array]  # times [s] and positions along two axes, shape (N,) each
 
 
 @dataclass(frozen=True)
@@ -59,23 +60,21 @@ class _Moving:
         total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]))])
         return np.asarray((total[self.span :] - total[: -self.span]) / self.span)
 
-    def like(
-        self, rate: Array, units: Mapping[str | None, float], names: Iterable[str]
-    ) -> Found | None:
+    def like(self, rate: Array, units: Mapping[str, float], names: Iterable[str]) -> Found | None:
         """The column, and its unit, whose mean is a rate of change; None if there is none."""
-        found = []
+        best, most = None, ALIKE
         for name in names:
             mean = self.mean(self.columns[name])
             # about zero: a speed that hardly varies is known by its mean alone
             scale = float(mean @ rate) / max(float(mean @ mean), LEAST)
+            near = [u for u, size in units.items() if abs(scale / size - 1.0) < FACTOR_TOLERANCE]
             if abs(np.mean(rate)) > STEADY * np.std(rate):
                 rho = float(mean @ rate / (np.linalg.norm(mean) * np.linalg.norm(rate) + LEAST))
             else:
                 rho = float(correlations(mean[:, None], rate[:, None])[0, 0])
-            near = [u for u, size in units.items() if abs(scale / size - 1.0) < FACTOR_TOLERANCE]
-            if rho > ALIKE and near:
-                found.append((rho, name, near[0]))
-        return max(found)[1:] if found else None
+            if rho > most and near:
+                best, most = (name, near[0]), rho
+        return best
 
 
 def propose_by_motion(source: Source) -> dict[str, object]:
@@ -93,23 +92,34 @@ def propose_by_motion(source: Source) -> dict[str, object]:
     x, y, psi, turn = path
     heading = moving.columns[psi] * TURNS[turn]
     rest = [name for name in moving.columns if name not in (x, y, psi)]
-    velocity, earth = _velocities(moving, x, y, heading, rest)
+    rates = np.array([moving.change(moving.columns[name]) for name in (x, y)])
+    cos, sin = np.cos(moving.mean(heading)), np.sin(moving.mean(heading))
+    along = np.array([rates[0] * cos + rates[1] * sin, rates[1] * cos - rates[0] * sin])
+    body, earth = ({dof: known for dof, rate in zip(("surge", "sway"), axes, strict=True)
+                    if (known := moving.like(rate, SPEEDS, rest))}
+                   for axes in (along, rates))  # fmt: skip
+    by_earth = len(body) < 2 and len(earth) == 2
+    velocity = earth if by_earth else body or earth
     if yaw := moving.like(moving.change(heading), RATES, rest):
         velocity["yaw"] = yaw
-    known = {column for column, _ in velocity.values()}
-    rudder = _rudder(moving, heading, [name for name in rest if name not in known])
-    degrees = rudder and turn and np.max(np.abs(moving.columns[rudder])) > np.pi / 2.0
+    taken = {column for column, _ in velocity.values()}
+    rudder = _rudder(moving, heading, [name for name in rest if name not in taken])
+    large = rudder and turn == "deg" and np.max(np.abs(moving.columns[rudder])) > np.pi / 2.0
+
+    def written(name: str, unit: str) -> object:
+        return {"column": name, "unit": unit} if unit not in ("", "rad") else name
+
     groups: dict[str, object] = {
         "time": time,
-        "position": {"surge": x, "sway": y, "yaw": _written(psi, turn)},
-        "velocity": {dof: _written(*column) for dof, column in velocity.items()},
-        "frames": {"velocity": "earth"} if earth else {},
-        "inputs": {"delta": _written(rudder, "deg" if degrees else None)} if rudder else {},
+        "position": {"surge": x, "sway": y, "yaw": written(psi, turn)},
+        "velocity": {dof: written(*column) for dof, column in velocity.items()},
+        "frames": {"velocity": "earth"} if by_earth else {},
+        "inputs": {"delta": written(rudder, "deg" if large else "")} if rudder else {},
     }
     return {name: group for name, group in groups.items() if group}
 
 
-def angle_unit(path: tuple[Array, Array, Array], times: Array, heading: Array) -> str | None:
+def angle_unit(path: Path, times: Array, heading: Array) -> str | None:
     """The unit of a heading, rad or deg: that in which the course keeps with it; None: unclear.
 
     Args:
@@ -117,32 +127,28 @@ def angle_unit(path: tuple[Array, Array, Array], times: Array, heading: Array) -
         times: of the heading [s], shape (M,)
         heading: angles, shape (M,)
     """
-    found: list[tuple[float, str]] = []
+    best, most = None, TOGETHER
     for every in 4 ** np.arange(8):  # short steps are noise, long ones hide the turns
         t, x, y = (values[::every] for values in path)
         middle = np.searchsorted(times, 0.5 * (t[1:] + t[:-1])).clip(0, len(times) - 1)
         step = np.diff(x) + 1j * np.diff(y)
-        length = max(float(np.sum(np.abs(step))), LEAST)
-        kept = {}
-        for unit, size in (("rad", 1.0), ("deg", TURNS["deg"])):
-            turned = (step * np.exp(sign * 1j * size * heading[middle]) for sign in (-1.0, 1.0))
-            kept[unit] = max(float(np.abs(np.sum(z))) for z in turned) / length
+        step /= max(float(np.sum(np.abs(step))), LEAST)
+        turns = {unit: np.exp(1j * size * heading[middle]) for unit, size in TURNS.items()}
+        kept = {u: float(max(abs(z @ step), abs(z.conj() @ step))) for u, z in turns.items()}
         unit = max(kept, key=lambda name: kept[name])
-        if len(t) > MIN_SAMPLES and 1.0 - kept[unit] < BETTER * (1.0 - min(kept.values())):
-            found.append((kept[unit], unit))
-    share, unit = max(found, default=(0.0, ""))
-    return unit if share > TOGETHER else None
+        clear = len(t) > MIN_SAMPLES and 1.0 - kept[unit] < BETTER * (1.0 - min(kept.values()))
+        if clear and kept[unit] > most:
+            best, most = unit, kept[unit]
+    return best
 
 
-def speed_unit(path: tuple[Array, Array, Array], times: Array, speed: Array) -> str | None:
+def speed_unit(path: Path, times: Array, speed: Array) -> str | None:
     """The unit of a speed over ground in which it makes the length of the path; None: none."""
     t, x, y = path
     every = max(1, round(STEP_S / max(float(np.median(np.diff(t))), LEAST)))
     length = float(np.sum(np.hypot(np.diff(x[::every]), np.diff(y[::every]))))
-    sailed = float(np.sum(speed[1:] * np.diff(times))) + LEAST
-    sizes = {"m/s": 1.0, "knot": SPEEDS["knot"], "km/h": 1.0 / 3.6}
-    near = (unit for unit, k in sizes.items() if abs(length / sailed / k - 1.0) < FACTOR_TOLERANCE)
-    return next(near, None)
+    size = length / (float(np.sum(speed[1:] * np.diff(times))) + LEAST)
+    return next((u for u, k in GROUND.items() if abs(size / k - 1.0) < FACTOR_TOLERANCE), None)
 
 
 def _moving(source: Source) -> tuple[object, _Moving]:
@@ -168,41 +174,23 @@ def _moving(source: Source) -> tuple[object, _Moving]:
     )
 
 
-def _path(moving: _Moving) -> tuple[str, str, str, str | None] | None:
+def _path(moving: _Moving) -> tuple[str, str, str, str] | None:
     """North, east, heading and its unit: those whose course keeps closest to the heading."""
     rates = {name: moving.change(values) for name, values in moving.columns.items()}
     every = max(1, len(next(iter(rates.values()), ())) // SAMPLES)
     best, least = None, MAX_DRIFT
-    for psi, values in moving.columns.items():
-        for unit, size in TURNS.items():
-            heading = moving.mean(values * size)[::every]
-            if moving.like(moving.change(values * size), RATES, set(rates) - {psi}) is None:
-                continue
-            for x, y in permutations(set(rates) - {psi}, 2):
-                drift = unroll(np.arctan2(rates[y][::every], rates[x][::every])) - heading
-                drift -= 2.0 * np.pi * np.round(np.mean(drift) / (2.0 * np.pi))
-                ratio = float(np.sqrt(np.mean(drift**2)) / max(np.std(heading), LEAST))
-                if ratio < least:
-                    best, least = (x, y, psi, unit), ratio
+    for psi, (unit, size) in ((psi, turn) for psi in rates for turn in TURNS.items()):
+        others = set(rates) - {psi}
+        if moving.like(rates[psi] * size, RATES, others) is None:
+            continue
+        heading = moving.mean(moving.columns[psi] * size)[::every]
+        for x, y in permutations(others, 2):
+            drift = unroll(np.arctan2(rates[y][::every], rates[x][::every])) - heading
+            drift -= 2.0 * np.pi * np.round(np.mean(drift) / (2.0 * np.pi))
+            ratio = float(np.sqrt(np.mean(drift**2)) / max(np.std(heading), LEAST))
+            if ratio < least:
+                best, least = (x, y, psi, unit), ratio
     return best
-
-
-def _velocities(
-    moving: _Moving, x: str, y: str, heading: Array, rest: Iterable[str]
-) -> tuple[dict[str, Found], bool]:
-    """Columns of surge and sway, and whether they are along the axes of the earth."""
-    north, east = (moving.change(moving.columns[name]) for name in (x, y))
-    cos, sin = np.cos(moving.mean(heading)), np.sin(moving.mean(heading))
-    found: dict[str, Found] = {}
-    for earth, axes in enumerate(
-        ((north * cos + east * sin, east * cos - north * sin), (north, east))
-    ):
-        known = [moving.like(values, SPEEDS, rest) for values in axes]
-        both = {dof: k for dof, k in zip(("surge", "sway"), known, strict=True) if k}
-        if len(both) == 2:
-            return both, bool(earth)
-        found = found or both
-    return found, False
 
 
 def _rudder(moving: _Moving, heading: Array, rest: Iterable[str]) -> str | None:
@@ -223,7 +211,3 @@ def _rudder(moving: _Moving, heading: Array, rest: Iterable[str]) -> str | None:
         if left < least:
             best, least = name, left
     return best
-
-
-def _written(name: str, unit: str | None) -> object:
-    return name if unit is None else {"column": name, "unit": unit}

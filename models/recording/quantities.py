@@ -6,7 +6,7 @@ position, `u` a velocity, `psi` an angle, `r` a rate.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from seatrial.models.notation import DOFS
@@ -22,21 +22,38 @@ class Quantity(NamedTuple):
     commanded: bool = False
 
 
-def _words(words: str) -> set[str]:
-    return set(words.split())
-
-
-def _table(rows: Mapping[str, str]) -> dict[str, str]:
-    return {word: kind for kind, words in rows.items() for word in words.split()}
-
-
-KINDS = _table({
+KINDS = (
+    *("position", "dot", "velocity", "linear", "rate", "angle"),
+    *("moment", "force", "acceleration"),
+)
+DEVICES = ("rudder", "shaft", "device")  # inputs of a vessel: delta, n, and those of other names
+WORDS = {name: frozenset(words.split()) for name, words in {
     "position": "position pos pose eta location coordinates", "dot": "dot",
     "velocity": "velocity vel velo speed spd twist nu", "linear": "linear uvw",
     "rate": "rate rates angular gyro gyr omega angvelo turn pqr",
     "angle": "angle angles attitude euler rpy rph", "moment": "torque moment",
     "force": "force forces wrench tau", "acceleration": "acceleration accelerations acc accel",
-})  # fmt: skip
+    "rudder": "rudder delta helm", "shaft": "rpm rps shaft propeller prop engine revolutions revs",
+    "device": "thruster thrusters thrust thr pwm servo servos motor motors throttle esc azimuth "
+              "rcou actuator actuators elevator fin fins nozzle jet tunnel steering drive",
+    "load": "torque moment power temperature current voltage fuel load rate dot",  # of a device
+    "neutral": "estimated estimate est hat filtered filt smoothed measured meas mes actual true "
+               "state states navigation nav ned enu body frame frd flu of vessel ship boat vehicle "
+               "gps gnss ins imu ekf odom odometry value data mid world local inertial vector lmc "
+               "over stamped xyz",
+    "foreign": "error err std stdev cov covariance variance var bias sigma accuracy quality innov "
+               "innovation residual noise current currents wave waves temp temperature pressure "
+               "voltage max min offset origin home orientation power dop hdop stamp count "
+               "deviation variation",  # no motion of the vessel
+    "reference": "ref reference desired des setpoint sp target goal waypoint guidance plan",
+    "command": "cmd command commanded commands order ordered",
+    "estimate": "nav navigation odom odometry estimate estimated estimator local ahrs",
+    "raw": "imu gps gnss mag baro raw sensor fix compass dvl",
+    "magnetic": "magnetic mag hdm compass", "earth": "ned enu earth world inertial",
+    "speed": "speed spd velocity vel velo", "direction": "direction dir angle",
+    "course": "course track", "ground": "ground grnd gnd sog", "satellite": "gps gnss rmc vtg",
+    "apparent": "apparent relative rel angle",
+}.items()}  # fmt: skip
 AXES = {
     word: (kind, i)
     for kind, axes in {
@@ -52,38 +69,14 @@ AXES = {
 }  # fmt: skip
 LETTERS = {"n": ("earth", 0), "e": ("earth", 1), "d": ("earth", 2)}  # axes beside a kind only
 MOMENTS = {"k": ("angle", 0), "m": ("angle", 1), "n": ("angle", 2)}  # the same of a force
-NEUTRAL = _words(
-    "estimated estimate est hat filtered filt smoothed measured meas mes actual true state states "
-    "navigation nav ned enu body frame frd flu of vessel ship boat vehicle gps gnss ins imu ekf "
-    "odom odometry value data mid world local inertial vector lmc over stamped xyz"
-)
-FOREIGN = _words(  # what is not measured of the motion of the vessel
-    "error err std stdev cov covariance variance var bias sigma accuracy quality innov innovation "
-    "residual noise current currents wave waves temp temperature pressure voltage max min offset "
-    "origin home orientation power dop hdop stamp count deviation variation"
-)
-REFERENCES = _words("ref reference desired des setpoint sp target goal waypoint guidance plan")
-COMMANDS = _words("cmd command commanded commands order ordered")
-MAGNETIC, EARTH = _words("magnetic mag hdm compass"), _words("ned enu earth world inertial")
-GROUND, APPARENT = _words("ground grnd gnd sog"), _words("apparent relative rel angle")
-ESTIMATES = _words("nav navigation odom odometry estimate estimated estimator local ahrs")
-RAW = _words("imu gps gnss mag baro raw sensor fix compass dvl")
-SPEEDS = _words("speed spd velocity vel velo")
-WHOLE = {
-    "tws": ("wind.speed", "true"), "twd": ("wind.direction", "true"),
-    "aws": ("wind.speed", "apparent"), "awa": ("wind.direction", "apparent"),
-    "sog": ("ground.speed", ""), "stw": ("water.speed", ""), "bsp": ("water.speed", ""),
-    **dict.fromkeys(("cog", "course", "track", "gcrs"), ("ground.course", "")),
-    **dict.fromkeys(("latitude", "lat"), ("geodetic.latitude", "")),
-    **dict.fromkeys(("longitude", "lng", "lon", "long"), ("geodetic.longitude", "")),
-    **dict.fromkeys(("altitude", "alt"), ("geodetic.altitude", "")), "rot": ("velocity.yaw", ""),
-}  # fmt: skip
-INPUTS = _table({
-    "delta": "rudder delta helm", "n": "rpm rps shaft propeller prop engine revolutions revs",
-    "": "thruster thrusters thrust thr pwm servo servos motor motors throttle esc azimuth rcou "
-        "actuator actuators elevator fin fins nozzle jet tunnel steering drive",
-})  # fmt: skip
-LOADS = _words("torque moment power temperature current voltage fuel load rate dot")
+ALONE = {word: Quantity(option, frame) for words, option, frame in (
+    ("tws", "wind.speed", "true"), ("twd", "wind.direction", "true"),
+    ("aws", "wind.speed", "apparent"), ("awa", "wind.direction", "apparent"),
+    ("sog", "ground.speed", ""), ("cog course track gcrs", "ground.course", ""),
+    ("stw bsp", "water.speed", ""), ("rot", "velocity.yaw", ""),
+    ("latitude lat", "geodetic.latitude", ""), ("longitude lng lon long", "geodetic.longitude", ""),
+    ("altitude alt", "geodetic.altitude", ""),
+) for word in words.split()}  # fmt: skip
 GLUED = (  # words that are written together
     r"(pos|vel|velo|acc|accel|gyr|gyro|force|torque|moment|tau|omega)([xyzned]|roll|pitch|yaw)",
     r"([vpfmwa])([xyz])|([vp])([ned])|(tau)([uvwpqr])",
@@ -91,6 +84,11 @@ GLUED = (  # words that are written together
     r"(boat|wind|rudder|shaft|prop|thruster|servo|motor|engine)(speed|angle|direction|rpm|\d+)",
 )
 FIRST = {"v": "velocity", "p": "position", "f": "force", "m": "moment", "w": "omega", "a": "acc"}
+
+
+def kinds_of(word: str, names: Sequence[str] = KINDS) -> set[str]:
+    """Those of the kinds `names` that a word stands for."""
+    return {name for name in names if word in WORDS[name]}
 
 
 def quantity(title: str, source: str = "", unit: str | None = None) -> Quantity | None:
@@ -101,17 +99,23 @@ def quantity(title: str, source: str = "", unit: str | None = None) -> Quantity 
         source: the name of the table or topic that it is in
         unit: the unit by the metadata of the file: `heave` in m is a position
     """
-    words, around, result = words_of(title), set(words_of(source)), None
+    words, around, best = words_of(title), set(words_of(source)), None
     while len(words) > 1 and words[-1].isdigit():  # of several devices
         words = words[:-1]
-    for count in range(min(4, max(len(words), 1))):
-        ending = "_".join(words[len(words) - count :])
-        if ending in TITLES or not count:
-            found = _of_words(list(_split(words[: len(words) - count])), around)
-            found = _with_unit(found, unit or next(iter(TITLES.get(ending, ())), None))
-            if found and (result is None or found.strange < result.strange):
-                result = found
-    return result
+    for end in range(len(words), max(len(words) - 4, 0), -1):
+        units = TITLES.get("_".join(words[end:]), ())
+        result = _matched(list(_split(words[:end])), around) if units or words[end:] == [] else None
+        stated = unit or next(iter(units), None)
+        if result and stated and is_known(stated, stated):  # perhaps of its rate or integral
+            kind, _, name = result.option.partition(".")
+            kind = {"position": "velocity", "velocity": "position"}.get(kind, kind)
+            options = (o for o in (result.option, f"{kind}.{name}")
+                       if any(is_known(stated, target) for target in targets_of(o)))  # fmt: skip
+            option = next(options, None)
+            result = result._replace(option=option) if option else None
+        if result and (best is None or result.strange < best.strange):
+            best = result
+    return best
 
 
 def _split(words: Sequence[str]) -> Iterator[str]:
@@ -119,7 +123,7 @@ def _split(words: Sequence[str]) -> Iterator[str]:
     if len(words) > 1 and words[0] in ("m", "c", "sci") and (len(words[1]) > 1 or len(words) > 2):
         words = ["cmd" if words[0] == "c" else "data", *words[1:]]  # as gliders write it
     for word, after in zip(words, [*words[1:], ""], strict=True):
-        forms = () if word in KINDS or word in INPUTS else GLUED
+        forms = () if kinds_of(word, (*KINDS, *DEVICES)) else GLUED
         match = next((m for form in forms if (m := re.fullmatch(form, word))), None)
         parts = [part for part in match.groups() if part] if match else [word]
         if len(parts) > 1 or after in (*LETTERS, "x", "y", "z", "north", "east", "down"):
@@ -127,89 +131,73 @@ def _split(words: Sequence[str]) -> Iterator[str]:
         yield from parts
 
 
-def _of_words(words: Sequence[str], around: set[str]) -> Quantity | None:
+def _matched(words: Sequence[str], around: set[str]) -> Quantity | None:
+    """The quantity of words in a source that is called `around`: a device, by name, by its axis."""
+    core = [word for word in words if word not in WORDS["neutral"] and not word.isdigit()]
     known, everything = set(words), set(words) | around
-    core = [word for word in words if word not in NEUTRAL and not word.isdigit()]
-    ordered = bool(everything & (COMMANDS | REFERENCES))
-    if known & FOREIGN or not words:
+    ordered = bool(everything & (WORDS["command"] | WORDS["reference"]))
+    if not words or known & WORDS["foreign"]:
         return None
-    named = {INPUTS[w.rstrip("0123456789")] for w in core if w.rstrip("0123456789") in INPUTS}
-    if core == ["n"]:
-        named = {"n"}
-    kinds = {KINDS[word] for word in core if word in KINDS}
+    kinds = {kind for word in core for kind in kinds_of(word)}
     if not kinds and {AXES[word][0] for word in core if word in AXES} == {"space"}:
-        kinds = {KINDS[word] for word in around if word in KINDS}  # angular_velocity: x
+        kinds = {kind for word in around for kind in kinds_of(word)}  # angular_velocity: x
     letters = MOMENTS if kinds & {"force", "moment"} else LETTERS if kinds else {}
     axes = [word for word in core if word in AXES] or [word for word in core if word in letters]
-    if not named and not axes:
-        named = {INPUTS[word] for word in around if word in INPUTS}
-        named |= {""} if "force" in kinds and len(core) > 1 else set()
-    if named:
-        strange = max(len(core) - 1, 0)
-        return (
-            None if everything & LOADS else Quantity(f"inputs.{max(named)}", "", strange, ordered)
-        )
-    if not ordered and (special := _special(core, known, everything)):
-        return special if special.option else None
-    if len(axes) != 1:
-        return None
-    kind, i = AXES.get(axes[0]) or letters[axes[0]]
-    option = _option(kinds, kind, i)
-    magnetic = bool(everything & MAGNETIC)
-    if not option or (magnetic and option != "position.yaw"):
-        return None
-    if ordered and not option.startswith("force"):
+    devices = {d for word in core for d in kinds_of(word.rstrip("0123456789"), DEVICES)}
+    devices |= {"shaft"} if core == ["n"] else set()
+    if not devices and not axes:
+        devices = {device for word in around for device in kinds_of(word, DEVICES)}
+        devices |= {"device"} if "force" in kinds and len(core) > 1 else set()
+    if devices:
+        name = "n" if "shaft" in devices else "delta" if "rudder" in devices else ""
+        result = Quantity(f"inputs.{name}", "", max(len(core) - 1, 0), ordered)
+        return None if everything & WORDS["load"] else result
+    if not ordered and (named := _named(core, known, everything)):
+        return named if named.option else None
+    kind, i = AXES.get(axes[0]) or letters[axes[0]] if len(axes) == 1 else ("", 0)
+    option, magnetic = _option(kinds, kind, i), bool(everything & WORDS["magnetic"])
+    if (magnetic and option != "position.yaw") or (ordered and not option.startswith("force")):
         return None
     frame = kind if kind in ("body", "earth") else ""
-    if option.startswith("velocity") and not frame and ("dot" in kinds or everything & EARTH):
-        frame = "earth"
     if option.startswith("position"):
         frame = "magnetic" if magnetic else "ENU" if "enu" in everything and kind == "space" else ""
-    strange = sum(w not in KINDS and w not in axes and w not in MAGNETIC for w in core)
-    return Quantity(option, frame, strange, ordered)
+    elif option.startswith("velocity") and ("dot" in kinds or everything & WORDS["earth"]):
+        frame = frame or "earth"
+    strange = sum(not kinds_of(w) and w not in axes and w not in WORDS["magnetic"] for w in core)
+    return Quantity(option, frame, strange, ordered) if option else None
 
 
-def _special(core: Sequence[str], known: set[str], everything: set[str]) -> Quantity | None:
+def _named(core: Sequence[str], known: set[str], everything: set[str]) -> Quantity | None:
     """Wind, speeds over ground and through the water, latitude and longitude, rate of turn."""
-    speed = bool(known & SPEEDS)
+    speed, single = bool(known & WORDS["speed"]), len(core) == 1
     if "wind" in everything:
-        if not (speed or known & {"direction", "dir", "angle"}) or {"true", "angle"} <= known:
-            return Quantity("")
-        frame = "apparent" if everything & APPARENT else "true"
-        return Quantity(f"wind.{'speed' if speed else 'direction'}", frame)
-    if known & GROUND or (speed and len(core) == 1 and everything & {"gps", "gnss", "rmc", "vtg"}):
-        option = "ground.course" if known & {"course", "track"} else "ground.speed"
-        return Quantity(option, "", len(set(core) - GROUND - SPEEDS - {"course", "track"}))
-    if speed and (known & {"water", "log"} or ("boat" in known and len(core) == 1)):
+        clear = speed or (known & WORDS["direction"] and not {"true", "angle"} <= known)
+        frame = "apparent" if everything & WORDS["apparent"] else "true"
+        return Quantity(f"wind.{'speed' if speed else 'direction'}" if clear else "", frame)
+    if known & WORDS["ground"] or (speed and single and everything & WORDS["satellite"]):
+        option = "ground.course" if known & WORDS["course"] else "ground.speed"
+        rest = set(core) - WORDS["ground"] - WORDS["speed"] - WORDS["course"]
+        return Quantity(option, "", len(rest))
+    if speed and (known & {"water", "log"} or ("boat" in known and single)):
         return Quantity("water.speed")
     if {"rate", "turn"} <= known:
         return Quantity("velocity.yaw")
-    whole = next((WHOLE[word] for word in core if word in WHOLE), None)
-    return Quantity(*whole, len(core) - 1) if whole and not known & MAGNETIC else None
+    alone = None if known & WORDS["magnetic"] else next((w for w in core if w in ALONE), None)
+    return ALONE[alone]._replace(strange=len(core) - 1) if alone else None
 
 
-def _option(kinds: set[str], kind: str, i: int) -> str | None:
-    """The option of a map by the kinds that a title states and the kind of its axis."""
-    turning = kind in ("angle", "rate")
-    dof = DOFS[i + 3 if turning else i]
+def _option(kinds: set[str], kind: str, i: int) -> str:
+    """The option of a map by the kinds that a title states and that of its axis; "": none."""
+    along, about = DOFS[i], DOFS[i + 3]
+    dof = about if kind in ("angle", "rate") else along
+    if not kind:
+        return ""
     if kinds & {"force", "moment"}:
-        return f"force.{DOFS[i + 3] if 'moment' in kinds else dof}"
+        return f"force.{about if 'moment' in kinds else dof}"
     if "acceleration" in kinds or ("dot" in kinds and kind in ("body", "rate")):
-        return None if kind in ("space", "earth") else f"acceleration.{dof}"
+        return "" if kind in ("space", "earth") else f"acceleration.{dof}"
     if "rate" in kinds and "linear" not in kinds:
-        return None if kind in ("body", "earth") else f"velocity.{DOFS[i + 3]}"
+        return "" if kind in ("body", "earth") else f"velocity.{about}"
     if kinds & {"velocity", "dot", "linear"} or (kind in ("body", "rate") and not kinds):
         return f"velocity.{dof}"
-    return None if kind == "rate" else f"position.{DOFS[i + 3] if 'angle' in kinds else dof}"
-
-
-def _with_unit(found: Quantity | None, unit: str | None) -> Quantity | None:
-    """A quantity that may be in a unit, or its rate or integral that may; None: neither."""
-    if found is None or unit is None or not is_known(unit, unit):
-        return found
-    kind, _, name = found.option.partition(".")
-    swapped = {"position": "velocity", "velocity": "position"}.get(kind, kind)
-    for option in (found.option, f"{swapped}.{name}"):
-        if any(is_known(unit, target) for target in targets_of(option)):
-            return found._replace(option=option)
-    return None
+    return "" if kind == "rate" else f"position.{about if 'angle' in kinds else dof}"

@@ -8,8 +8,10 @@ import pytest
 import yaml
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.recording.preprocessing import quality_checks
 from seatrial.models.vessel.basis import Array
-from seatrial.runner import data_commands
+from seatrial.runner import data_commands, recording_page
+from seatrial.runner.recording_map import read_map, reader_of
 
 KNOT, DEG = 3600.0 / 1852.0, 180.0 / np.pi
 
@@ -101,7 +103,7 @@ def test_outliers_are_a_problem(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert data_commands.main(["check", _log(tmp_path, {**columns, "u": u})]) == 0
     shown = capsys.readouterr().out
     assert "no problem" not in shown
-    assert "problem: outliers: u" in shown
+    assert "problem: outliers: velocity.surge" in shown
 
 
 def test_a_log_without_velocities_is_mapped_and_checked(
@@ -114,3 +116,35 @@ def test_a_log_without_velocities_is_mapped_and_checked(
     assert "no velocity in surge and sway and yaw is recorded" in said
     assert data_commands.main(["check", path]) == 0
     assert "no problem" not in capsys.readouterr().out
+
+
+def test_the_current_is_named_and_nothing_is_drawn_across_a_gap(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Half a metre per second to the east, and 40 s without rows."""
+    m = _motion()
+    east, ve = m["y"] + 0.5 * m["t"], m["ve"] + 0.5
+    latitude = 59.0 + m["x"] / 111_195.0
+    columns = {
+        "t": m["t"], "lat": latitude,
+        "lon": 24.0 + east / 111_195.0 / np.cos(np.radians(59.0)), "heading": m["psi"],
+        "SOG": np.hypot(m["vn"], ve), "COG": np.arctan2(ve, m["vn"]), "STW": m["u"], "r": m["r"],
+    }  # fmt: skip
+    there = (m["t"] < 100.0) | (m["t"] > 140.0)
+    path = _log(tmp_path, {name: values[there] for name, values in columns.items()})
+    html, out = tmp_path / "page.html", tmp_path / "map.yaml"
+    assert data_commands.main(["map", path, "-o", str(out)]) == 0
+    assert data_commands.main(["check", path, "--map", str(out), "--html", str(html)]) == 0
+    shown = capsys.readouterr().out
+    assert "current: 0.50 m/s towards 90 deg on average" in shown
+    assert "duration [s]" in shown
+    assert "current: 0.50 m/s" in html.read_text()
+    known = reader_of(Path(path), read_map(out)).examine(("surge", "sway", "yaw"))
+    assert known is not None
+    recording = known.recording
+    assert len(recording.pieces()) == 2
+    figure = recording_page.errors(recording, quality_checks(recording))
+    assert len(figure.axes) == 6
+    for axes in figure.axes:
+        drawn = [np.asarray(line.get_xdata()) for line in axes.lines]
+        assert [len(t) for t in drawn] == [len(piece) for piece in recording.pieces()]

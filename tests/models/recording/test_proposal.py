@@ -103,6 +103,10 @@ LOGGERS = {
         " ground: {speed: {column: SOG, unit: knot}, course: {column: COG, unit: deg}}, water: {speed: BSP},"
         " wind: {speed: TWS, direction: {column: TWD, unit: deg}}, inputs: {delta: Rudder}}",
     ),
+    "true and relative wind": (
+        "log: t=t; x=x; y=y; psi=psi; wind_velo_relative=tws; wind_dir_relative=T; wind_velo_true=tws; wind_dir_true=twd",
+        "{time: t, position: {surge: x, sway: y, yaw: psi}, wind: {speed: wind_velo_true, direction: wind_dir_true}}",
+    ),
     "data model of a boat": (
         "log: datetime=t; navigation.position.latitude=lat; navigation.position.longitude=lon;"
         " navigation.headingTrue=psi; navigation.headingMagnetic=T; navigation.courseOverGroundTrue=cog;"
@@ -305,6 +309,19 @@ def test_course_is_no_heading_and_what_is_left_out_is_named() -> None:
     assert all(name in text for name in ("COG", "SOG", "STW", "note", "engine_temp", "state"))
     with pytest.raises(RecordingError, match="no column of time among"):
         propose({name: Source(name, Path("log"), {"x": columns["lat"]}) for name in "ab"})
+
+
+@pytest.mark.parametrize(
+    ("title", "line"),
+    [("t", "t in s (no unit is stated)"), ("TimeUS", "TimeUS in us (title)"),
+     ("elapsed", "elapsed_time in ms (header)"), ("stamp", "stamp in ms (by its numbers)")],
+)  # fmt: skip
+def test_where_the_time_is_known_from(title: str, line: str) -> None:
+    name = "elapsed_time" if title == "elapsed" else title
+    size = {"t": "1", "TimeUS": "1e6"}.get(title, "1e3")
+    units = {name: "ms"} if title == "elapsed" else {}
+    proposal = propose(_sources(f"log: {name}=t*{size}; x=x; y=y; psi=psi", units))
+    assert proposal.sure[0] == f"time: {line}"
 
 
 def test_cells_that_are_missing_are_counted() -> None:
