@@ -203,7 +203,7 @@ class _Case:
         problems += [replace(defect, change={}) for defect in told]
         named = {dof for defect in told for dof in defect.axes}
         problems += [
-            RecordingDefect("unknown", (axis.dof,), f"{axis.kind} and derivative of the pose have a "
+            RecordingDefect("unknown", (axis.dof,), f"the {axis.kind} and the derivative have a "
                             f"correlation of {axis.correlation:.2f}", value=axis.correlation)
             for axis in state.result.untrusted if axis.dof not in named
         ]  # fmt: skip
@@ -287,7 +287,7 @@ class _Case:
         They are tried if an axis does not agree.
         """
         columns, dofs = state.columns, [axis.dof for axis in state.result.velocities]
-        if all(axis.correlation > SURE for axis in state.result.velocities if axis.moves):
+        if state.result.quality > 1.0 - AS_GOOD:
             return
         turns, yaw = set(PLANAR) <= set(self.known), _specs(columns).get("position.yaw")
         drafts: list[tuple[str, Sequence[str], str, Change, float | None]] = []
@@ -460,7 +460,7 @@ def _scales(
 
 
 def _unit(now: str, si: str, ratio: float) -> tuple[str, float]:
-    """The unit that gives `ratio` times the values in `now`, and its ratio; empty: there is none."""
+    """The unit that gives `ratio` times the values in `now`, and its ratio; empty: none does."""
     ratios = {unit: factor(unit, si) / factor(now, si) for unit in UNITS[si]}
     unit = min(ratios, key=lambda unit: abs(np.log(ratio / ratios[unit])))
     near = abs(np.log(ratio / ratios[unit])) < np.log(NEAR_SCALE)

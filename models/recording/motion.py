@@ -23,6 +23,7 @@ EXCITED_VARIANCE = 10.0  # variance of an excited signal, in that of its noise b
 CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
 BLOCK, REGULAR = 100, 80  # samples among which jumps are looked for, and those that are none
 JUMP = 10.0  # times the largest second difference of these
+STRAIGHT_LINE = 1e-6  # of the typical step: smaller second differences are those of a straight line
 
 
 class Motion:
@@ -114,8 +115,8 @@ def without_jumps(path: Array) -> Array:
     """Signals (N, k) in which a jump, of an instrument that lost the pose, is a step as usual.
 
     A jump is between two second differences that are `JUMP` times as large as the largest of the
-    `REGULAR` smallest ones of their `BLOCK`. Where these are zero, as of values that are held for
-    long, nothing is known of jumps.
+    `REGULAR` smallest ones of their `BLOCK`. Where these are zero, as of values that are held or
+    interpolated, nothing is known of jumps.
     """
     count = (len(path) - 2) // BLOCK
     if count < 1:
@@ -125,7 +126,7 @@ def without_jumps(path: Array) -> Array:
     blocks = bends[: count * BLOCK].reshape(count, BLOCK, -1)
     usual = np.partition(blocks, REGULAR - 1, axis=1)[:, REGULAR - 1]
     usual = usual[np.minimum(np.arange(len(bends)) // BLOCK, count - 1)]
-    large = (bends > JUMP * usual) & (usual > 0.0)
+    large = (bends > JUMP * usual) & (usual > STRAIGHT_LINE * np.std(steps, axis=0))
     rows, result = np.arange(1, len(steps) - 1), path.copy()
     for j in range(path.shape[1]):
         jumps = rows[large[1:, j] & large[:-1, j]]
