@@ -42,6 +42,7 @@ from seatrial.models.recording.recording import (
     sample_time,
     trips,
 )  # fmt: skip
+from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, TextOptions, column, read_sources
 from seatrial.models.recording.stored import is_stored, read_recording
 from seatrial.models.recording.times import EPOCH_S, seconds
@@ -139,6 +140,9 @@ class RecordedFile(MeasuredRecording):
     map: str | None = None  # file of the columns; its content is in the other options
     test_map: str | None = None  # that of the files of `test`; its content is in `tested`
     _read: dict[tuple[str, ...], Signals] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    _sources: dict[str, Source] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
@@ -272,6 +276,8 @@ class RecordedFile(MeasuredRecording):
 
     def sources(self) -> Sources:
         """The columns as recorded, by source."""
+        if self._sources:
+            return self._sources
         return read_sources(self.file, ReadOptions(self.format, self.text, self.messages))
 
     @property
@@ -308,12 +314,18 @@ class RecordedFile(MeasuredRecording):
     def examine(self, dofs: Sequence[str]) -> Examination | None:
         """Compare pose and velocity, with all degrees of freedom that the file holds."""
 
-        def read(columns: ColumnMap, dofs: Sequence[str], **options: Any) -> Recording:
-            return replace(self, columns=columns, **options)._recording(dofs)
-
         each = self._each()
-        sources = each[0].sources() if each else {}
-        return examine(read, self.columns, sources, dofs, self.heading_deg)
+        whole = each[0].sources() if each else {}
+
+        def read(
+            columns: ColumnMap, dofs: Sequence[str], sources: Sources | None = None, **options: Any
+        ) -> Recording:
+            reader = replace(self, columns=columns, **options)
+            if not self.train:  # the file is parsed once
+                reader._sources.update(sources or whole)
+            return reader._recording(dofs)
+
+        return examine(read, self.columns, whole, dofs, self.heading_deg)
 
     @property
     def trusted(self) -> bool:
