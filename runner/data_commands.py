@@ -145,8 +145,8 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
             break
         problems = known.problems if known else ()
         asked = (*known.questions, *known.not_compared) if known else ()
-        asked = (*asked, *(f"{p}?" for p in problems if p.kind == "clock" or not p.change))
-        mended = [p for p in problems if p.change and p.kind != "clock"]
+        asked = (*asked, *(f"{p}?" for p in problems if not p.change))
+        mended = [p for p in problems if p.change]
         for problem in mended:
             sure.append(str(problem))
             for path, value in problem.change.items():

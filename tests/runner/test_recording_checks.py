@@ -80,7 +80,11 @@ def test_a_folder_of_topics_is_mapped_and_examined(
     assert data_commands.main(["map", str(folder), "--out", str(out)]) == 0
     text = out.read_text()
     assert len(text.splitlines()) <= 15
-    assert yaml.safe_load(text)["frames"] == {"velocity": "earth"}  # the estimate's are
+    node = yaml.safe_load(text)
+    if name == "nlp1":  # it turns far enough to tell: the estimate's velocities are along the earth
+        assert node["frames"] == {"velocity": "earth"}
+    else:  # the twist is behind the pose of the same message, by stamps that are whole
+        assert node["delay_s"]["velocity"] == pytest.approx(0.35, abs=0.05)
     html = tmp_path / "page.html"
     words = ["check", str(folder), "--map", str(out), "--html", str(html)]
     assert data_commands.main(words) == 0
