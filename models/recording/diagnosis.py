@@ -195,7 +195,9 @@ class _Case:
                 problems.append(replace(slower, change={}))
         for _ in range(MOST_CHANGES):
             told, questions = _told(state, self.sources, period_s)
-            best = self._best(state, told)
+            framed = any(p.kind in ("earth", "frame", "heading") for p in problems)
+            guesses = (g for g in self._guesses(state) if g.kind == "scale" or not framed)
+            best = self._best(state, told, guesses)
             if best is None:
                 break
             problems.append(best[0])
@@ -262,11 +264,11 @@ class _Case:
         return {**self.sources, **result}
 
     def _best(
-        self, state: _State, told: Sequence[RecordingDefect]
+        self, state: _State, told: Sequence[RecordingDefect], guesses: Iterator[RecordingDefect]
     ) -> tuple[RecordingDefect, _State] | None:
         """The first of the changes that are as good as the best one; None if none gains enough."""
         tried = []
-        for least, defects in ((0.0, told), (AS_GOOD, self._guesses(state))):
+        for least, defects in ((0.0, told), (AS_GOOD, guesses)):
             for defect in (defect for defect in defects if defect.change):
                 try:
                     after = self._with(state, defect.change, state.result.band)
@@ -282,41 +284,36 @@ class _Case:
                     None)  # fmt: skip
 
     def _guesses(self, state: _State) -> Iterator[RecordingDefect]:
-        """Changes that no correlation tells: frames, headings, and angles in degrees.
-
-        They are tried if an axis does not agree.
-        """
+        """Changes that no correlation tells, unless all agrees: frames, headings, and degrees."""
         columns, dofs = state.columns, [axis.dof for axis in state.result.velocities]
         if state.result.quality > 1.0 - AS_GOOD:
             return
         turns, yaw = set(PLANAR) <= set(self.known), _specs(columns).get("position.yaw")
-        drafts: list[tuple[str, Sequence[str], str, Change, float | None]] = []
         for kind, axes, text, frames in FRAMES if turns else ():
             if any(getattr(columns.frames, name) != value for name, value in frames.items()):
                 change = {f"columns.frames.{name}": value for name, value in frames.items()}
-                drafts.append((kind, [dof for dof in axes if dof in dofs], text, change, None))
+                yield RecordingDefect(kind, tuple(d for d in axes if d in dofs), text, change)
         if turns and yaw:
             sense = "clockwise" if yaw.positive == "anticlockwise" else "anticlockwise"
             opposite = _change({"position.yaw": replace(yaw, positive=sense)})
             text = f"the heading counts {sense}"
-            drafts.append(("heading", ["yaw"], text, opposite, None))
+            yield RecordingDefect("heading", ("yaw",), text, opposite)
             both = {**opposite, "columns.frames.position": "ENU"}
-            drafts.append(("frame", ["yaw"], f"{text}, and the positions are ENU", both, None))
+            text = f"{text}, and the positions are east, north, up"
+            yield RecordingDefect("frame", ("yaw",), text, both)
             east = _change({"position.yaw": replace(yaw, zero="east", positive="anticlockwise")})
             text = "the heading counts from east, anticlockwise"
-            drafts.append(("heading", ["yaw"], text, east, None))
+            yield RecordingDefect("heading", ("yaw",), text, east)
         for off in (90.0, 180.0, -90.0) if turns else ():
             heading = {"heading_deg": (state.options["heading_deg"] - off + 179.0) % 360.0 - 179.0}
             text = f"the heading is {-off:g} degrees off the positions"
-            drafts.append(("heading", ["yaw"], text, heading, off))
+            yield RecordingDefect("heading", ("yaw",), text, heading, off)
         angles = [dof for dof, spec in self._angles(columns).items() if spec.unit is None]
         for group in (angles, [dof for dof in angles if dof != "yaw"], angles[-1:]):
             new = {f"position.{dof}": replace(_specs(columns)[f"position.{dof}"], unit="deg")
                    for dof in group}  # fmt: skip
             text = "the angles of the pose are in degrees"
-            drafts.append(("scale", group, text, _change(new), 180.0 / np.pi))
-        for kind, axes, text, change, value in drafts:
-            yield RecordingDefect(kind, tuple(axes), text, change, value)
+            yield RecordingDefect("scale", tuple(group), text, _change(new), 180.0 / np.pi)
 
     def _angles(self, columns: ColumnMap) -> dict[str, Column]:
         """The columns of angles of which no unit was stated before the search."""
