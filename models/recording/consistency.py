@@ -146,9 +146,9 @@ def consistency(
         order |= {dof: dofs[j] for dof, j in zip(dofs, best, strict=True)}
     accelerations = []
     for dof in (dof for dof in motion.dofs if dof in measured):
-        i = [motion.dofs.index(dof)]
-        observed = motion.inside(recording.nu_dot[:, i], cutoff)
-        expected = motion.inside(motion.derivative(recording.nu[:, i]), cutoff)
+        own = [motion.dofs.index(dof)]
+        observed = motion.inside(recording.nu_dot[:, own], cutoff)
+        expected = motion.inside(motion.derivative(recording.nu[:, own]), cutoff)
         accelerations.append(agreement("acceleration", dof, observed[:, 0], expected[:, 0]))
     used = [pairs[dof] for dof, axis in axes.items() if axis.excited]
     return Consistency(

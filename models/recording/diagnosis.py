@@ -6,10 +6,11 @@ as good. That is repeated until nothing gains. The problems are the changes that
 what the correlations tell but no change mends. What is no unit of the field is asked, not scaled.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,7 +38,7 @@ UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filt
 SAMPLES_APART = 2.0  # a smaller delay is that of a filter or of sampling
 SAME_RATE = 1.05  # of the rate of the original samples
 MOST_CHANGES = 6
-MOST_SAMPLES, BLOCKS = 100_000, 10  # of a longer recording, as many even blocks are compared
+MOST_SAMPLES, BLOCKS = 50_000, 10  # of a longer recording, as many even blocks are compared
 LARGE = {"roll": np.pi, "pitch": np.pi, "yaw": 6.0 * np.pi}  # [rad] rarely reached
 LINEAR, ANGLES = DOFS[:3], DOFS[3:]
 UNITS = {  # that people record, by that of SI
@@ -63,19 +64,8 @@ FRAMES: tuple[tuple[str, Sequence[str], str, Mapping[str, str]], ...] = (
      {"velocity": "earth", "position": "ENU"}),
 )  # fmt: skip
 Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.surge, and values
+Read = Callable[..., Recording]  # of a map, degrees of freedom, sources and other options
 FAULTS = (ConfigurationError, RecordingError)
-
-
-class Read(Protocol):
-    """Reads the recording with a map and other options, in some degrees of freedom.
-
-    `sources` are some rows of the file; None: all.
-    """
-
-    def __call__(  # noqa: D102
-        self, columns: ColumnMap, dofs: Sequence[str], sources: Mapping[str, Source] | None = None,
-        **options: Any,
-    ) -> Recording: ...  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -142,7 +132,8 @@ def examine(
     """Examine a recording with all degrees of freedom that it holds, else with `dofs`.
 
     Args:
-        read: reads the recording by a map and other options, such as `resample_hz`.
+        read: reads the recording by a map, in some degrees of freedom, of some rows of the sources
+            (None: all) and with other options, such as `resample_hz`.
         columns: the map.
         sources: the columns as recorded.
         dofs: degrees of freedom of the vessel.
@@ -197,7 +188,9 @@ class _Case:
                 problems.append(replace(slower, change={}))
         for _ in range(MOST_CHANGES):
             told, questions = _told(state, self.sources, period_s)
-            best = self._best(state, told)
+            framed = any(p.kind in ("earth", "frame", "heading") for p in problems)
+            guesses = (g for g in self._guesses(state) if g.kind == "scale" or not framed)
+            best = self._best(state, told, guesses)
             if best is None:
                 break
             problems.append(best[0])
@@ -235,9 +228,7 @@ class _Case:
             grid = {"resample_hz": self.rate_hz, "at_gap": "split"} if self.excerpt else {}
             recording = self.read(columns, self.known, self.excerpt, **{**grid, **options})
         except FAULTS:
-            if self.excerpt is None:
-                raise
-            recording = self.read(columns, self.known, **options)
+            recording = self.read(columns, self.known, None, **options)
         return self._compared(columns, options, recording, band)
 
     @cached_property
@@ -245,38 +236,36 @@ class _Case:
         """Even blocks of the time of long sources; None if they are short."""
         clocks = {}
         for name, source in self.sources.items():
-            try:
+            with suppress(*FAULTS):
                 clocks[name] = seconds(source, clock_of(source, self.columns))
-            except FAULTS:
-                continue
         longest = max(map(len, clocks.values()), default=0)
         if longest <= MOST_SAMPLES:
             return None
         start = min(float(np.nanmin(t)) for t in clocks.values())
         length = max(float(np.nanmax(t)) for t in clocks.values()) - start
-        result = {}
+        result = dict(self.sources)
         for name, t in clocks.items():
             rows = (t - start) / length * BLOCKS % 1.0 < MOST_SAMPLES / longest  # not those of NaN
-            source = self.sources[name]
-            result[name] = replace(
-                source, columns={title: cells[rows] for title, cells in source.columns.items()}
-            )
-        return {**self.sources, **result}
+            cells = {title: cells[rows] for title, cells in result[name].columns.items()}
+            result[name] = replace(result[name], columns=cells)
+        return result
 
     def _best(
-        self, state: _State, told: Sequence[RecordingDefect]
+        self, state: _State, told: Sequence[RecordingDefect], guesses: Iterator[RecordingDefect]
     ) -> tuple[RecordingDefect, _State] | None:
         """The first of the changes that are as good as the best one; None if none gains enough."""
         tried = []
-        for least, defects in ((0.0, told), (AS_GOOD, self._guesses(state))):
+        for least, defects in ((0.0, told), (AS_GOOD, guesses)):
             for defect in (defect for defect in defects if defect.change):
                 try:
                     after = self._with(state, defect.change, state.result.band)
                 except FAULTS:
                     continue
                 gain = after.result.quality - state.result.quality
-                worse = any(new.quality < old.quality - AS_GOOD and old.correlation > SURE
-                            for old, new in zip(state.result.axes, after.result.axes, strict=True))
+                worse = any(
+                    new.quality < old.quality - AS_GOOD and old.correlation > SURE
+                    for old, new in zip(state.result.axes, after.result.axes, strict=True)
+                )
                 if gain > least and not worse:
                     tried.append((gain, defect, after))
         most = max((gain for gain, *_ in tried), default=0.0)
@@ -284,41 +273,37 @@ class _Case:
                     None)  # fmt: skip
 
     def _guesses(self, state: _State) -> Iterator[RecordingDefect]:
-        """Changes that no correlation tells: frames, headings, and angles in degrees.
-
-        They are tried if an axis does not agree.
-        """
+        """Changes that no correlation tells, unless all agrees: frames, headings, and degrees."""
         columns, dofs = state.columns, [axis.dof for axis in state.result.velocities]
         if state.result.quality > 1.0 - AS_GOOD:
             return
         turns, yaw = set(PLANAR) <= set(self.known), _specs(columns).get("position.yaw")
-        drafts: list[tuple[str, Sequence[str], str, Change, float | None]] = []
         for kind, axes, text, frames in FRAMES if turns else ():
             if any(getattr(columns.frames, name) != value for name, value in frames.items()):
                 change = {f"columns.frames.{name}": value for name, value in frames.items()}
-                drafts.append((kind, [dof for dof in axes if dof in dofs], text, change, None))
+                yield RecordingDefect(kind, tuple(d for d in axes if d in dofs), text, change)
         if turns and yaw:
-            sense = "clockwise" if yaw.positive == "anticlockwise" else "anticlockwise"
-            opposite = _change({"position.yaw": replace(yaw, positive=sense)})
+            clockwise = replace(yaw, positive="clockwise")
+            other = replace(yaw, positive="anticlockwise") if yaw == clockwise else clockwise
+            sense, opposite = other.positive, _change({"position.yaw": other})
             text = f"the heading counts {sense}"
-            drafts.append(("heading", ["yaw"], text, opposite, None))
+            yield RecordingDefect("heading", ("yaw",), text, opposite)
             both = {**opposite, "columns.frames.position": "ENU"}
-            drafts.append(("frame", ["yaw"], f"{text}, and the positions are ENU", both, None))
+            text = f"{text}, and the positions are east, north, up"
+            yield RecordingDefect("frame", ("yaw",), text, both)
             east = _change({"position.yaw": replace(yaw, zero="east", positive="anticlockwise")})
             text = "the heading counts from east, anticlockwise"
-            drafts.append(("heading", ["yaw"], text, east, None))
+            yield RecordingDefect("heading", ("yaw",), text, east)
         for off in (90.0, 180.0, -90.0) if turns else ():
             heading = {"heading_deg": (state.options["heading_deg"] - off + 179.0) % 360.0 - 179.0}
             text = f"the heading is {-off:g} degrees off the positions"
-            drafts.append(("heading", ["yaw"], text, heading, off))
+            yield RecordingDefect("heading", ("yaw",), text, heading, off)
         angles = [dof for dof, spec in self._angles(columns).items() if spec.unit is None]
         for group in (angles, [dof for dof in angles if dof != "yaw"], angles[-1:]):
             new = {f"position.{dof}": replace(_specs(columns)[f"position.{dof}"], unit="deg")
                    for dof in group}  # fmt: skip
             text = "the angles of the pose are in degrees"
-            drafts.append(("scale", group, text, _change(new), 180.0 / np.pi))
-        for kind, axes, text, change, value in drafts:
-            yield RecordingDefect(kind, tuple(axes), text, change, value)
+            yield RecordingDefect("scale", tuple(group), text, _change(new), 180.0 / np.pi)
 
     def _angles(self, columns: ColumnMap) -> dict[str, Column]:
         """The columns of angles of which no unit was stated before the search."""
@@ -330,15 +315,13 @@ class _Case:
 
     def _wide(self, state: _State) -> tuple[str, ...]:
         """Questions about angles that reach far in radians, which no motion tells to be right."""
-        good = {a.dof for a in state.result.velocities
-                if a.excited and a.correlation > SURE and not a.off}  # fmt: skip
+        good = {a.dof for a in state.result.velocities if a.correlation > SURE and not a.off}
         lines = []
         for dof, spec in self._angles(state.columns).items():
             values = _numbers(self.sources, spec)
             told = good & ({dof, *LINEAR} if dof == "yaw" else {dof})
-            if values is None or told or spec.unit is not None:
-                continue
-            if np.nanmax(np.abs(values), initial=0.0) > LARGE[dof]:
+            wide = np.nanmax(np.abs(values), initial=0.0) > LARGE[dof]
+            if wide and not told and spec.unit is None:
                 lines.append(f"{spec.name} ranges from {np.nanmin(values):.4g} to "
                              f"{np.nanmax(values):.4g}, read in rad: which unit?")  # fmt: skip
         return tuple(lines)
@@ -367,7 +350,7 @@ class _Case:
         for option, spec in _specs(self.columns).items():
             kind, _, dof = option.partition(".")
             values = _numbers(self.sources, spec)
-            if values is not None and kind != "acceleration":
+            if len(values) and kind != "acceleration":
                 parts = groups.setdefault(column(self.sources, spec.name)[0].name, {})
                 parts.setdefault(f"{kind}{dof in ANGLES}", []).append(values[:MOST_SAMPLES])
         for name, parts in groups.items():
@@ -397,10 +380,9 @@ def _told(
         change = _change(new) if len(new) == len(group) else {}
         found.append(RecordingDefect("swap", group, "the velocities are exchanged", change))
     for axis in (axis for axis in result.axes if axis.certain and axis.correlation < 0.0):
-        change, option = {}, f"{axis.kind}.{axis.dof}"
-        if spec := specs.get(option):
-            name = spec.name if spec.sign < 0.0 else f"-{spec.name}"
-            change = _change({option: replace(spec, column=name)})
+        known = {o: spec for o, spec in specs.items() if o == f"{axis.kind}.{axis.dof}"}
+        change = _change({o: replace(s, column=f"-{s.column}".removeprefix("--"))
+                          for o, s in known.items()})  # fmt: skip
         text = f"the {axis.kind} has the wrong sign"
         found.append(RecordingDefect("sign", (axis.dof,), text, change, -1.0))
     scales, questions = _scales(state, sources)
@@ -453,11 +435,11 @@ def _scales(
                 pose = "attitude" if axis.dof in ANGLES else "position"
                 questions.append(f"{spec.name} is {1.0 / size:.2f} of d({pose})/dt: which unit?")
     found = []
-    for (kind, unit, value), dofs in groups.items():
-        new = {f"{kind}.{dof}": replace(specs[f"{kind}.{dof}"], unit=unit) for dof in dofs}
+    for (kind, unit, value), group in groups.items():
+        new = {f"{kind}.{dof}": replace(specs[f"{kind}.{dof}"], unit=unit) for dof in group}
         pair = ("velocity", kind) if kind == "acceleration" else ("pose", "velocity")
         text = f"the derivative of the {pair[0]} is {value:.3g} times the {pair[1]}"
-        found.append(RecordingDefect("scale", tuple(dofs), text, _change(new), value))
+        found.append(RecordingDefect("scale", tuple(group), text, _change(new), value))
     return found, tuple(questions)
 
 
@@ -487,14 +469,13 @@ def _specs(columns: ColumnMap) -> dict[str, Column]:
 
 def _cycles(order: Mapping[str, str]) -> list[tuple[str, ...]]:
     """The axes that are exchanged among each other."""
-    cycles = set[tuple[str, ...]]()
+    cycles = {}
     for dof in order:
         group = [dof]
         while (other := order[group[-1]]) not in group:
             group.append(other)
-        if len(group) > 1:
-            cycles.add(tuple(d for d in DOFS if d in group))
-    return sorted(cycles)
+        cycles[tuple(sorted(group, key=DOFS.index))] = len(group) > 1
+    return [group for group, exchanged in cycles.items() if exchanged]
 
 
 def _change(specs: Mapping[str, Column]) -> Change:
@@ -509,10 +490,10 @@ def _written(spec: Column) -> object:
     return new if len(new) > 1 else spec.column
 
 
-def _numbers(sources: Mapping[str, Source], spec: Column) -> Array | None:
-    """A column as recorded; None if the file has none."""
+def _numbers(sources: Mapping[str, Source], spec: Column) -> Array:
+    """A column as recorded, shape (N,); empty if the file has none."""
     try:
         source, name = column(sources, spec.name)
         return source.numbers(name, gaps=True)
     except RecordingError:
-        return None
+        return np.empty(0)

@@ -51,21 +51,17 @@ class Sampling:
 def sampling(t: Array) -> Sampling:
     """Describe times t (N,) [s]."""
     known = t[~np.isnan(t)]
-    repeated = int(np.sum(~(np.diff(known) > 0.0)))
-    later = np.diff(known[is_later(known)])
-    if not len(later):
-        return Sampling(len(known), float(known[0]) if len(known) else 0.0, 0.0, 0.0, 0, 0.0, 0.0,
-                        0.0, repeated)  # fmt: skip
-    period = float(np.median(later))
-    gaps = later > GAP * period
-    k = int(np.argmax(later))
-    duration = float(known[-1] - known[0])
-    lost = float(np.sum(later[gaps] - period))
     times = known[is_later(known)]
+    repeated, steps = int(np.sum(~(np.diff(known) > 0.0))), np.diff(times)
+    if not len(steps):
+        start = float(times[0]) if len(times) else 0.0
+        return Sampling(len(known), start, 0.0, 0.0, 0, 0.0, 0.0, 0.0, repeated)
+    period, duration = float(np.median(steps)), float(times[-1] - times[0])
+    gaps, k = steps > GAP * period, int(np.argmax(steps))
+    lost = float(np.sum(steps[gaps] - period))
     return Sampling(
-        len(known), float(known[0]), duration, 1.0 / period, int(np.sum(gaps)),
-        float(later[k]), float(times[k] - times[0]),
-        lost / duration if duration > 0.0 else 0.0, repeated,
+        len(known), float(times[0]), duration, 1.0 / period, int(np.sum(gaps)), float(steps[k]),
+        float(times[k] - times[0]), lost / duration, repeated,
     )  # fmt: skip
 
 
