@@ -19,10 +19,6 @@ from seatrial.runner.search_path import CONF, located
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
 MAP_COLUMNS = tuple(field.name for field in fields(ColumnMap))
-NONE: dict[str, object] = {
-    "position": {}, "velocity": {}, "acceleration": {}, "force": {}, "actual_force": {},
-    "orientation": None,
-}  # fmt: skip
 ALIASES = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}  # of an angle of the position
 
 
@@ -63,8 +59,9 @@ def read_map(path: Path) -> dict[str, object]:
 
 def options_of(content: dict[str, object]) -> dict[str, object]:
     """Options of a recording from the content of a map."""
-    columns = {**NONE, **{key: content.pop(key) for key in MAP_COLUMNS if key in content}}
-    position = dict(columns["position"] if isinstance(columns["position"], dict) else {})
+    columns = {key: content.pop(key) for key in MAP_COLUMNS if key in content}
+    written = columns.get("position")
+    position = dict(written) if isinstance(written, dict) else {}
     for alias, dof in ALIASES.items():
         if alias in content:
             position[dof] = content.pop(alias)

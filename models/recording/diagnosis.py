@@ -90,8 +90,6 @@ class RecordingDefect:
             for path, value in self.change.items()
         )  # fmt: skip
 
-    cure = fix
-
     def __str__(self) -> str:
         axes = f"{', '.join(self.axes)}: " if self.axes else ""
         return f"{axes}{self.message}; {self.fix or 'no change of the map that was tried mends it'}"

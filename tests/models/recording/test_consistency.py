@@ -142,7 +142,7 @@ def test_mutilated_recordings_are_named_with_their_cures(tmp_path: Path, name: s
         path = tmp_path / "mutilated.csv"
         change(table).to_csv(path, index=False)
         problems = found(path)
-        right = len(problems) == 1 and problems[0].kind == kind and cure in problems[0].cure
+        right = len(problems) == 1 and problems[0].kind == kind and cure in problems[0].fix
         if not (right and set(problems[0].axes) == set(axes)):
             wrong.append((mutilation, [str(problem) for problem in problems]))
     assert wrong == []
