@@ -26,6 +26,7 @@ NUMBERED = re.compile(r"(.*?)[\[(_.]?(\d)[\])]?")
 PART = re.compile(r"(.*?)([wxyz]|\d)[\])]?")
 SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
 BEARINGS = ("position.roll", "position.pitch", "position.yaw", "ground.course", "wind.direction")
+MIN_SAMPLES = 30  # of a record that is preferred to others
 UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
 DOUBTFUL = {"angle": 4.0 * np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # larger: not rad, or not 1/s
 PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
@@ -149,8 +150,9 @@ def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate]
             every.append(_Candidate(*row))
     motion = ("position", "velocity", "geodetic", "orientation")
     covered = Counter(c.source.name for c in every if c.moves and c.option.startswith(motion))
-    every.sort(key=lambda c: (not c.moves, c.commanded, c.rank, -covered[c.source.name],
-                              c.source.name, c.frame == "magnetic", c.strange))  # fmt: skip
+    every.sort(key=lambda c: (not c.moves, len(c.values) < MIN_SAMPLES, c.commanded, c.rank,
+                              -covered[c.source.name], c.source.name, c.frame == "magnetic",
+                              c.strange))  # fmt: skip
     return every, texts
 
 
@@ -209,10 +211,16 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
         "position.surge", "geodetic.latitude", "position.yaw", "orientation.w", "ground.speed",
         "ground.course"))  # fmt: skip
     order = [c.source.name for c in candidates]
+    across = [c.source for c in candidates if c.option == "position.sway" and c.moves]
+    if across or latitude:  # a path has two coordinates, of one instrument
+        ahead = (c for c in candidates if c.option == "position.surge")
+        x = next((c for c in ahead if c.source in across), None)
     if latitude and not (x and order.index(x.source.name) <= order.index(latitude.source.name)):
         take("geodetic", ("latitude", "longitude", "altitude"), latitude, only=True)
+    elif x:
+        take("position", DOFS[:3], x, only=True)
     else:
-        take("position", DOFS[:3], x)
+        take("position", DOFS[2:3], None)
     if whole and whole.rank < 3 and (yaw is None or whole.rank <= yaw.rank):
         yaw = whole
         take("orientation", QUATERNION, whole, only=True)

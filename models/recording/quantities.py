@@ -40,7 +40,7 @@ WORDS = {name: frozenset(words.split()) for name, words in {
     "neutral": "estimated estimate est hat filtered filt smoothed measured meas mes actual true "
                "state states navigation nav ned enu body frame frd flu of vessel ship boat vehicle "
                "gps gnss ins imu ekf odom odometry value data mid world local inertial vector lmc "
-               "over stamped xyz",
+               "over stamped xyz mid cg center centre",
     "foreign": "error err std stdev cov covariance variance var bias sigma accuracy quality innov "
                "innovation residual noise current currents wave waves temp temperature pressure "
                "voltage max min offset origin home orientation power dop hdop stamp count "
@@ -164,7 +164,9 @@ def _matched(words: Sequence[str], around: set[str]) -> Quantity | None:
     elif option.startswith("velocity") and ("dot" in kinds or everything & WORDS["earth"]):
         frame = frame or "earth"
     strange = sum(not kinds_of(w) and w not in axes and w not in WORDS["magnetic"] for w in core)
-    return Quantity(option, frame, strange, ordered) if option else None
+    if not option or (strange and not kinds and kind == "space"):  # `VibeX` is no position
+        return None
+    return Quantity(option, frame, strange, ordered)
 
 
 def _named(core: Sequence[str], known: set[str], everything: set[str]) -> Quantity | None:
