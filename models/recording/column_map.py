@@ -166,6 +166,11 @@ class ColumnMap:
             )
 
     @property
+    def clock(self) -> Column:
+        """The column of time."""
+        return as_column(self.time)
+
+    @property
     def quaternion(self) -> tuple[str, ...]:
         """Columns of the quaternion (w, x, y, z)."""
         names = self.orientation or ()

@@ -18,29 +18,14 @@ from annotated_types import Ge
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.column_map import (
-    KINDS,
-    QUATERNION,
-    Column,
-    ColumnMap,
-    Frames,
-    as_column,
-)  # fmt: skip
+from seatrial.models.recording import units
+from seatrial.models.recording.column_map import KINDS, QUATERNION, Column, ColumnMap, Frames
 from seatrial.models.recording.joining import Channel, TimeGrid, join_channels
 from seatrial.models.recording.preprocessing import interpolated, outliers, without_sign_flips
 from seatrial.models.recording.recording import Mask, piece_edges
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, is_later, seconds
-from seatrial.models.recording.units import (
-    SI,
-    factor,
-    froude_factor,
-    input_factor,
-    is_known,
-    targets_of,
-    unit_in_title,
-)  # fmt: skip
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import body_rates, euler_zyx, pose_jacobian, unroll
 
@@ -168,7 +153,7 @@ class Reading:
         if not specs:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
         scale, clocks = self.columns.froude_scale, {}
-        pace = froude_factor("s", scale)
+        pace = units.froude_factor("s", scale)
         start = first_time(sources, self.columns)
         start = start if start > EPOCH_S else 0.0  # dates: only differences matter
         channels, holders, readings = {}, {}, {}
@@ -212,7 +197,7 @@ class Reading:
                     "expected a finite number; excitation.resample_hz=RATE joins columns with "
                     "cells between their samples"
                 )
-        name = as_column(self.columns.time).name
+        name = self.columns.clock.name
         if len(t) < 2:
             raise RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
         if np.any(np.isnan(t)):
@@ -278,7 +263,7 @@ def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], 
 
 def clock_of(source: Source, columns: ColumnMap) -> Column:
     """The time of a source: that of the map, which may be named `source:column`, or its own."""
-    time = as_column(columns.time)
+    time = columns.clock
     for name in (time.name, time.name.rpartition(":")[2]):
         if source.find(name) is not None:
             return replace(time, column=name)
@@ -310,25 +295,25 @@ def _unit(
     source: Source, name: str, option: str, spec: Column, specs: Mapping[str, Column]
 ) -> tuple[str, str]:
     """The unit of a column, and where it is known from: the first that tells it."""
-    targets = targets_of(option)
+    targets = units.targets_of(option)
     if spec.unit is not None:
         return spec.unit, "the map"
     if spec.full is not None or not targets:
         return "", "the map"
     stated = source.units.get(name)
-    if stated and any(is_known(stated, target) for target in targets):
+    if stated and any(units.is_known(stated, target) for target in targets):
         return stated, "the file"
-    titled = unit_in_title(source.written.get(name, name), targets)
+    titled = units.unit_in_title(source.written.get(name, name), targets)
     if titled:
         return titled, "the title"
     kind = option.partition(".")[0]
     if kind in ("position", "velocity", "force", "actual_force", "acceleration"):
         for other, beside in specs.items():  # of the same quantity, told by the same source
             plain = source.find(beside.name.rpartition(":")[2])
-            same = other.partition(".")[0] == kind and targets_of(other) == targets
+            same = other.partition(".")[0] == kind and units.targets_of(other) == targets
             if plain is not None and plain != name and same:
-                unit = source.units.get(plain) or unit_in_title(plain, targets)
-                if unit and is_known(unit, targets[0]):
+                unit = source.units.get(plain) or units.unit_in_title(plain, targets)
+                if unit and units.is_known(unit, targets[0]):
                     return unit, f"{beside.name} beside it"
     return (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
 
@@ -339,11 +324,11 @@ def _in_si(values: Array, option: str, spec: Column, unit: str) -> Array:
     if spec.full is not None:
         values = (values - spec.neutral) / (spec.full - spec.neutral)
     values = values * spec.sign
-    targets = targets_of(option)
+    targets = units.targets_of(option)
     if unit and kind in ("inputs", "commands"):
-        values = values * input_factor(unit)
+        values = values * units.input_factor(unit)
     elif unit and targets:
-        values = values * factor(unit, targets[0])
+        values = values * units.factor(unit, targets[0])
     turning = option in ("wind.direction", "ground.course") or kind == "thruster_angle"
     if turning or (kind == "position" and dof in DOFS[3:]):
         values, valid = values.copy(), ~np.isnan(values)
@@ -365,12 +350,12 @@ def _froude(option: str, unit: str, known_from: str, scale: float) -> float:
                 f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} "
                 "depends"
             )
-        return froude_factor(unit, scale)
+        return units.froude_factor(unit, scale)
     if kind == "geodetic":
         raise ConfigurationError("columns.geodetic: froude_scale needs a position in metres")
     if kind == "loads":
-        return froude_factor("N", scale)
-    return froude_factor(SI[kind][dof], scale) if kind in SI else 1.0
+        return units.froude_factor("N", scale)
+    return units.froude_factor(units.SI[kind][dof], scale) if kind in units.SI else 1.0
 
 
 def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:

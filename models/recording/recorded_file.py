@@ -14,6 +14,7 @@ import scipy
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
+from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import Column, ColumnMap, as_column
 from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.file_set import FileForm, file_set
@@ -24,26 +25,9 @@ from seatrial.models.recording.preprocessing import (
     describe,
     without_bias,
 )  # fmt: skip
-from seatrial.models.recording.reader import (
-    Outliers,
-    Reading,
-    Signals,
-    Sources,
-    clock_of,
-    first_time,
-)  # fmt: skip
-from seatrial.models.recording.recording import (
-    Mask,
-    Recording,
-    Split,
-    by_trips,
-    half,
-    piece_edges,
-    sample_time,
-    trips,
-)  # fmt: skip
-from seatrial.models.recording.source import Source
-from seatrial.models.recording.sources import ReadOptions, TextOptions, column, read_sources
+from seatrial.models.recording.reader import Outliers, Reading, Signals, clock_of, first_time
+from seatrial.models.recording.recording import Mask, Recording, Split, half
+from seatrial.models.recording.sources import ReadOptions, Source, TextOptions, column, read_sources
 from seatrial.models.recording.stored import is_stored, read_recording
 from seatrial.models.recording.times import EPOCH_S, seconds
 from seatrial.models.vessel.basis import Array
@@ -142,9 +126,7 @@ class RecordedFile(MeasuredRecording):
     _read: dict[tuple[str, ...], Signals] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
-    _sources: dict[str, Source] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
+    _sources: dict[str, Source] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -172,11 +154,11 @@ class RecordedFile(MeasuredRecording):
                 f"{self.resample_hz:g} resamples it, expected one of them to be null"
             )
         half(2, self.train_fraction)
-        trips(np.zeros(1), self.trip_starts_s)
+        recordings.trips(np.zeros(1), self.trip_starts_s)
         if len(self.training_trips) and not len(self.trip_starts_s):
             raise ConfigurationError("training_trips requires trip_starts_s, got none")
         if self.trip_starts_s:
-            by_trips(np.arange(1, 1 + len(self.trip_starts_s)), self.training_trips)
+            recordings.by_trips(np.arange(1, 1 + len(self.trip_starts_s)), self.training_trips)
         if self.thrusters.rpm and self.columns.actual_force:
             raise ConfigurationError(
                 "thrusters.rpm and columns.actual_force both define the acting force, expected one"
@@ -274,7 +256,7 @@ class RecordedFile(MeasuredRecording):
             self._read[key] = reading.read(self.file, self.sources(), dofs)
         return self._read[key]
 
-    def sources(self) -> Sources:
+    def sources(self) -> dict[str, Source]:
         """The columns as recorded, by source."""
         if self._sources:
             return self._sources
@@ -318,7 +300,10 @@ class RecordedFile(MeasuredRecording):
         whole = each[0].sources() if each else {}
 
         def read(
-            columns: ColumnMap, dofs: Sequence[str], sources: Sources | None = None, **options: Any
+            columns: ColumnMap,
+            dofs: Sequence[str],
+            sources: dict[str, Source] | None = None,
+            **options: Any,
         ) -> Recording:
             reader = replace(self, columns=columns, **options)
             if not self.train:  # the file is parsed once
@@ -339,7 +324,7 @@ class RecordedFile(MeasuredRecording):
         """
         if not self.trip_starts_s:
             return half(len(t), self.train_fraction)
-        return by_trips(trips(t, self.trip_starts_s), self.training_trips)
+        return recordings.by_trips(recordings.trips(t, self.trip_starts_s), self.training_trips)
 
     def split_of(self, recording: Recording) -> Split:
         """Training and test samples; several files are split by file."""
@@ -368,8 +353,8 @@ class RecordedFile(MeasuredRecording):
     def _acceleration(self, signals: Signals, nu: Array, dofs: Sequence[str]) -> Array:
         """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated by pieces."""
         t, nu_dot = signals.t, np.empty_like(nu)
-        period_s = sample_time(t)
-        for a, b in pairwise(piece_edges(t, period_s)):
+        period_s = recordings.sample_time(t)
+        for a, b in pairwise(recordings.piece_edges(t, period_s)):
             nu_dot[a:b] = self.differentiation.derivative(nu[a:b], period_s)
             for i, dof in enumerate(dofs):
                 recorded = signals.values.get(f"acceleration.{dof}")
