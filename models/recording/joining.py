@@ -28,6 +28,12 @@ class Channel(NamedTuple):
     held: bool = False
     name: str = ""  # for messages
 
+    def check(self, key: str) -> None:
+        """Raise RecordingError for fewer than two samples, and for times that do not increase."""
+        if len(self.t) < 2 or not np.all(np.diff(self.t) > 0.0):
+            reason = "expected time to increase" if len(self.t) > 1 else "expected at least 2"
+            raise RecordingError(f"{self.name or key}: got {len(self.t)} samples, {reason}")
+
     def gaps(self, t: Array, longest_s: float) -> Array:
         """The time [s] without a sample at times t (n,), where longer than `longest_s`; else 0."""
         before = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, None)
@@ -69,8 +75,7 @@ def join_channels(
     """Interpolate states linearly, and hold commands, on one uniform grid.
 
     The grid starts where the last channel starts and ends where the first one ends; a command
-    holds after its last sample, for at most `max_gap_s`. Angles must be unrolled and quaternions
-    free of sign flips. There is no anti-aliasing filter.
+    holds for at most `max_gap_s`. Angles must be unrolled. There is no anti-aliasing filter.
 
     Args:
         channels: signals on clocks of their own.
@@ -81,13 +86,10 @@ def join_channels(
         columns (n,) on them.
 
     Raises:
-        RecordingError: a channel has fewer than two samples or times that do not increase, the
-            channels do not overlap, or there is a gap and `at_gap` is `refuse`.
+        RecordingError: channels cannot be joined, or there is a gap and `at_gap` is `refuse`.
     """
-    for key, c in channels.items():
-        if len(c.t) < 2 or not np.all(np.diff(c.t) > 0.0):
-            reason = "expected time to increase" if len(c.t) > 1 else "expected at least 2"
-            raise RecordingError(f"{c.name or key}: got {len(c.t)} samples, {reason}")
+    for key, channel in channels.items():
+        channel.check(key)
 
     def end(c: Channel) -> float:
         return float(c.t[-1]) + grid.max_gap_s * c.held
@@ -100,8 +102,7 @@ def join_channels(
             f"got channels that overlap by fewer than two samples at {grid.rate_hz:g} Hz: "
             f"{last.name} begins at {start:g} s, {first.name} ends at {stop:g} s"
         )
-    most = max(len(channel.t) for channel in channels.values())
-    if count > MOST_SAMPLES * most:
+    if count > MOST_SAMPLES * (most := max(len(channel.t) for channel in channels.values())):
         raise RecordingError(
             f"got {count:.3g} samples from the {most} recorded, at resample_hz={grid.rate_hz:g}; "
             f"expected at most {MOST_SAMPLES} times as many"
@@ -112,7 +113,7 @@ def join_channels(
         gaps = channel.gaps(t, grid.max_gap_s)
         if grid.at_gap == "refuse" and np.any(gaps):
             k = int(np.argmax(gaps > 0.0))
-            before = channel.t[max(int(np.searchsorted(channel.t, t[k], side="right")) - 1, 0)]
+            before = channel.t[channel.t <= t[k]][-1]
             raise RecordingError(
                 f"{channel.name}: got no sample for {gaps[k]:.6g} s after {before:.6g} s, expected "
                 f"at most {grid.max_gap_s:g} s; excitation.at_gap=split leaves gaps out"

@@ -243,19 +243,22 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
     take("velocity", DOFS[3:], moving or yaw)
     if moving or "ground.speed" in chosen:
         take("water", ("speed",), None)
-    speeds, angles = ([c for c in candidates if c.option == f"wind.{name}"]
-                      for name in ("speed", "direction"))  # fmt: skip
-    winds = [
-        (s, a) for s, a in product(speeds, angles) if s.frame == a.frame or s.source is a.source
-    ]
-    if winds:
-        wind = min(
-            winds, key=lambda pair: (pair[0].frame != pair[1].frame, pair[1].frame != "true")
-        )
-        chosen |= dict(zip(("wind.speed", "wind.direction"), wind, strict=True))
+    chosen |= _wind(candidates)
     if acting := next((c for c in candidates if c.option.startswith("force.")), None):
         take("force", DOFS, acting, only=True)
     return chosen
+
+
+def _wind(candidates: Sequence[_Candidate]) -> Chosen:
+    """The speed and direction of the wind, of one kind or at least of one source."""
+    speeds, angles = ([c for c in candidates if c.option == f"wind.{name}"]
+                      for name in ("speed", "direction"))  # fmt: skip
+    pairs = [p for p in product(speeds, angles)
+             if p[0].frame == p[1].frame or p[0].source is p[1].source]  # fmt: skip
+    if not pairs:
+        return {}
+    best = min(pairs, key=lambda p: (p[0].frame != p[1].frame, p[1].frame != "true"))
+    return dict(zip(("wind.speed", "wind.direction"), best, strict=True))
 
 
 def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen) -> list[str]:

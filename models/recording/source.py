@@ -152,22 +152,17 @@ def table_source(
     repeated: dict[str, tuple[str, ...]] = {}
     twice = []
     for title, own in places.items():
-        first = columns[own[0]]
-        exact = first.dtype == np.object_
-        others = [columns[i] for i in own[1:]]
-        if all(first.dtype == other.dtype for other in others) and all(
-            np.array_equal(first, other, equal_nan=not exact) for other in others
-        ):
+        first, others = columns[own[0]], [columns[i] for i in own[1:]]
+        if all(_equal(first, other) for other in others):
             names[own[0]] = plain[own[0]] if alike[plain[own[0]]] == 1 else title
-            twice += (
-                [f"column {title}: stands {len(own)} times, with equal cells"] if others else []
-            )
+            said = f"column {title}: stands {len(own)} times, with equal cells"
+            twice += [said] if others else []
         else:
             free = (name for i in count(1) if (name := f"{title}.{i}") not in places)
             repeated[title] = tuple(islice(free, len(own)))
             names |= dict(zip(own, repeated[title], strict=True))
     names = dict(sorted(names.items()))
-    said = [f"column {name}: {reasons[i]}" for i, name in names.items() if reasons and reasons[i]]
+    lines = [f"column {name}: {reasons[i]}" for i, name in names.items() if reasons and reasons[i]]
     known: dict[str, str] = {}
     for i, name in names.items():
         match = matches[i]
@@ -175,15 +170,19 @@ def table_source(
         known |= {name: unit} if (unit := NO_UNITS.get(unit.strip(), unit.strip())) else {}
     numbers = {name: i for i, name in names.items()}
     return Source(
-        source,
-        path,
+        source, path,
         {name: columns[i] for i, name in names.items()},
         known,
         {name: titles[i] for i, name in names.items() if titles[i] not in (name, *repeated)},
         repeated,
-        (*left_out, *said, *twice),
+        (*left_out, *lines, *twice),
         _row if cell is None else lambda row, column: cell(row, numbers[column]),
-    )
+    )  # fmt: skip
+
+
+def _equal(one: Values, other: Values) -> bool:
+    exact = one.dtype == np.object_
+    return bool(one.dtype == other.dtype and np.array_equal(one, other, equal_nan=not exact))
 
 
 def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:

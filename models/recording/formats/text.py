@@ -98,25 +98,7 @@ def decoded(path: Path, encoding: str | None) -> tuple[bytes, tuple[str, ...]]:
 
 def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -> Source:
     """The columns of a text as a source; raises RecordingError if it is not a table."""
-    data = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data)
-    commented = ""  # the last comment before the table, which may hold its titles
-    if text.comment and (mark := text.comment.encode()) in data:
-        sign = rb"[ \t]*" + re.escape(mark) + rb"[^\r\n]*"
-        if leading := re.match(rb"(?:(?:" + sign + rb")?\r?\n)*", data):
-            words = [line.strip() for line in leading[0].decode().splitlines() if line.strip()]
-            commented = words[-1].removeprefix(text.comment).strip() if words else ""
-        data = re.sub(rb"^" + sign, b"", data, flags=re.MULTILINE)
-    data = b"\n" * text.skip_lines + b"".join(data.split(b"\n", text.skip_lines)[text.skip_lines :])
-    separator = text.separator or _separator(data)
-    white = separator == " "
-    if white:
-        lines = data.split(b"\n")
-        if (longest := max(map(len, lines))) > LONGEST_LINE:
-            raise RecordingError(
-                f"{path}: got a line of {longest} bytes, expected at most {LONGEST_LINE}"
-            )
-        data = b"\n".join(WHITE.sub(b"\t", line.strip()) for line in lines)
-        separator = "\t"
+    data, commented, separator, white = _plain(path, data, text)
     head = list(islice(_rows(path, data, separator), SAMPLE_LINES))
     usual = Counter(len(row) for _, row in head).most_common(1)[0][0] if head else 0
     if usual > 1 and not any(row[-1].strip() for _, row in head if len(row) == usual):
@@ -145,15 +127,7 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
         if not titles and len(words) == width and not any(map(_is_number, words)):
             titles = [words]
     line = head[before - 1][0] if before else 0
-    top = b"\n".join(data.split(b"\n", line)[:line])
-    repeats = 0
-    for place, _ in head[start:before]:  # a logger that starts again writes its header again
-        again = b"\n" + data.split(b"\n", place)[place - 1].rstrip(b"\r")
-        if len(again) > 1 and data.find(again, len(top)) >= 0:
-            found_again = re.compile(re.escape(again) + rb"(?=\r?\n)")
-            rest, number = found_again.subn(b"\n", data[len(top) :])
-            data, repeats = top + rest, repeats + number
-    left_out = [f"{repeats} lines that repeat the header"] if repeats else []
+    data, left_out = _without_headers(data, [place for place, _ in head[start:before]], line)
     columns: list[Values] = []
     reasons: list[str] = []
     names = text.names or (titles[0] if titles else [""] * width)
@@ -178,6 +152,40 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
         return FileCell(f"line {line}", cells[place])
 
     return table_source(name or path.stem, path, names, columns, units, reasons, left_out, cell)
+
+
+def _plain(path: Path, data: bytes, text: TextOptions) -> tuple[bytes, str, str, bool]:
+    """The text without comments, the last of them, the separator, and whether that is white."""
+    data = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data)
+    commented = ""  # the last comment before the table, which may hold its titles
+    if text.comment and (mark := text.comment.encode()) in data:
+        sign = rb"[ \t]*" + re.escape(mark) + rb"[^\r\n]*"
+        if leading := re.match(rb"(?:(?:" + sign + rb")?\r?\n)*", data):
+            words = [line.strip() for line in leading[0].decode().splitlines() if line.strip()]
+            commented = words[-1].removeprefix(text.comment).strip() if words else ""
+        data = re.sub(rb"^" + sign, b"", data, flags=re.MULTILINE)
+    data = b"\n" * text.skip_lines + b"".join(data.split(b"\n", text.skip_lines)[text.skip_lines :])
+    separator = text.separator or _separator(data)
+    if separator != " ":
+        return data, commented, separator, False
+    lines = data.split(b"\n")
+    if (longest := max(map(len, lines))) > LONGEST_LINE:
+        raise RecordingError(
+            f"{path}: got a line of {longest} bytes, expected at most {LONGEST_LINE}"
+        )
+    return b"\n".join(WHITE.sub(b"\t", line.strip()) for line in lines), commented, "\t", True
+
+
+def _without_headers(data: bytes, places: Sequence[int], line: int) -> tuple[bytes, list[str]]:
+    """The text without headers below the first: a logger that starts again writes it again."""
+    top, repeats = b"\n".join(data.split(b"\n", line)[:line]), 0
+    for place in places:
+        again = b"\n" + data.split(b"\n", place)[place - 1].rstrip(b"\r")
+        if len(again) > 1 and data.find(again, len(top)) >= 0:
+            found_again = re.compile(re.escape(again) + rb"(?=\r?\n)")
+            rest, number = found_again.subn(b"\n", data[len(top) :])
+            data, repeats = top + rest, repeats + number
+    return data, [f"{repeats} lines that repeat the header"] if repeats else []
 
 
 def _rows(path: Path, data: bytes, separator: str) -> Iterator[tuple[int, list[str]]]:
