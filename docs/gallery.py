@@ -5,7 +5,6 @@ results/docs/gallery; trials that are stored are not run again. `python -m docs.
 draws one figure. `make docs` calls it first.
 """
 
-import os
 import re
 import shlex
 import subprocess
@@ -24,14 +23,10 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results" / "docs"
 BENCHMARK = Path("results", "benchmark")
 DRAWN = RESULTS / "gallery"
-ABSENT = {
-    "measured": "Drawn by `make gallery` where `SEATRIAL_DATA` names the folder of recordings.",
-    "benchmark": "Drawn by `make gallery` after `make benchmark`.",
-}
+ABSENT = {"benchmark": "Drawn by `make gallery` after `make benchmark`."}
 LARGEST = 200_000  # bytes of a figure in SVG; a larger one is shown as PNG
 LINE = 74  # characters of a command on the page
 WORD = re.compile(r"(?:[^\s'\"]|'[^']*'|\"[^\"]*\")+")
-DATA = os.environ.get("SEATRIAL_DATA", "")
 
 _FERRY = "'disturbance=noise,[wind,noise]' 'seed=range(0,3)' identifier.bootstrap=null"
 _ROUTE = (
@@ -58,8 +53,6 @@ SWEEPS: Mapping[str, str] = {
     "zigzag": "vessel=kvlcc2 excitation=rudder_zigzag identifier=none controller=none"
     " evaluation=none",
     "benchmark": "benchmark",  # of `make benchmark`, which takes long: only drawn here
-    "measured": "vessel=beluga_diagonal excitation=recording controller=none evaluation=none"
-    " identifier=ls identifier.basis=physical excitation.path=$SEATRIAL_DATA/beluga/random-1.csv",
 }
 
 
@@ -177,7 +170,7 @@ def available(name: str) -> bool:
     """Whether there are data for a figure."""
     sweep = entry_of(name).sweep
     stored = (ROOT / BENCHMARK / "results.db").exists()
-    return bool(DATA) if sweep == "measured" else sweep != "benchmark" or stored
+    return sweep != "benchmark" or stored
 
 
 def sail(sweep: str) -> None:

@@ -24,8 +24,12 @@ from seatrial.runner.invocation import PROJECT, ROOT, in_checkout, program_versi
 
 # Extras of users; the others are for work on the project itself.
 EXTRAS = {
+    "ardupilot": "excitation=recording with logs of ArduPilot",
+    "excel": "excitation=recording with Excel files",
     "fmu": "validation of what seatrial-results model --to fmu writes",
     "mat": "excitation=recording with files of MATLAB 7.3",
+    "netcdf": "excitation=recording with netCDF files",
+    "nmea": "excitation=recording with NMEA 0183",
     "postgresql": "database=postgresql",
     "ray": "hydra/launcher=ray",
     "rivals": "identifier=sparse",

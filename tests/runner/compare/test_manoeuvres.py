@@ -111,7 +111,7 @@ def test_a_measured_zigzag_of_a_full_ship(program: Program, mapped: Callable[[st
         ("delta: c5", "rudder: c5", "got inputs rudder, expected the helm delta"),
         ("delta: c5", "delta: c6", "no column 'c6'"),
         ("c4", "{column: c4, unit: acre}", "acre"),
-        ("time: c1", "time: c5", "columns.time, line 3: the time does not rise"),
+        ("time: c1", "time: c5", "column c5, line 3: got"),
     ],
 )
 def test_wrong_maps_are_one_line(
