@@ -8,7 +8,6 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import Column, ColumnMap
-from seatrial.models.recording.proposal import propose
 from seatrial.models.recording.reader import Reading
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.runner import data_commands
@@ -53,12 +52,3 @@ def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:
     np.testing.assert_allclose(values, [0.0, 1.0, -1.0])
     with pytest.raises(ConfigurationError, match="neutral and full are 1900, expected two numbers"):
         Column("pwm", neutral=1900.0, full=1900.0)
-
-
-@pytest.mark.parametrize(("name", "unit"), [("yaw_rate_deg_s", "deg/s"), ("r_rad_s", None)])
-def test_names_with_units_are_proposed(name: str, unit: str | None, tmp_path: Path) -> None:
-    rows = "\n".join(f"{0.1 * i:.1f},{i},{i},{i % 7},{i % 5}" for i in range(50))
-    (tmp_path / "log.csv").write_text(f"time,north,east,{name},force_x_N\n{rows}")
-    node = propose(read_sources(tmp_path / "log.csv", ReadOptions())).map
-    assert node["velocity"] == {"yaw": name if unit is None else {"column": name, "unit": unit}}
-    assert node["force"] == {"surge": "force_x_N"}

@@ -55,25 +55,6 @@ def test_units_and_signs_that_the_check_tried_are_in_the_map(
     assert "sure: position.yaw: psi in deg" in said
 
 
-def test_a_factor_that_is_no_unit_is_asked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    m = _motion()
-    columns = {name: m[name] for name in ("t", "x", "y", "psi", "v", "r")}
-    node, said = _mapped(_log(tmp_path, {**columns, "u": 0.09 * m["u"]}), capsys)
-    assert node["velocity"] == {"surge": "u", "sway": "v", "yaw": "r"}
-    assert "question: u is 0.09 of d(position)/dt: which unit?" in said
-
-
-def test_velocities_along_the_earth_are_told_by_the_check(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    m = _motion()
-    columns = {"t": m["t"], "x": m["x"], "y": m["y"], "psi": m["psi"], "vx": m["vn"], "vy": m["ve"]}
-    node, _ = _mapped(_log(tmp_path, {**columns, "r": m["r"]}), capsys)
-    assert node["frames"] == {"velocity": "earth"}
-
-
 def test_a_map_is_not_written_over_and_has_the_inputs_of_a_vessel(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -104,18 +85,6 @@ def test_outliers_are_a_problem(tmp_path: Path, capsys: pytest.CaptureFixture[st
     shown = capsys.readouterr().out
     assert "no problem" not in shown
     assert "problem: outliers: velocity.surge" in shown
-
-
-def test_a_log_without_velocities_is_mapped_and_checked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    m = _motion()
-    path = _log(tmp_path, {"t": m["t"], "north": m["x"], "east": m["y"], "heading": m["psi"]})
-    node, said = _mapped(path, capsys)
-    assert node["position"] == {"surge": "north", "sway": "east", "yaw": "heading"}
-    assert "no velocity in surge and sway and yaw is recorded" in said
-    assert data_commands.main(["check", path]) == 0
-    assert "no problem" not in capsys.readouterr().out
 
 
 def test_the_current_is_named_and_nothing_is_drawn_across_a_gap(

@@ -104,18 +104,3 @@ def test_a_user_sees_what_is_expected(name: str, tmp_path: Path) -> None:
     assert answer.returncode == 0, answer.stderr
     for check in CASES[name]:
         assert check(answer.stdout, answer.stderr), (answer.stdout, answer.stderr)
-
-
-@pytest.mark.data
-def test_the_stated_unit_makes_no_difference(tmp_path: Path) -> None:
-    """A heading continuous over turns, in radians, with the unit written and without."""
-    folder = tmp_path / "case"
-    shutil.copytree(DATA / "cases" / "trial_without_velocities", folder)
-    words = [sys.executable, "-m", "seatrial.runner", "data", "check", "log.csv", "--map"]
-    outs = [
-        subprocess.run([*words, name], cwd=folder, capture_output=True, text=True, check=True,
-                       env={**os.environ, "PYTHONPATH": str(ROOT)}).stdout
-        for name in ("map.yaml", "map_rad.yaml")
-    ]  # fmt: skip
-    stated, unstated = (re.sub(r"(the map|no unit.*)", "", out).split() for out in outs)
-    assert stated == unstated

@@ -62,15 +62,6 @@ def test_recordings_with_the_right_map_have_no_problem_of_units_or_frames(name: 
 
 
 @pytest.mark.data
-def test_velocities_along_the_basin_are_named() -> None:
-    file = next((DATA / "kvlcc2" / "hsva").glob("*20_05.dat"))
-    plain = {key: value for key, value in MAPS["kvlcc2/hsva"].items() if key != "frames"}
-    known = mapped(file, plain).examine(PLANAR)
-    assert known is not None
-    assert [problem.kind for problem in known.problems] == ["earth"]
-
-
-@pytest.mark.data
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["nlp1", "qp1"])
 def test_a_folder_of_topics_is_mapped_and_examined(

@@ -123,15 +123,6 @@ def test_basins_of_hsva_and_marin() -> None:
 
 
 @pytest.mark.data
-def test_units_of_the_esso_osaka() -> None:
-    source = one(DATA / "esso/random/random_03-Aug-2020_11_04_37.csv")
-    assert source.units["psi_hat"] == "rad"
-    assert source.units["n_prop"] == "rps"
-    assert source.units["wind_velo_true"] == "m/s"
-    np.testing.assert_allclose(np.diff(source.numbers("t")), 0.1, atol=1e-6)
-
-
-@pytest.mark.data
 def test_a_folder_of_topics() -> None:
     sources = read_sources(DATA / "milliampere/nlp1", ReadOptions())
     assert len(sources["navigation/pose"]) == 444
@@ -223,13 +214,6 @@ def test_matlab_7_3(tmp_path: Path) -> None:
     assert set(sources) == {"a", "log"}
     assert set(sources["a"].columns) == {"t", "nu[0]", "nu[1]"}
     np.testing.assert_array_equal(sources["log"].columns["u"], t[:20])
-
-
-@pytest.mark.data
-def test_matlab_files_of_slicot() -> None:
-    """The robot arm of DaISy: 1024 samples of input and output."""
-    (source,) = read_sources(DATA / "slicot/robot_arm_dat.mat", ReadOptions()).values()
-    assert len(source) == 1024
 
 
 def ulog(values: list[tuple[int, float]]) -> bytes:

@@ -97,13 +97,6 @@ def test_share_of_white_noise_that_is_taken_for_outliers() -> None:
     assert share == pytest.approx(expected, rel=0.05)
 
 
-def test_constant_and_short_signals_have_no_outliers() -> None:
-    assert not np.any(outliers(np.full(100, 0.1)))
-    assert not np.any(outliers(np.array([0.0, 0.0, 9.0, 0.0])))
-    everything = np.ones(3, dtype=bool)
-    np.testing.assert_array_equal(interpolated(np.arange(3.0), np.ones(3), everything), 1.0)
-
-
 # Derivatives
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.column_map import Column, ColumnMap, Frames, Geodetic
+from seatrial.models.recording.column_map import ColumnMap, Frames, Geodetic
 from seatrial.models.recording.reader import Reading
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
@@ -150,17 +150,6 @@ def test_velocities_along_the_earth(tmp_path: Path, motion: Motion) -> None:
     frame[["u", "v", "w"]] = attitude.apply(motion.nu[:, :3])
     _, _, velocity = _read(tmp_path, frame, _columns(frames=Frames(velocity="earth")))
     np.testing.assert_allclose(velocity, motion.nu, atol=1e-9)
-
-
-def test_seconds_and_nanoseconds_of_the_year_2025(tmp_path: Path, motion: Motion) -> None:
-    """One float of such a time holds 0.2 microseconds, and only differences matter."""
-    whole = np.floor(motion.t + 0.123456789).astype(np.int64)
-    rest = np.round((motion.t + 0.123456789 - whole) * 1e9).astype(np.int64)
-    frame = _frame(motion).assign(secs=1_744_372_269 + whole, nsecs=rest)
-    columns = _columns(time=Column("secs", nanoseconds="nsecs"))
-    t, _, _ = _read(tmp_path, frame, columns)
-    np.testing.assert_allclose(np.diff(t), PERIOD, atol=1e-6)
-    assert abs(t[0]) < 1e-6
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])

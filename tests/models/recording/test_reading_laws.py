@@ -1,21 +1,18 @@
 """What every log must be read by, whoever wrote it: times, units, missing values, course, gaps."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.column_map import (
-    Column,
-    ColumnMap,
-    Geodetic,
-    GroundColumns,
-    WaterColumns,
-)  # fmt: skip
+from seatrial.models.recording import column_map as maps
+from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.joining import TimeGrid
 from seatrial.models.recording.reader import Reading, Signals
+from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.recording.times import disagreement, find_time, seconds
 from seatrial.models.recording.units import unit_in_title
@@ -30,13 +27,18 @@ PLANAR = ("surge", "sway", "yaw")
 STAMPS = pd.Timestamp("2024-05-07 10:00:00") + pd.to_timedelta(T, unit="s")
 
 
-def read(
-    folder: Path, columns: ColumnMap, grid: TimeGrid | None = None, **table: object
-) -> Signals:
+def read(folder: Path, columns: ColumnMap, grid: TimeGrid | None = None, **table: Any) -> Signals:
     path = folder / "log.csv"
     pd.DataFrame(table).to_csv(path, index=False)
     sources = read_sources(path, ReadOptions())
     return Reading(columns, grid).read(path, sources, PLANAR)
+
+
+def source_of(folder: Path, table: dict[str, Any]) -> Source:
+    path = folder / "log.csv"
+    pd.DataFrame(table).to_csv(path, index=False)
+    (source,) = read_sources(path, ReadOptions()).values()
+    return source
 
 
 @pytest.mark.parametrize(
@@ -56,9 +58,7 @@ def read(
     ],
 )
 def test_times_as_loggers_write_them(title: str, values: object, tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    pd.DataFrame({"x": X, title: values}).to_csv(path, index=False)
-    (source,) = read_sources(path, ReadOptions()).values()
+    source = source_of(tmp_path, {"x": X, title: values})
     column = find_time(source)
     assert column is not None
     assert column.name == title
@@ -69,10 +69,8 @@ def test_times_as_loggers_write_them(title: str, values: object, tmp_path: Path)
 def test_a_time_of_day_passes_midnight_and_a_date_may_stand_beside_it(tmp_path: Path) -> None:
     stamps = pd.Timestamp("2024-12-31 23:59:30") + pd.to_timedelta(T, unit="s")
     table = {"Date": stamps.strftime("%d/%m/%Y"), "Time": stamps.strftime("%H:%M:%S.%f"), "x": X}
-    path = tmp_path / "log.csv"
     for names in (["Time", "x"], ["Date", "Time", "x"]):
-        pd.DataFrame(table)[names].to_csv(path, index=False)
-        (source,) = read_sources(path, ReadOptions()).values()
+        source = source_of(tmp_path, {name: table[name] for name in names})
         column = find_time(source)
         assert column is not None
         t = seconds(source, column)
@@ -81,9 +79,7 @@ def test_a_time_of_day_passes_midnight_and_a_date_may_stand_beside_it(tmp_path: 
 
 
 def test_a_date_that_may_be_of_two_days_is_asked_with_the_line_that_tells(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    pd.DataFrame({"when": STAMPS.strftime("%d/%m/%Y %H:%M:%S"), "x": X}).to_csv(path, index=False)
-    (source,) = read_sources(path, ReadOptions()).values()
+    source = source_of(tmp_path, {"when": STAMPS.strftime("%d/%m/%Y %H:%M:%S"), "x": X})
     with pytest.raises(RecordingError, match="format: '%d/%m/%Y %H:%M:%S'"):
         seconds(source, Column("when"))
     t = seconds(source, Column("when", format="%m/%d/%Y %H:%M:%S"))
@@ -96,9 +92,7 @@ def test_clocks_that_disagree_are_named(tmp_path: Path) -> None:
     rest = np.round((T + 0.05) % 1.0 * 1e9).astype(int)
     printed = [f"{pd.Timestamp(w, unit='s')}.{r}" for w, r in zip(whole, rest, strict=True)]
     table = {"time": printed, "header_stamp_secs": whole, "header_stamp_nsecs": rest, "x": X}
-    path = tmp_path / "log.csv"
-    pd.DataFrame(table).to_csv(path, index=False)
-    (source,) = read_sources(path, ReadOptions()).values()
+    source = source_of(tmp_path, table)
     said = disagreement(source, Column("time"))
     assert said is not None
     assert f"{np.sum(rest < 1e8)} of 600 rows" in said
@@ -165,9 +159,9 @@ def test_course_and_speed_over_ground_with_a_heading_are_a_body_velocity(tmp_pat
     ahead = 2.0 + 0.2 * np.sin(0.3 * T)
     north, east = ahead * np.cos(PSI), ahead * np.sin(PSI) + 0.5
     columns = ColumnMap(
-        "t", position={"yaw": Column("hdg", unit="deg")}, geodetic=Geodetic("lat", "lon"),
-        ground=GroundColumns(Column("sog", unit="knot"), Column("cog", unit="deg")),
-        water=WaterColumns("stw_kn"),
+        "t", position={"yaw": Column("hdg", unit="deg")}, geodetic=maps.Geodetic("lat", "lon"),
+        ground=maps.GroundColumns(Column("sog", unit="knot"), Column("cog", unit="deg")),
+        water=maps.WaterColumns("stw_kn"),
     )  # fmt: skip
     knots = 3600.0 / 1852.0
     signals = read(

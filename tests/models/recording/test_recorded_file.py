@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.preprocessing import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.runner.config import build_as
 from tests.data import DATA
@@ -71,29 +70,6 @@ def test_window_of_hoyer_holds_2399_samples() -> None:
     assert np.corrcoef(np.gradient(recording.eta[:, 0]), recording.nu[:, 0])[0, 1] > 0.98
 
 
-@pytest.mark.data
-@pytest.mark.parametrize(
-    ("mass", "damping", "position_mae", "velocity_mae"),
-    [(140.4, 98.3, 0.2981, None), (168.0, 67.7, None, 0.01141), (145.05, 97.16, 0.2985, 0.0263)],
-)
-def test_prediction_errors_on_surge_1(
-    mass: float, damping: float, position_mae: float, velocity_mae: float
-) -> None:
-    """Hoyer (2021), eq. (6.4) on the author's window: Euler from the first sample, tau as is."""
-    recording = excitation(BELUGA / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
-    x, u = recording.eta[0, 0], recording.nu[0, 0]
-    track = []
-    for force in recording.tau[:, 0]:
-        track.append((x, u))
-        x, u = x + 0.1 * u, u + 0.1 * (force - damping * u) / mass
-    states = np.column_stack([recording.eta, recording.nu])
-    mae = np.mean(np.abs(states - np.array(track)), axis=0)
-    if position_mae is not None:
-        assert mae[0] == pytest.approx(position_mae, abs=0.0001)
-    if velocity_mae is not None:
-        assert mae[1] == pytest.approx(velocity_mae, rel=0.003)
-
-
 def test_columns_and_signs(tmp_path: Path) -> None:
     recording = excitation(write(tmp_path / "a.csv", surge_columns())).read(("surge",))
     k = np.arange(20)
@@ -104,31 +80,6 @@ def test_columns_and_signs(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.nu_dot[:, 0], 0.2 * k, atol=1e-12)  # of (t/0.1)^2 / 100
     np.testing.assert_array_equal(recording.attitude, 0.0)
     assert recording.tau_actual is None
-
-
-@pytest.mark.data
-def test_pose_of_six_degrees_of_freedom_is_that_of_the_velocity() -> None:
-    """eta_dot = R(phi, theta, psi) nu holds in the turned frame as well."""
-    recording = excitation(BELUGA / "sway-1.csv").read(ALL)
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.from_euler("ZYX", recording.attitude[:, ::-1])
-    rate = np.gradient(recording.eta[:, :3], recording.t, axis=0)
-    for measured, expected in zip(rate.T, turn.apply(recording.nu[:, :3]).T, strict=True):
-        assert np.corrcoef(measured, expected)[0, 1] > 0.95
-    np.testing.assert_array_equal(recording.eta[:, 3:], recording.attitude)
-
-
-@pytest.mark.data
-def test_heading_is_unrolled_from_a_first_one_within_half_a_turn() -> None:
-    for window in ({}, {"start_s": 410, "end_s": 650}):
-        recording = excitation(BELUGA / "surge-1.csv", **window).read(PLANAR)
-        heading = recording.eta[:, 2]
-        assert -np.pi < heading[0] <= np.pi
-        assert np.max(np.abs(np.diff(heading))) < 1.0
-        np.testing.assert_array_equal(heading, recording.attitude[:, 2])
-        rate = np.gradient(heading, recording.t)
-        assert np.corrcoef(rate, recording.nu[:, 2])[0, 1] > 0.75
 
 
 @pytest.mark.data
@@ -147,24 +98,6 @@ def test_recorded_acceleration_and_acting_force(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.nu_dot, 7.0)
     assert recording.tau_actual is not None
     np.testing.assert_array_equal(recording.tau_actual, -3.0)
-
-
-def test_angles_from_columns_where_there_is_no_quaternion(tmp_path: Path) -> None:
-    columns = surge_columns() | {"heading": list(np.linspace(3.0, 4.0, 20)), "r": [0.5] * 20}
-    columns |= {"n": [0.0] * 20}
-    maps = {
-        "orientation": None,
-        "position": {"yaw": "heading"},
-        "velocity": {"yaw": "r"},
-        "force": {"yaw": "n"},
-    }
-    given_file = excitation(write(tmp_path / "a.csv", columns), columns=maps, heading_deg=0.0)
-    recording = given_file.read(("surge", "yaw"))
-    np.testing.assert_allclose(recording.eta[:, 1], np.linspace(3.0, 4.0, 20))
-    np.testing.assert_array_equal(recording.attitude[:, :2], 0.0)
-
-
-# Cleaning, where it is asked for.
 
 
 def test_outliers_are_counted_and_replaced_only_when_asked(tmp_path: Path) -> None:
@@ -274,41 +207,6 @@ def test_splits_of_a_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(split.test, ~split.train)
 
 
-@pytest.mark.data
-def test_statistics_of_a_file() -> None:
-    whole = excitation(BELUGA / "surge-1.csv").describe()
-    assert [one.name for one in whole][:3] == ["force_x", "force_y", "force_z"]
-    assert len(whole) == 18
-    assert (whole[0].count, round(whole[0].mean, 2)) == (7961, 3.37)
-    window = excitation(BELUGA / "surge-1.csv", start_s=410, end_s=650).describe()
-    assert {one.count for one in window} == {2399}
-    few = excitation(BELUGA / "synthetic_only_surge.csv").describe()
-    assert [one.name for one in few][-2:] == ["surge_vel", "position_x"]
-
-
-@pytest.mark.data
-def test_quality_of_surge_1() -> None:
-    """Over 240 s the integral of the velocity drifts by 0.37 m; a wrong sign shows at once.
-
-    The position jumps once, by 5 cm between two samples: hence 0.26 m/s, with a root mean square
-    of 0.015 m/s.
-    """
-    recording = excitation(BELUGA / "surge-1.csv", start_s=410, end_s=650).read(("surge",))
-    drift, rate = quality_checks(recording)
-    assert (drift.check, drift.unit) == ("integrated_velocity", "m")
-    assert drift.maximum == pytest.approx(0.367, abs=0.001)
-    assert (rate.check, rate.unit) == ("differentiated_position", "m/s")
-    assert rate.maximum == pytest.approx(0.260, abs=0.001)
-    assert np.sqrt(np.mean(rate.error**2)) == pytest.approx(0.0149, abs=0.0001)
-    turned = {"columns": {"position": {"surge": "position_x"}}}
-    options = {"start_s": 410, "end_s": 650} | turned
-    wrong = quality_checks(excitation(BELUGA / "surge-1.csv", **options).read(("surge",)))
-    assert wrong[0].maximum > 4.0
-
-
-# What is refused before anything is read.
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -343,9 +241,6 @@ def test_a_degree_of_freedom_without_a_column() -> None:
         one.check(("surge", "yaw"))
 
 
-# What a bad file says.
-
-
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_a_damaged_file_is_refused_or_read_but_nothing_else(
@@ -373,13 +268,6 @@ def test_a_damaged_file_is_refused_or_read_but_nothing_else(
             assert np.all(np.isfinite(values))
 
 
-def test_missing_column_is_named_beside_those_present(tmp_path: Path) -> None:
-    columns = surge_columns()
-    del columns["surge_vel"]
-    message = refusal(write(tmp_path / "a.csv", columns))
-    assert "no column 'surge_vel', expected it among Time, position_x, force_x" in message
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -401,29 +289,6 @@ def test_bad_cell(tmp_path: Path, change: dict[str, str], message: str) -> None:
     for name, cell in change.items():
         columns[name][5] = cell
     assert message in refusal(write(tmp_path / "a.csv", columns))
-
-
-def test_numbers_are_read_as_floats_are_written(tmp_path: Path) -> None:
-    columns = surge_columns()
-    columns["force_x"][:6] = ["+1.5", ".5", "1.", "1E3", " -2e-3 ", "1e-400"]
-    recording = excitation(write(tmp_path / "a.csv", columns)).read(("surge",))
-    np.testing.assert_array_equal(recording.tau[:6, 0], [1.5, 0.5, 1.0, 1000.0, -0.002, 0.0])
-
-
-def test_sample_time_is_checked_where_it_is_stated(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", surge_columns())
-    assert len(excitation(path, sample_time_s=0.1).read(("surge",))) == 20
-    message = refusal(path, sample_time_s=0.05)
-    assert "line 3: got a step of 0.1 s, expected a uniform sample time of 0.05 s" in message
-
-
-def test_byte_order_mark_blank_lines_and_spaces_are_accepted(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(
-        "\ufeffTime, position_x, surge_vel, force_x\r\n0, 1, 2, 3\r\n\r\n1, 1, 2, 3\r\n\r\n",
-        encoding="utf-8",
-    )
-    assert len(excitation(path).read(("surge",))) == 2
 
 
 HEADER = b"Time,position_x,surge_vel,force_x"
@@ -449,18 +314,6 @@ def test_bad_file(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(content)
     assert message in refusal(path)
-
-
-def test_missing_file_and_folder(tmp_path: Path) -> None:
-    assert "there is no such file" in refusal(tmp_path / "none.csv")
-    assert "is a folder" in refusal(tmp_path)
-
-
-def test_window_with_no_samples(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", surge_columns())
-    message = refusal(path, start_s=100.0)
-    assert "got 0 samples with 100 < t < inf s, expected at least 2" in message
-    assert "the file holds 0 to 1.9 s" in message
 
 
 def test_quaternion_that_is_none(tmp_path: Path) -> None:

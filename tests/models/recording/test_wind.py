@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.recording import Recording
 from tests.models.recording.test_froude import DOFS, mapped, reader
 
@@ -76,9 +75,3 @@ def test_a_direction_is_resampled_across_north(tmp_path: Path) -> None:
     file, own = tmp_path / "a.csv", tmp_path / "a.yaml"
     recording = reader(path=str(file), map=str(own), resample_hz=20).read(DOFS)
     assert np.all(air(recording)[:, 1] > 0.99 * SPEED_KN * KNOT)
-
-
-def test_an_unknown_kind_of_wind_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="kind") as error:
-        recorded(tmp_path / "a.csv", {**TRUE, "kind": "relative"}, np.zeros(40))
-    assert "\n" not in str(error.value)
