@@ -156,9 +156,10 @@ test: $(VENV)/test.stamp
 test-data: $(VENV)/test.stamp
 	$(PYTEST) -m 'data and not (slow or nightly)'
 
-# pytest ends with 5 when no test is marked slow: that is no failure.
+# Long tests share little: a worker that has none left takes some of another's. pytest ends with 5
+# when no test is marked slow: that is no failure.
 slow: $(VENV)/test.stamp
-	$(PYTEST) -m 'slow and not nightly' --timeout 1800 --durations 25 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
+	$(PYTEST) --dist worksteal -m 'slow and not nightly' --timeout 1800 --durations 25 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
 
 # What is a product of everything, or takes hours: all of it, also after the failure of a part.
 NIGHTLY := nightly-tests published robustness coverage bench ray

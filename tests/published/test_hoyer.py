@@ -84,7 +84,7 @@ def test_a_minimum_is_lower_than_all_its_neighbours() -> None:
     assert local_minima(z) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_number_of_predictions_is_timed_in_every_way(run: Callable[..., Results]) -> None:
     """Figure 7.21; no time is asserted."""
     numbers = ("identifier.calls=[1,5]", "identifier.interpreted_calls=[1]")

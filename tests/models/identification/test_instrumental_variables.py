@@ -343,7 +343,7 @@ def test_instruments_are_consistent_where_least_squares_is_not(wind: float, name
     assert errors["LS3"][1] == pytest.approx(errors["LS3"][0], rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize(("wind", "name"), [(SLOW_WIND, "IV2"), (FAST_WIND, "IV3")])
 def test_consistency_over_fifty_runs(wind: float, name: str) -> None:

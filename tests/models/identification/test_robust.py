@@ -149,7 +149,7 @@ def test_wrong_names_and_values_in_tune_are_refused_in_one_line(identifier, tune
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_intervals_cover(lap, identifier) -> None:
     """What is called 95 % covers true coefficients that are not zero, over 20 seeds of noise."""
     option, hits, counted = identifier("robust"), 0, 0

@@ -111,7 +111,7 @@ def replicate(lap, ls, seeds: range) -> tuple[np.ndarray, np.ndarray]:
     return np.array(error), np.array(reported)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("bootstrap", [None, 200])
 def test_reported_errors_agree_with_the_spread(lap, identifier, bootstrap, capsys) -> None:
     ls = identifier("ls", lowpass_hz=0.5, basis="physical", bootstrap=bootstrap)
