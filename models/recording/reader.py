@@ -269,7 +269,7 @@ def clock_of(source: Source, columns: ColumnMap) -> Column:
             return replace(time, column=name)
     known = find_time(source)
     if known is None:
-        raise source._absent(time.name)
+        raise source.absent(time.name)
     return known
 
 

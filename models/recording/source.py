@@ -85,7 +85,7 @@ class Source:
         """
         column = self.find(name)
         if column is None:
-            raise self._absent(name)
+            raise self.absent(name)
         values = self.columns[column]
         if values.dtype == np.object_:
             cells = [cell.strip() for cell in values]
@@ -105,7 +105,8 @@ class Source:
             )
         return parsed
 
-    def _absent(self, name: str) -> RecordingError:
+    def absent(self, name: str) -> RecordingError:
+        """What is raised where there is no column `name`, or several have that title."""
         got = f"no column {name!r}, expected it among"
         names = [self.written.get(plain, plain) for plain in self.columns]
         if name in self.repeated:
@@ -213,7 +214,7 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
             f"as {holders[0][0].name}:{holders[0][1]}"
         )
     if len(searched) == 1 or ":" in name:
-        raise searched[0]._absent(title)
+        raise searched[0].absent(title)
     known = _listing(f"{source.name}:{plain}" for source in searched for plain in source.columns)
     raise RecordingError(f"{place}: no column {name!r}, expected it among {known}")
 
