@@ -17,13 +17,13 @@ from seatrial.models.diagnostics import TRAINING_TIME, Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged, RecordingError
 from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Mission
+from seatrial.models.identification.fallback import identified as protected
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
     MIN_SAMPLES,
     Identified,
     Problem,
     check_needs,
-    checked,
     with_interval,
 )
 from seatrial.models.recording.recorded_file import MeasuredRecording
@@ -317,11 +317,13 @@ def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified
     """Identify the model, and say what of it is physically impossible, with a diagnostic."""
     identifier, rng = trial.identifier, seeds.generator("identifier")
     began = perf_counter()
-    result = checked(identifier, identifier.identify(problem, rng), problem.nominal)
+    result = protected(identifier, problem, rng)
     seconds = Diagnostic(TRAINING_TIME, "all", perf_counter() - began, "s")
     identified = with_interval(
         identifier, replace(result, diagnostics=(*result.diagnostics, seconds))
     )
+    for note in identified.notes:
+        log.info("identification: %s", note)
     for warning in identified.warnings:
         log.warning("identification: %s", warning)
     impossible = unphysical(identified.model, problem.nominal, problem.training.nu)

@@ -1,33 +1,41 @@
 """The identifier that predicts best on blocks left out, and never one worse than no identifier.
 
-Candidates are compared with the nominal model and with each other by free runs over blocks of the
-training part (`blocked_free_run`). A candidate is admissible if it is worse than the nominal model
-in no degree of freedom, and better on the whole by more than one standard error: otherwise chance
-may have chosen it. The one chosen is identified again on the whole training part; where it then
-fails, or predicts that part worse than the nominal model, the next one takes its place, and in the
-end the nominal model. A degree of freedom that did not move keeps its nominal equation.
+Candidates are compared with the nominal model and with each other by free runs over blocks, or
+files, of the training part (`cross_validation`). An axis on which a candidate is worse than the
+nominal model, or on which neither beats the mean motion, keeps its nominal equation; what is left
+must be better than the nominal model by more than one standard error. Of the candidates that are
+not worse than the best one, the first is taken. It is identified again on the whole training part;
+where it then fails, or no equation of its own is left, the next one takes its place, and in the end
+the nominal model.
 
-An estimate that noise biases (without `interval_covers`) is chosen only where it predicts
-significantly better: its bias adds up over a long manoeuvre, such as a turning circle, and free
-runs of half a minute hardly show it.
+The `reserve` is tried only if no other candidate is admissible: its estimates are biased by noise,
+or seldom better. Its bias adds up over a long manoeuvre, such as a turning circle, and free runs
+of half a minute hardly show it.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.blocked_free_run import (
+from seatrial.models.identification.cross_validation import (
     UNUSABLE,
-    WORSE_THAN_NOMINAL,
-    Blocks,
-    Contest,
-    LeftOut,
+    CrossValidation,
+    FoldErrors,
+    Score,
     error_diagnostics,
-    first_within,
+    one_standard_error_rule,
+    scored,
+    scores_of,
+)
+from seatrial.models.identification.fallback import (
+    held_to_nominal,
+    identified,
     with_nominal_axes,
+    with_skill,
 )
 from seatrial.models.identification.problem import (
     Identified,
@@ -38,29 +46,28 @@ from seatrial.models.identification.problem import (
     check_force,
     with_interval,
 )
-from seatrial.models.identification.validation import prediction
 from seatrial.models.ranges import Folds, Positive, check_ranges
-from seatrial.models.vessel.table import Vessel
 
 NONE = "none"
-MIN_STANDARD_ERRORS = 2.0  # standard errors
 
 
 @dataclass(frozen=True)
 class Auto(Identifier):
     """Selection among several identifiers and none.
 
-    `candidates` maps names to identifiers, those to be preferred first; of the alternatives of one
-    of them (`tune`) the best competes. `folds` is the number of blocks and `horizon_s` [s] the
-    length of a free run, under the `force` of the simulation, as for `ls`. After `budget_s` [s] no
-    further candidate is tried (null: no limit); the result then depends on the machine's speed.
+    `candidates` maps names to identifiers, those to be preferred first, `reserve` names those of
+    them that are tried last; of the alternatives of one of them (`tune`) the best competes. `folds`
+    is the number of blocks and `horizon_s` [s] the length of a free run (null: by how fast errors
+    grow), under the `force` of the simulation, as for `ls`. After `budget_s` [s] no further
+    candidate is tried (null: no limit); the result then depends on the machine's speed.
     """
 
     candidates: dict[str, Identifier]
     folds: Folds
-    horizon_s: Positive
+    horizon_s: Positive | None
     force: str | None
     budget_s: Positive | None
+    reserve: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -68,113 +75,133 @@ class Auto(Identifier):
             raise ConfigurationError("candidates: got none, expected at least one identifier")
         check_force(self.force)
 
+    @property
+    def protected(self) -> bool:
+        """The candidates are."""
+        return False
+
     def needs(self) -> Needs:
         """The force of the simulation."""
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify with the candidate that predicts the blocks left out best."""
-        blocks = Blocks(problem, self.folds, self.horizon_s, self.force)
+        blocks = CrossValidation(problem, self.folds, self.horizon_s, self.force)
         if not blocks.axes:
             return _fallback(problem, "no velocity moved by more than its noise")
-        try:
-            reference = blocks.judge(NoIdentifier())
-        except UNUSABLE:  # the nominal model diverges: what does not is better
-            reference = None
-        candidates = {
-            name: {
-                name + variant: alternative
-                for variant, alternative in candidate.alternatives(problem).items()
-            }
-            or {name: candidate}
-            for name, candidate in self.candidates.items()
-        }
-        alternatives = {n: a for named in candidates.values() for n, a in named.items()}
-        contest = Contest(candidates, blocks, reference, self.budget_s)
-        errors, reasons = contest.run()
-        chosen, identified = self._best(alternatives, blocks, dict(errors), reasons, rng)
-        known = {} if reference is None else {NONE: reference}
-        diagnostics = error_diagnostics({**known, **errors}, blocks, chosen)
-        left_out = [
-            Diagnostic("left_out", "all", 1.0, label=f"{n}: {r}") for n, r in reasons.items()
-        ]
-        return replace(identified, diagnostics=(*identified.diagnostics, *diagnostics, *left_out))
-
-    def _best(
-        self,
-        alternatives: Mapping[str, Identifier],
-        blocks: Blocks,
-        errors: dict[str, LeftOut],
-        reasons: dict[str, str],
-        rng: np.random.Generator,
-    ) -> tuple[str, Identified]:
-        """Name and result of the best alternative that holds on the whole training part too.
-
-        One that keeps a nominal equation there gives way to one that is not significantly worse.
-        """
-        held: tuple[str, Identified] | None = None
-        least = min(errors.values(), key=lambda one: one.error, default=None)
-        while errors:
-            name = preferred(errors, alternatives)
-            left_out = errors.pop(name)
-            if held and least and left_out.exceeds(least, MIN_STANDARD_ERRORS):
-                continue
-            try:
-                result = alternatives[name].identify(blocks.problem, rng)
-                result = moving_axes_only(result, blocks)
-                reason = _objection(result.model, blocks)
-            except UNUSABLE as error:
-                reason = str(error)
-            if reason is None:
-                found = name, with_interval(alternatives[name], result)
-                if not any(
-                    diagnostic.name == WORSE_THAN_NOMINAL for diagnostic in result.diagnostics
-                ):
-                    return found
-                held, reason = held or found, "it keeps the nominal equation of an axis"
-            reasons[name] = f"on the whole training part: {reason}"
-        if held:
-            reasons.pop(held[0])
-            return held
-        return NONE, _fallback(blocks.problem, "no candidate predicts the blocks left out better")
+        reasons, scores, tried = dict[str, str](), dict[str, Score](), dict[str, Identifier]()
+        began = perf_counter()
+        first = {n: c for n, c in self.candidates.items() if n not in self.reserve}
+        last = {n: c for n, c in self.candidates.items() if n in self.reserve}
+        chosen, found = NONE, None
+        for group in (first, last):
+            for name, candidate in group.items():
+                if self.budget_s is not None and perf_counter() - began > self.budget_s:
+                    reasons[name] = f"the budget of {self.budget_s:g} s is over"
+                    continue
+                alternatives = candidate.alternatives(problem) or {"": candidate}
+                named = {name + variant: one for variant, one in alternatives.items()}
+                best = _best(named, blocks, reasons)
+                score = scored(blocks, named[best].without_bootstrap(), reasons, best)
+                if score is None:
+                    continue
+                if reason := _refusal(score, blocks):
+                    reasons[best] = reason
+                else:
+                    scores[best], tried[best] = score, named[best]
+            chosen, found = _first_that_holds(scores, tried, blocks, reasons, rng)
+            if found is not None:
+                break
+        if found is None:
+            reason = "no candidate predicts the blocks left out better"
+            found = _fallback(problem, reason)
+        errors = {NONE: blocks.nominal, **{name: score.errors for name, score in scores.items()}}
+        rows = error_diagnostics(errors, blocks, chosen)
+        rows += tuple(
+            Diagnostic("left_out", "all", 1.0, label=f"{name}: {reason}")
+            for name, reason in reasons.items()
+        )
+        found = replace(
+            found,
+            diagnostics=(*found.diagnostics, *rows),
+            notes=(*found.notes, _account(chosen, errors, found, blocks)),
+        )
+        return with_skill(found, blocks, errors[chosen], "the blocks left out")
 
 
-def preferred(errors: dict[str, LeftOut], alternatives: Mapping[str, Identifier]) -> str:
-    """The first name whose error hardly exceeds the least one, or one that noise does not bias.
+def _best(
+    alternatives: Mapping[str, Identifier], blocks: CrossValidation, reasons: dict[str, str]
+) -> str:
+    """The alternative with the best quick form; the first one if none can be judged."""
+    if len(alternatives) == 1:
+        return next(iter(alternatives))
+    quick = {name: each.quick() for name, each in alternatives.items()}
+    errors = {n: s.errors for n, s in scores_of(quick, blocks, reasons).items()}
+    best = one_standard_error_rule(errors) if errors else next(iter(alternatives))
+    for name, own in errors.items():
+        reasons[name] = f"quick estimate: NRMSE {np.sqrt(own.error):.3g}"
+    reasons.pop(best, None)
+    return best
 
-    The latter may exceed the least error by SIGNIFICANT standard errors.
-    """
-    name = first_within(errors)
-    unbiased = {n: e for n, e in errors.items() if alternatives[n].interval_covers}
-    if name in unbiased or not unbiased:
-        return name
-    best = min(errors.values(), key=lambda one: one.error)
-    other = first_within(unbiased)
-    return name if unbiased[other].exceeds(best, MIN_STANDARD_ERRORS) else other
 
-
-def _objection(model: Vessel, blocks: Blocks) -> str | None:
-    """Why a model is worse than the nominal one on the training part; None: it is not."""
-    problem = blocks.problem
-    if (
-        prediction(model, problem.training, problem.thruster, blocks.force)
-        .over("free_run")
-        .diverged
-    ):
-        return "its free run diverges"
-    run = blocks.runs(model, blocks.smoothed)
-    try:
-        reference = blocks.runs(problem.nominal, blocks.smoothed)
-    except UNUSABLE:
+def _refusal(score: Score, blocks: CrossValidation) -> str | None:
+    """Why a candidate is not admissible beside the nominal model; None: it is."""
+    nominal, dofs = blocks.nominal, blocks.problem.nominal.dofs
+    if not set(blocks.axes) - set(score.nominal_axes):
+        return "on no axis better than the nominal model and the mean motion"
+    if nominal.worse(score.errors):
         return None
-    return blocks.worse(run, reference)
+    own, other = np.sqrt([score.errors.error, nominal.error])
+    kept = ", ".join(dofs[k] for k in score.nominal_axes)
+    return (
+        f"no better than the nominal model, beyond chance: NRMSE {own:.3g} and {other:.3g}"
+        + (f", with its equations of {kept}" if kept else "")
+    )
 
 
-def moving_axes_only(result: Identified, blocks: Blocks) -> Identified:
-    """The result with the nominal equations of the degrees of freedom that did not move."""
-    nominal = blocks.problem.nominal
-    still = [k for k in range(len(nominal.dofs)) if k not in blocks.axes]
-    return with_nominal_axes(result, nominal, still, "did_not_move")
+def _first_that_holds(
+    scores: Mapping[str, Score], candidates: Mapping[str, Identifier], blocks: CrossValidation,
+    reasons: dict[str, str], rng: np.random.Generator,
+) -> tuple[str, Identified | None]:  # fmt: skip
+    """Name and result of the best candidate that holds on the whole training part too."""
+    problem, left = blocks.problem, {name: score.errors for name, score in scores.items()}
+    still = [k for k in range(len(problem.nominal.dofs)) if k not in blocks.axes]
+    while left:
+        name = one_standard_error_rule(left)
+        left.pop(name)
+        try:
+            result = identified(candidates[name], problem, rng)
+        except UNUSABLE as error:
+            reasons[name] = f"on the whole training part: {error}"
+            continue
+        result = with_nominal_axes(result, problem.nominal, still, "did_not_move")
+        result = held_to_nominal(result, scores[name], problem)
+        if np.any(result.residual.theta) or result.model.devices != problem.nominal.devices:
+            return name, with_interval(candidates[name], result)
+        reasons[name] = "on the whole training part: no equation of its own is left"
+    return NONE, None
+
+
+def _account(
+    chosen: str, errors: Mapping[str, FoldErrors], found: Identified, blocks: CrossValidation
+) -> str:
+    """One line: the choice, its errors beside those of none, and the axes that are nominal."""
+    dofs = blocks.problem.nominal.dofs
+    own = ", ".join(
+        f"{dofs[k]} {value:.2f} ({other:.2f})"
+        for k, value, other in zip(
+            blocks.axes, errors[chosen].nrmse, errors[NONE].nrmse, strict=True
+        )
+    )
+    kept = [
+        dof for dof in dofs
+        if chosen != NONE and not np.any(found.residual.theta[:, dofs.index(dof)])
+    ]  # fmt: skip
+    nominal = f"; nominal equations: {', '.join(kept)}" if kept else ""
+    return (
+        f"auto: {chosen}; NRMSE of blocks left out (of the nominal model; 1 is the mean motion): "
+        f"{own}{nominal}"
+    )
 
 
 def _fallback(problem: Problem, reason: str) -> Identified:

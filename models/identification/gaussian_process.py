@@ -43,8 +43,9 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.blocked_free_run import Blocks, guarded_by
 from seatrial.models.identification.constrained_table import finished
+from seatrial.models.identification.cross_validation import CrossValidation
+from seatrial.models.identification.fallback import guarded_by
 from seatrial.models.identification.physical_constraints import VELOCITY_SCALES, sampled_velocities
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, smoothed, thruster_of
@@ -260,16 +261,18 @@ class GaussianProcess(ResidualOptions):
         """The data of the residual, and the samples of the subsample."""
         return super().needs()._replace(samples=max(self.subsample, 2 * self.folds))
 
-    def judged(self, problem: Problem, result: Identified) -> Identified:
-        """The result, which the choice among the processes has judged already."""
-        return result
+    @property
+    def protected(self) -> bool:
+        """The choice among the processes judges the axes on blocks left out."""
+        return False
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table, with the kernels and the R^2 of the projections."""
         lag, diagnostics = thruster_of(self, problem)
         data = self._data(problem, lag, rng)
         tables, about = self._tables(data, problem.nominal)
-        blocks = Blocks(replace(problem, thruster=lag), self.folds, self.segment_s, self.force)
+        lagged = replace(problem, thruster=lag)
+        blocks = CrossValidation(lagged, self.folds, self.segment_s, self.force)
         models = {name: self._left_out(blocks, table[1:]) for name, table in tables.items()}
         errors = {name: _error(blocks, own) for name, own in models.items()}
         for chosen in sorted(errors, key=lambda name: errors[name]):  # the simplest of equal ones
@@ -293,7 +296,7 @@ class GaussianProcess(ResidualOptions):
         warned = (*result.warnings, *poor)
         return replace(result, diagnostics=(*diagnostics, *result.diagnostics), warnings=warned)
 
-    def _left_out(self, blocks: Blocks, tables: Array) -> list[Vessel] | None:
+    def _left_out(self, blocks: CrossValidation, tables: Array) -> list[Vessel] | None:
         """The models without each block, of tables (folds, n_terms, n_dof); None: none hold."""
         quick, lag = replace(self, refinement="none"), blocks.problem.thruster
         try:
@@ -413,7 +416,7 @@ def prior_diagnostics(prior: Prior, nominal: Vessel, k: int) -> tuple[Diagnostic
     )
 
 
-def _error(blocks: Blocks, models: list[Vessel] | None) -> float:
+def _error(blocks: CrossValidation, models: list[Vessel] | None) -> float:
     """NRMSE of models on the blocks, mean of the axes; infinite where they cannot be simulated."""
     if not blocks.axes:
         return 0.0

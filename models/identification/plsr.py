@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.constrained_table import finished
-from seatrial.models.identification.cross_validation import Selection, left_out_mse, split
 from seatrial.models.identification.kernel_pls import (
     Columns,
     all_orders,
@@ -23,6 +22,7 @@ from seatrial.models.identification.kernel_pls import (
 )
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
+from seatrial.models.identification.splits import Selection, left_out_mse, split
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.ranges import Folds, PositiveInt

@@ -63,6 +63,7 @@ class Identified:
     state_space: StateSpace | None = None  # linear model with all its inputs
     control_model: StateSpace | None = None  # linear model with the forces as inputs, for control
     warnings: tuple[str, ...] = ()  # one line each, what is wrong and what to try
+    notes: tuple[str, ...] = ()  # one line each, what was chosen and why
     device_errors: Mapping[str, float] = field(default_factory=dict)  # standard errors, by label
     spread: Spread | None = None  # None: not estimated
 
@@ -100,6 +101,11 @@ class Identifier(ABC):
         Otherwise they are an interval of the estimate, whose bias they do not include.
         """
         return False
+
+    @property
+    def protected(self) -> bool:
+        """Whether axes that free runs predict worse keep their nominal equation (`fallback`)."""
+        return True
 
     @abstractmethod
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:

@@ -204,6 +204,7 @@ def refined_by_segments(
     """
     evaluations, deviation = 0, prior * model.size
     for length, weightings in ((SHORTER, 1), (1.0, WEIGHTINGS)):
+        assert options.segment_s is not None
         duration_s = length * options.segment_s
         predictor = segments(recording, model.free, lag, options.force, duration_s)
         refined = refine(predictor, change, deviation, model.constraints, weightings)

@@ -29,13 +29,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
-from seatrial.models.identification.blocked_free_run import (
-    Blocks,
-    Runaway,
-    TrainingPart,
-    best_of,
-    held_to_nominal,
-)
+from seatrial.models.identification.cross_validation import CrossValidation, best_of
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -45,6 +39,7 @@ from seatrial.models.identification.problem import (
     lack_of_fit,
     reference_force,
 )
+from seatrial.models.identification.validation import restart_length
 from seatrial.models.notation import DOFS, PLANAR, poses_of
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import DROP_S, Recording
@@ -107,10 +102,10 @@ class ResidualOptions(Identifier):
     zero-phase low-pass filter of velocity, acceleration and force; `auto` chooses it, and another
     of the regressors, by the noise of the recording (`smoothing`). `thruster`: the lag is known
     (from the vessel), estimated from the recording, or none. `inertia_factor` bounds the inertia
-    about the nominal one, damping dissipates, and an axis that runs away in free runs (`Runaway`)
-    keeps its nominal equation (null: none of these). `refinement: free_run` refines the table by
-    free runs over segments of `segment_s` [s]. `tune` maps options to values of which free runs
-    over blocks left out choose one.
+    about the nominal one, damping dissipates, and an axis that free runs predict worse than without
+    identification keeps its nominal equation (null: none of these). `refinement: free_run` refines
+    the table by free runs over segments of `segment_s` [s] (null: by how fast errors grow). `tune`
+    maps options to values of which free runs over blocks left out choose one.
     """
 
     basis: str | tuple[str, ...]
@@ -120,7 +115,7 @@ class ResidualOptions(Identifier):
     thruster: Literal["known", "estimated", "none"]
     inertia_factor: Annotated[float, Gt(1)] | None
     refinement: Refinement
-    segment_s: Positive
+    segment_s: Positive | None
     tune: dict[str, tuple[Any, ...]] | None
 
     def __post_init__(self) -> None:
@@ -187,22 +182,17 @@ class ResidualOptions(Identifier):
                 f"expected at least {count + 2} for {count} terms"
             )
 
+    @property
+    def protected(self) -> bool:
+        """Physical constraints and nominal equations where they predict better go together."""
+        return self.inertia_factor is not None
+
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table, with the alternative that predicts best if there are any."""
         if alternatives := self.alternatives(problem):
-            return best_of(alternatives, Blocks(problem, force=self.force), rng)
-        result = self.estimated(problem, rng)
-        return result if problem.compared else self.judged(problem, result)
-
-    def judged(self, problem: Problem, result: Identified) -> Identified:
-        """The result with the nominal equation of each axis whose free runs fail (`guard`).
-
-        Without physical constraints a regression stays as it is.
-        """
-        if self.inertia_factor is None:
-            return result
-        part = TrainingPart if self.refinement == "free_run" else Runaway
-        return held_to_nominal(part(problem, force=self.force), result)
+            return best_of(alternatives, CrossValidation(problem, force=self.force), rng)
+        length = self.segment_s or restart_length(problem.nominal, problem.training)
+        return replace(self, segment_s=length).estimated(problem, rng)
 
     @abstractmethod
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:

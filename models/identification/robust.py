@@ -4,7 +4,7 @@
    nominal values and physical constraints (`structured`), on smoothed signals (`smoothing`).
 2. They are refined by free runs over segments whose initial velocities are free (`refinement`).
 3. Both are repeated with a force that is constant in NED, and with windage where the wind was
-   measured. Free runs over blocks left out choose among them (`blocked_free_run`).
+   measured. Free runs over blocks left out choose among them (`cross_validation`).
 """
 
 from collections.abc import Sequence
@@ -20,6 +20,7 @@ from seatrial.models.identification.free_parameters import (
     free_parameters,
     nonzero_labels,
 )
+from seatrial.models.identification.input_terms import input_labels
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
 from seatrial.models.identification.refinement import refined_by_segments
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
@@ -45,11 +46,13 @@ class Robust(ResidualOptions):
     The terms of `basis` that the nominal model has are free where it has them, the others in every
     degree of freedom. `disturbance`: none, ned_force (north, east), windage, or auto by
     cross-validation. `prior` is the standard deviation of a parameter over its nominal size. With
-    `refinement: none` the regression is the result.
+    `refinement: none` the regression is the result. `input_terms` adds terms of the inputs beside
+    the devices of the vessel (`input_terms`).
     """
 
     disturbance: Choice | Literal["auto"]
     prior: Positive
+    input_terms: bool = False
 
     @property
     def interval_covers(self) -> bool:
@@ -59,6 +62,10 @@ class Robust(ResidualOptions):
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for options that do not fit the vessel."""
         super().check(nominal, thruster, measured)
+        if self.input_terms and not input_labels(nominal, windy=False):
+            raise ConfigurationError(
+                f"identifier.input_terms: {nominal.name} has no devices whose inputs have terms"
+            )
         if self.disturbance in DISTURBANCES[2:] and nominal.dofs != PLANAR:
             raise ConfigurationError(
                 f"identifier.disturbance={self.disturbance} needs a vessel in {', '.join(PLANAR)}, "
@@ -96,12 +103,13 @@ class Robust(ResidualOptions):
         Raises IdentificationError where the recorded force moved no axis.
         """
         lag, diagnostics = thruster_of(self, problem)
-        free, training = self.free(problem.nominal), problem.training
+        training, windy = problem.training, problem.training.wind is not None
+        free = self.free(problem.nominal, (), windy)
         smoothing = self.smoothing(training)
         samples = self.samples(training, free.nominal, lag, smoothing, free.nominal.terms)
         unexcited = unexcited_axes(samples, problem.nominal)
         if unexcited:
-            free = self.free(problem.nominal, unexcited)
+            free = self.free(problem.nominal, unexcited, windy)
         model = structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
         diagnostics += (Diagnostic("smoothing", "all", smoothing.signals_hz, "Hz"),)
@@ -121,8 +129,10 @@ class Robust(ResidualOptions):
         diagnostics += tuple(Diagnostic("not_excited", dof, 1.0) for dof in unexcited)
         return Identified(problem.nominal + residual, residual, errors, diagnostics, spread=spread)
 
-    def free(self, nominal: Vessel, kept: Sequence[str] = ()) -> FreeParameters:
-        """The free parameters, with those of the disturbance.
+    def free(
+        self, nominal: Vessel, kept: Sequence[str] = (), windy: bool = False
+    ) -> FreeParameters:
+        """The free parameters, with those of the disturbance; `windy`: the wind was measured.
 
         Degrees of freedom that are `kept` keep their equations.
         """
@@ -135,7 +145,9 @@ class Robust(ResidualOptions):
         ]
         new = [f"{dof}.{term}" for term in terms if term not in nominal.terms for dof in dofs]
         windage = WINDAGE if self.disturbance in ("windage", "both") else ()
-        labels = dict.fromkeys([*own, *new, *windage])
+        inputs = input_labels(nominal, windy) if self.input_terms else []
+        inputs = [label for label in inputs if label.partition(".")[0] in dofs]
+        labels = dict.fromkeys([*own, *new, *windage, *inputs])
         ned_force = self.disturbance in ("ned_force", "both")
         return free_parameters(nominal, list(labels), "tied", ned_force, symmetric=True)
 

@@ -24,8 +24,9 @@ import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.blocked_free_run import Blocks, guarded
 from seatrial.models.identification.constrained_table import finished
+from seatrial.models.identification.cross_validation import CrossValidation
+from seatrial.models.identification.fallback import guarded
 from seatrial.models.identification.linear import Decomposition, decompose
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
@@ -74,13 +75,14 @@ class Sparse(ResidualOptions):
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table; an axis that free runs predict worse keeps its equation."""
-        blocks = Blocks(problem, horizon_s=self.segment_s, force=self.force)
+        blocks = CrossValidation(problem, horizon_s=self.segment_s, force=self.force)
         quick = replace(self, refinement="none")
         return guarded(blocks, lambda part: quick.fitted(part).model, self.fitted(problem))
 
-    def judged(self, problem: Problem, result: Identified) -> Identified:
-        """The result, whose axes are judged already."""
-        return result
+    @property
+    def protected(self) -> bool:
+        """The axes are judged on blocks left out already."""
+        return False
 
     def fitted(self, problem: Problem) -> Identified:
         """Identify the residual table, with the threshold and the number of terms of each axis."""

@@ -22,13 +22,6 @@ from seatrial.models.compiled import kernel
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.constrained_table import finished
-from seatrial.models.identification.cross_validation import (
-    Pair,
-    Selection,
-    left_out_mse,
-    part,
-    split,
-)
 from seatrial.models.identification.kernel_pls import (
     Columns,
     all_orders,
@@ -41,6 +34,7 @@ from seatrial.models.identification.kernel_pls import (
 from seatrial.models.identification.plsr import PartialLeastSquares
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import Samples, thruster_of
+from seatrial.models.identification.splits import Pair, Selection, left_out_mse, part, split
 from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel, coefficient_unit

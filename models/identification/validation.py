@@ -42,7 +42,10 @@ from seatrial.models.weather.weather import Weather
 TEN = 10
 GRIDS = 5  # of starts, for predictions over a time
 HORIZONS = ("one_step", "ten_step", "restarts", "free_run")
-RESTART_S = 30.0  # between the restarts of the horizon `restarts`
+RESTART_S = 30.0  # longest time between the restarts of the horizon `restarts`
+FEWEST_STEPS = 10  # samples between restarts
+GROWTHS = 3.0  # times that the error of an unstable model takes to grow by a factor of e
+GROWTH_STATES = 50  # recorded states at which the growth is taken
 HIDES_BIAS = "one step ahead hides bias: judge by free_run"
 DIVERGED_MULTIPLE = 20.0  # limit of the rates, relative to the largest measured velocity
 LEAST_LIMIT = 10.0  # least limit of the rates, as in Hoyer (2021), section 6.4
@@ -97,6 +100,7 @@ class Prediction:
 
     plant: PlantTable
     course: Course
+    restart_s: float = RESTART_S  # of the horizon `restarts`
 
     def deviations(self, restart: Flags | None = None) -> tuple[Array, float]:
         """Predicted - measured, (N, 2 n_dof), and the share of rates that had to be limited.
@@ -150,7 +154,7 @@ class Prediction:
             case "ten_step":
                 return self.ahead(TEN)
             case "restarts":
-                return self.restarted(max(round(RESTART_S / self.course.step_s), 2))
+                return self.restarted(max(round(self.restart_s / self.course.step_s), 2))
             case _:
                 states, limited = self.free_run
                 errors = deviations(self.course.kinematics, self.course.reached, states)
@@ -207,6 +211,21 @@ class Prediction:
             return self.course.step_s * (len(self.course.reached) - 1)
         return self.course.step_s * max(_held(self.plant, self.course) - 1, 0)
 
+    def sensitivity(self, deviation: Array) -> Array:
+        """How two free runs from first states that are `deviation` (2 n_dof,) apart differ, (n_dof,).
+
+        Root mean square of the velocities over that of the measured motion about its mean. Near one
+        the first state decides the run, not the model: even the true one is as wrong as others.
+        """
+        count = int(np.count_nonzero(self.course.restart))
+        moved = self.course.with_offset(np.tile(deviation, (count, 1)))
+        other, _ = Prediction(self.plant, moved)._states(moved.restart)
+        n_dof = len(deviation) // 2
+        apart = (other - self.free_run[0])[:, -n_dof:]
+        size = np.std(self.course.measured[:, n_dof:], axis=0)
+        rms = np.sqrt(np.mean(np.square(apart), axis=0))
+        return np.asarray(np.divide(rms, size, out=np.zeros(n_dof), where=size > 0.0))
+
     def mean_motion(self) -> Array:
         """RMSE (2 n_dof,) of a model that always predicts the mean of the measured motion."""
         return spread(self.course)
@@ -262,6 +281,7 @@ def prediction(
     thruster: SecondOrderLag | None,
     force: str | None = None,
     horizon: int | None = None,
+    restart_s: float = RESTART_S,
 ) -> Prediction:
     """The prediction of a recording by RK4, with a new start every `horizon` samples.
 
@@ -277,4 +297,31 @@ def prediction(
     inverse, realistic = plan.inverse_inertia(model.theta[None])
     if not realistic[0]:
         raise InertiaError("the inertia of the model is not positive definite")
-    return Prediction(plan.plant(model.theta, inverse[..., 0]), course)
+    return Prediction(plan.plant(model.theta, inverse[..., 0]), course, restart_s)
+
+
+def restart_length(nominal: Vessel, recording: Recording) -> float:
+    """Time [s] between restarts over which the errors of a model say more of it than of chance.
+
+    A vessel that is unstable on a straight course amplifies every error of the state: over many
+    times 1 / g even the exact model is as wrong as any other. g is the largest real part of the
+    eigenvalues of d nu_dot / d nu, where positive, of the nominal model at recorded states with
+    their inputs and wind, on average.
+    """
+    rows = np.unique(np.linspace(0, len(recording) - 1, GROWTH_STATES).round().astype(int))
+    part = recording.part(rows)
+    nu, n_dof = part.nu, len(recording.dofs)
+    steps = 1e-4 * np.maximum(np.std(recording.nu, axis=0), 1e-3)
+    jacobian = np.empty((len(nu), n_dof, n_dof))
+    for k, step in enumerate(steps):
+        ahead, behind = (
+            nominal.forward(
+                np.zeros_like(nu), nu + sign * step * np.eye(n_dof)[k], part.attitude, part.wind,
+                part.inputs,
+            )
+            for sign in (1.0, -1.0)
+        )  # fmt: skip
+        jacobian[:, :, k] = (ahead - behind) / (2.0 * step)
+    growth = float(np.mean(np.maximum(np.max(np.linalg.eigvals(jacobian).real, axis=1), 0.0)))
+    shortest = FEWEST_STEPS * recording.period_s
+    return min(RESTART_S, max(GROWTHS / growth, shortest)) if growth > 0.0 else RESTART_S

@@ -12,8 +12,10 @@ from seatrial.models.identification.validation import (
     HORIZONS,
     Ahead,
     InertiaError,
+    Prediction,
     combined,
     prediction,
+    restart_length,
     scores,
 )
 from seatrial.models.recording.recording import Recording
@@ -25,6 +27,7 @@ from seatrial.runner.record.rows import Metric, metric, per_dof
 from seatrial.runner.vocabulary import FILE_FINDING
 
 MODELS = ("nominal", "identified")
+BY_CHANCE = 0.5  # of the motion, by which free runs from equal states may differ
 
 
 def per_file(problem: Problem, identified: Identified) -> list[Diagnostic]:
@@ -136,9 +139,12 @@ def predictions(
     predicted = Predictions([], [], {}, {})
     spread: Array | None = None
     dofs = problem.validation.dofs
+    restart_s = restart_length(problem.nominal, problem.training)
     for model, table in models.items():
         try:
-            predictor = prediction(table, problem.validation, problem.thruster)
+            predictor = prediction(
+                table, problem.validation, problem.thruster, restart_s=restart_s
+            )
         except IdentificationError as error:
             label = f"{model} model: {error}"
             predicted.diagnostics.append(Diagnostic("no_prediction", "all", 1.0, label=label))
@@ -162,9 +168,26 @@ def predictions(
         held = predictor.held_s()
         predicted.metrics.append(metric("held_free_run", "validation", model, "all", held))
         predicted.free_runs[model] = predictor.motion()
+        if model == "identified":
+            predicted.diagnostics.extend(_chance(predictor, problem.validation))
         for seconds in horizons_s:
             predicted.after[model, seconds] = predictor.motion_after(seconds)
     return predicted
+
+
+def _chance(predictor: Prediction, held_out: Recording) -> list[Diagnostic]:
+    """Tell whether the noise of the first state decides the free run, so that no model is right."""
+    noise = held_out.noise.deviation
+    apart = predictor.sensitivity(np.concatenate([np.zeros_like(noise), noise]))
+    if not np.any(apart > BY_CHANCE):
+        return []
+    k = int(np.argmax(apart))
+    label = (
+        f"free runs of the whole held-out part are decided by their first state, not by the model: "
+        f"two that begin apart by the noise differ in {held_out.dofs[k]} by {apart[k]:.2g} of the "
+        "motion; compare predictions with restarts (velocity_rmse_restarts)"
+    )
+    return [Diagnostic("free_run_by_chance", held_out.dofs[k], float(apart[k]), label=label)]
 
 
 def _over(

@@ -1,43 +1,155 @@
-"""Splits of the training part."""
+"""Errors of free runs over blocks left out, and the rule that chooses by them."""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.cross_validation import Selection, folds, left_out_mse, split
+from seatrial.models.identification.cross_validation import (
+    CrossValidation,
+    FoldErrors,
+    best_of,
+    one_standard_error_rule,
+)
+from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
+from tests.models.identification.known_results import Failing, Given
 
 
-@pytest.mark.parametrize("selection", ["blocked", "kfold"])
-def test_every_sample_is_left_out_once(selection) -> None:
-    found = folds(selection, 103, 5, np.random.default_rng(0))
-    left = np.concatenate([out for _, out in found])
-    np.testing.assert_array_equal(np.sort(left), np.arange(103))
-    assert all(set(kept).isdisjoint(out) and len(kept) + len(out) == 103 for kept, out in found)
+@dataclass(frozen=True)
+class Seen(Identifier):
+    """An identifier that notes the training parts it is given."""
+
+    parts: list[np.ndarray]
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        assert len(problem.validation) == len(problem.training)
+        self.parts.append(problem.training.t)
+        return NoIdentifier().identify(problem, rng)
 
 
-def test_rolling_origin_never_looks_ahead() -> None:
-    for kept, left in folds("rolling", 100, 4, np.random.default_rng(0)):
-        assert kept.max() < left.min()
+def judged(blocks: CrossValidation, identifier: Identifier) -> FoldErrors:
+    return blocks.errors(blocks.models(identifier))
 
 
-@pytest.mark.parametrize("selection", ["blocked", "rolling", "kfold"])
-def test_pairs_are_moments_of_the_folds(selection: Selection) -> None:
-    """Sums of the parts' moments are those of the rows themselves."""
-    rng = np.random.default_rng(0)
-    z = np.column_stack([np.ones(61), rng.standard_normal((61, 4))])
-    splits = split(selection, z[:, :3], None, 3, np.random.default_rng(1))
-    moments = splits.moments(z[:, 3:])
-    np.testing.assert_allclose(sum(moments), z.T @ z)
-    pairs = splits.pairs(moments)
-    rows = folds(selection, 61, 3, np.random.default_rng(1))
-    for (kept, left), (used, out) in zip(pairs, rows, strict=True):
-        np.testing.assert_allclose(kept, z[used].T @ z[used])
-        np.testing.assert_allclose(left, z[out].T @ z[out])
-    sizes = left_out_mse(pairs, lambda _, left: left[0, :1])
-    lengths = np.array([len(out) for _, out in rows])
-    assert sizes == pytest.approx(np.sum(lengths**2) / np.sum(lengths))
+def left_out(*blocks: float) -> FoldErrors:
+    return FoldErrors(np.array(blocks)[:, None], np.ones(len(blocks)))
 
 
-def test_too_few_samples_are_refused() -> None:
-    with pytest.raises(IdentificationError, match="got 9 samples for 5 folds"):
-        folds("blocked", 9, 5, np.random.default_rng(0))
+def test_an_axis_without_skill_decides_nothing() -> None:
+    """Of two that are worse than the mean motion on an axis, neither gains by being less so."""
+    poor, poorer = (
+        FoldErrors(np.array([[own, x]] * 2), np.ones(2)) for own, x in ((0.3, 1.5), (0.2, 9.0))
+    )
+    assert poor.error == pytest.approx((0.3 + 1.0) / 2.0)
+    assert poor.worse(poorer)
+    assert not poorer.worse(poor)
+    assert poorer.worse_axes(poor).tolist() == [False, True]
+
+
+def test_a_force_without_its_term_is_no_matter_of_chance() -> None:
+    """Without the term every free run is poorer than the mean motion; with it one goes astray."""
+    errors = {"none": left_out(*[1.1] * 9), "ned_force": left_out(*[0.1] * 8, 3.0)}
+    assert one_standard_error_rule(errors) == "ned_force"
+    equal = {"none": left_out(0.93, 0.93), "ned_force": left_out(0.9, 0.9)}
+    assert one_standard_error_rule(equal) == "none"
+
+
+def test_the_first_within_one_standard_error_is_chosen() -> None:
+    errors = {
+        "simple": left_out(0.9, 0.8, 0.85),
+        "better": left_out(0.6, 0.38, 0.5),
+        "best": left_out(0.5, 0.45, 0.4),
+    }  # better is worse by 0.04 on average, with a standard error of 0.06; simple by 0.4 +- 0.03
+    assert one_standard_error_rule(errors) == "better"
+    assert one_standard_error_rule({"best": errors["best"], "better": errors["better"]}) == "best"
+    one = {"a": left_out(0.93), "b": left_out(0.9)}  # no spread: hardly anything does not matter
+    assert one_standard_error_rule(one) == "a"
+    assert one_standard_error_rule(one | {"a": left_out(0.95)}) == "b"
+
+
+def test_one_run_that_explodes_is_no_matter_of_chance() -> None:
+    """Its mean excess is about its own standard error."""
+    steady, explodes = left_out(*[0.1] * 6), left_out(*[0.09] * 5, 400.0)
+    assert explodes.worse(steady)
+    assert explodes.worse_axes(steady).tolist() == [True]
+    assert not left_out(0.05, 0.1, 0.2, 0.1, 0.1, 0.15).worse(steady)
+    assert one_standard_error_rule({"explodes": explodes, "steady": steady}) == "steady"
+
+
+def test_the_true_model_has_no_error_and_the_nominal_one_its_own(calm) -> None:
+    blocks = CrossValidation(calm.problem)
+    assert blocks.axes == [0, 1, 2]
+    truth, nominal = (judged(blocks, Given(factor)) for factor in (0.5, 1.0))
+    assert np.all(truth.nrmse < 1e-3)
+    assert np.all(nominal.nrmse > 0.1)
+    np.testing.assert_array_equal(nominal.nrmse, blocks.nominal.nrmse)
+    assert not np.any(truth.worse_axes(nominal))
+    assert np.all(nominal.worse_axes(truth))
+
+
+def test_an_axis_that_loses_keeps_its_nominal_equation_and_the_others_their_own(calm) -> None:
+    """Yaw damping of the wrong sign runs away; the other axes are exact and stay so."""
+    blocks, nominal = CrossValidation(calm.problem), calm.problem.nominal
+    theta = calm.truth.on(nominal.terms).theta.copy()
+    theta[7:, 2] *= 12.0
+    score = blocks.score([replace(nominal, theta=theta)] * 3)
+    assert score.nominal_axes == (2,)
+    mixed = score.models[0].theta
+    np.testing.assert_array_equal(mixed[:, 2], nominal.theta[:, 2])
+    np.testing.assert_array_equal(mixed[:, :2], theta[:, :2])
+    assert blocks.nominal.worse(score.errors)
+
+
+def test_every_sample_is_left_out_once_and_never_seen(calm) -> None:
+    training, parts = calm.problem.training, []
+    found = judged(CrossValidation(calm.problem, folds=4), Seen(parts))
+    assert len(parts) == 4
+    outside = [np.setdiff1d(training.t, part) for part in parts]
+    np.testing.assert_array_equal(np.sort(np.concatenate(outside)), training.t)
+    np.testing.assert_array_equal(found.weights, np.ones(4))
+
+
+def test_white_noise_hides_no_error_of_a_model(calm, rng) -> None:
+    """What is left of the noise is far below it, and a wrong model is as wrong as without it."""
+    training = calm.problem.training
+    spread = np.std(training.nu, axis=0)
+    noise = 0.3 * spread * rng.standard_normal(training.nu.shape)
+    noisy = replace(calm.problem, training=replace(training, nu=training.nu + noise))
+    truth, wrong = (judged(CrossValidation(noisy), Given(f)).nrmse for f in (0.5, 0.7))
+    assert np.all(truth < 0.15)
+    clean = CrossValidation(calm.problem)
+    np.testing.assert_allclose(wrong, judged(clean, Given(0.7)).nrmse, rtol=0.2)
+    assert clean.smoothed.nu is training.nu
+
+
+def test_the_best_alternative_is_identified_on_the_whole(calm) -> None:
+    alternatives = {"fails": Failing(), "wrong": Given(0.8), "true": Given(0.5)}
+    found = best_of(alternatives, CrossValidation(calm.problem), np.random.default_rng(0))
+    np.testing.assert_array_equal(found.model.theta, (0.5 * calm.problem.nominal).theta)
+    chosen = {f.label: f.value for f in found.diagnostics if f.name == "chosen"}
+    assert chosen == {"wrong": 0.0, "true": 1.0}
+    fits = {(f.label, f.dof): f.value for f in found.diagnostics if f.name == "left_out_fit"}
+    assert len(fits) == 6
+    assert all(fits["true", dof] > fits["wrong", dof] for dof in calm.problem.nominal.dofs)
+
+
+def test_without_a_usable_alternative_the_reason_is_given(calm) -> None:
+    alternatives, blocks = {name: Failing() for name in "ab"}, CrossValidation(calm.problem)
+    with pytest.raises(IdentificationError, match=r"no alternative .*: a: always"):
+        best_of(alternatives, blocks, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "expected"),
+    [
+        ("ridge", {"tune": {"penalty": [1e6, 1e-6]}}, "[penalty = 1e-06]"),
+        ("plsr", {"tune": {"max_order": [1, 24]}, "bootstrap": None}, "[max_order = 24]"),
+        ("ls", {"tune": {"basis": ["linear", "physical"]}}, "[basis = physical]"),
+    ],
+)
+def test_tune_finds_a_planted_good_value(calm, identifier, name: str, options, expected) -> None:
+    """A penalty that lets nothing change, one latent variable, or no nonlinear damping lose."""
+    found = identifier(name, **options).identify(calm.problem, np.random.default_rng(0))
+    chosen = [f.label for f in found.diagnostics if f.name == "chosen" and f.value == 1.0]
+    assert chosen == [expected]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.sparse import sparsest
 from seatrial.models.recording.recording import Recording
 
@@ -55,10 +55,11 @@ def test_what_predicts_worse_than_the_nominal_model_is_left_out(lap, identifier,
     """All 31 terms fitted to noise lose in free runs, and are not the result."""
     problem = lap("noise").problem
     option = identifier("sparse", **EXACT, threshold=0.0)
-    blocks, nominal = Blocks(problem), problem.nominal
+    blocks, nominal = CrossValidation(problem), problem.nominal
     raw, guarded = option.fitted(problem).model, option.identify(problem, rng).model
     own, kept, reference = (
-        blocks.runs(model, problem.validation).error for model in (raw, guarded, nominal)
+        np.mean(blocks.runs(model, problem.validation).nrmse ** 2)
+        for model in (raw, guarded, nominal)
     )
     assert own > 1.1 * reference
     assert kept <= reference

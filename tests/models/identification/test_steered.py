@@ -7,11 +7,11 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.excitation.information import persistence
-from seatrial.models.identification.blocked_free_run import Blocks
+from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.dsr import Dsr
 from seatrial.models.identification.free_parameters import nonzero_labels, own_coriolis
 from seatrial.models.identification.free_run import course_of, free_run
-from seatrial.models.identification.problem import Identified, NoIdentifier, Problem, choose_basis
+from seatrial.models.identification.problem import Identified, Problem, choose_basis
 from seatrial.models.identification.validation import prediction
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel import basis
@@ -200,7 +200,7 @@ def test_free_runs_over_blocks_know_the_inputs() -> None:
     truth = vessel("kvlcc2")
     wrong = mistaken(truth, ("vU", "rU"))
     right, off = (
-        Blocks(problem("kvlcc2", truth, model)).judge(NoIdentifier()) for model in (truth, wrong)
+        CrossValidation(problem("kvlcc2", truth, model)).nominal for model in (truth, wrong)
     )
     assert right.error < 1e-12
     assert off.error > 1e-4

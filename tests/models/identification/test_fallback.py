@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.blocked_free_run import Blocks, guarded
+from seatrial.models.identification import fallback
+from seatrial.models.identification.cross_validation import CrossValidation
+from seatrial.models.identification.fallback import guarded
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
 from seatrial.models.identification.problem import Identified, Problem, choose_basis
 from seatrial.models.vessel.table import Vessel
@@ -31,7 +33,7 @@ def braked(table: Vessel, axis: int, factor: float) -> Vessel:
 
 def test_the_truth_stays(calm) -> None:
     result = identified(calm.truth, calm.problem.nominal)
-    again = guarded(Blocks(calm.problem), lambda part: calm.truth, result)
+    again = guarded(CrossValidation(calm.problem), lambda part: calm.truth, result)
     assert kept(again) == []
     assert again is result
 
@@ -40,7 +42,7 @@ def test_one_axis_that_is_worse_keeps_its_nominal_equation(calm) -> None:
     """The plant is half the nominal model; a yaw of five times as much is further off than that."""
     nominal, axis = calm.problem.nominal, 2
     model = braked(calm.truth, axis, 5.0)
-    again = guarded(Blocks(calm.problem), lambda part: model, identified(model, nominal))
+    again = guarded(CrossValidation(calm.problem), lambda part: model, identified(model, nominal))
     own = [k for k, dof in enumerate(nominal.dofs) if dof not in kept(again)]
     assert own
     assert axis not in own
@@ -57,7 +59,7 @@ def test_what_cannot_be_identified_without_a_block_is_not_trusted(calm) -> None:
         raise IdentificationError("too short")
 
     nominal = calm.problem.nominal
-    again = guarded(Blocks(calm.problem), fails, identified(calm.truth, nominal))
+    again = guarded(CrossValidation(calm.problem), fails, identified(calm.truth, nominal))
     assert kept(again) == list(nominal.dofs)
     np.testing.assert_array_equal(again.residual.theta, 0.0)
 
@@ -72,7 +74,7 @@ def test_a_regression_that_fails_is_not_the_result(
     wrong = identified(braked(calm.truth, axis, factor), nominal)
     ls = identifier("ls", **options)
     monkeypatch.setattr(type(ls), "estimated", lambda self, problem, rng: wrong)
-    found = ls.identify(calm.problem, rng)
+    found = fallback.identified(ls, calm.problem, rng)
     assert (nominal.dofs[axis] in kept(found)) == ("inertia_factor" not in options)
 
 

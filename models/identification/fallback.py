@@ -1,0 +1,148 @@
+"""What an identifier returns, held to the nominal model where its own equations predict worse.
+
+Free runs over blocks of the training part are compared with those of the nominal model by the rule
+of `cross_validation`. An axis that is predicted worse keeps its nominal equation; then the rest is
+judged again, since the equations act on each other. It costs no further estimate, and finds models
+that run away or whose regression has failed, not those that are fitted too closely: these are found
+on blocks left out (`auto`).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.identification.cross_validation import (
+    UNUSABLE,
+    CrossValidation,
+    FoldErrors,
+    Score,
+)
+from seatrial.models.identification.physical_constraints import unphysical
+from seatrial.models.identification.problem import Identified, Identifier, Problem, checked
+from seatrial.models.identification.spread import TableSpread
+from seatrial.models.recording.recording import Recording
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+
+WORSE_THAN_NOMINAL = "worse_than_nominal"  # the diagnostic of an axis
+NO_SKILL = "no_skill"
+
+
+@dataclass(frozen=True, eq=False)
+class WholeTraining(CrossValidation):
+    """The whole training part as the one block, to judge a model that is fitted to it."""
+
+    @cached_property
+    def blocks(self) -> tuple[Recording, ...]:
+        """The training part, with smoothed velocities."""
+        return (self.smoothed,)
+
+
+def identified(identifier: Identifier, problem: Problem, rng: np.random.Generator) -> Identified:
+    """What an identifier finds, protected if it asks for that, with what is to be said of it.
+
+    Raises IdentificationError when the data do not determine the vessel, PartError if what an
+    identifier of the user returns is no model of it.
+    """
+    result = checked(identifier, identifier.identify(problem, rng), problem.nominal)
+    if not identifier.protected or result.state_space is not None:
+        return result
+    whole = WholeTraining(problem)
+    if not whole.axes:
+        return result
+    score = whole.score([result.model])
+    result = held_to_nominal(result, score, problem)
+    return with_skill(result, whole, score.errors, "the training part")
+
+
+def held_to_nominal(result: Identified, score: Score, problem: Problem) -> Identified:
+    """The result with the nominal equations of the axes of a score.
+
+    All equations are nominal where the mixed model would be impossible.
+    """
+    if not score.nominal_axes:
+        return result
+    nominal, every = problem.nominal, range(len(problem.nominal.dofs))
+    changed = with_nominal_axes(result, nominal, score.nominal_axes, WORSE_THAN_NOMINAL)
+    if unphysical(changed.model, nominal, problem.training.nu) is not None:
+        return with_nominal_axes(result, nominal, every, WORSE_THAN_NOMINAL)
+    return changed
+
+
+def guarded(
+    blocks: CrossValidation, estimate: Callable[[Problem], Vessel], result: Identified
+) -> Identified:
+    """The result with the nominal equation of each axis that is predicted worse with its own.
+
+    `estimate` returns the model of a part of the recording.
+    """
+    try:
+        models = [estimate(problem) for problem in blocks.problems]
+    except UNUSABLE:
+        nominal = blocks.problem.nominal
+        return with_nominal_axes(result, nominal, range(len(nominal.dofs)), WORSE_THAN_NOMINAL)
+    return guarded_by(models, blocks, result)
+
+
+def guarded_by(
+    models: Sequence[Vessel], blocks: CrossValidation, result: Identified
+) -> Identified:
+    """The same for models that were identified without each of the blocks."""
+    if not blocks.axes:
+        return result
+    return held_to_nominal(result, blocks.score(models), blocks.problem)
+
+
+def with_nominal_axes(
+    result: Identified, nominal: Vessel, axes: Sequence[int], diagnostic: str
+) -> Identified:
+    """A result with the nominal equations of some axes, each with a `diagnostic`."""
+    if not len(axes):
+        return result
+
+    def without(table: Array, value: float) -> Array:
+        changed = table.copy()
+        changed[:, list(axes)] = value
+        return changed
+
+    residual = replace(result.residual, theta=without(result.residual.theta, 0.0))
+    rows = [Diagnostic(diagnostic, nominal.dofs[k], 1.0) for k in axes]
+    return replace(
+        result,
+        model=nominal + residual,
+        residual=residual,
+        std_error=None if result.std_error is None else without(result.std_error, np.nan),
+        device_errors={},
+        spread=result.spread if isinstance(result.spread, TableSpread) else None,
+        diagnostics=tuple(dict.fromkeys((*result.diagnostics, *rows))),
+    )
+
+
+def with_skill(
+    result: Identified, validation: CrossValidation, errors: FoldErrors, where: str
+) -> Identified:
+    """The result with a warning for the axes on which it predicts no better than the mean motion.
+
+    `where` says what was predicted.
+    """
+    poor = {
+        validation.problem.nominal.dofs[k]: float(value)
+        for k, value in zip(validation.axes, errors.nrmse, strict=True)
+        if value >= 1.0
+    }
+    if not poor:
+        return result
+    named = ", ".join(f"{dof} {value:.2f}" for dof, value in poor.items())
+    warning = (
+        f"no skill: free runs of {where} are no better than the mean motion, whose NRMSE is 1, in "
+        f"{named}"
+    )
+    rows = (Diagnostic(NO_SKILL, dof, value) for dof, value in poor.items())
+    return replace(
+        result,
+        diagnostics=(*result.diagnostics, *rows),
+        warnings=(*result.warnings, warning),
+    )
