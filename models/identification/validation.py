@@ -212,7 +212,7 @@ class Prediction:
         return self.course.step_s * max(_held(self.plant, self.course) - 1, 0)
 
     def sensitivity(self, deviation: Array) -> Array:
-        """How two free runs from first states that are `deviation` (2 n_dof,) apart differ, (n_dof,).
+        """How two free runs from states that are `deviation` (2 n_dof,) apart differ, (n_dof,).
 
         Root mean square of the velocities over that of the measured motion about its mean. Near one
         the first state decides the run, not the model: even the true one is as wrong as others.
