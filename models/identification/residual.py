@@ -17,9 +17,10 @@ with little excitation near the lag's frequency, lag and inertia cannot be disti
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -61,6 +62,8 @@ SETTLE_S = 10.0  # after this time the unknown initial state of the lag has no e
 FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
 SETTLING_PERIODS = 0.5  # periods of the cut-off after which a filter has forgotten where it began
+TOGETHER = 8192  # samples that are evaluated together
+FILTERED_TOGETHER = 4  # columns
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
 Refinement = Literal["free_run", "none"]
 
@@ -283,12 +286,12 @@ class ResidualOptions(Identifier):
         smoothing = self.smoothing(recording) if smoothing is None else smoothing
         filtered = self.filtered(recording, lag, smoothing)
         terms = self.terms(nominal) if terms is None else terms
-        x = filtered.variables()
-        parts = (
-            basis.evaluate(terms, x),
-            lack_of_fit(filtered, nominal, self.force),
-            reference_force(filtered, nominal, self.force),
-            basis.evaluate(NED_COLUMNS, x),
+        parts = evaluated(
+            filtered,
+            lambda part: basis.evaluate(terms, part.variables()),
+            lambda part: lack_of_fit(part, nominal, self.force),
+            lambda part: reference_force(part, nominal, self.force),
+            lambda part: basis.evaluate(NED_COLUMNS, part.variables()),
         )
         phi, epsilon, force, heading = (smoothed(filtered, each, smoothing) for each in parts)
         phi[:, _with_constant_inputs(terms, recording)] = 0.0
@@ -341,12 +344,33 @@ def _with_constant_inputs(terms: tuple[Term, ...], recording: Recording) -> list
     ]
 
 
+def evaluated(filtered: Recording, *functions: Callable[[Recording], Array]) -> list[Array]:
+    """Columns (N, k) of each function of single samples, evaluated in parts of the recording.
+
+    The variables of a part fit into the cache; those of a long recording are larger than it.
+    """
+    n, edges = len(filtered), np.arange(0, len(filtered) - 1, TOGETHER).tolist()
+    results: list[Array] = []
+    for a, b in pairwise([*edges, n]):
+        values = [function(filtered.part(slice(a, b))) for function in functions]
+        results = results or [np.empty((n, each.shape[1])) for each in values]
+        for result, each in zip(results, values, strict=True):
+            result[a:b] = each
+    return results
+
+
 def smoothed(filtered: Recording, columns: Array, smoothing: Smoothing) -> Array:
-    """Columns (N, k) of a filtered recording after the filter of the regressors."""
+    """Columns (N, k) of a filtered recording after the filter of the regressors, in their place."""
     cutoff = smoothing.regressors_hz
     if cutoff is None:
         return columns
-    return filtered.lowpassed(columns, cutoff)[kept(filtered, smoothing)]
+    for j in range(0, columns.shape[1], FILTERED_TOGETHER):  # copies of a few columns at a time
+        some = slice(j, j + FILTERED_TOGETHER)
+        columns[:, some] = filtered.lowpassed(columns[:, some], cutoff)
+    inside = kept(filtered, smoothing)
+    first, count = int(np.argmax(inside)), int(np.count_nonzero(inside))
+    whole = slice(first, first + count)  # of a recording without a gap, where nothing is copied
+    return columns[whole if np.all(inside[whole]) else inside]
 
 
 def kept(filtered: Recording, smoothing: Smoothing) -> NDArray[np.bool_]:
