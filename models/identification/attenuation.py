@@ -119,6 +119,25 @@ def noticeable(
     return [(i, k) for i, k in order if force[i, k] > 0.0]
 
 
+def regressors_again(
+    options: ResidualOptions, training: Recording, samples: Samples
+) -> Array | None:
+    """Regressors (N, n_terms) of a recording with noise like its own added; None without noise."""
+    nu, nu_dot = noise_like(training, np.random.default_rng(0))
+    if not (np.any(nu) or np.any(nu_dot)):
+        return None
+    nu += training.nu  # in their place: a long recording fills the memory
+    nu_dot += training.nu_dot
+    smoothing = options.smoothing(training)
+    filtered = options.filtered(
+        replace(training, nu=nu, nu_dot=nu_dot, tau_filtered=None, tau_actual=None, loads=None),
+        None, smoothing,
+    )  # fmt: skip
+    del nu, nu_dot
+    (again,) = evaluated(filtered, lambda part: evaluate(samples.terms, part.variables()))
+    return smoothed(filtered, again, smoothing)
+
+
 def with_attenuation(
     options: ResidualOptions,
     problem: Problem,
@@ -129,17 +148,10 @@ def with_attenuation(
     training, dofs = problem.training, problem.nominal.dofs
     if problem.compared or not options.noise_remedies:
         return result
-    velocity, acceleration = noise_like(training, np.random.default_rng(0))
-    if not (np.any(velocity) or np.any(acceleration)):
+    again = regressors_again(options, training, samples)
+    if again is None:
         return result
-    noisy = replace(
-        training, nu=training.nu + velocity, nu_dot=training.nu_dot + acceleration,
-        tau_filtered=None, tau_actual=None, loads=None,
-    )  # fmt: skip
-    smoothing = options.smoothing(training)
-    filtered = options.filtered(noisy, None, smoothing)
-    (again,) = evaluated(filtered, lambda part: evaluate(samples.terms, part.variables()))
-    shares = attenuations(samples.phi, smoothed(filtered, again, smoothing))
+    shares = attenuations(samples.phi, again)
     errors = None if result.std_error is None else result.std_error[: len(shares)]
     lost = noticeable(samples, shares, problem.nominal, errors)
     if not lost:

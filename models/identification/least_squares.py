@@ -87,6 +87,12 @@ class LeastSquares(ResidualOptions):
         """Identify the residual table with standard errors and condition numbers."""
         lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
+        result = self.regression(problem, samples, rng)
+        result = replace(result, diagnostics=diagnostics + result.diagnostics)
+        return finished(self, problem, lag, samples, result)
+
+    def regression(self, problem: Problem, samples: Samples, rng: np.random.Generator) -> Identified:
+        """The residual table of the regression alone."""
         dofs = problem.nominal.dofs
         fitted, penalty_diagnostics = self.solve(samples, dofs)
         if problem.compared:
@@ -98,7 +104,7 @@ class LeastSquares(ResidualOptions):
             errors, f_errors = bootstrap_errors(fitted, length, self.bootstrap, rng)
         residual = Vessel("residual", dofs, samples.terms, fitted.theta)
         conditions = [part.condition for part in fitted.parts]
-        diagnostics += condition_diagnostics(samples.terms, fitted.varies, conditions, dofs)
+        diagnostics = condition_diagnostics(samples.terms, fitted.varies, conditions, dofs)
         diagnostics += penalty_diagnostics
         if self.ned_force:
             residual += Vessel("force", dofs, NED_COLUMNS, ned_table(fitted.shared))
@@ -106,10 +112,8 @@ class LeastSquares(ResidualOptions):
             errors = np.vstack([errors, shares])
             diagnostics += ned_diagnostics(fitted.shared, f_errors)
         spread = None if problem.compared or self.ned_force else spread_of(fitted)
-        result = Identified(
-            problem.nominal + residual, residual, errors, diagnostics, spread=spread
-        )
-        return finished(self, problem, lag, samples, result)
+        model = problem.nominal + residual
+        return Identified(model, residual, errors, diagnostics, spread=spread)
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""

@@ -351,7 +351,7 @@ def long_run_covariances(rows: Callable[[slice], Array], rest: Array) -> Array:
     n, (widths, K) = len(rest), (bandwidth(autocovariances(rest, 2), len(rest)), rest.shape[1])
     lags = min(n, int(np.ceil(np.max(widths))) + 1)
     weighted = bartlett_weights(widths, lags) * autocovariances(rest, lags) / n
-    piece, reach = min(n, max(PIECE, 4 * lags)), lags - 1
+    piece, reach = min(n, max(PIECE, 12 * lags)), lags - 1
     size = scipy.fft.next_fast_len(piece + 2 * reach, real=True)
     kernel = np.zeros((size, K))
     kernel[:lags] += 0.5 * weighted

@@ -63,7 +63,6 @@ FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
 SETTLING_PERIODS = 0.5  # periods of the cut-off after which a filter has forgotten where it began
 TOGETHER = 8192  # samples that are evaluated together
-FILTERED_TOGETHER = 4  # columns
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
 Refinement = Literal["free_run", "none"]
 
@@ -92,7 +91,7 @@ class Samples:
     def on(self, terms: tuple[Term, ...]) -> "Samples":
         """The same samples over some of their terms."""
         columns = [self.terms.index(term) for term in terms]
-        return replace(self, terms=terms, phi=np.take(self.phi, columns, axis=1))
+        return replace(self, terms=terms, phi=self.phi.T[columns].T)
 
     @property
     def constant(self) -> int | None:
@@ -288,12 +287,12 @@ class ResidualOptions(Identifier):
         terms = self.terms(nominal) if terms is None else terms
         parts = evaluated(
             filtered,
-            lambda part: basis.evaluate(terms, part.variables()),
+            lambda part: basis.evaluate((*terms, *NED_COLUMNS), part.variables()),
             lambda part: lack_of_fit(part, nominal, self.force),
             lambda part: reference_force(part, nominal, self.force),
-            lambda part: basis.evaluate(NED_COLUMNS, part.variables()),
         )
-        phi, epsilon, force, heading = (smoothed(filtered, each, smoothing) for each in parts)
+        phi, epsilon, force = (smoothed(filtered, each, smoothing) for each in parts)
+        phi, heading = phi[:, : len(terms)], phi[:, len(terms) :]
         phi[:, _with_constant_inputs(terms, recording)] = 0.0
         file = None if filtered.file is None else filtered.file[kept(filtered, smoothing)]
         samples = Samples(terms, phi, epsilon, force, heading, recording.period_s, file)
@@ -347,13 +346,13 @@ def _with_constant_inputs(terms: tuple[Term, ...], recording: Recording) -> list
 def evaluated(filtered: Recording, *functions: Callable[[Recording], Array]) -> list[Array]:
     """Columns (N, k) of each function of single samples, evaluated in parts of the recording.
 
-    The variables of a part fit into the cache; those of a long recording are larger than it.
+    The variables of a part fit into the cache. Each column is contiguous, as filters need it.
     """
     n, edges = len(filtered), np.arange(0, len(filtered) - 1, TOGETHER).tolist()
     results: list[Array] = []
     for a, b in pairwise([*edges, n]):
         values = [function(filtered.part(slice(a, b))) for function in functions]
-        results = results or [np.empty((n, each.shape[1])) for each in values]
+        results = results or [np.empty((n, each.shape[1]), order="F") for each in values]
         for result, each in zip(results, values, strict=True):
             result[a:b] = each
     return results
@@ -364,9 +363,8 @@ def smoothed(filtered: Recording, columns: Array, smoothing: Smoothing) -> Array
     cutoff = smoothing.regressors_hz
     if cutoff is None:
         return columns
-    for j in range(0, columns.shape[1], FILTERED_TOGETHER):  # copies of a few columns at a time
-        some = slice(j, j + FILTERED_TOGETHER)
-        columns[:, some] = filtered.lowpassed(columns[:, some], cutoff)
+    for column in columns.T:  # so that one column at a time is copied
+        column[:] = filtered.lowpassed(column, cutoff)
     inside = kept(filtered, smoothing)
     first, count = int(np.argmax(inside)), int(np.count_nonzero(inside))
     whole = slice(first, first + count)  # of a recording without a gap, where nothing is copied
