@@ -93,10 +93,12 @@ def check(trial: Trial) -> None:
         _check_mission(trial, excitation)
     needs = trial.identifier.needs()
     check_cutoff(needs.lowpass_hz, period)
+    model_period = trial.identifier.model_period_s(period)
     controller = trial.controller
     if controller is not None:
         controller.build(commanded(nominal, controller), trial.sample_time_s)
-        check_periods(trial, controller, period if skipped(trial) is None else None)
+        if model_period is not None and skipped(trial) is None:
+            check_periods(trial, controller, model_period)
     check_needs(needs, trial.vessel.name, thruster, recording)
 
 
@@ -198,15 +200,11 @@ def longest_s(trial: Trial) -> float:
     return max(durations) - trial.sample_time_s if durations else 0.0
 
 
-def check_periods(trial: Trial, controller: Controller, recorded_s: float | None = None) -> None:
-    """Check that the controller's period is a multiple of the identified model's period.
-
-    `recorded_s` is the sample time of the recording [s], by default that of the simulation.
-    """
-    sample_time = trial.sample_time_s
-    model_period = trial.identifier.model_period_s(recorded_s or sample_time)
-    if model_period is None or not controller.takes_state_space:
+def check_periods(trial: Trial, controller: Controller, model_period: float) -> None:
+    """Check that the controller's period is a multiple of the identified model's period [s]."""
+    if not controller.takes_state_space:
         return
+    sample_time = trial.sample_time_s
     period = controller.command_rows(sample_time) * sample_time
     multiple = round(period / model_period)
     if multiple < 1 or abs(multiple * model_period - period) > 1e-9 * period:

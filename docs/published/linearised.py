@@ -24,7 +24,7 @@ from seatrial.models.identification.problem import (
     check_force,
     check_forces,
 )
-from seatrial.models.identification.sampled_data import Sampled, sampled, stretches
+from seatrial.models.identification.sampled_data import Sampled, sampled
 from seatrial.models.identification.state_space_diagnostics import fit, model_diagnostics
 from seatrial.models.notation import PLANAR, POSE_UNIT
 from seatrial.models.ranges import Positive, check_ranges
@@ -160,9 +160,8 @@ def free_run_errors(model: StateSpace, held_out: Sampled, recording: Recording) 
     """
     first = np.flatnonzero(recording.piece_starts)[np.unique(held_out.stretch)]
     free, drift = [], np.zeros(len(recording.dofs))
-    ys, us = (stretches(values, held_out.stretch) for values in (held_out.y, held_out.u))
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may diverge
-        for start, y, u in zip(first, ys, us, strict=True):
+        for start, (y, u) in zip(first, held_out.parts(), strict=True):
             free.append(model.simulate(u, np.concatenate([y[0], recording.nu[start]])))
             drift = np.maximum(drift, np.abs(y[-1] - y[0]))
         rmse = np.sqrt(np.mean(np.square(held_out.y - np.vstack(free)), axis=0))

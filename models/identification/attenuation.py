@@ -23,8 +23,9 @@ import numpy as np
 import scipy
 
 from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.identification.linear import turns
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.residual import ResidualOptions, Samples
+from seatrial.models.identification.residual import ResidualOptions, Samples, evaluated, smoothed
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.smoothing import (
     ABOVE_FLOOR,
@@ -33,9 +34,8 @@ from seatrial.models.recording.smoothing import (
     noise_band,
     noise_floor,
 )
-from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.basis import Array, evaluate
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.vessel.thruster import SecondOrderLag
 
 WORTH_A_WARNING = 0.05  # of a nominal coefficient
 CONFIDENCE = 0.95  # that no loss is within the interval of its coefficient, of all together
@@ -83,13 +83,18 @@ def noise_like(recording: Recording, rng: np.random.Generator) -> tuple[Array, A
     return velocity, acceleration
 
 
-def attenuations(samples: Samples, again: Samples) -> Array:
-    """lambda (n_terms,) of the columns of `samples`; `again` are the same with noise once more."""
-    size = np.sqrt(np.mean(samples.phi**2, axis=0))
-    size[size == 0.0] = 1.0
-    phi, noise = samples.phi / size, (again.phi - samples.phi) / size
-    inverse = np.linalg.pinv(phi.T @ phi, RESOLUTION, hermitian=True)
-    return np.asarray(np.clip(np.sum(inverse * (noise.T @ noise), axis=1), 0.0, 1.0))
+def attenuations(phi: Array, again: Array) -> Array:
+    """lambda (n_terms,) of columns phi (N, n_terms); `again` are the same with noise once more."""
+    size = np.sqrt(np.einsum("nj,nj->j", phi, phi) / len(phi))
+    scale = np.where(size > 0.0, size, 1.0)
+    gram, noise = np.zeros((2, len(size), len(size)))
+    for part in turns(len(phi)):
+        own = phi[part] / scale
+        more = np.where(size > 0.0, again[part] / scale - own, 0.0)
+        gram += own.T @ own
+        noise += more.T @ more
+    inverse = np.linalg.pinv(gram, RESOLUTION, hermitian=True)
+    return np.asarray(np.clip(np.sum(inverse * noise, axis=1), 0.0, 1.0))
 
 
 def noticeable(
@@ -105,7 +110,8 @@ def noticeable(
     interval = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE) / count))
     loss = shares[:, None] * np.abs(theta)
     hidden = np.zeros_like(loss) if errors is None else interval * np.nan_to_num(errors)
-    force = loss * np.sqrt(np.mean(samples.phi**2, axis=0))[:, None]
+    power = np.einsum("nj,nj->j", samples.phi, samples.phi) / len(samples)
+    force = loss * np.sqrt(power)[:, None]
     spread = np.std(samples.force, axis=0)  # zero where nothing pushed
     force = np.divide(force, spread, out=np.zeros_like(force), where=spread > 0.0)
     force[(shares <= WORTH_A_WARNING)[:, None] | (loss <= hidden)] = 0.0
@@ -113,10 +119,28 @@ def noticeable(
     return [(i, k) for i, k in order if force[i, k] > 0.0]
 
 
+def regressors_again(
+    options: ResidualOptions, training: Recording, samples: Samples
+) -> Array | None:
+    """Regressors (N, n_terms) of a recording with noise like its own added; None without noise."""
+    nu, nu_dot = noise_like(training, np.random.default_rng(0))
+    if not (np.any(nu) or np.any(nu_dot)):
+        return None
+    nu += training.nu  # in their place: a long recording fills the memory
+    nu_dot += training.nu_dot
+    smoothing = options.smoothing(training)
+    filtered = options.filtered(
+        replace(training, nu=nu, nu_dot=nu_dot, tau_filtered=None, tau_actual=None, loads=None),
+        None, smoothing,
+    )  # fmt: skip
+    del nu, nu_dot
+    (again,) = evaluated(filtered, lambda part: evaluate(samples.terms, part.variables()))
+    return smoothed(filtered, again, smoothing)
+
+
 def with_attenuation(
     options: ResidualOptions,
     problem: Problem,
-    lag: SecondOrderLag | None,
     samples: Samples,
     result: Identified,
 ) -> Identified:
@@ -124,13 +148,10 @@ def with_attenuation(
     training, dofs = problem.training, problem.nominal.dofs
     if problem.compared or not options.noise_remedies:
         return result
-    velocity, acceleration = noise_like(training, np.random.default_rng(0))
-    if not (np.any(velocity) or np.any(acceleration)):
+    again = regressors_again(options, training, samples)
+    if again is None:
         return result
-    noisy = replace(training, nu=training.nu + velocity, nu_dot=training.nu_dot + acceleration)
-    smoothing = options.smoothing(training)
-    again = options.samples(noisy, problem.nominal, lag, smoothing)
-    shares = attenuations(samples, again)
+    shares = attenuations(samples.phi, again)
     errors = None if result.std_error is None else result.std_error[: len(shares)]
     lost = noticeable(samples, shares, problem.nominal, errors)
     if not lost:

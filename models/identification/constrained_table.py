@@ -33,13 +33,13 @@ def finished(
 
     A table that meets the constraints is not changed by them. `samples` are those of the estimate.
     """
-    result = with_attenuation(options, problem, lag, samples, result)
+    result = with_attenuation(options, problem, samples, result)
     if options.inertia_factor is None and options.refinement == "none":
         return result
     free, training = entries_of(result.residual, problem.nominal), problem.training
     terms = free.nominal.terms
-    if terms == problem.nominal.terms and {*terms} <= {*samples.terms}:  # the same lack of fit
-        samples = samples.on(terms)
+    if {*terms} <= {*samples.terms}:  # the lack of fit is that of the nominal model too
+        samples = samples if terms == samples.terms else samples.on(terms)
     else:
         samples = options.samples(training, free.nominal, lag, terms=terms)
     model = structure(free, samples, training.nu, options.inertia_factor)

@@ -37,6 +37,7 @@ from seatrial.models.identification.sampled_data import (
     is_further_input,
     moves,
     sampled,
+    samples_in,
 )
 from seatrial.models.identification.state_space_diagnostics import (
     NAMES,
@@ -154,8 +155,11 @@ class Dsr(Identifier):
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def model_period_s(self, sample_time_s: float) -> float:
-        """The identifier's period [s] if it is set, else that of the recording."""
-        return self.period_s or sample_time_s
+        """The identifier's period [s], a multiple of that of the recording, else the latter.
+
+        Raises ConfigurationError unless it is one.
+        """
+        return samples_in(self.period_s, sample_time_s) * sample_time_s
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""
@@ -234,7 +238,7 @@ class Dsr(Identifier):
             data.y, data.u, self.L, self.J, order, alternatives, stable=self.stable,
             stretch=data.stretch, file=data.file,
         )  # fmt: skip
-        return (chosen.variant, chosen.feedthrough), chosen.diagnostics()
+        return chosen.alternative, chosen.diagnostics()
 
     def _realise(
         self, data: Sampled, order: int | None, method: Alternative, times: Codes | None = None

@@ -9,7 +9,7 @@ from the recording, and where it says nothing, the model stays as the nominal on
 1. The scale, the length of every velocity and the noise of the kernel maximise the marginal
    likelihood of what phi leaves unexplained on a subsample: Rasmussen and Williams (2006),
    Gaussian processes for machine learning, eq. (5.8).
-2. The posterior mean takes all samples (`kernel_posterior`). A degree of freedom whose posterior
+2. The posterior mean takes all samples. A degree of freedom whose posterior
    mean does not explain the lack of fit on blocks left out keeps the nominal model.
 3. It is projected on the terms of the table in the velocities, at the recorded ones and, with less
    weight, around them. So the equation of motion stays the compiled one. R^2 says how much of the
@@ -18,15 +18,10 @@ from the recording, and where it says nothing, the model stays as the nominal on
    by the whole table, both identified without that block. The best of the three is the result; a
    degree of freedom that it predicts worse than the nominal model keeps its nominal equation.
 
-The posterior mean of a Gaussian process from all samples, by the subset of regressors.
-
-    epsilon_k = phi' b_k + g_k(nu) + noise        b_k ~ N(0, S^2),  g_k ~ GP(0, kernel(nu, nu'))
-
-With inducing points z the process is g(nu) = kernel(nu, z) w, w ~ N(0, kernel(z, z)^-1), and the
-posterior mean of b and w is a ridge regression on all samples: Quinonero-Candela and Rasmussen
+The process is g(nu) = kernel(nu, z) w, w ~ N(0, kernel(z, z)^-1) with inducing points z, so that
+the posterior mean of b and w is a ridge regression on all samples: Quinonero-Candela and Rasmussen
 (2005), J. Mach. Learn. Res. 6, eq. (16). Away from the inducing points it returns to zero. The
-noise counts for tau samples as for one, see `structured`. The mean is projected on the terms in the
-velocities.
+noise counts for tau samples as for one, see `structured`.
 """
 
 import warnings
@@ -326,7 +321,7 @@ class GaussianProcess(ResidualOptions):
         samples = self.samples(training, problem.nominal, lag, smoothing)
         filtered = self.filtered(training, lag, smoothing)
         smooth = partial(smoothed, filtered, smoothing=smoothing)
-        nu = smooth(filtered.nu)
+        nu = smooth(filtered.nu.copy())
         count = min(self.subsample, len(samples))
         drawn = (np.arange(count) + rng.random(count)) * len(samples) / count
         rows = drawn.astype(np.int64)

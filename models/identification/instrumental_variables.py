@@ -29,13 +29,20 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.free_parameters import ned_forces
-from seatrial.models.identification.linear import qr, turns
+from seatrial.models.identification.linear import (
+    check_distinguished,
+    condition_diagnostics,
+    long_run_covariances,
+    triangle,
+    turns,
+)
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.residual import (
     CONSTANT,
     Refinement,
     ResidualOptions,
     Samples,
+    evaluated,
     kept,
     smoothed,
     thruster_of,
@@ -47,8 +54,6 @@ from seatrial.models.identification.uncertainty import (
     block_bootstrap,
     check_bootstrap,
     hac_variance,
-    stationary_covariance,
-    stationary_variance,
 )
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import MOST_REPEATS, Positive
@@ -58,6 +63,7 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 SINGULAR_RATIO = 1e-10
+WHAT = "instruments do not distinguish"
 WEAK = 0.1  # strength below which the estimate is little else than noise, and so are its intervals
 REFINED = (
     "the instruments are weak, so that the model of the regression was refined by free runs; "
@@ -75,14 +81,32 @@ class Solution:
 
     theta: Array  # (n_terms, m)
     rest: Array  # (N, m) residuals
-    span: Array  # (N, n_instruments) orthonormal columns of the instruments
-    share: Array  # (n_instruments, n_terms), theta = share' span' y
+    z: Array  # (N, n_instruments)
+    inverse: Array  # (n_instruments, n_instruments) that makes the columns of z orthonormal
+    share: Array  # (n_instruments, n_terms), theta = share' (z inverse)' y
+    left: Array  # (n, n_terms) R of what the instruments leave of the regressors
     condition: float  # condition number of the scaled regressors projected on the instruments
 
-    @cached_property
+    @property
     def gains(self) -> Array:
         """Weight of every sample's target in theta, shape (N, n_terms)."""
-        return np.asarray(self.span @ self.share)
+        return np.asarray(self.z @ (self.inverse @ self.share))
+
+    @cached_property
+    def covariances(self) -> Array:
+        """Covariances of theta for each target with stationary residuals, (m, n_terms, n_terms)."""
+        own = long_run_covariances(lambda rows: self.z[rows] @ self.inverse, self.rest)
+        return np.asarray(self.share.T @ own @ self.share)
+
+    def standard_errors(self, kind: ErrorKind) -> Array:
+        """Standard errors (n_terms, m) for autocorrelated residuals."""
+        n, n_terms = len(self.rest), len(self.theta)
+        if kind == "hac":
+            gains = self.gains
+            variances = np.stack([hac_variance(gains * e[:, None]) for e in self.rest.T], axis=1)
+        else:
+            variances = np.diagonal(self.covariances, axis1=1, axis2=2).T
+        return np.sqrt(np.clip(n / max(n - n_terms, 1) * variances, 0.0, None))
 
 
 def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution:
@@ -93,36 +117,24 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
     Raises IdentificationError, with the `names` of the terms, when the instruments do not
     determine theta.
     """
-    if z.shape[1] < phi.shape[1]:
-        raise IdentificationError(
-            f"got {z.shape[1]} instruments for {phi.shape[1]} terms, expected at least as many"
-        )
-    zq, zr = qr(z / _size(z))
-    if z.shape[1] == phi.shape[1]:
-        _, s, vt = np.linalg.svd(zr)
-        _check_singular(s, vt, names, "instruments")
-    scale = _size(phi)
-    projected = zr if z is phi else (zq.T @ phi) / scale  # of least squares: Q'Q R = R
-    u, s, vt = np.linalg.svd(projected, full_matrices=False)
-    _check_singular(s, vt, names, "instruments")
+    n, m = y.shape
+    (a, b), own = (z.shape[1], phi.shape[1]), z is phi
+    if a < b:
+        raise IdentificationError(f"got {a} instruments for {b} terms, expected at least as many")
+    columns = (z, y) if own else (z, phi, y)
+    R = triangle(np.hstack([each[turn] for each in columns]) for turn in turns(n))
+    of_z, of_phi = R[:, :a], R[:, :a] if own else R[:, a : a + b]
+    sizes = [np.linalg.norm(each, axis=0) / np.sqrt(n) for each in (of_z, of_phi)]
+    size, scale = (np.where(each > 0.0, each, 1.0) for each in sizes)
+    if a == b:
+        check_distinguished(*np.linalg.svd(of_z[:a] / size)[1:], names, WHAT, SINGULAR_RATIO)
+    u, s, vt = np.linalg.svd(of_phi[:a] / scale, full_matrices=False)
+    check_distinguished(s, vt, names, WHAT, SINGULAR_RATIO)
     share = (u / s) @ vt / scale
-    theta = share.T @ (zq.T @ y)
-    return Solution(theta, y - phi @ theta, zq, share, float(s[0] / s[-1]))
-
-
-def _size(columns: Array) -> Array:
-    rms = np.sqrt(np.einsum("nj,nj->j", columns, columns) / len(columns))
-    return np.where(rms > 0.0, rms, 1.0)
-
-
-def _check_singular(s: Array, vt: Array, names: Sequence[str], what: str) -> None:
-    if s[-1] > SINGULAR_RATIO * s[0]:
-        return
-    terms = [str(names[int(i)]) for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)] if names else []
-    raise IdentificationError(
-        f"the {what} do not distinguish {', '.join(terms) or 'the terms'} from each other: got a "
-        f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR_RATIO:g}"
-    )
+    theta = share.T @ R[:a, -m:]
+    inverse = np.asarray(np.linalg.inv(of_z[:a]), dtype=np.float64)
+    condition = float(s[0] / s[-1])
+    return Solution(theta, y - phi @ theta, z, inverse, share, of_phi[a:], condition)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,23 +160,16 @@ class Estimate:
         terms, an F of the first stage. About 1 is that of instruments that have nothing to do with
         the motion, above 10 are strong ones (Stock and Yogo 2005).
         """
-        phi, span, kept = self.samples.phi, self.solution.span, list(self.kept)
-        n, n_instruments = span.shape
-        explained = span.T @ phi[:, kept]
-        left = np.zeros((n_instruments, n_instruments))
-        for part in turns(n):  # so that little is in memory
-            rest = (phi[part][:, kept] - span[part] @ explained) @ self.solution.share.T
-            left += rest.T @ rest
-        largest = float(np.linalg.norm(left, 2))
+        n, n_instruments = self.solution.z.shape
+        largest = float(np.linalg.norm(self.solution.left @ self.solution.share.T, 2)) ** 2
         return (n - n_instruments) / n_instruments / largest if largest > 0.0 else np.inf
 
     def spread(self) -> TableSpread:
         """The distribution of the coefficients."""
-        terms, rest = len(self.samples.terms), self.solution.rest
-        covariances = np.zeros((rest.shape[1], terms, terms))
-        for full, own in zip(covariances, rest.T, strict=True):
-            full[np.ix_(self.kept, self.kept)] = stationary_covariance(self.solution.gains, own)
-        return table_spread(list(covariances), rest)
+        covariances = [np.zeros((len(self.samples.terms),) * 2) for _ in self.solution.covariances]
+        for full, own in zip(covariances, self.solution.covariances, strict=True):
+            full[np.ix_(self.kept, self.kept)] = own
+        return table_spread(covariances, self.solution.rest)
 
     def residual(self, dofs: tuple[str, ...]) -> Vessel:
         """The residual table."""
@@ -311,7 +316,7 @@ class InstrumentalVariables(ResidualOptions):
     def _errors(self, estimate: Estimate, rng: np.random.Generator) -> Array:
         """Standard errors of the determined terms, shape (n_kept, n_dof)."""
         if self.bootstrap is None:
-            return _standard_errors(estimate.solution, self.errors)
+            return estimate.solution.standard_errors(self.errors)
         length = round(self.block_s / estimate.samples.period_s)
         gains, rest = estimate.solution.gains, estimate.solution.rest
         return block_bootstrap(lambda drawn: gains.T @ drawn, rest, length, self.bootstrap, rng)
@@ -328,12 +333,10 @@ class InstrumentalVariables(ResidualOptions):
             estimate = _solve_excited_terms(samples, samples.phi)
         else:
             estimate = self._refine(problem, samples, lag)
-        return Estimate(
-            samples,
-            estimate.kept,
-            estimate.solution,
-            estimate.diagnostics + _fit_diagnostics(estimate, problem.nominal.dofs),
-        )
+        kept, dofs = np.isin(np.arange(len(samples.terms)), estimate.kept), problem.nominal.dofs
+        conditions = [estimate.solution.condition] * len(dofs)
+        about = condition_diagnostics(samples.terms, kept, conditions, dofs)
+        return replace(estimate, diagnostics=estimate.diagnostics + about)
 
     def _refine(self, problem: Problem, samples: Samples, lag: SecondOrderLag | None) -> Estimate:
         """Estimate with instruments from the nominal model, then from each estimate.
@@ -358,7 +361,7 @@ class InstrumentalVariables(ResidualOptions):
         diagnostics.append(Diagnostic("instrument_strength", "all", estimate.strength))
         for dof, share in zip(problem.nominal.dofs, same_sign, strict=True):
             diagnostics.append(Diagnostic("same_sign", dof, float(share)))
-        return Estimate(samples, estimate.kept, estimate.solution, tuple(diagnostics))
+        return replace(estimate, diagnostics=tuple(diagnostics))
 
     def columns(
         self, problem: Problem, models: Sequence[Vessel], lag: SecondOrderLag | None
@@ -380,7 +383,8 @@ class InstrumentalVariables(ResidualOptions):
         inside = kept(motion, smoothing)
         used = ~np.isin(motion.t[inside], starts)
         terms = self.terms(problem.nominal)
-        z = smoothed(motion, basis.evaluate(terms, motion.variables()), smoothing)
+        (z,) = evaluated(motion, lambda part: basis.evaluate(terms, part.variables()))
+        z = smoothed(motion, z, smoothing)
         means = np.mean(z, axis=0, where=used[:, None])
         means[[i for i, term in enumerate(terms) if term == CONSTANT]] = 0.0
         same_sign = np.maximum(np.mean(motion.nu > 0.0, axis=0), np.mean(motion.nu < 0.0, axis=0))
@@ -406,7 +410,7 @@ def _in_air(term: Term) -> bool:
 
 def _solve_excited_terms(samples: Samples, z: Array) -> Estimate:
     """The solution over the terms whose instruments and regressors vary."""
-    spread = np.sqrt(np.mean(z**2, axis=0))
+    spread = np.sqrt(np.einsum("nj,nj->j", z, z) / len(z))
     excited = (spread > 1e-12 * np.max(spread, initial=0.0)) & np.any(samples.phi != 0.0, axis=0)
     kept = tuple(int(i) for i in np.flatnonzero(excited))
     if not kept:
@@ -433,26 +437,3 @@ def _correlations(estimate: Estimate, z: Array) -> tuple[Diagnostic, ...]:
                 Diagnostic("instrument_correlation", "all", float(a @ b) / size, label=name)
             )
     return tuple(values)
-
-
-def _fit_diagnostics(estimate: Estimate, dofs: tuple[str, ...]) -> tuple[Diagnostic, ...]:
-    """Condition number of the projected regressors, and the terms that are not determined."""
-    condition = [Diagnostic("condition_number", dof, estimate.solution.condition) for dof in dofs]
-    dropped = [
-        Diagnostic("dropped_term", "all", 1.0, label=term.name)
-        for i, term in enumerate(estimate.samples.terms)
-        if i not in estimate.kept
-    ]
-    return (*condition, *dropped)
-
-
-def _standard_errors(solution: Solution, kind: ErrorKind) -> Array:
-    """Standard errors (n_terms, n_dof) for autocorrelated residuals."""
-    n, n_terms = solution.gains.shape
-    rest = solution.rest * np.sqrt(n / max(n - n_terms, 1))
-    if kind == "hac":
-        columns = [hac_variance(solution.gains * column[:, None]) for column in rest.T]
-        variances = np.stack(columns, axis=1)
-    else:
-        variances = stationary_variance(solution.gains, rest)
-    return np.sqrt(np.clip(variances, 0.0, None))

@@ -20,9 +20,11 @@ from seatrial.models.identification.linear import (
     Decomposition,
     LinearFit,
     bootstrap_errors,
+    condition_diagnostics,
     decompositions,
     fit,
     standard_errors,
+    turns,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.residual import (
@@ -34,11 +36,7 @@ from seatrial.models.identification.residual import (
     thruster_of,
 )
 from seatrial.models.identification.spread import TableSpread, table_spread
-from seatrial.models.identification.uncertainty import (
-    ErrorKind,
-    check_bootstrap,
-    stationary_covariance,
-)
+from seatrial.models.identification.uncertainty import ErrorKind, check_bootstrap
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive
 from seatrial.models.vessel.basis import Array
@@ -89,6 +87,14 @@ class LeastSquares(ResidualOptions):
         """Identify the residual table with standard errors and condition numbers."""
         lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
+        result = self.regression(problem, samples, rng)
+        result = replace(result, diagnostics=diagnostics + result.diagnostics)
+        return finished(self, problem, lag, samples, result)
+
+    def regression(
+        self, problem: Problem, samples: Samples, rng: np.random.Generator
+    ) -> Identified:
+        """The residual table of the regression alone."""
         dofs = problem.nominal.dofs
         fitted, penalty_diagnostics = self.solve(samples, dofs)
         if problem.compared:
@@ -99,17 +105,17 @@ class LeastSquares(ResidualOptions):
             length = round(self.block_s / samples.period_s)
             errors, f_errors = bootstrap_errors(fitted, length, self.bootstrap, rng)
         residual = Vessel("residual", dofs, samples.terms, fitted.theta)
-        diagnostics += condition_diagnostics(samples, fitted, dofs) + penalty_diagnostics
+        conditions = [part.condition for part in fitted.parts]
+        diagnostics = condition_diagnostics(samples.terms, fitted.varies, conditions, dofs)
+        diagnostics += penalty_diagnostics
         if self.ned_force:
             residual += Vessel("force", dofs, NED_COLUMNS, ned_table(fitted.shared))
             shares = np.where(ned_table(np.ones(2)) != 0.0, np.abs(ned_table(f_errors)), np.nan)
             errors = np.vstack([errors, shares])
             diagnostics += ned_diagnostics(fitted.shared, f_errors)
         spread = None if problem.compared or self.ned_force else spread_of(fitted)
-        result = Identified(
-            problem.nominal + residual, residual, errors, diagnostics, spread=spread
-        )
-        return finished(self, problem, lag, samples, result)
+        model = problem.nominal + residual
+        return Identified(model, residual, errors, diagnostics, spread=spread)
 
     def without_bootstrap(self) -> Identifier:
         """This identifier without bootstrap replicates."""
@@ -169,16 +175,12 @@ class Ridge(LeastSquares):
         self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]
     ) -> tuple[Array, tuple[Diagnostic, ...]]:
         """Penalty of each degree of freedom (n_dof,), after the shared unknowns are subtracted."""
-        targets = samples.epsilon
-        if shared is not None:
-            f = fit(samples, weights, None, shared).shared
-            targets = targets - np.einsum("knm,m->nk", shared, f)
-        parts = decompositions(samples, weights, self.penalty != 0.0)
-        n = len(samples)
+        f = np.zeros(0) if shared is None else fit(samples, weights, None, shared).shared
+        parts, n = decompositions(samples, weights, self.penalty != 0.0, shared), len(samples)
         if self.penalty is not None:
             penalties = [self.penalty * n for _ in dofs]
         else:
-            penalties = [least_gcv(part, targets[:, k]) for k, part in enumerate(parts)]
+            penalties = [least_gcv(part, k, f, n) for k, part in enumerate(parts)]
         diagnostics = []
         for dof, part, value in zip(dofs, parts, penalties, strict=True):
             diagnostics.append(Diagnostic("ridge_penalty", dof, value / n))
@@ -188,31 +190,30 @@ class Ridge(LeastSquares):
 
 def spread_of(fitted: LinearFit) -> TableSpread:
     """The distribution of a table without shared unknowns."""
-    gains = [part.gains(float(p)) for part, p in zip(fitted.parts, fitted.penalties, strict=True)]
-    pairs = zip(gains, fitted.rest.T, strict=True)
-    return table_spread([stationary_covariance(*pair) for pair in pairs], fitted.rest)
+    own = turns(fitted.theta.size, len(fitted.theta))
+    return table_spread([fitted.covariance[each, each] for each in own], fitted.rest)
 
 
-def gcv(part: Decomposition, target: Array, penalties: Array) -> Array:
-    """Generalised cross-validation N |rest|^2 / (N - parameters)^2 for each penalty (n,).
+def gcv(part: Decomposition, k: int, f: Array, n: int, penalties: Array) -> Array:
+    """Generalised cross-validation n |rest|^2 / (n - parameters)^2 for each penalty, their shape.
 
-    `target` (N,) is that of one degree of freedom; the result has shape (n,).
+    The target is that of degree of freedom k after what the shared unknowns f (m,) explain; n is
+    the number of samples.
     """
-    weighted = part.weighted(target[:, None])[:, 0]
-    along = part.u.T @ weighted
-    orthogonal = float(np.sum((weighted - part.u @ along) ** 2))
+    change = np.append(-f, np.eye(part.along.shape[1] - len(f))[k])
+    along, orthogonal = part.along @ change, float(np.sum((part.left @ change) ** 2))
     shrinkage = penalties[:, None] / (part.s**2 + penalties[:, None])
     square = orthogonal + np.sum((shrinkage * along) ** 2, axis=1)
     parameters = np.array([part.parameters(penalty) for penalty in penalties])
-    return np.asarray(len(target) * square / (len(target) - parameters) ** 2)
+    return np.asarray(n * square / (n - parameters) ** 2)
 
 
-def least_gcv(part: Decomposition, target: Array) -> float:
+def least_gcv(part: Decomposition, k: int, f: Array, n: int) -> float:
     """The penalty of the least generalised cross-validation, by three successively finer grids."""
     low, high = 1e-16 * part.s[0] ** 2, 1e3 * part.s[0] ** 2
     for _ in range(3):
         grid = np.geomspace(low, high, 61)
-        best = int(np.argmin(gcv(part, target, grid)))
+        best = int(np.argmin(gcv(part, k, f, n, grid)))
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, 60)]
     return float(grid[best])
 
@@ -223,19 +224,6 @@ def recency(n: int, period_s: float, half_life_s: float | None) -> Array:
         return np.ones(n)
     age = period_s * np.arange(n - 1, -1, -1.0)
     return np.asarray(np.exp2(-age / half_life_s))
-
-
-def condition_diagnostics(
-    samples: Samples, fitted: LinearFit, dofs: tuple[str, ...]
-) -> tuple[Diagnostic, ...]:
-    """Condition number of each degree of freedom, and the terms that do not vary."""
-    rows = [
-        Diagnostic("condition_number", dof, float(value))
-        for dof, value in zip(dofs, fitted.condition, strict=True)
-    ]
-    used = {*samples.varying.tolist(), samples.constant}
-    dropped = [term.name for i, term in enumerate(samples.terms) if i not in used]
-    return (*rows, *(Diagnostic("dropped_term", "all", 1.0, label=name) for name in dropped))
 
 
 def ned_diagnostics(force: Array, errors: Array) -> tuple[Diagnostic, ...]:

@@ -17,9 +17,10 @@ with little excitation near the lag's frequency, lag and inertia cannot be disti
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -56,6 +57,7 @@ SETTLE_S = 10.0  # after this time the unknown initial state of the lag has no e
 FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
 SETTLING_PERIODS = 0.5  # periods of the cut-off after which a filter has forgotten where it began
+TOGETHER = 8192  # samples that are evaluated together
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
 Refinement = Literal["free_run", "none"]
 
@@ -84,7 +86,7 @@ class Samples:
     def on(self, terms: tuple[Term, ...]) -> "Samples":
         """The same samples over some of their terms."""
         columns = [self.terms.index(term) for term in terms]
-        return replace(self, terms=terms, phi=np.take(self.phi, columns, axis=1))
+        return replace(self, terms=terms, phi=self.phi.T[columns].T)
 
     @property
     def constant(self) -> int | None:
@@ -273,14 +275,14 @@ class ResidualOptions(Identifier):
         smoothing = self.smoothing(recording) if smoothing is None else smoothing
         filtered = self.filtered(recording, lag, smoothing)
         terms = self.terms(nominal) if terms is None else terms
-        x = filtered.variables()
-        parts = (
-            basis.evaluate(terms, x),
-            lack_of_fit(filtered, nominal, self.force),
-            reference_force(filtered, nominal, self.force),
-            basis.evaluate(NED_COLUMNS, x),
+        parts = evaluated(
+            filtered,
+            lambda part: basis.evaluate((*terms, *NED_COLUMNS), part.variables()),
+            lambda part: lack_of_fit(part, nominal, self.force),
+            lambda part: reference_force(part, nominal, self.force),
         )
-        phi, epsilon, force, heading = (smoothed(filtered, each, smoothing) for each in parts)
+        phi, epsilon, force = (smoothed(filtered, each, smoothing) for each in parts)
+        phi, heading = phi[:, : len(terms)], phi[:, len(terms) :]
         phi[:, _with_constant_inputs(terms, recording)] = 0.0
         file = None if filtered.file is None else filtered.file[kept(filtered, smoothing)]
         samples = Samples(terms, phi, epsilon, force, heading, recording.period_s, file)
@@ -331,12 +333,32 @@ def _with_constant_inputs(terms: tuple[Term, ...], recording: Recording) -> list
     ]
 
 
+def evaluated(filtered: Recording, *functions: Callable[[Recording], Array]) -> list[Array]:
+    """Columns (N, k) of each function of single samples, evaluated in parts of the recording.
+
+    The variables of a part fit into the cache. Each column is contiguous, as filters need it.
+    """
+    n, edges = len(filtered), np.arange(0, len(filtered) - 1, TOGETHER).tolist()
+    results: list[Array] = []
+    for a, b in pairwise([*edges, n]):
+        values = [function(filtered.part(slice(a, b))) for function in functions]
+        results = results or [np.empty((n, each.shape[1]), order="F") for each in values]
+        for result, each in zip(results, values, strict=True):
+            result[a:b] = each
+    return results
+
+
 def smoothed(filtered: Recording, columns: Array, smoothing: Smoothing) -> Array:
-    """Columns (N, k) of a filtered recording after the filter of the regressors."""
+    """Columns (N, k) of a filtered recording after the filter of the regressors, in their place."""
     cutoff = smoothing.regressors_hz
     if cutoff is None:
         return columns
-    return filtered.lowpassed(columns, cutoff)[kept(filtered, smoothing)]
+    for column in columns.T:  # so that one column at a time is copied
+        column[:] = filtered.lowpassed(column, cutoff)
+    inside = kept(filtered, smoothing)
+    first, count = int(np.argmax(inside)), int(np.count_nonzero(inside))
+    whole = slice(first, first + count)  # of a recording without a gap, where nothing is copied
+    return columns[whole if np.all(inside[whole]) else inside]
 
 
 def kept(filtered: Recording, smoothing: Smoothing) -> NDArray[np.bool_]:

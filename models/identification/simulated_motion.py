@@ -1,87 +1,39 @@
 """Instruments: the motion of a noise-free simulation under the recorded force.
 
 Ljungberg's instruments Z(k) are the regressors of a model that is simulated with the same inputs:
-they are correlated with the true motion and independent of the measurement noise. The closed-loop
-simulation is used with a controller that applies the recorded force. In a recording under feedback
-the force depends on past noise, but white noise at an instant is independent of a motion caused by
-earlier forces.
+they are correlated with the true motion and independent of the measurement noise. In a recording
+under feedback the force depends on past noise, but white noise at an instant is independent of a
+motion caused by earlier forces.
 
 The heading is measured, not simulated, since a simulated heading drifts, and its sine and cosine
 would lose their correlation with the true ones. The wind is the mean of the measured wind in NED.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from seatrial.models.compiled import lean_kernel
-from seatrial.models.errors import ConfigurationError, Diverged, IdentificationError
-from seatrial.models.identification.free_run import course_of, free_run
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.free_run import Course, course_of, free_run
+from seatrial.models.identification.residual import evaluated
 from seatrial.models.recording.recording import Recording, attitude_of
-from seatrial.models.simulation.loop import sail
-from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, REFERENCES
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_body, in_ned
-from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.plant_table import Flags
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.weather.weather import Weather
 
-DIVERGED_MULTIPLE = (
-    20.0  # a simulation beyond this multiple of the largest measured velocity has diverged
-)
+DIVERGED_MULTIPLE = 20.0  # of the largest measured velocity: beyond it a simulation has diverged
 STEP_S = 0.1  # longest integration step
-
-
-class Playback(NamedTuple):
-    """Recorded forces for every control period [N, Nm], shape (N, n_dof)."""
-
-    forces: Array
-
-
-class Adrift(NamedTuple):
-    """Guidance and reference of an uncontrolled vessel."""
-
-    gain: float = 0.0
-
-
-@lean_kernel
-def _apply_recorded_force(
-    table: Playback, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
-    nu_dot_d: Array, tau: Array, tau_fb: Array,
-) -> None:  # fmt: skip
-    """Apply the next recorded force; state (1,) is the number of forces applied."""
-    k = int(state[0])
-    for i in range(tau.shape[0]):
-        tau[i], tau_fb[i] = table.forces[k, i], 0.0
-    state[0] = k + 1.0
-
-
-@lean_kernel
-def _constant_setpoint(table: Adrift, state: Array, k: int, eta: Array, setpoint: Array) -> None:
-    for i in range(setpoint.shape[0]):
-        setpoint[i] = table.gain
-
-
-@lean_kernel
-def _hold_setpoint(table: Adrift, state: Array, setpoint: Array) -> None:
-    for i in range(state.shape[0]):
-        state[i, 0] = setpoint[i]
-
-
-CONTROLLERS[Playback] = _apply_recorded_force
-GUIDANCE[Adrift] = _constant_setpoint
-REFERENCES[Adrift] = _hold_setpoint
 
 
 class Simulated(NamedTuple):
     """A recording with simulated motion in place of the measured one."""
 
     motion: Recording
-    first: NDArray[np.bool_]  # (N,) measured states at which the simulation starts
+    first: Flags  # (N,) measured states at which the simulation starts
     newest: float  # share of the stretches in which the motion is that of the first model
 
 
@@ -94,54 +46,44 @@ def simulated_motion(
     `restart_s` [s]. These samples have measurement noise and cannot be instruments. Each stretch
     is simulated by the first of the models that can be. Raises IdentificationError when none can.
     """
-    wind = mean_wind(recording)
-    limits = DIVERGED_MULTIPLE * np.max(np.abs(recording.nu), axis=0)
-    limits = np.maximum(limits, 1e-3 * np.max(limits) + 1e-12)
-    motions, first, newest = [], [], []
-    for piece in stretches(recording, restart_s):
-        which, motion = _by_the_first_able(piece, models, force, wind, limits)
-        motions.append(motion)
-        newest.append(which == 0)
-        first.append(np.arange(len(piece)) == 0)
-    nu, nu_dot = (np.concatenate(parts) for parts in zip(*motions, strict=True))
+    wind, first = mean_wind(recording), stretch_starts(recording, restart_s)
+    begin, fastest = np.flatnonzero(first), DIVERGED_MULTIPLE * np.max(np.abs(recording.nu), axis=0)
+    limits = np.maximum(fastest, 1e-3 * np.max(fastest) + 1e-12)
+    nu, nu_dot = np.empty_like(recording.nu), np.empty_like(recording.nu)
+    left, shares = np.full(len(begin), True), []
+    for model in models:
+        try:
+            motion = _moved(recording, model, force, wind, first)
+            inside = np.all(np.abs(motion[0]) <= limits, axis=1)
+        except ConfigurationError as error:
+            why, inside = f"cannot be simulated: {error}", np.full(len(first), False)
+        else:
+            why = "diverge under the recorded force or inputs: try a shorter restart_s"
+        able = left & np.logical_and.reduceat(inside, begin)
+        rows = np.repeat(able, np.diff(begin, append=len(first)))
+        if np.any(able):
+            nu[rows], nu_dot[rows] = (values[rows] for values in motion)
+        left &= ~able
+        shares.append(float(np.mean(able)))
+        if not np.any(left):
+            break
+    else:
+        raise IdentificationError(f"the instruments {why}")
     heading = recording.attitude[:, 2]
     air = None if wind is None else in_body(np.tile(wind, (len(heading), 1)), heading)
     moved = replace(recording, nu=nu, nu_dot=nu_dot, wind=air)
-    return Simulated(moved, np.concatenate(first), float(np.mean(newest)))
+    return Simulated(moved, first, shares[0])
 
 
-def _by_the_first_able(
-    piece: Recording, models: Sequence[Vessel], force: str | None, wind: Array | None, limits: Array
-) -> tuple[int, tuple[Array, Array]]:
-    """The first of the models that can be simulated, with its velocity and acceleration."""
-    *newer, last = models
-    for which, model in enumerate(newer):
-        with suppress(IdentificationError):
-            return which, _moved(piece, model, force, wind, limits)
-    return len(newer), _moved(piece, last, force, wind, limits)
-
-
-def _moved(
-    piece: Recording, model: Vessel, force: str | None, wind: Array | None, limits: Array
-) -> tuple[Array, Array]:
-    """Velocity and acceleration (N, n_dof) of a simulation of one stretch."""
-    if model.forces_commanded:
-        return _simulate(piece, model, force, wind, tuple(limits.tolist()))
-    return _steered(piece, model, limits)
-
-
-def stretches(recording: Recording, restart_s: float | None) -> list[Recording]:
-    """The stretches without a gap, split into pieces of at least `restart_s` [s]."""
-    pieces = recording.pieces()
-    if restart_s is None:
-        return pieces
-    length = max(round(restart_s / recording.period_s), 2)
-    parts = []
-    for piece in pieces:
-        edges = list(range(0, max(len(piece) - length, 0) + 1, length))
-        ends = [*edges[1:], len(piece)]
-        parts += [piece.part(slice(a, b)) for a, b in zip(edges, ends, strict=True)]
-    return parts
+def stretch_starts(recording: Recording, restart_s: float | None) -> Flags:
+    """True (N,) where a stretch without a gap begins, or a part of it of `restart_s` [s]."""
+    first = recording.piece_starts.copy()
+    if restart_s is not None:
+        length = max(round(restart_s / recording.period_s), 2)
+        edges = [*np.flatnonzero(first).tolist(), len(first)]
+        for a, b in pairwise(edges):
+            first[a : max(b - length, a) + 1 : length] = True
+    return first
 
 
 def mean_wind(recording: Recording) -> Array | None:
@@ -152,52 +94,57 @@ def mean_wind(recording: Recording) -> Array | None:
     return np.asarray(np.mean(north_east, axis=0))
 
 
-def _steered(piece: Recording, model: Vessel, limits: Array) -> tuple[Array, Array]:
-    """Velocity and acceleration of a model under the recorded inputs, (N, n_dof) each."""
-    try:
-        model.plant_table()
-        course = course_of(piece, None, None, None, np.inf, model.attitude)
-        with np.errstate(all="ignore"):
-            motion = free_run(model, course, "rk4")
-    except ConfigurationError as error:
-        raise IdentificationError(f"the instruments cannot be simulated: {error}") from error
-    nu = motion[:, len(model.dofs) :]
-    if not np.all(np.abs(nu) <= limits):
-        raise IdentificationError(
-            "the simulation of the instruments diverges under the recorded inputs: a shorter "
-            "restart_s keeps it near the measured motion"
-        )
-    attitude = attitude_of(model.dofs, motion[:, : len(model.dofs)])
-    return nu, model.forward(np.zeros_like(nu), nu, attitude, piece.wind, piece.inputs)
-
-
-def _simulate(
-    piece: Recording,
-    model: Vessel,
-    force: str | None,
-    wind: Array | None,
-    limits: tuple[float, ...],
+def _moved(
+    recording: Recording, model: Vessel, force: str | None, wind: Array | None, first: Flags
 ) -> tuple[Array, Array]:
-    """Velocity and acceleration of a model from the first measured state on, (N, n_dof) each."""
-    # A recorded acting force is that at the end of a period, exact if it follows the command
-    # without lag; a force filtered by a known lag is continuous, so its mean is used.
+    """Velocity and acceleration (N, n_dof) of a model from the measured states at `first` on.
+
+    Raises ConfigurationError for a model that cannot be simulated.
+    """
+    n, commanded, every = len(model.dofs), model.forces_commanded, 1
+    model.plant_table()
+    course = course_of(recording, None, None, None, np.inf, model.attitude)
+    course = course._replace(restart=first)
+    if commanded:
+        course, every = _held(course, _held_force(recording, force), wind)
+    with np.errstate(all="ignore"):
+        motion = free_run(model, course, "rk4")[::every]
+        nu, attitude = motion[:, n:], attitude_of(model.dofs, motion[:, :n])
+        acting, air = np.zeros_like(nu), recording.wind
+        if commanded:  # the acceleration is that before a command takes effect
+            acting[1:] = _held_force(recording, force)[:-1]
+            acting[first] = 0.0
+            air = None if wind is None else in_body(np.tile(wind, (len(nu), 1)), attitude[:, 2])
+        moved = replace(recording, nu=nu, attitude=attitude, wind=air, tau=acting)
+        (nu_dot,) = evaluated(
+            moved, lambda at: model.forward(at.tau, at.nu, at.attitude, at.wind, at.inputs)
+        )
+    return nu, nu_dot
+
+
+def _held_force(piece: Recording, force: str | None) -> Array:
+    """The recorded force over each sample [N, Nm], (N, n_dof).
+
+    A recorded acting force is that at the end of a period, exact if it follows the command without
+    lag; a force filtered by a known lag is continuous, so its mean is used.
+    """
     at_end = piece.force(force) is piece.tau_actual
-    forces = piece.held_force(force)[:, 2 if at_end else 1]
-    n, n_dof = forces.shape
-    still = np.zeros((n, n_dof))
-    weather = Weather(still, still, still, still)
+    return np.asarray(piece.held_force(force)[:, 2 if at_end else 1])
+
+
+def _held(course: Course, forces: Array, wind: Array | None) -> tuple[Course, int]:
+    """The course under held forces (N, n_dof) and a wind in NED, and its steps in a sample."""
+    every = max(int(np.ceil(course.step_s / STEP_S - 1e-9)), 1)
+    measured, reached, acting = (
+        np.repeat(values, every, axis=0) for values in (course.measured, course.reached, forces)
+    )
+    restart = np.zeros(len(acting), dtype=np.bool_)
+    restart[::every] = course.restart
+    weather = course.weather._replace(wind_body=np.zeros((0, 2)))
     if wind is not None:
-        weather = weather._replace(wind_ned=np.tile(wind, (n, 1)))
-    adrift = Adrift()
-    try:
-        voyage = sail(
-            Plant(model, None, limits), weather, (adrift, np.zeros(1)), adrift,
-            (Playback(np.ascontiguousarray(forces)), np.zeros(1)), piece.eta[0],
-            piece.period_s, min(STEP_S, piece.period_s), piece.nu[0],
-        )  # fmt: skip
-    except (Diverged, ConfigurationError) as error:
-        raise IdentificationError(
-            f"the simulation of the instruments fails under the recorded force: {error}; "
-            f"a shorter restart_s keeps it near the measured motion"
-        ) from error
-    return voyage.log.nu, voyage.log.nu_dot
+        weather = weather._replace(wind_ned=np.tile(wind, (len(acting), 1)))
+    return course._replace(
+        acting=np.ascontiguousarray(np.repeat(acting[:, None], 3, axis=1)), weather=weather,
+        measured=measured, reached=reached, start=reached, restart=restart,
+        step_s=course.step_s / every,
+    ), every  # fmt: skip

@@ -27,7 +27,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.fallback import guarded
-from seatrial.models.identification.linear import Decomposition, decompose
+from seatrial.models.identification.linear import Decomposition, columns_of, factor, triangle
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
 from seatrial.models.notation import SQUARE_UNIT
@@ -90,60 +90,63 @@ class Sparse(ResidualOptions):
         samples = self.samples(problem.training, problem.nominal, lag)
         dofs = problem.nominal.dofs
         thresholds = [self.threshold] * len(dofs)
+        folds = [
+            (factor(samples, block, None, samples.epsilon), block.stop - block.start)
+            for block in blocks(len(samples), self.folds)
+        ]
         if self.threshold is None:
-            errors = self.left_out_errors(samples)
+            errors = self.left_out_errors(samples, folds)
             floor = ROUNDING * np.mean(samples.force**2, axis=0)
             thresholds = [CHOICES[sparsest(errors[..., k], floor[k])] for k in range(len(dofs))]
             diagnostics += error_diagnostics(np.mean(errors, axis=1), dofs)
-        part = self._decompose(samples)
-        columns = [
-            self._solve(part, samples.epsilon[:, [k]], threshold)
-            for k, threshold in enumerate(thresholds)
-        ]
+        part, n = self._decompose([R for R, _ in folds], samples), len(samples)
+        columns = [self._solve(part, n, one, slice(k, k + 1)) for k, one in enumerate(thresholds)]
         residual = Vessel("residual", dofs, samples.terms, np.hstack(columns))
         diagnostics += choice_diagnostics(residual, thresholds)
         result = Identified(problem.nominal + residual, residual, diagnostics=diagnostics)
         return finished(self, problem, lag, samples, result)
 
-    def left_out_errors(self, samples: Samples) -> Array:
+    def left_out_errors(self, samples: Samples, folds: list[tuple[Array, int]]) -> Array:
         """Mean square of the lack of fit on the blocks left out, shape (n_choices, folds, n_dof).
 
-        Raises IdentificationError if the terms cannot be distinguished without a block.
+        `folds` are the triangular factor of each block and its number of samples. Raises
+        IdentificationError if the terms cannot be distinguished without a block.
         """
-        errors = np.empty((len(CHOICES), self.folds, samples.epsilon.shape[1]))
-        for j, block in enumerate(blocks(len(samples), self.folds)):
-            kept = np.delete(np.arange(len(samples)), block)
-            phi, epsilon = samples.phi[kept], samples.epsilon[kept]
-            part = self._decompose(replace(samples, phi=phi, epsilon=epsilon))
+        order, n_dof = columns_of(samples), samples.epsilon.shape[1]
+        errors = np.empty((len(CHOICES), len(folds), n_dof))
+        for j, (left_out, n) in enumerate(folds):
+            part = self._decompose([R for R, _ in folds if R is not left_out], samples, n)
             for i, threshold in enumerate(CHOICES):
-                theta = self._solve(part, epsilon, threshold)
-                rest = samples.epsilon[block] - samples.phi[block] @ theta
-                errors[i, j] = np.mean(rest**2, axis=0)
+                theta = self._solve(part, len(samples) - n, threshold, slice(n_dof))[order]
+                rest = left_out @ np.vstack([-theta, np.eye(n_dof)])
+                errors[i, j] = np.sum(rest**2, axis=0) / n
         return errors
 
-    def _decompose(self, samples: Samples) -> Decomposition:
+    def _decompose(self, factors: list[Array], samples: Samples, without: int = 0) -> Decomposition:
+        """The decomposition of blocks by their triangular factors, `without` some samples."""
         penalised = self.algorithm == "stlsq" and self.penalty > 0.0
-        return decompose(samples, np.ones(len(samples)), penalised)
+        order, total = columns_of(samples), float(len(samples) - without)
+        return Decomposition.of(triangle(factors), samples.terms, order, total, penalised)
 
-    def _solve(self, part: Decomposition, epsilon: Array, threshold: float | None) -> Array:
-        """The table (n_terms, m) of a lack of fit (N, m); None: no terms.
+    def _solve(self, part: Decomposition, n: int, threshold: float | None, axes: slice) -> Array:
+        """The table (n_terms, n_axes) of the lack of fit of n samples; None: no terms.
 
         Rotating the samples by U' leaves the regression as it is, with one row for each column.
         """
-        theta = np.zeros((part.n_terms, epsilon.shape[1]))
+        along, left = part.along[:, axes], part.left[:, axes]
+        theta = np.zeros((part.n_terms, along.shape[1]))
         if threshold is None:
             return theta
-        weighted, root = part.weighted(epsilon), np.sqrt(len(epsilon))
-        size = np.sqrt(np.sum(weighted**2, axis=0))
+        root, size = np.sqrt(n), np.sqrt(np.sum(along**2, axis=0) + np.sum(left**2, axis=0))
         size[size == 0.0] = 1.0
         with warnings.catch_warnings():  # that no term is left is a result; it is stored
             warnings.simplefilter("ignore")
             optimizer = self._optimizer(threshold)
-            optimizer.fit(part.s[:, None] * part.vt / root, part.u.T @ weighted / size)
+            optimizer.fit(part.s[:, None] * part.vt / root, along / size)
         shares = np.where(np.abs(optimizer.coef_) > NEGLIGIBLE_TERM, optimizer.coef_, 0.0)
         theta[part.columns] = shares.T * size / root / part.scale[:, None]
         if part.constant is not None:
-            theta[part.constant] = np.mean(epsilon, axis=0) - part.mean @ theta[part.columns]
+            theta[part.constant] = part.offset[axes] - part.mean @ theta[part.columns]
         return theta
 
     def _optimizer(self, threshold: float) -> Any:

@@ -20,12 +20,11 @@ Test for feedback: without it the innovations e are independent of all inputs. u
 J past samples of u, and of e beside them; an F-test compares the two. Caines and Chan (1975),
 Feedback between stationary stochastic processes, IEEE Transactions on Automatic Control 20.
 
-The error of a block is rms(predicted - measured) / std(measured), the mean over the outputs. The
-first alternative whose error exceeds the least by at most one standard error of the difference is
-chosen: Hastie, Tibshirani and Friedman (2009), section 7.10.
+The error of a block is the mean square of predicted - measured over its variance, the mean over the
+outputs, at most that of the mean; the choice is that of `cross_validation`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -34,21 +33,17 @@ from scipy.stats import f as f_distribution
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.linear import triangle, turns
+from seatrial.models.identification.cross_validation import FoldErrors, one_standard_error_rule
 from seatrial.models.identification.physical_form import PhysicalForm
-from seatrial.models.identification.sampled_data import (
-    Record,
-    Sampled,
-    Window,
-    explained_by_past,
-    hankel,
-    starts,
-    stretches,
-)
+from seatrial.models.identification.sampled_data import Sampled
 from seatrial.models.identification.subspace import (
     NOISE_FREE,
     Realisation,
+    Record,
     Variant,
+    Window,
+    compressed,
+    explained_by_past,
     identify_innovations,
 )
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
@@ -128,8 +123,7 @@ def fit_diagnostics(
     name of the output.
     """
     predicted: dict[str, list[Array]] = {"one_step": [], "ten_step": [], "free_run": []}
-    parts = (stretches(values, held_out.stretch) for values in (held_out.y, held_out.u))
-    for y, u in zip(*parts, strict=True):
+    for y, u in held_out.parts():
         start = model.initial_state(y, u)
         predicted["one_step"].append(model.predict(y, u, 1, start))
         predicted["ten_step"].append(model.predict(y, u, TEN, start))
@@ -160,7 +154,6 @@ def fit(y: Array, predicted: Array) -> Array:
 
 VARIANT_FOLDS = 5
 MAX_SAMPLES = 20_000  # samples that the choice is made with: the first ones of a longer record
-MAX_BLOCK_ERROR = 1.0  # largest error of a block, that of simulating the mean
 FEEDBACK_P = 1e-3  # p-value below which there is feedback
 Alternative = tuple[Variant, bool]  # and whether D is estimated
 NAMES: dict[Alternative, str] = {
@@ -172,29 +165,28 @@ NAMES: dict[Alternative, str] = {
 
 @dataclass(frozen=True, eq=False)
 class VariantChoice:
-    """The chosen alternative, the p-value of no feedback, and errors (folds,) where compared."""
+    """The chosen alternative, the p-value of no feedback, and the errors of all alternatives."""
 
-    variant: Variant
-    feedthrough: bool
+    alternative: Alternative
     p_value: float
-    errors: dict[Alternative, Array]
+    errors: dict[str, FoldErrors]  # a run for each block left out
 
     def diagnostics(self) -> list[Diagnostic]:
-        """The choice, the test for feedback, and the error of each alternative on each block j."""
+        """The choice, the test for feedback, and the NRMSE of each alternative on each block j."""
         feedback = self.p_value < FEEDBACK_P
         reason = "judged by " + ("one-step predictions" if feedback else "simulations")
-        chosen = NAMES[self.variant, self.feedthrough]
+        variant, direct = self.alternative
+        chosen = NAMES[self.alternative]
         rows = [
-            Diagnostic("variant", "all", float(self.variant == "closed"), label=chosen),
-            Diagnostic("feedthrough", "all", float(self.feedthrough)),
+            Diagnostic("variant", "all", float(variant == "closed"), label=chosen),
+            Diagnostic("feedthrough", "all", float(direct)),
             Diagnostic("feedback", "all", float(feedback), label=reason),
             Diagnostic("feedback_p_value", "all", self.p_value),
         ]
-        for i, (alternative, values) in enumerate(self.errors.items()):
-            label = NAMES[alternative]
+        for i, (name, left_out) in enumerate(self.errors.items()):
             rows += [
-                Diagnostic("variant_error", "all", float(value), "", i, j, label)
-                for j, value in enumerate(values)
+                Diagnostic("variant_error", "all", float(error), "", i, j, name)
+                for j, error in enumerate(np.sqrt(np.mean(left_out.squares, axis=1)))
             ]
         return rows
 
@@ -213,20 +205,19 @@ def select_variant(
 ) -> VariantChoice:
     """Choose one of the alternatives, the simplest first, for outputs y (N, m), inputs u (N, r).
 
-    At most LONGEST samples are used, so that the choice does not take long on a long record. Where
-    `file` (N,) numbers several files, these are the blocks.
+    At most MAX_SAMPLES are used. Where `file` (N,) numbers several files, these are the blocks.
     The other arguments are those of `identify_innovations`. Raises IdentificationError when the
     data are too few for the test of feedback.
     """
     y, u = y[:MAX_SAMPLES], u[:MAX_SAMPLES]
-    times = np.arange(len(y))
-    parts = np.zeros_like(times) if stretch is None else stretch[:MAX_SAMPLES]
-    p_value = feedback_p_value(y, u, J, parts)
-    error_of = prediction_error if p_value < FEEDBACK_P else simulation_error
+    parts = np.zeros(len(y), dtype=np.int64) if stretch is None else stretch[:MAX_SAMPLES]
+    record = Record(y, u, parts, np.arange(len(y)))
+    p_value = feedback_p_value(record, J)
     splits = blocked_k_fold(
         len(y), VARIANT_FOLDS, file=None if file is None else file[:MAX_SAMPLES]
     )
-    errors = {one: np.full(len(splits), MAX_BLOCK_ERROR) for one in alternatives}
+    samples = np.array([float(np.count_nonzero(test)) for _, test in splits])
+    errors = {NAMES[one]: np.ones((len(splits), y.shape[1])) for one in alternatives}
     for i, (train, test) in enumerate(splits):
         number = 2 * parts + (np.cumsum(test) > 0)  # no window may bridge the block left out
         for variant, direct in alternatives:
@@ -235,67 +226,50 @@ def select_variant(
                     y[train], u[train], L, J, order, variant, feedthrough=direct, stable=stable,
                     stretch=number[train],
                 ).model  # fmt: skip
-                left_out = Record(y[test], u[test], parts[test], times[test])
-                errors[variant, direct][i] = min(error_of(model, left_out), MAX_BLOCK_ERROR)
-    return VariantChoice(*_simplest(errors), p_value, errors)
+                left_out = Record(y[test], u[test], parts[test], record.times[test])
+                error = relative_squares(model, left_out, p_value >= FEEDBACK_P)
+                errors[NAMES[variant, direct]][i] = np.fmin(error, 1.0)  # that of the mean
+    found = {name: FoldErrors(squares, samples) for name, squares in errors.items()}
+    best = one_standard_error_rule(found)
+    chosen = next(one for one in alternatives if NAMES[one] == best)
+    return VariantChoice(chosen, p_value, found)
 
 
-def feedback_p_value(y: Array, u: Array, J: int, stretch: Codes) -> float:
+def feedback_p_value(record: Record, J: int) -> float:
     """The p-value of the hypothesis that no input depends on past outputs; 1 without noise.
 
     The least p-value of the inputs, times their number (Bonferroni).
     """
-    scales = [np.where((size := np.std(values, axis=0)) > 0.0, size, 1.0) for values in (y, u)]
-    record = Record(y / scales[0], u / scales[1], stretch, np.arange(len(y)))
+    scales = [np.where((size := np.std(x, axis=0)) > 0.0, size, 1.0) for x in record[:2]]
+    record = record._replace(y=record.y / scales[0], u=record.u / scales[1])
     after, e = explained_by_past(record, J, False)
     noisy = np.std(e.y, axis=0) > NOISE_FREE
-    rows = starts(after, J + 1)
+    rows = after.starts(J + 1)
     blocks = [Window(after.u, 0, J), Window(e.y[:, noisy], 0, J), Window(after.u, J, 1)]
-    a, b, r = (window.length * window.x.shape[1] for window in blocks)
+    a, b, r = (window.width for window in blocks)
     left = len(rows) - a - b
-    if b == 0 or left < 1:
+    if b == 0 or left < r:
         return 1.0
-    R = triangle(hankel(blocks, rows[turn]) for turn in turns(len(rows)))[:, -r:]
+    R = compressed(blocks, rows)[:, -r:]
     explained, rest = np.sum(R[a : a + b] ** 2, axis=0), np.sum(R[a + b :] ** 2, axis=0)
     random = rest > NOISE_FREE**2 * np.sum(R**2, axis=0)  # not a function of its own past
     ratio = explained[random] / b / (rest[random] / left)
     return float(min(1.0, r * np.min(f_distribution.sf(ratio, b, left), initial=1.0)))
 
 
-def prediction_error(model: StateSpace, record: Record) -> float:
-    """Error of one-step predictions, relative to the spread of the outputs."""
-    predicted = [model.predict(y, u, 1, model.initial_state(y, u)) for y, u in _parts(record)]
-    return _relative_error(record.y, np.vstack(predicted))
+def relative_squares(model: StateSpace, record: Record, simulated: bool) -> Array:
+    """Mean square error of each output over its variance (m,), of one step or a simulation.
 
-
-def simulation_error(model: StateSpace, record: Record) -> float:
-    """Error of a simulation, relative to the spread of the outputs; infinite if it diverges."""
+    NaN where the simulation diverges, zero for an output that does not vary.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
-        simulated = [
-            model.simulate(u, model.initial_state(y, u, free_run=True)) for y, u in _parts(record)
+        predicted = [
+            model.simulate(u, model.initial_state(y, u, free_run=True))
+            if simulated
+            else model.predict(y, u, 1, model.initial_state(y, u))
+            for y, u in record.parts()
         ]
-        return _relative_error(record.y, np.vstack(simulated))
-
-
-def _parts(record: Record) -> Iterator[tuple[Array, Array]]:
-    """Outputs and inputs of each contiguous part."""
-    y, u = (stretches(values, record.stretch) for values in (record.y, record.u))
-    return zip(y, u, strict=True)
-
-
-def _relative_error(y: Array, predicted: Array) -> float:
-    size, spread = np.sqrt(np.mean((predicted - y) ** 2, axis=0)), np.std(y, axis=0)
-    moved = spread > 0.0
-    error = float(np.mean(size[moved] / spread[moved])) if np.any(moved) else MAX_BLOCK_ERROR
-    return error if np.isfinite(error) else np.inf
-
-
-def _simplest(errors: dict[Alternative, Array]) -> Alternative:
-    """The first alternative within one standard error of the best."""
-    best = min(errors.values(), key=lambda values: float(np.mean(values)))
-
-    def within(values: Array) -> bool:
-        excess = values - best
-        return bool(np.mean(excess) <= np.std(excess, ddof=1) / np.sqrt(len(excess)))
-
-    return next(one for one, values in errors.items() if within(values))
+        square = np.mean((np.vstack(predicted) - record.y) ** 2, axis=0)
+    variance = np.var(record.y, axis=0)
+    ratio = np.divide(square, variance, out=np.zeros_like(square), where=variance > 0.0)
+    return np.asarray(ratio)

@@ -37,7 +37,7 @@ def prior_deviation(free: FreeParameters, phi: Array, force: Array) -> Array:
 
     phi (N, n_terms) over the terms of `free.nominal`, force (N, n_dof) [N, Nm].
     """
-    columns = np.sqrt(np.mean(phi**2, axis=0))
+    columns = np.sqrt(np.einsum("nj,nj->j", phi, phi) / len(phi))  # no copy of a long record
     effect = np.max(columns[:, None, None] * np.abs(free.slopes), axis=0)  # (n_dof, m)
     share = np.full(effect.shape, np.inf)
     np.divide(np.std(force, axis=0)[:, None], effect, out=share, where=effect > 0.0)

@@ -2,11 +2,12 @@
 
     x_{k+1} = A x_k + B u_k + K e_k        y_k = C x_k + D u_k + e_k
 
-Block Hankel matrices of L rows, with J past samples as instruments, are compressed by one QR
-factorisation. An SVD of the part of the future explained by the past gives the extended
+The rows of the block Hankel matrices are windows in time, the columns the samples in a window: the
+transpose of the literature's. With J past samples as instruments they are compressed by one QR
+factorisation. An SVD of the part of the L future samples explained by the past gives the extended
 observability matrix. Its shift invariance gives A, and its first block is C. The other matrices
 follow from linear least squares. Poles outside the unit circle, which the noise may cause, can be
-moved onto it first (`stable`). `stable_predictor` makes A - K C stable.
+moved onto it first (`stable`).
 
 `open`: the future inputs are projected out, and the past samples as instruments remove the noise.
 With feedback the future inputs contain past noise, and the model is biased for any record length.
@@ -18,8 +19,6 @@ the inputs (u, e) and the output y - e.
 Di Ruscio (2009), "A bootstrap subspace identification method", Modeling, Identification and
 Control 30; as used by Bargouth (2022), section 3.7, who writes D for C and E for D.
 
-A predictor that is stable by construction, and poles that are not outside the unit circle.
-
 The predictor x_{k+1} = (A - K C) x_k + B u_k + K y_k forgets its first state if A - K C is stable.
 The K of a regression need not make it so. If it does not, the Riccati equation of the predictor is
 solved with the covariances of the same noise; its stabilising solution has the same spectrum, and
@@ -29,26 +28,267 @@ Anderson and Moore (1979), Optimal Filtering, chapters 4 and 9.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.linalg import schur, solve_discrete_are
 
 from seatrial.models.compiled import kernel
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.linear import triangle, turns
-from seatrial.models.identification.sampled_data import (
-    Record,
-    Window,
-    explained_by_past,
-    starts,
-    stretches,
-    triangular,
-)
+from seatrial.models.identification.sampled_data import stretches
 from seatrial.models.simulation.statespace import StateSpace, spectral_radius
 from seatrial.models.vessel.basis import Array, Codes
 
+Variant = Literal["open", "closed"]
 FLOORS = (1e-9, 1e-6, 1e-3, 1.0)  # process noise added to all states, relative to the mean of Q
+DETERMINED = 1e-11  # least ratio of smallest to largest singular value of a regression
+EXCITED = 1e-11  # the same of the inputs' Hankel matrix
+NOISE_FREE = 1e-9  # innovations below this fraction of the output are rounding
+ORDER_FLOOR = 1e-10  # singular values below this fraction of the largest are rounding
+
+
+class Record(NamedTuple):
+    """Normalised data; `stretch` numbers the contiguous parts, `times` are the samples used."""
+
+    y: Array  # (N, m)
+    u: Array  # (N, r)
+    stretch: Codes  # (N,), not decreasing
+    times: Codes  # first samples of the windows used, with repetitions for a bootstrap
+
+    def parts(self) -> list[tuple[Array, Array]]:
+        """Outputs and inputs of each contiguous part."""
+        return stretches(self.y, self.u, self.stretch)
+
+    def starts(self, length: int) -> Codes:
+        """First samples of the windows of `length` samples that lie within one stretch."""
+        n = len(self.y) - length + 1
+        contiguous = self.stretch[length - 1 :] == self.stretch[: max(n, 0)]
+        times = self.times[self.times < n]
+        return np.asarray(times[contiguous[times]])
+
+
+class Window(NamedTuple):
+    """A block of the Hankel matrix: x_{k+first} ... x_{k+first+length-1} for a window at k."""
+
+    x: Array  # (N, m)
+    first: int
+    length: int
+
+    @property
+    def width(self) -> int:
+        """Columns of the block."""
+        return self.length * int(self.x.shape[1])
+
+
+def hankel(blocks: list[Window], rows: Codes) -> Array:
+    """Transposed block Hankel matrices, side by side, of the windows that start at `rows`."""
+    return np.hstack([
+        block.x[rows[:, None] + np.arange(block.first, block.first + block.length)].reshape(
+            len(rows), block.width
+        )
+        for block in blocks
+    ])  # fmt: skip
+
+
+def compressed(blocks: list[Window], rows: Codes) -> Array:
+    """R of the Hankel matrices, of which only some rows are in memory at a time.
+
+    Raises IdentificationError when there are too few windows.
+    """
+    width = sum(block.width for block in blocks)
+    if len(rows) < width:
+        raise IdentificationError(
+            f"got {len(rows)} windows of data, expected at least {width}: "
+            f"use a longer recording, a shorter period, or smaller L and J"
+        )
+    return triangle(hankel(blocks, rows[turn]) for turn in turns(len(rows)))
+
+
+def projected(known: list[Window], ahead: Window, rows: Codes) -> Array:
+    """Lower triangular factor, transposed R, of known inputs and outputs ahead.
+
+    Raises IdentificationError when the inputs, the first window, are not persistently exciting.
+    """
+    R, inputs = compressed([*known, ahead], rows).T, known[0].width
+    excitation = np.linalg.svd(R[:inputs, :inputs], compute_uv=False)
+    if excitation[-1] < EXCITED * excitation[0]:
+        raise IdentificationError(
+            f"the inputs do not excite all {inputs} directions of L samples: got a singular value "
+            f"ratio of {excitation[-1] / excitation[0]:.1e}, expected at least {EXCITED:g}"
+        )
+    return np.asarray(R)
+
+
+def explained_by_past(record: Record, J: int, feedthrough: bool) -> tuple[Record, Record]:
+    """y_k - e_k and e_k, the least-squares prediction from J past samples and its error.
+
+    The first J samples of every stretch are dropped. Raises IdentificationError when there are
+    too few windows.
+    """
+    past = [Window(record.u, 0, J), Window(record.y, 0, J)]
+    past += [Window(record.u, J, 1)] if feedthrough else []
+    count = sum(window.width for window in past)
+    R = compressed([*past, Window(record.y, J, 1)], record.starts(J + 1))
+    coefficients = np.linalg.lstsq(R[:, :count], R[:, count:], rcond=1e-12)[0]
+    every = record._replace(times=np.arange(len(record.y))).starts(J + 1)
+    parts = [hankel(past, every[turn]) @ coefficients for turn in turns(len(every))]
+    explained, y = np.vstack(parts), record.y[every + J]
+    position = np.full(len(record.y), -1)
+    position[every + J] = np.arange(len(every))
+    times = position[record.times]
+    shorter = Record(explained, record.u[every + J], record.stretch[every + J], times[times >= 0])
+    return shorter, shorter._replace(y=y - explained)
+
+
+@dataclass(frozen=True, eq=False)
+class Realisation:
+    """An identified model and the singular values that its order was chosen from."""
+
+    model: StateSpace
+    singular_values: Array
+    gain_recomputed: bool  # K of the regression had no stable predictor, or there was no noise
+    poles_moved: int  # number of poles that were moved onto the unit circle
+
+
+def identify_innovations(
+    y: Array,
+    u: Array,
+    L: int,
+    J: int,
+    order: int | None,
+    variant: Variant,
+    *,
+    feedthrough: bool = False,
+    stable: bool = False,
+    period_s: float = 1.0,
+    stretch: Codes | None = None,
+    times: Codes | None = None,
+) -> Realisation:
+    """Identify A, B, C, D, K, F and x0 from outputs y (N, m) and inputs u (N, r).
+
+    `order` None chooses the largest gap of the singular values. `feedthrough` estimates D, which
+    `closed` cannot. `stable` moves poles onto the unit circle that lie outside. `stretch` (N,) is
+    the index of the contiguous part of each sample, `times` are the indices of the samples to use
+    (for a bootstrap), `period_s` [s] is the sample time. Raises IdentificationError when the data
+    do not determine the model.
+    """
+    if not (np.all(np.isfinite(y)) and np.all(np.isfinite(u))):
+        raise IdentificationError("the data contain values that are not finite")
+    y_scale, u_scale = _scales(y, "output"), _scales(u, "input")
+    parts = np.zeros(len(y), dtype=np.int64) if stretch is None else stretch
+    every = np.arange(len(y)) if times is None else times
+    record = Record(y / y_scale, u / u_scale, parts, every)
+    if variant == "closed":
+        realisation = _identify_closed(record, L, J, order, stable)
+    else:
+        realisation = _identify_open(record, L, J, order, feedthrough, stable)
+    model = _with_noise_and_start(realisation.model, record)
+    model = replace(model, period_s=period_s).scaled(u_scale, y_scale)
+    return replace(realisation, model=model)
+
+
+def _scales(values: Array, what: str) -> Array:
+    """Standard deviations; raises IdentificationError for a column that does not vary."""
+    size = np.std(values, axis=0)
+    for column in np.flatnonzero(~(size > 0.0)):
+        raise IdentificationError(f"{what} {column + 1} does not vary: got {values[0, column]:g}")
+    return np.asarray(size)
+
+
+def _identify_open(
+    record: Record, L: int, J: int, order: int | None, feedthrough: bool, stable: bool
+) -> Realisation:
+    """Project out the future inputs, with the past as instruments; B and D by output error."""
+    inputs = Window(record.u, J, L + int(feedthrough))
+    past = [Window(record.u, 0, J), Window(record.y, 0, J)]
+    R = projected([inputs, *past], Window(record.y, J, L + 1), record.starts(J + L + 1))
+    a, b = inputs.width, sum(window.width for window in (inputs, *past))
+    A, C, values = realise(R[b:, a:b], record.y.shape[1], order)
+    forgets = spectral_radius(A) < 1.0
+    A, moved = onto_unit_circle(A) if stable else (A, 0)
+    observer = observer_gain(A, C)
+    gain = np.zeros_like(observer) if forgets else observer
+    B, D = input_matrices(record, record.u, A, C, gain, feedthrough)
+    model = StateSpace(A, B, C, D, 1.0)
+    explained, e = explained_by_past(record, J, feedthrough)
+    noise, scale = _innovation_inputs(e.y)
+    K, _ = input_matrices(explained, noise, A, C, observer, False, known=model)
+    model, recomputed = with_gain(model, K @ scale, e.y)
+    return Realisation(model, values, recomputed, moved)
+
+
+def _identify_closed(
+    record: Record, L: int, J: int, order: int | None, stable: bool
+) -> Realisation:
+    """Estimate the innovations, then solve a deterministic problem with the inputs (u, e)."""
+    m, r = record.y.shape[1], record.u.shape[1]
+    explained, e = explained_by_past(record, J, False)
+    noise, scale = _innovation_inputs(e.y)
+    known = [Window(explained.u, 0, L), Window(noise, 0, L)]
+    R = projected(known, Window(explained.y, 0, L + 1), explained.starts(L + 1))
+    a = sum(window.width for window in known)
+    A, C, values = realise(R[a:, a:], m, order)
+    A, moved = onto_unit_circle(A) if stable else (A, 0)
+    v = np.hstack([explained.u, noise])
+    BK, D = input_matrices(explained, v, A, C, observer_gain(A, C), False)
+    model = StateSpace(A, BK[:, :r], C, D[:, :r], 1.0)
+    model, recomputed = with_gain(model, BK[:, r:] @ scale, e.y)
+    return Realisation(model, values, recomputed, moved)
+
+
+def _innovation_inputs(e: Array) -> tuple[Array, Array]:
+    """The innovations above rounding with unit rms, and the map (n_kept, m) that scales them."""
+    size = np.sqrt(np.mean(e**2, axis=0))
+    columns = np.flatnonzero(size > NOISE_FREE)
+    return e[:, columns] / size[columns], np.eye(len(size))[columns] / size
+
+
+def _with_noise_and_start(model: StateSpace, record: Record) -> StateSpace:
+    """The model with F, the factor of its innovations' covariance, and the initial state x0."""
+    states = [model.initial_state(y, u) for y, u in record.parts()]
+    pairs = zip(record.parts(), states, strict=True)
+    errors = [y - model.predict(y, u, 1, state) for (y, u), state in pairs]
+    R = np.asarray(np.linalg.qr(np.vstack(errors), mode="r"), dtype=np.float64)
+    return replace(model, F=R.T / np.sqrt(len(record.y)), x0=states[0])
+
+
+def realise(Z: Array, m: int, order: int | None) -> tuple[Array, Array, Array]:
+    """A, C and the singular values from the future explained by the state, Z with (L + 1) m rows.
+
+    Z_{J|L} = O_L X = U S V',  C = the first m rows of U,  A = U' Z_{J+1|L} V S^-1.
+    """
+    left, values, right = np.linalg.svd(Z[:-m], full_matrices=False)
+    n = largest_gap(values) if order is None else order
+    O = left[:, :n]  # noqa: E741 - the literature's name
+    A = O.T @ Z[m:] @ right[:n].T / values[:n]
+    return A, O[:m], values
+
+
+def largest_gap(values: Array) -> int:
+    """Number of singular values before the largest ratio of neighbours."""
+    floored = np.maximum(values, ORDER_FLOOR * values[0])
+    return int(np.argmax(floored[:-1] / floored[1:])) + 1
+
+
+def onto_unit_circle(A: Array) -> tuple[Array, int]:
+    """A with the poles outside the unit circle moved radially onto it, and their number.
+
+    A = Q T Q' with Q orthogonal and T block triangular; the diagonal blocks have the poles, and
+    only they change. Noferini and Poloni (2021), Nearest Omega-stable matrix via Riemannian
+    optimization, Numerische Mathematik 148, project the Schur form in this way for given Q.
+    """
+    T, Q = schur(A)
+    i = moved = 0
+    while i < len(T):
+        pair = i + 1 < len(T) and T[i + 1, i] != 0.0
+        block = slice(i, i + 1 + int(pair))
+        radius = spectral_radius(T[block, block])
+        if radius > 1.0:
+            T[block, block] /= radius
+            moved += 1 + int(pair)
+        i = block.stop
+    return np.asarray(Q @ T @ Q.T), moved
 
 
 def observer_gain(A: Array, C: Array) -> Array:
@@ -104,153 +344,6 @@ def _riccati_gain(A: Array, C: Array, Q: Array, S: Array, R: Array) -> Array:
     )
 
 
-def onto_unit_circle(A: Array) -> tuple[Array, int]:
-    """A with the poles outside the unit circle moved radially onto it, and their number.
-
-    A = Q T Q' with Q orthogonal and T block triangular; the diagonal blocks have the poles, and
-    only they change. Noferini and Poloni (2021), Nearest Omega-stable matrix via Riemannian
-    optimization, Numerische Mathematik 148, project the Schur form in this way for given Q.
-    """
-    T, Q = schur(A)
-    i = moved = 0
-    while i < len(T):
-        pair = i + 1 < len(T) and T[i + 1, i] != 0.0
-        block = slice(i, i + 1 + int(pair))
-        radius = spectral_radius(T[block, block])
-        if radius > 1.0:
-            T[block, block] /= radius
-            moved += 1 + int(pair)
-        i = block.stop
-    return np.asarray(Q @ T @ Q.T), moved
-
-
-Variant = Literal["open", "closed"]
-DETERMINED = 1e-11  # least ratio of smallest to largest singular value of a regression
-NOISE_FREE = 1e-9  # innovations below this fraction of the output are rounding
-ORDER_FLOOR = 1e-10  # singular values below this fraction of the largest are rounding
-
-
-@dataclass(frozen=True, eq=False)
-class Realisation:
-    """An identified model and the singular values that its order was chosen from."""
-
-    model: StateSpace
-    singular_values: Array
-    gain_recomputed: bool  # K of the regression had no stable predictor, or there was no noise
-    poles_moved: int  # number of poles that were moved onto the unit circle
-
-
-def identify_innovations(
-    y: Array,
-    u: Array,
-    L: int,
-    J: int,
-    order: int | None,
-    variant: Variant,
-    *,
-    feedthrough: bool = False,
-    stable: bool = False,
-    period_s: float = 1.0,
-    stretch: Codes | None = None,
-    times: Codes | None = None,
-) -> Realisation:
-    """Identify A, B, C, D, K, F and x0 from outputs y (N, m) and inputs u (N, r).
-
-    `order` None chooses the largest gap of the singular values. `feedthrough` estimates D, which
-    `closed` cannot. `stable` moves poles onto the unit circle that lie outside. `stretch` (N,) is
-    the index of the contiguous part of each sample, `times` are the indices of the samples to use
-    (for a bootstrap), `period_s` [s] is the sample time. Raises IdentificationError when the data
-    do not determine the model, ConfigurationError for options that do not fit the data.
-    """
-    _check(y, u, L, J, order, variant, feedthrough)
-    y_scale, u_scale = _scales(y, "output"), _scales(u, "input")
-    parts = np.zeros(len(y), dtype=np.int64) if stretch is None else stretch
-    every = np.arange(len(y)) if times is None else times
-    record = Record(y / y_scale, u / u_scale, parts, every)
-    if variant == "closed":
-        realisation = _identify_closed(record, L, J, order, stable)
-    else:
-        realisation = _identify_open(record, L, J, order, feedthrough, stable)
-    model = _with_noise_and_start(realisation.model, record)
-    model = replace(model, period_s=period_s).scaled(u_scale, y_scale)
-    return replace(realisation, model=model)
-
-
-def _with_noise_and_start(model: StateSpace, record: Record) -> StateSpace:
-    """The model with F, the factor of its innovations' covariance, and the initial state x0."""
-    errors, states = [], []
-    parts = (stretches(values, record.stretch) for values in (record.y, record.u))
-    for y, u in zip(*parts, strict=True):
-        states.append(model.initial_state(y, u))
-        errors.append(y - model.predict(y, u, 1, states[-1]))
-    R = np.asarray(np.linalg.qr(np.vstack(errors), mode="r"), dtype=np.float64)
-    F = R.T / np.sqrt(len(record.y))
-    return replace(model, F=F, x0=states[0])
-
-
-def _identify_open(
-    record: Record, L: int, J: int, order: int | None, feedthrough: bool, stable: bool
-) -> Realisation:
-    """Project out the future inputs, with the past as instruments; B and D by output error."""
-    m = record.y.shape[1]
-    rows = starts(record, J + L + 1)
-    inputs, ahead = L + int(feedthrough), Window(record.y, J, L + 1)
-    past = [Window(record.u, 0, J), Window(record.y, 0, J)]
-    R = triangular([Window(record.u, J, inputs), *past, ahead], rows)
-    a = inputs * record.u.shape[1]
-    b = a + J * (record.u.shape[1] + m)
-    A, C, values = realise(R[b:, a:b], m, order)
-    forgets = spectral_radius(A) < 1.0
-    A, moved = onto_unit_circle(A) if stable else (A, 0)
-    observer = observer_gain(A, C)
-    gain = np.zeros_like(observer) if forgets else observer
-    B, D = input_matrices(record, record.u, A, C, gain, feedthrough)
-    model = StateSpace(A, B, C, D, 1.0)
-    explained, e = explained_by_past(record, J, feedthrough)
-    noise, scale = _innovation_inputs(e.y)
-    K, _ = input_matrices(explained, noise, A, C, observer, False, known=model)
-    model, recomputed = with_gain(model, K @ scale, e.y)
-    return Realisation(model, values, recomputed, moved)
-
-
-def _identify_closed(
-    record: Record, L: int, J: int, order: int | None, stable: bool
-) -> Realisation:
-    """Estimate the innovations, then solve a deterministic problem with the inputs (u, e)."""
-    m, r = record.y.shape[1], record.u.shape[1]
-    explained, e = explained_by_past(record, J, False)
-    noise, scale = _innovation_inputs(e.y)
-    rows = starts(explained, L + 1)
-    known = [Window(explained.u, 0, L), Window(noise, 0, L)]
-    R = triangular([*known, Window(explained.y, 0, L + 1)], rows)
-    a = L * (r + noise.shape[1])
-    A, C, values = realise(R[a:, a:], m, order)
-    A, moved = onto_unit_circle(A) if stable else (A, 0)
-    v = np.hstack([explained.u, noise])
-    BK, D = input_matrices(explained, v, A, C, observer_gain(A, C), False)
-    model = StateSpace(A, BK[:, :r], C, D[:, :r], 1.0)
-    model, recomputed = with_gain(model, BK[:, r:] @ scale, e.y)
-    return Realisation(model, values, recomputed, moved)
-
-
-def realise(Z: Array, m: int, order: int | None) -> tuple[Array, Array, Array]:
-    """A, C and the singular values from the future explained by the state, Z with (L + 1) m rows.
-
-    Z_{J|L} = O_L X = U S V',  C = the first m rows of U,  A = U' Z_{J+1|L} V S^-1.
-    """
-    left, values, right = np.linalg.svd(Z[:-m], full_matrices=False)
-    n = largest_gap(values) if order is None else order
-    O = left[:, :n]  # noqa: E741 - the literature's name
-    A = O.T @ Z[m:] @ right[:n].T / values[:n]
-    return A, O[:m], values
-
-
-def largest_gap(values: Array) -> int:
-    """Number of singular values before the largest ratio of neighbours."""
-    floored = np.maximum(values, ORDER_FLOOR * values[0])
-    return int(np.argmax(floored[:-1] / floored[1:])) + 1
-
-
 def input_matrices(
     record: Record,
     v: Array,
@@ -265,15 +358,21 @@ def input_matrices(
     x_{k+1} = (A - G C) x_k + (B - G D) v_k + G y_k, y_k = C x_k + D v_k is linear in B, D and the
     first state of every stretch, for any G. With G = 0 the error of a free run is minimised, with a
     stabilising G that of a predictor. The response of the model `known` to the inputs `record.u`
-    is subtracted first.
+    is subtracted first. The solution has minimal norm where the columns are dependent: few
+    innovations may not determine K, and the rows of a bootstrap sample may not a first state.
     """
-    n, m, p = len(A), len(C), v.shape[1]
+    n, m, p, r = len(A), len(C), v.shape[1], record.u.shape[1]
+    B, D = (np.zeros((n, r)), np.zeros((m, r))) if known is None else (known.B, known.D)
+    inputs, through = np.hstack([gain, B - gain @ D]), np.hstack([np.zeros((m, m)), D])
+    observer = StateSpace(A - gain @ C, inputs, C, through, 1.0)
+    response = [observer.simulate(np.hstack(part)) for part in record.parts()]
+    R = triangle(_regressors(record, record.y - np.vstack(response), v, (A, C, gain), direct))
+    size = np.linalg.norm(R[:, :-1], axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    solution = np.linalg.lstsq(R[:, :-1] / size, R[:, -1], rcond=DETERMINED)[0] / size
     n_direct = m * p if direct else 0
-    target = record.y - _known_response(record, A, C, gain, known)
-    R = triangle(_regressors(record, target, v, (A, C, gain), direct))
-    solution = _solve_triangular(R, n * p + n_direct)
-    B = solution[: n * p].reshape(p, n).T
-    return B, solution[n * p :].reshape(-1, m).T if direct else np.zeros((m, p))
+    D = solution[n * p : n * p + n_direct].reshape(-1, m).T if direct else np.zeros((m, p))
+    return solution[: n * p].reshape(p, n).T, D
 
 
 def _regressors(
@@ -291,30 +390,6 @@ def _regressors(
         among = slice(*np.searchsorted(chosen, [turn.start, turn.start + len(phi)]))
         rows = chosen[among] - turn.start
         yield np.column_stack([phi[rows].reshape(len(rows) * m, -1), target[turn][rows].ravel()])
-
-
-def _solve_triangular(R: Array, count: int) -> Array:
-    """The first `count` unknowns from the triangular factor of [columns, right-hand side].
-
-    The solution has minimal norm if the columns are dependent: few innovations may not determine
-    K, and the rows of a bootstrap sample may not determine a first state.
-    """
-    size = np.linalg.norm(R[:, :-1], axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    solution = np.linalg.lstsq(R[:, :-1] / size, R[:, -1], rcond=DETERMINED)[0]
-    return np.asarray((solution / size)[:count])
-
-
-def _known_response(
-    record: Record, A: Array, C: Array, gain: Array, known: StateSpace | None
-) -> Array:
-    """Output of the observer driven by G y and the known inputs, from zero in every stretch."""
-    m, r = len(C), record.u.shape[1]
-    B, D = (np.zeros((len(A), r)), np.zeros((m, r))) if known is None else (known.B, known.D)
-    inputs = np.hstack([gain, B - gain @ D])
-    observer = StateSpace(A - gain @ C, inputs, C, np.hstack([np.zeros((m, m)), D]), 1.0)
-    parts = stretches(np.hstack([record.y, record.u]), record.stretch)
-    return np.vstack([observer.simulate(part) for part in parts])
 
 
 @kernel
@@ -352,37 +427,3 @@ def _responses(
                 for j in range(n):
                     following[j, n * p + m * c + i] -= G[j, i] * v[k, c]
         x[:] = following
-
-
-def _innovation_inputs(e: Array) -> tuple[Array, Array]:
-    """The innovations above rounding with unit rms, and the map (n_kept, m) that scales them."""
-    size = np.sqrt(np.mean(e**2, axis=0))
-    columns = np.flatnonzero(size > NOISE_FREE)
-    scaling = np.zeros((len(columns), e.shape[1]))
-    scaling[np.arange(len(columns)), columns] = 1.0 / size[columns]
-    return e[:, columns] / size[columns], scaling
-
-
-def _scales(values: Array, what: str) -> Array:
-    """Standard deviations; raises IdentificationError for a column that does not vary."""
-    size = np.std(values, axis=0)
-    for column in np.flatnonzero(~(size > 0.0)):
-        raise IdentificationError(f"{what} {column + 1} does not vary: got {values[0, column]:g}")
-    return np.asarray(size)
-
-
-def _check(
-    y: Array, u: Array, L: int, J: int, order: int | None, variant: str, feedthrough: bool
-) -> None:
-    """Raise an error for options or data that no model can be identified with."""
-    if len(y) != len(u):
-        raise ConfigurationError(f"got {len(y)} outputs and {len(u)} inputs, expected as many")
-    if L < 2 or J < 1:
-        raise ConfigurationError(f"L must be at least 2 and J at least 1, got L = {L}, J = {J}")
-    limit = L * y.shape[1]
-    if order is not None and not 1 <= order <= limit:
-        raise ConfigurationError(f"order must lie between 1 and L x outputs = {limit}, got {order}")
-    if variant == "closed" and feedthrough:
-        raise ConfigurationError("feedthrough: not identifiable in closed loop, use variant: open")
-    if not (np.all(np.isfinite(y)) and np.all(np.isfinite(u))):
-        raise IdentificationError("the data contain values that are not finite")

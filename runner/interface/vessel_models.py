@@ -16,9 +16,9 @@ from seatrial.runner.interface.displayed_table import Table
 if TYPE_CHECKING:  # what is slow to import
     import pandas as pd
 
-    from seatrial.models.identification import free_run, simulated_motion, validation
+    from seatrial.models.identification import free_run, validation
     from seatrial.models.recording.recording import Recording
-    from seatrial.models.simulation import loop
+    from seatrial.models.simulation import loop, playback
     from seatrial.models.vessel import parameters as vessels
     from seatrial.models.vessel.basis import Array
     from seatrial.models.vessel.table import Vessel as Coefficients
@@ -31,11 +31,12 @@ else:
     import lazy_loader
 
     pd = lazy_loader.load("pandas")
-    free_run, simulated_motion, validation, loop, vessels, weather, config, in_process = (
+    free_run, validation, loop, playback, vessels, weather, config, in_process = (
         lazy_loader.load(f"seatrial.{name}", suppress_warning=True)
         for name in (
-            *(f"models.identification.{n}" for n in ("free_run", "simulated_motion", "validation")),
-            *("models.simulation.loop", "models.vessel.parameters", "models.weather.weather"),
+            *(f"models.identification.{n}" for n in ("free_run", "validation")),
+            *(f"models.simulation.{n}" for n in ("loop", "playback")),
+            *("models.vessel.parameters", "models.weather.weather"),
             *("runner.config", "runner.in_process"),
         )
     )
@@ -133,10 +134,10 @@ class Model:
             np.zeros(n_dof) if values is None else _vector(values, self.dofs)
             for values in (pose, velocity)
         )
-        adrift = simulated_motion.Adrift()
+        adrift = playback.Adrift()
         voyage = loop.sail(
             self.parameters.plant(self.table), weather.Weather(still, still, still, still),
-            (adrift, np.zeros(1)), adrift, (simulated_motion.Playback(commands), np.zeros(1)),
+            (adrift, np.zeros(1)), adrift, (playback.Playback(commands), np.zeros(1)),
             start, period_s, min(step_s, period_s), start_nu,
         )  # fmt: skip
         return _frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu, commands)

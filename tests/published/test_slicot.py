@@ -105,5 +105,5 @@ def test_the_variant_that_the_data_choose_loses_no_point(
         )
         for variant, direct in NAMES
     }
-    chosen = vaf[selection.variant, selection.feedthrough]
+    chosen = vaf[selection.alternative]
     assert np.all(chosen >= np.max(list(vaf.values()), axis=0) - 1.0), (selection, vaf)

@@ -7,7 +7,6 @@ import pytest
 
 from seatrial.models.identification.attenuation import attenuations, noise_like
 from seatrial.models.identification.problem import Problem
-from seatrial.models.identification.residual import Samples
 from seatrial.models.recording.preprocessing import Differentiation, central_difference
 from seatrial.models.vessel.basis import terms
 from seatrial.runner import closed_loop
@@ -25,13 +24,9 @@ def test_one_regressor_keeps_the_share_of_signal() -> None:
     """Textbook: beta var(x) / (var(x) + var(e)); Fuller (1987), eq. (1.1.7)."""
     rng = np.random.default_rng(0)
     x = 2.0 * rng.standard_normal((100_000, 1))
-    measured = x + rng.standard_normal(x.shape)
-    empty = np.zeros_like(x)
-    once, again = (
-        Samples(terms(["u"]), phi, empty, empty, np.zeros((len(x), 2)), 0.1)
-        for phi in (measured, measured + rng.standard_normal(x.shape))
-    )
-    kept = float(np.linalg.lstsq(measured, x, rcond=None)[0][0, 0])
+    once = x + rng.standard_normal(x.shape)
+    again = once + rng.standard_normal(x.shape)
+    kept = float(np.linalg.lstsq(once, x, rcond=None)[0][0, 0])
     assert attenuations(once, again)[0] == pytest.approx(1.0 / 5.0, rel=0.02)
     assert kept == pytest.approx(1.0 - attenuations(once, again)[0], rel=0.02)
 

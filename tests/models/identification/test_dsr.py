@@ -230,6 +230,28 @@ def test_stretches_and_periods_of_a_recording(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(data.y[11], recording.eta[33] - recording.eta[31])
 
 
+@pytest.mark.parametrize(
+    ("period_s", "nearest"), [(0.75, "0.5 or 1"), (1.3, "1 or 1.5"), (0.2, "0.5 or 1")]
+)
+def test_a_period_that_is_no_multiple_of_the_sample_time_is_refused(
+    identifier: Identifier, rng: np.random.Generator, period_s: float, nearest: str
+) -> None:
+    dsr = identifier("dsr", bootstrap=None, period_s=period_s)
+    message = (
+        f"identifier.period_s: got {period_s:g} s, expected a multiple of the recording's sample "
+        f"time 0.5 s, such as {nearest}"
+    )
+    for refused in (
+        lambda: dsr.model_period_s(0.5),
+        lambda: dsr.identify(problem_of(axis_recording(200, rng)), rng),
+    ):
+        with pytest.raises(ConfigurationError) as caught:
+            refused()
+        assert str(caught.value) == message
+    assert replace(dsr, period_s=1.5).model_period_s(0.5) == 1.5
+    assert replace(dsr, period_s=None).model_period_s(0.5) == 0.5
+
+
 def test_the_velocity_alone_needs_one_state_an_axis(
     identifier: Identifier, rng: np.random.Generator
 ) -> None:

@@ -11,12 +11,15 @@ from omegaconf import OmegaConf
 from scipy.signal import lfilter
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.excitation.missions import open_loop
+from seatrial.models.excitation.setpoints import StepTable
 from seatrial.models.identification import instrumental_variables as iv
 from seatrial.models.identification.instrumental_variables import solve
 from seatrial.models.identification.problem import Problem
 from seatrial.models.identification.residual import Samples
-from seatrial.models.identification.simulated_motion import Adrift, Playback, simulated_motion
+from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.simulation.loop import sail
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.parameters import Plant
@@ -274,8 +277,9 @@ class Experiment:
         weather = disturbance.realise(n, vessel.dofs, rng, rng, PERIOD_S)
         truth = vessel.nominal() + disturbance.aerodynamics(vessel.dofs)
         voyage = sail(
-            Plant(truth, None, vessel.velocity_limits), weather, (Adrift(), np.zeros(1)), Adrift(),
-            (Playback(force), np.zeros(1)), np.zeros(3), PERIOD_S, 0.1, OFFSET,
+            Plant(truth, None, vessel.velocity_limits), weather,
+            (Timetable(np.zeros((n, 3))), np.zeros(1)), StepTable(1.0), open_loop(), np.zeros(3),
+            PERIOD_S, 0.1, OFFSET, added=force,
         )  # fmt: skip
         recording = recording_of(voyage, weather)
         wanted = effective(truth)

@@ -1,36 +1,103 @@
-"""Factorisations piece by piece against those of LAPACK at once."""
+"""Least squares block by block against LAPACK's on all rows at once."""
 
 import numpy as np
 import pytest
 
+from seatrial.models.errors import IdentificationError
 from seatrial.models.identification import linear
+from seatrial.models.identification.residual import Samples
+from seatrial.models.identification.uncertainty import stationary_covariance
+from seatrial.models.vessel import basis
+
+TERMS = basis.terms(["u", "1", "v", "r", "uv", "cos(theta)"])
 
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(linear, "TOGETHER", 50)
+    monkeypatch.setattr(linear, "PIECE", 90)
 
 
-def matrix(n: int) -> np.ndarray:
-    """Seven columns of very different sizes, two of them nearly the same."""
-    x = np.random.default_rng(0).standard_normal((n, 7)) * 10.0 ** np.arange(-3, 4)
+def samples_of(n: int, rng: np.random.Generator) -> Samples:
+    """Four columns of very different sizes, the constant, one that does not vary; two targets."""
+    x = rng.standard_normal((n, 4)) * [1e-3, 1.0, 1e3, 1.0] + [0.0, 5.0, 0.0, 1.0]
+    x[:, 3] += 0.9 * x[:, 0] * 1e3
+    phi = np.column_stack([x[:, 0], np.ones(n), x[:, 1:], np.full(n, 7.0)])
+    epsilon = phi @ rng.standard_normal((6, 2)) + rng.standard_normal((n, 2))
+    return Samples(TERMS, phi, epsilon, epsilon, np.zeros((n, 2)), 0.1)
+
+
+@pytest.mark.parametrize("n", [7, 60, 100, 149, 731])
+def test_r_is_that_of_the_whole(n: int, rng: np.random.Generator) -> None:
+    x = rng.standard_normal((n, 7)) * 10.0 ** np.arange(-3, 4)
     x[:, 1] = 1e-7 * x[:, 0] + x[:, 2] / 100.0
-    return x
-
-
-@pytest.mark.parametrize("n", [7, 60, 100, 149, 731])
-def test_q_and_r_are_those_of_the_whole(n: int) -> None:
-    x = matrix(n)
-    Q, R = linear.qr(x.copy())
-    np.testing.assert_allclose(Q @ R, x, atol=1e-15 * np.linalg.norm(x))
-    np.testing.assert_allclose(Q.T @ Q, np.eye(7), atol=1e-13)
+    R = linear.triangle(x[turn] for turn in linear.turns(n))
     np.testing.assert_array_equal(R, np.triu(R))
+    np.testing.assert_allclose(R.T @ R, x.T @ x, atol=1e-14 * np.linalg.norm(x) ** 2)
+    own = np.linalg.svd(R, compute_uv=False)
+    np.testing.assert_allclose(own, np.linalg.svd(x, compute_uv=False), atol=1e-14 * own[0])
 
 
-@pytest.mark.parametrize("n", [7, 60, 100, 149, 731])
-def test_singular_values_are_those_of_the_whole(n: int) -> None:
-    x = matrix(n)
-    u, s, vt = linear.svd(x.copy())
-    np.testing.assert_allclose(u * s @ vt, x, atol=1e-14 * np.linalg.norm(x))
-    np.testing.assert_allclose(u.T @ u, np.eye(7), atol=1e-13)
-    np.testing.assert_allclose(s, np.linalg.svd(x, compute_uv=False), atol=1e-14 * s[0])
+@pytest.mark.parametrize("penalty", [0.0, 3.0])
+def test_unknowns_of_each_axis_and_shared_ones_minimise_the_sum(
+    penalty: float, rng: np.random.Generator
+) -> None:
+    """One system of normal equations of all unknowns, with weights and a ridge."""
+    n = 330
+    samples, weights = samples_of(n, rng), rng.uniform(0.5, 2.0, (n, 2))
+    shared, penalties = rng.standard_normal((2, n, 2)), penalty * np.array([1.0, 2.0])
+    found = linear.fit(samples, weights, penalties, shared)
+    rows, ridge = [], np.zeros(12)
+    for k, w in enumerate(weights.T):
+        own = [samples.phi[:, :5] if k == j else np.zeros((n, 5)) for j in range(2)]
+        rows.append(np.sqrt(w)[:, None] * np.hstack([*own, shared[k], samples.epsilon[:, [k]]]))
+        mean = np.average(samples.phi[:, :5], axis=0, weights=w)
+        spread = np.average((samples.phi[:, :5] - mean) ** 2, axis=0, weights=w)
+        ridge[5 * k : 5 * k + 5] = penalties[k] * spread
+    table = np.vstack(rows)
+    size = np.linalg.norm(table[:, :12], axis=0)
+    normal = table[:, :12].T @ table[:, :12] + np.diag(ridge)
+    side = table[:, :12].T @ table[:, 12] / size
+    expected = np.linalg.solve(normal / np.outer(size, size), side) / size
+    np.testing.assert_allclose(found.theta[:5].T.ravel(), expected[:10], rtol=1e-8)
+    np.testing.assert_allclose(found.shared, expected[10:], rtol=1e-8)
+    assert np.all(found.theta[5] == 0.0)
+
+
+@pytest.mark.parametrize("penalty", [0.0, 3.0])
+def test_the_unknowns_are_linear_in_the_targets_as_the_fit_says(
+    penalty: float, rng: np.random.Generator
+) -> None:
+    """Of residuals that were never seen: what a fit to them adds."""
+    n = 330
+    samples, weights = samples_of(n, rng), rng.uniform(0.5, 2.0, (n, 2))
+    shared, penalties = rng.standard_normal((2, n, 2)), penalty * np.array([1.0, 2.0])
+    found = linear.fit(samples, weights, penalties, shared)
+    change = rng.standard_normal((n, 2))
+    changed = Samples(
+        TERMS, samples.phi, samples.epsilon + change, samples.force, samples.heading, 0.1
+    )
+    again = linear.fit(changed, weights, penalties, shared)
+    own = sum(change[:, k] @ found.rows(k, slice(n)) @ found.share(k) for k in range(2))
+    expected = np.concatenate([(again.theta - found.theta).T.ravel(), again.shared - found.shared])
+    np.testing.assert_allclose(own, expected, atol=1e-9 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_covariances_in_pieces_are_those_of_the_whole(
+    rho: float, rng: np.random.Generator
+) -> None:
+    from scipy.signal import lfilter
+
+    columns = rng.standard_normal((1000, 3))
+    rest = lfilter([1.0], [1.0, -rho], rng.standard_normal((1000, 2)), axis=0)
+    own = linear.long_run_covariances(lambda rows: columns[rows], rest)
+    for found, e in zip(own, rest.T, strict=True):
+        np.testing.assert_allclose(found, stationary_covariance(columns, e), rtol=1e-9, atol=1e-9)
+
+
+def test_dependent_columns_are_named(rng: np.random.Generator) -> None:
+    samples = samples_of(200, rng)
+    samples.phi[:, 4] = samples.phi[:, 2] - 3.0 * samples.phi[:, 3] / 1e3
+    with pytest.raises(IdentificationError, match="does not distinguish v, r, uv from each other"):
+        linear.fit(samples, np.ones((200, 2)))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.errors import IdentificationError
 from seatrial.models.identification import linear
 from seatrial.models.identification.subspace import (
     identify_innovations,
@@ -317,7 +317,7 @@ def test_data_that_do_not_determine_a_model_are_refused(rng: np.random.Generator
     y = truth.simulate(u)
     with pytest.raises(IdentificationError, match="got 12 windows"):
         identify_innovations(y[:40], u[:40], 8, 20, 6, "open")
-    with pytest.raises(IdentificationError, match="windows of 20 past samples"):
+    with pytest.raises(IdentificationError, match="windows of data, expected at least"):
         identify_innovations(y[:60], u[:60], 8, 20, 6, "closed")
     idle = u * [1.0, 0.0, 1.0]
     with pytest.raises(IdentificationError, match="input 2 does not vary: got 0"):
@@ -330,15 +330,3 @@ def test_data_that_do_not_determine_a_model_are_refused(rng: np.random.Generator
     y[5, 1] = np.nan
     with pytest.raises(IdentificationError, match="not finite"):
         identify_innovations(y, u, 8, 10, 6, "closed")
-
-
-def test_options_out_of_range_are_refused(rng: np.random.Generator) -> None:
-    y, u = rng.standard_normal((200, 2)), rng.standard_normal((200, 2))
-    with pytest.raises(ConfigurationError, match="L must be at least 2"):
-        identify_innovations(y, u, 1, 5, 2, "open")
-    with pytest.raises(ConfigurationError, match="order must lie between 1 and L x outputs = 8"):
-        identify_innovations(y, u, 4, 5, 9, "open")
-    with pytest.raises(ConfigurationError, match="not identifiable in closed loop"):
-        identify_innovations(y, u, 4, 5, 2, "closed", feedthrough=True)
-    with pytest.raises(ConfigurationError, match="got 200 outputs and 199 inputs"):
-        identify_innovations(y, u[1:], 4, 5, 2, "open")
