@@ -70,6 +70,6 @@ def test_a_drag_that_creates_energy_stops_at_zero_and_no_bounds_let_it_pass(
     assert bounded.model.coefficient("surge", "u") == pytest.approx(0.0, abs=1e-3)
     active = [one.label for one in bounded.diagnostics if one.name == "active_bound"]
     assert "surge.u" in active
-    free = identifier("output_error", bound_factor=None, **far).identify(problem, None)
+    free = identifier("output_error", inertia_factor=None, **far).identify(problem, None)
     assert free.model.coefficient("surge", "u") == pytest.approx(-1.0, rel=1e-6)
     assert not [one for one in free.diagnostics if one.name == "active_bound"]
