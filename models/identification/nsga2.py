@@ -20,7 +20,6 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.multiobjective_search import (
-    Nsga2Search,
     Operators,
     ParameterSpace,
     RunningMetric,
@@ -222,8 +221,7 @@ class Nsga2(PredictionOptions):
         scale = objectives.floor
         metric = RunningMetric(scale, self.window, self.threshold)
         floor = self.objective_floor * scale
-        searcher = Nsga2Search(operators, m, rng)
-        return search(objectives, space, floor, metric, searcher, self.generations)
+        return search(objectives, space, floor, metric, operators, self.generations, rng)
 
 
 def polish_diagnostics(objectives: Objectives, points: Array) -> list[Diagnostic]:
