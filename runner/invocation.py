@@ -23,6 +23,7 @@ REPLACED: Mapping[str, str] = {
     "hydra/launcher=joblib": "use hydra/launcher=processes",
     "hydra/launcher=submitit_local": "use hydra/launcher=processes",
     "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone",
+    "identifier.bound_factor": "use identifier.inertia_factor",
     "identifier.recording": "the recording of identifier=command is always recording.csv",
     "identifier=least_squares": "use identifier=output_error",
     "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",

@@ -11,10 +11,10 @@ import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.attenuation import with_attenuation
+from seatrial.models.identification.free_run_fit import refined_by_segments
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.refinement import refined_by_segments
 from seatrial.models.identification.residual import ResidualOptions, Samples
-from seatrial.models.identification.spread import ParameterSpread, ReplicateSpread
+from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.structured import Structure, entries_of, structure
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag
@@ -52,12 +52,12 @@ def finished(
         refined = refined_by_segments(options, training, lag, model, change, 1.0)
         change, broken = refined.change, refined.active
         if not problem.compared:
-            errors = free.std_error(refined.spread.covariance)[rows]
-            point, nominal = free.values + change, problem.nominal
-            spread = ParameterSpread(nominal, free, point, refined.spread.joint)
+            covariance, point = refined.covariance, free.values + change
+            errors = free.std_error(covariance)[rows]
+            spread = ParameterSpread(problem.nominal, free, point, covariance, refined.prior)
     elif options.interval_covers and spread is not None:
         moved = moved_spread(problem, model, change, result)
-        errors, spread = moved.std_error[rows], moved
+        errors, spread = free.std_error(moved.covariance)[rows], moved
     residual = free.residual(free.values + change).on(result.residual.terms)
     active = (Diagnostic("active_constraint", "all", 1.0, label=name) for name in broken)
     return replace(
@@ -72,14 +72,15 @@ def finished(
 
 def moved_spread(
     problem: Problem, model: Structure, change: Array, result: Identified
-) -> ReplicateSpread:
+) -> ParameterSpread:
     """The distribution of a table that was moved by `change` (m,) from the nominal one.
 
-    It is that of tables drawn about the estimate, each moved as the estimate was.
+    Its covariance is that of tables drawn about the estimate, each moved as the estimate was.
     """
     free, terms = model.free, model.free.nominal.terms
     points = [
         free.values + model.nearest((drawn - problem.nominal).on(terms).theta)[0]
         for drawn in result.draws(DRAWN)
     ]
-    return ReplicateSpread(problem.nominal, free, free.values + change, np.array(points))
+    covariance = np.cov(np.array(points), rowvar=False)
+    return ParameterSpread(problem.nominal, free, free.values + change, covariance)

@@ -33,6 +33,7 @@ from seatrial.models.weather.disturbance import ConstantForce
 
 ROUNDING = 1e-9  # of the largest coefficient: smaller entries are rounding errors
 NED = ("north", "east")
+WINDAGE = ("surge.V_qu_q", "sway.V_qv_q", "yaw.u_qv_q")  # of a vessel in surge, sway and yaw
 Coriolis = Literal["tied", "free"]
 
 

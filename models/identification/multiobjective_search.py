@@ -1,33 +1,37 @@
 """Multi-objective search in a box of parameters. Hoyer (2021), sections 3.5.5 to 3.5.7.
 
-NSGA-II in the unit cube of the bounds, which ends by the running metric; a generation is evaluated
-in one call.
+pymoo's NSGA-II (Deb et al. (2002); Hoyer, Table 6.1) in the unit cube of the bounds; a generation
+is evaluated in one call. It ends by the running performance metric, the change of the front per
+generation, Blank & Deb (2020b):
 
-NSGA-II on arrays, from the operators of pymoo. Hoyer (2021), section 3.5.7 and Table 6.1.
+    d z*_t   = max_i (z*_i(t-1) - z*_i(t)) / (z_nad_i(t) - z*_i(t))    Hoyer (3.9)
+    d znad_t = max_i (z_nad_i(t-1) - z_nad_i(t)) / (z_nad_i(t) - z*_i(t))
+    phi_t    = mean over the points of P_t of the distance to the nearest one of P_(t-1)
 
-The same algorithm as pymoo's class of that name, Deb et al. (2002): random initial sampling,
-binary tournament by rank and crowding distance, simulated binary crossover, polynomial mutation,
-survival of the best fronts. pymoo's class stores each individual as an object, and the access to
-its attributes takes most of the time of a search. Here a population is two arrays, and duplicates
-are found by sorting.
+with ideal point z*, nadir point z_nad, and objectives normalised by both at t. The search has
+converged when the magnitudes of all three are below a threshold for `window` generations,
+Hoyer (3.10).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pymoo.operators.crossover.sbx import cross_sbx
-from pymoo.operators.mutation.pm import mut_pm
-from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
+from pymoo.algorithms.moo.nsga2 import NSGA2
+from pymoo.core.duplicate import DuplicateElimination
+from pymoo.core.problem import Problem
+from pymoo.core.termination import NoTermination
+from pymoo.operators.crossover.sbx import SBX
+from pymoo.operators.mutation.pm import PM
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 from scipy.spatial import cKDTree
 
 from seatrial.models.vessel.basis import Array
 
-Indices = NDArray[np.int64]
-ATTEMPTS = 100  # to fill a generation with distinct individuals
+RESOLUTION = 1e-12  # smallest extent of a front, relative to the objectives' scale
+Evaluate = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -40,136 +44,25 @@ class Operators:
     mutation_eta: float
     mutation_probability: float
 
-
-class Population(NamedTuple):
-    """Individuals in the unit cube with their objectives, rank and crowding distance."""
-
-    units: Array  # (n, m)
-    values: Array  # (n, n_objectives)
-    rank: Indices  # (n,) number of the front, 0: not dominated
-    crowding: Array  # (n,)
-
-
-class Nsga2Search:
-    """NSGA-II by ask and tell in the unit cube of m variables."""
-
-    def __init__(self, operators: Operators, m: int, rng: np.random.Generator) -> None:
-        self.operators, self.rng = operators, rng
-        self.population: Population | None = None
-        self.individuals = rng.random((operators.population, m))
-
-    def ask(self) -> Array:
-        """Individuals to evaluate, shape (n, m)."""
-        if self.population is not None:
-            self.individuals = offspring(self.population, self.operators, self.rng)
-        return self.individuals
-
-    def tell(self, values: Array) -> None:
-        """Objectives of the individuals asked for, shape (n, n_objectives)."""
-        units, size = self.individuals, self.operators.population
-        if self.population is not None:
-            units = np.vstack([self.population.units, units])
-            values = np.vstack([self.population.values, values])
-        self.population = survivors(units, values, size)
-
-    @property
-    def front(self) -> tuple[Array, Array]:
-        """Individuals that no other dominates, and their objectives."""
-        assert self.population is not None
-        best = self.population.rank == 0
-        return self.population.units[best], self.population.values[best]
-
-
-def survivors(units: Array, values: Array, size: int) -> Population:
-    """The best `size` individuals: complete fronts, and the least crowded of the last front.
-
-    units (n, m), values (n, n_objectives).
-    """
-    indices, ranks, crowdings = [], [], []
-    remaining = size
-    for rank, front in enumerate(NonDominatedSorting().do(values, n_stop_if_ranked=size)):
-        crowding = np.full(len(front), np.inf)
-        if len(front) > 2:
-            crowding = calc_crowding_distance(values[front])
-        if len(front) > remaining:
-            least_crowded = np.argsort(-crowding, kind="stable")[:remaining]
-            front, crowding = front[least_crowded], crowding[least_crowded]
-        indices.append(front)
-        crowdings.append(crowding)
-        ranks.append(np.full(len(front), rank))
-        remaining -= len(front)
-        if remaining == 0:
-            break
-    index = np.concatenate(indices)
-    return Population(units[index], values[index], np.concatenate(ranks), np.concatenate(crowdings))
-
-
-def offspring(population: Population, operators: Operators, rng: np.random.Generator) -> Array:
-    """New distinct individuals, as many as the population has, shape (n, m)."""
-    parents_units, size = population.units, operators.population
-    children = np.zeros((0, parents_units.shape[1]))
-    for _ in range(ATTEMPTS):
-        pairs = tournament(population, size - len(children), rng)
-        candidates = mutated(crossed(parents_units[pairs], operators, rng), operators, rng)
-        units = np.vstack([parents_units, children, candidates])
-        _, first = np.unique(units, axis=0, return_index=True)
-        new = np.sort(first[first >= len(parents_units) + len(children)])
-        children = np.vstack([children, units[new]])[:size]
-        if len(children) == size:
-            break
-    return children
-
-
-def tournament(population: Population, children: int, rng: np.random.Generator) -> Indices:
-    """Winners of random pairs as parents, shape (2, children / 2): lower rank, then less crowded.
-
-    Every individual takes part equally often, except in the last round.
-    """
-    matings = -(-children // 2)
-    rounds = -(-4 * matings // len(population.rank))
-    order = np.concatenate([rng.permutation(len(population.rank)) for _ in range(rounds)])
-    a, b = order[: 4 * matings].reshape(2, -1)
-    rank, crowding = population.rank, population.crowding
-    random_choice = rng.random(len(a)) < 0.5
-    prefer_first = np.where(crowding[a] == crowding[b], random_choice, crowding[a] > crowding[b])
-    wins = np.where(rank[a] == rank[b], prefer_first, rank[a] < rank[b])
-    return np.where(wins, a, b).reshape(2, matings)
-
-
-def crossed(parents: Array, operators: Operators, rng: np.random.Generator) -> Array:
-    """Children of pairs of parents (2, n, m) by simulated binary crossover, shape (2 n, m)."""
-    _, n, m = parents.shape
-    eta, half = np.full((n, 1), operators.crossover_eta), np.full((n, 1), 0.5)
-    # pymoo's defaults: half of the variables are crossed, half of these are exchanged
-    children = cross_sbx(parents, np.zeros(m), np.ones(m), eta, half, half, random_state=rng)
-    mates = np.asarray(rng.random(n) < operators.crossover_probability)
-    return np.where(mates[:, None], children, parents).reshape(2 * n, m)
-
-
-def mutated(units: Array, operators: Operators, rng: np.random.Generator) -> Array:
-    """Individuals after polynomial mutation, shape (n, m)."""
-    n, m = units.shape
-    eta = np.full(n, operators.mutation_eta)
-    probability = np.full(n, operators.mutation_probability)
-    return np.asarray(
-        mut_pm(
-            units, np.zeros(m), np.ones(m), eta, probability, at_least_once=False, random_state=rng
+    def algorithm(self) -> NSGA2:
+        """The algorithm of pymoo."""
+        return NSGA2(
+            pop_size=self.population,
+            crossover=SBX(eta=self.crossover_eta, prob=self.crossover_probability),
+            mutation=PM(eta=self.mutation_eta, prob=1.0, prob_var=self.mutation_probability),
+            eliminate_duplicates=_Distinct(),
         )
-    )
 
 
-# Running performance metric, the change of the front per generation. Blank & Deb (2020b).
-#
-#     d z*_t   = max_i (z*_i(t-1) - z*_i(t)) / (z_nad_i(t) - z*_i(t))    Hoyer (3.9)
-#     d znad_t = max_i (z_nad_i(t-1) - z_nad_i(t)) / (z_nad_i(t) - z*_i(t))
-#     phi_t    = mean over the points of P_t of the distance to the nearest one of P_(t-1)
-#
-# with ideal point z*, nadir point z_nad, and objectives normalised by both at t. The search has
-# converged when the magnitudes of all three are below a threshold for `window` generations,
-# Hoyer (3.10).
+class _Distinct(DuplicateElimination):  # type: ignore[misc]
+    """Equal individuals found by sorting: pymoo's distances of all pairs need 2 GB for 10,000."""
 
-
-RESOLUTION = 1e-12  # smallest extent of a front, relative to the objectives' scale
+    def _do(self, pop: Any, other: Any, is_duplicate: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        before = np.zeros((0, pop[0].X.size)) if other is None else other.get("X")
+        _, first = np.unique(np.vstack([before, pop.get("X")]), axis=0, return_index=True)
+        is_duplicate[:] = True
+        is_duplicate[first[first >= len(before)] - len(before)] = False
+        return is_duplicate
 
 
 class Change(NamedTuple):
@@ -223,9 +116,6 @@ def change(before: Array, after: Array, least: Array) -> Change:
     )
 
 
-Evaluate = Callable[[Array], Array]
-
-
 @dataclass(frozen=True, eq=False)
 class ParameterSpace:
     """Box of the m parameters; those with `log` have a logarithmic scale."""
@@ -257,19 +147,28 @@ def search(
     space: ParameterSpace,
     floor: Array,
     metric: RunningMetric,
-    searcher: Nsga2Search,
+    operators: Operators,
     generations: int,
+    rng: np.random.Generator,
 ) -> SearchResult:
     """Search until the running metric converges, a point reaches the floor, or for `generations`.
 
     `floor` (n_objectives,) are the values of the objectives that count as zero.
     """
+
+    class Objectives(Problem):  # type: ignore[misc]
+        def _evaluate(self, x: Array, out: dict[str, Array], *_: Any, **__: Any) -> None:
+            out["F"] = evaluate(space.points(x))
+
+    algorithm, seed = operators.algorithm(), int(rng.integers(2**31))
+    problem = Objectives(n_var=len(space.lower), n_obj=len(floor), xl=0.0, xu=1.0)
+    algorithm.setup(problem, seed=seed, termination=NoTermination())
     reason, generation = "generations", 0
     units = front = np.zeros((0, 0))
-    while reason == "generations" and generation < generations:
+    while reason == "generations" and generation < generations and algorithm.has_next():
         generation += 1
-        searcher.tell(evaluate(space.points(searcher.ask())))
-        units, front = nondominated(*searcher.front)
+        algorithm.next()
+        units, front = nondominated(algorithm.opt.get("X"), algorithm.opt.get("F"))
         metric.update(front)
         if np.any(np.all(front <= floor, axis=1)):
             reason = "floor"

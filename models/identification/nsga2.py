@@ -3,8 +3,9 @@
 Step 1: objectives between measured and predicted states, section 6.2.1. Step 2: their Pareto
 front by NSGA-II, section 6.2.2. Step 3: one point of the front, section 6.2.3: objectives are
 normalised to [0, 1] over the front; an objective in which the front has no extent is 0 for every
-point. Beyond the thesis, the chosen point can be refined by least squares (`output_error`), which
-also gives standard errors; the front itself has none.
+point. Beyond the thesis, the fit of `output_error` can polish the chosen point, which also gives
+standard errors; the front itself has none. The result is the chosen point or what the polish has
+made of it, and nothing else.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +20,6 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.multiobjective_search import (
-    Nsga2Search,
     Operators,
     ParameterSpace,
     RunningMetric,
@@ -27,27 +27,9 @@ from seatrial.models.identification.multiobjective_search import (
     search,
 )
 from seatrial.models.identification.objectives import Metric, Objectives, objective_diagnostics
-from seatrial.models.identification.output_error import (
-    check_determined,
-    check_horizons,
-    fit_diagnostics,
-    fit_through,
-)
-from seatrial.models.identification.prediction_fit import (
-    Errors,
-    Uncertainty,
-    covariance_diagnostics,
-)
-from seatrial.models.identification.predictor import PredictionOptions, Predictor, active_bounds
-from seatrial.models.identification.problem import (
-    MIN_SAMPLES,
-    Identified,
-    Identifier,
-    Problem,
-    Spread,
-)
-from seatrial.models.identification.spread import ParameterSpread
-from seatrial.models.identification.validation import RESTART_S
+from seatrial.models.identification.output_error import check_horizons, fit_through, model_of
+from seatrial.models.identification.predictor import PredictionOptions, active_bounds
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.ranges import NotNegative, Positive, PositiveInt
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -144,8 +126,8 @@ class Nsga2(PredictionOptions):
     generations, after `generations`, or when all objectives of one point are below
     `objective_floor` times the spread of the measured states. `mutation_probability` of each
     parameter is by default 1/m. `decision` chooses the point, with `weights` of the objectives for
-    pseudo_weights. `polish: output_error` refines it with the `polish_horizons` (samples).
-    `errors`, `bootstrap` and `block_s` set the standard errors of a refined point.
+    pseudo_weights. `polish: output_error` fits the free run from it, with the `polish_horizons`
+    (samples) first.
     """
 
     objective: Metric
@@ -165,9 +147,6 @@ class Nsga2(PredictionOptions):
     weights: tuple[Positive, ...] | None
     polish: Literal["output_error"] | None
     polish_horizons: tuple[int, ...]
-    errors: Errors
-    bootstrap: int | None
-    block_s: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -176,14 +155,10 @@ class Nsga2(PredictionOptions):
             if value is not None and not 0.0 <= value <= 1.0:
                 raise ConfigurationError(f"{name} must lie in [0, 1], got {value}")
         check_horizons(self.polish_horizons)
-        if self.uncertainty.bootstrap is not None and self.polish is None:
-            raise ConfigurationError(
-                "bootstrap needs polish=output_error: a front has no standard errors"
-            )
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for missing bounds or a wrong number of weights."""
-        free = self.unknowns(nominal)
+        free = self.unknowns(nominal, windy=True)
         self.check_bounded(free)
         lower, upper = self.box(free)
         for label in self.log_scale:
@@ -204,57 +179,28 @@ class Nsga2(PredictionOptions):
             )
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of the chosen (and refined) point, with the front as diagnostics."""
+        """The residual table of the chosen (and polished) point, with the front as diagnostics."""
         self.check(problem.nominal, problem.thruster, measured=False)
         predictor = self.predictor(problem)
-        objectives = Objectives(predictor, self.objective, self.grouped)
-        space = self._space(predictor.free, problem)
+        free, objectives = predictor.free, Objectives(predictor, self.objective, self.grouped)
+        space = self._space(free, problem)
         result = self._search(objectives, space, rng)
         chosen, rule = choose(result.front, self.decision, self.weights)
-        diagnostics = front_diagnostics(predictor, objectives, result)
+        diagnostics = front_diagnostics(free, objectives, result)
         diagnostics.append(Diagnostic("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
-        point, errors, own = result.points[chosen], None, dict[str, float]()
-        spread: Spread | None = None
-        if self.polish is not None:
-            box = (space.lower, space.upper)
-            start = self._better_start(problem, point, np.clip(predictor.free.values, *box))
-            predictor, fit_result = fit_through(
-                self, problem, start, box, self.polish_horizons, None, "estimated"
-            )
-            condition = check_determined(predictor, fit_result)
-            step_s, free = predictor.course.step_s, predictor.free
-            errors, own, covariance = self.uncertainty.of(free, fit_result, step_s, rng)
-            diagnostics.append(Diagnostic("condition_number", "all", condition))
-            diagnostics += covariance_diagnostics(free, covariance)
-            diagnostics += fit_diagnostics(predictor, fit_result)
-            point = fit_result.point
-            spread = ParameterSpread(problem.nominal, free, point, covariance)
+        point = result.points[chosen]
+        if self.polish is None:
+            bounds = active_bounds(free, point, (space.lower, space.upper))
+            model, residual = free.model(problem.nominal, point), free.residual(point)
+            identified = Identified(model, residual, diagnostics=tuple(bounds))
+        else:
+            polished = fit_through(self, problem, point, self.polish_horizons, None, "estimated")
+            identified = model_of(self, problem, polished)
+            points = np.array([point, polished.parameters])
+            diagnostics += polish_diagnostics(objectives, points)
+            point = points[1]
         diagnostics += objective_diagnostics(objectives, point)
-        diagnostics += active_bounds(predictor.free, point, (space.lower, space.upper))
-        residual = predictor.free.residual(point)
-        model = predictor.free.model(problem.nominal, point)
-        return Identified(
-            model, residual, errors, tuple(diagnostics), device_errors=own, spread=spread
-        )
-
-    def _better_start(self, problem: Problem, chosen: Array, nominal: Array) -> Array:
-        """The chosen point (m,), or the nominal one if that predicts better over `RESTART_S`.
-
-        A short search may end far from the valley that a refinement can follow.
-        """
-        every = max(round(RESTART_S / problem.training.period_s), MIN_SAMPLES)
-        errors = Objectives(self.predictor(problem, every), "mse", grouped=True)
-        points = np.array([chosen, nominal])
-        return np.asarray(points[np.argmin(np.sum(errors(points), axis=1))])
-
-    def without_bootstrap(self) -> Identifier:
-        """This identifier without bootstrap replicates."""
-        return replace(self, bootstrap=None)
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """How the standard errors of a refined point are computed."""
-        return Uncertainty(self.errors, self.bootstrap, self.block_s)
+        return replace(identified, diagnostics=(*diagnostics, *identified.diagnostics))
 
     def _space(self, free: FreeParameters, problem: Problem) -> ParameterSpace:
         """Bounds and scales of the search."""
@@ -275,15 +221,27 @@ class Nsga2(PredictionOptions):
         scale = objectives.floor
         metric = RunningMetric(scale, self.window, self.threshold)
         floor = self.objective_floor * scale
-        searcher = Nsga2Search(operators, m, rng)
-        return search(objectives, space, floor, metric, searcher, self.generations)
+        return search(objectives, space, floor, metric, operators, self.generations, rng)
+
+
+def polish_diagnostics(objectives: Objectives, points: Array) -> list[Diagnostic]:
+    """The misfit of the chosen point and of what the polish has made of it, points (2, m).
+
+    It is the error of the free run from the measured state, root mean square over the spread of
+    each state.
+    """
+    squares = Objectives(objectives.predictor, "mse", grouped=True)(points)
+    before, after = np.sqrt(np.mean(squares, axis=1)).tolist()
+    return [
+        Diagnostic("polish_misfit", "all", before, label="before"),
+        Diagnostic("polish_misfit", "all", after, label="after"),
+    ]
 
 
 def front_diagnostics(
-    predictor: Predictor, objectives: Objectives, result: SearchResult
+    free: FreeParameters, objectives: Objectives, result: SearchResult
 ) -> list[Diagnostic]:
     """All points of the Pareto set, and the history of the running metric."""
-    free = predictor.free
     diagnostics = []
     for i, (point, values) in enumerate(zip(result.points, result.front, strict=True)):
         for j, (dof, label, unit) in enumerate(

@@ -46,15 +46,15 @@ class Objectives:
     @property
     def labels(self) -> tuple[tuple[str, str, str], ...]:
         """(degree of freedom, name, unit) of each objective."""
-        predictor = self.predictor
+        states = self.predictor.states
         if self.grouped:
             return (("all", "pose", ""), ("all", "velocity", ""))
         power = {"mse": "^2", "smape": None}.get(self.metric, "")
         units = [
             "%" if power is None else f"({unit}){power}" if power else unit
-            for unit in predictor.units
+            for unit in states.units
         ]
-        return tuple(zip(predictor.dofs, predictor.states, units, strict=True))
+        return tuple(zip(states.dofs, states.names, units, strict=True))
 
     @property
     def penalty(self) -> float:
@@ -82,7 +82,8 @@ class Objectives:
 def objective_diagnostics(objectives: Objectives, point: Array) -> list[Diagnostic]:
     """The objectives of one design point (m,) over the training part."""
     values = objectives(point[None])[0]
+    rows = zip(objectives.labels, values, strict=True)
     return [
-        Diagnostic("objective", dof, float(value), unit, label=name)
-        for (dof, name, unit), value in zip(objectives.labels, values, strict=True)
+        Diagnostic("objective", dof, float(value), unit, j=j, label=name)
+        for j, ((dof, name, unit), value) in enumerate(rows)
     ]

@@ -203,22 +203,62 @@ def unphysical(model: Vessel, nominal: Vessel, nu: Array) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class PhysicalConstraints:
-    """The constraints on the parameters of a table. `factor` bounds the inertia."""
+    """The constraints on the parameters of a table, and bounds of each by itself.
+
+    `factor` bounds the inertia; None: there are only the bounds of the box.
+    """
 
     free: FreeParameters
     velocities: Array  # (n, n_dof)
-    factor: float
+    factor: float | None
     scale: Array  # (m,) size of the parameters, for the tolerance
     largest: Array  # (n_dof,) velocities [m/s, rad/s], about which dissipation is searched
+    box: tuple[Array, Array] | None = None  # lower and upper bounds (m,), infinite: none
+
+    @classmethod
+    def of(
+        cls,
+        free: FreeParameters,
+        nu: Array,
+        factor: float | None,
+        size: Array,
+        box: tuple[Array, Array] | None = None,
+    ) -> "PhysicalConstraints":
+        """The constraints by recorded velocities nu (N, n_dof) on parameters of a size (m,)."""
+        inertia = free.nominal.inertia
+        velocities, largest = sampled_velocities(nu, inertia), largest_velocities(nu, inertia)
+        return cls(free, velocities, factor, size, largest, box)
 
     @cached_property
     def rows(self) -> Rows:
-        """Dissipation at the velocities, and the sign of the damping of each axis by itself.
+        """Dissipation at the velocities, signs of single coefficients, symmetry, and the bounds.
 
         Rows that the nominal table itself violates ask nothing that it could not be.
         """
-        rows = self._dissipation(self.velocities) + self._signs(self._damping)
-        return self._scaled(rows + self._asymmetry() + self._righting())
+        m, rows = len(self.free), self._bounds()
+        if self.factor is None:
+            return rows
+        positive = self._positive(m)
+        physical = self._dissipation(self.velocities) + positive + self._asymmetry(self.factor)
+        return self._scaled(physical) + rows
+
+    def _bounds(self) -> Rows:
+        """The box, in changes of the nominal parameters."""
+        m = len(self.free)
+        if self.box is None:
+            return Rows(np.zeros((0, m)), np.zeros(0), ())
+        lower, upper = (bound - self.free.values for bound in self.box)
+        A, b = np.diag(1.0 / self.scale), np.concatenate([lower, -upper]) / np.tile(self.scale, 2)
+        kept = np.flatnonzero(np.isfinite(b))
+        names = tuple(self.free.labels[i % m] for i in kept)
+        return Rows(np.vstack([A, -A])[kept], b[kept], names)
+
+    def clipped(self, change: Array) -> Array:
+        """A change (m,) of the nominal parameters within the box."""
+        if self.box is None:
+            return change
+        lower, upper = (bound - self.free.values for bound in self.box)
+        return np.clip(change, lower, upper)
 
     @cached_property
     def _damping(self) -> list[int]:
@@ -241,47 +281,30 @@ class PhysicalConstraints:
         names = tuple(name for name, kept in zip(rows.names, keep, strict=True) if kept)
         return Rows(rows.A[keep] / size[keep, None], rows.b[keep] / size[keep], names)
 
-    def _signs(self, index: Sequence[int]) -> Rows:
-        """Coefficients of x, |x|x and x^3 in the equation of x that are nominally positive."""
-        table, directions = self.free.nominal, self.free.slopes
-        A, b, names = [], [], []
-        for i in index:
-            for k, letter in enumerate(table.velocities):
-                positive = dissipates(table.terms[i], letter) and table.theta[i, k] > 0.0
-                if positive and np.any(directions[i, k]):
-                    A.append(directions[i, k])
-                    b.append(-table.theta[i, k])
-                    names.append(f"{table.dofs[k]}.{table.terms[i]}")
-        return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), tuple(names))
+    def _positive(self, m: int) -> Rows:
+        """Coefficients that stay positive where they nominally are.
 
-    def _asymmetry(self) -> Rows:
+        Those of x, |x|x and x^3 in the equation of x, and moments that right roll and pitch.
+        """
+        table, slopes = self.free.nominal, self.free.slopes
+        A, b, names = [], [], []
+        for i, k in zip(*np.nonzero((table.theta > 0.0) & np.any(slopes, axis=2)), strict=True):
+            term, dof = table.terms[i], table.dofs[k]
+            brakes = i in self._damping and dissipates(term, table.velocities[k])
+            if brakes or (dof, term.name) in RIGHTING:
+                A.append(slopes[i, k])
+                b.append(-table.theta[i, k])
+                names.append(f"{dof}.{term}" if brakes else "restoring")
+        return Rows(np.array(A).reshape(-1, m), np.array(b), tuple(names))
+
+    def _asymmetry(self, factor: float) -> Rows:
         """M_ij - M_ji differs from zero by no more than `factor` times the nominal one."""
         M, slopes = self.free.nominal.inertia, self._inertia_slopes
-        A, b = [], []
-        for i, j in zip(*np.triu_indices(len(M), 1), strict=True):
-            slope, nominal = slopes[:, i, j] - slopes[:, j, i], M[i, j] - M[j, i]
-            for sign in (1.0, -1.0):
-                A.append(sign * slope)
-                b.append(-self.factor * abs(nominal) - sign * nominal)
-        return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), ("symmetry",) * len(b))
-
-    def _righting(self) -> Rows:
-        """Moments of roll and pitch that right the nominal vessel do so."""
-        table, directions = self.free.nominal, self.free.slopes
-        A, b = [], []
-        for i, term in enumerate(table.terms):
-            k = next(
-                (
-                    table.dofs.index(dof)
-                    for dof, name in RIGHTING
-                    if dof in table.dofs and term.name == name
-                ),
-                None,
-            )
-            if k is not None and table.theta[i, k] > 0.0 and np.any(directions[i, k]):
-                A.append(directions[i, k])
-                b.append(-table.theta[i, k])
-        return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), ("restoring",) * len(b))
+        i, j = np.triu_indices(len(M), 1)
+        slope, nominal = (slopes[:, i, j] - slopes[:, j, i]).T, M[i, j] - M[j, i]
+        most = factor * np.abs(nominal)
+        b = np.concatenate([-most - nominal, nominal - most])
+        return Rows(np.vstack([slope, -slope]), b, ("symmetry",) * len(b))
 
     @cached_property
     def _inertia_slopes(self) -> Array:
@@ -310,6 +333,8 @@ class PhysicalConstraints:
 
     def within(self, change: Array) -> Array:
         """A change (m,), or the part of it whose inertia is within the bounds."""
+        if self.factor is None:
+            return change
         ratios, _ = self._inertia(change)
         low, high = (bound - 1.0 for bound in (1.0 / self.factor, self.factor))
         away = ratios - 1.0  # in proportion to the change
@@ -325,6 +350,8 @@ class PhysicalConstraints:
 
     def cuts(self, change: Array) -> Rows | None:
         """Rows that a change (m,) of the parameters violates beside `rows`; None: none."""
+        if self.factor is None:
+            return None
         found = [cut for cut in (self.inertia_cuts(change), self.power_cuts(change)) if cut]
         return sum(found[1:], found[0]) if found else None
 
@@ -349,21 +376,17 @@ class PhysicalConstraints:
 
     def inertia_cuts(self, change: Array) -> Rows | None:
         """Rows that the inertia violates after a change (m,) of the parameters; None: none."""
-        eigenvalues, vectors = self._inertia(change)
-        A, b = [], []
-        for value, x in zip(eigenvalues, vectors.T, strict=True):
-            low, high = (
-                value < 1.0 / self.factor - ROW_TOLERANCE,
-                value > self.factor + ROW_TOLERANCE,
-            )
-            if low or high:
-                sign = 1.0 if low else -1.0
-                slope = np.einsum("i,mij,j->m", x, self._inertia_directions, x)
-                A.append(sign * slope)
-                b.append(sign * ((1.0 / self.factor if low else self.factor) - 1.0))
-        if not A:
+        assert self.factor is not None
+        values, vectors = self._inertia(change)
+        sign = np.where(values < 1.0, 1.0, -1.0)  # of a row that raises or lowers an eigenvalue
+        bounds = np.where(values < 1.0, 1.0 / self.factor, self.factor)
+        missed = sign * (bounds - values) > ROW_TOLERANCE
+        if not np.any(missed):
             return None
-        return Rows(np.array(A), np.array(b), ("inertia",) * len(A))
+        x = vectors[:, missed]
+        slopes = np.einsum("ik,mij,jk->km", x, self._inertia_directions, x)
+        A, b = sign[missed, None] * slopes, (sign * (bounds - 1.0))[missed]
+        return Rows(A, b, ("inertia",) * len(b))
 
 
 def solve(
@@ -382,14 +405,23 @@ def solve(
         return np.asarray(np.linalg.solve(H, g)) / root, ()
     rows, start = constraints.rows, at * root  # in the whole change, whose origin is feasible
     for _ in range(MAX_CUTS):
-        change, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b)
-        cuts = constraints.cuts(change / root)
+        solution, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b)
+        change = constraints.clipped(solution / root)
+        cuts = constraints.cuts(change)
         if cuts is None:
-            names = tuple(dict.fromkeys(rows.names[i] for i in active))
-            return change / root - at, names
+            break
         rows = rows + cuts
-    change = constraints.within(change / root)  # what rounding has left is far beyond the bounds
+    else:
+        change = constraints.within(change)  # what rounding has left is far beyond the bounds
     return change - at, tuple(dict.fromkeys(rows.names[i] for i in active))
+
+
+def feasible(change: Array, constraints: PhysicalConstraints | None, size: Array) -> Array:
+    """A change (m,) that meets the constraints, or the nearest one relative to sizes (m,)."""
+    if constraints is None or not constraints.violated(change):
+        return change
+    step, _ = solve(np.diag(size**-2.0), np.zeros(len(change)), constraints, change)
+    return change + step
 
 
 def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
@@ -425,4 +457,7 @@ def _solved(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
         )
         if flag > 0:
             return np.asarray(solution) * size, np.flatnonzero(info["lam"]).tolist()
-    raise IdentificationError(f"the physical constraints leave no solution (daqp: {flag})")
+    raise IdentificationError(
+        f"the bounds and physical constraints leave no solution (daqp: {flag}): "
+        "identifier.inertia_factor=null lifts the latter"
+    )

@@ -1,6 +1,7 @@
 """Prediction of a recording as a function of free parameters, with their bounds and options.
 
-Outputs of a prediction that a fit compares with the recording, each with a weight.
+What is compared with the recording are its outputs: all states, the velocities alone, or outputs
+with weights,
 
     e = weight (y_hat - y) / s
 
@@ -18,8 +19,7 @@ Bounds of free parameters that follow from physics and from the nominal vessel.
 
 with the nominal values on the right. A parameter that is nominally zero has the size that
 would explain the recorded force alone (`structured.prior_deviation`). These are bounds of each
-parameter by itself, for a search or a trust region; constraints between parameters are in
-`physical_constraints`.
+parameter by itself; constraints between parameters are in `physical_constraints`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
@@ -37,6 +37,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import (
     NED,
     TABLE,
+    WINDAGE,
     Coriolis,
     FreeParameters,
     free_parameters,
@@ -56,8 +57,7 @@ from seatrial.models.identification.free_run import (
     prediction_errors,
     spread,
 )
-from seatrial.models.identification.linear import turns
-from seatrial.models.identification.physical_constraints import dissipates
+from seatrial.models.identification.physical_constraints import PhysicalConstraints, dissipates
 from seatrial.models.identification.problem import (
     Identifier,
     Needs,
@@ -67,7 +67,6 @@ from seatrial.models.identification.problem import (
 )
 from seatrial.models.identification.structured import prior_deviation
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
-from seatrial.models.packs import WIDTH
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel import basis
@@ -137,50 +136,60 @@ class Outputs:
     dofs: tuple[str, ...]  # `all` for a load
     units: tuple[str, ...]
     columns: tuple[int, ...]  # of the states
-    loads: tuple[int, ...]  # of the loads of the recording
-    recording: Recording
-    scale: Array  # (N, n) standard deviation in the file over the weight; 1 where there is no data
+    spread: Array  # (n,) size of each output
+    scale: Array | None = None  # (N, n) deviation in the file over the weight; None: not weighted
+    recording: Recording | None = None  # with the loads
+    loads: tuple[int, ...] = ()  # of the loads of the recording
 
     @property
-    def spread(self) -> Array:
-        """Size (n,) of each output."""
-        return np.asarray(np.median(self.scale, axis=0))
+    def angles(self) -> list[int]:
+        """Places of the attitude among the outputs."""
+        return [j for j, unit in enumerate(self.units) if unit == "rad"]
 
-    def errors(self, deviation: Array, nu: Array, devices: Mapping[str, Device]) -> Array:
-        """Predicted - measured (N, n), from that of the states and the predicted velocities.
+    def with_loads(self, errors: Array, nu: Array, devices: Mapping[str, Device]) -> Array:
+        """Predicted - measured (N, n) of all outputs, from that of the states.
 
-        deviation (N, 2 n_dof), nu (N, n_dof); the devices give the loads.
+        nu (N, n_dof) are the predicted velocities; the devices give the loads.
         """
-        errors = deviation[:, self.columns]
-        if not self.loads:
-            return errors
-        predicted = _loads(self.recording, nu, devices, [*self.names[len(self.columns) :]])
+        assert self.recording is not None
         assert self.recording.loads is not None
+        predicted = _loads(self.recording, nu, devices, self.names[len(self.columns) :])
         difference = predicted - self.recording.loads[:, self.loads]
-        known = np.isfinite(self.recording.loads[:, self.loads])
-        return np.hstack([errors, np.where(known, difference, 0.0)])
+        return np.hstack([errors, np.where(np.isfinite(difference), difference, 0.0)])
 
 
-def outputs_of(weights: Mapping[str, float], recording: Recording, nominal: Vessel) -> Outputs:
+def states_of(dofs: tuple[str, ...], spread: Array, names: Sequence[str] | None = None) -> Outputs:
+    """The states as outputs, all or those of the `names`; spread (2 n_dof,) is that of all."""
+    states = (*poses_of(dofs), *velocities_of(dofs))
+    units = [unit[dof] for unit in (POSE_UNIT, VELOCITY_UNIT) for dof in dofs]
+    columns = tuple(i for i, name in enumerate(states) if names is None or name in names)
+    return Outputs(
+        tuple(states[i] for i in columns),
+        tuple((dofs * 2)[i] for i in columns),
+        tuple(units[i] for i in columns),
+        columns,
+        spread[list(columns)],
+    )
+
+
+def weighted_outputs(
+    weights: Mapping[str, float], recording: Recording, nominal: Vessel
+) -> Outputs:
     """The outputs with a weight; raises ConfigurationError for one that is not known.
 
     A load that the recording does not have is left out.
     """
     check_outputs(weights, nominal)
-    states = (*poses_of(nominal.dofs), *velocities_of(nominal.dofs))
-    units = [unit[dof] for unit in (POSE_UNIT, VELOCITY_UNIT) for dof in nominal.dofs]
-    columns = [i for i, name in enumerate(states) if name in weights]
-    loads = [i for i, name in enumerate(recording.load_names) if name in weights]
-    names = [*(states[i] for i in columns), *(recording.load_names[i] for i in loads)]
-    measured = np.hstack([recording.eta, recording.nu])[:, columns]
+    states = states_of(nominal.dofs, np.ones(2 * len(nominal.dofs)), list(weights))
+    loads = tuple(i for i, name in enumerate(recording.load_names) if name in weights)
+    names = (*states.names, *(recording.load_names[i] for i in loads))
+    measured = np.hstack([recording.eta, recording.nu])[:, states.columns]
     if recording.loads is not None:
         measured = np.hstack([measured, recording.loads[:, loads]])
     scale = _spread_by_file(measured, recording) / [weights[name] for name in names]
-    dofs = [*((nominal.dofs * 2)[i] for i in columns), *(ALL for _ in loads)]
-    own_units = [*(units[i] for i in columns), *("N" for _ in loads)]
-    return Outputs(
-        tuple(names), tuple(dofs), tuple(own_units), tuple(columns), tuple(loads), recording, scale
-    )
+    dofs, units = (*states.dofs, *(ALL for _ in loads)), (*states.units, *("N" for _ in loads))
+    spread = np.asarray(np.median(scale, axis=0))
+    return Outputs(names, dofs, units, states.columns, spread, scale, recording, loads)
 
 
 def check_outputs(weights: Mapping[str, float], nominal: Vessel) -> None:
@@ -240,29 +249,14 @@ class Predictor:
     outputs: Outputs | None = None  # what is compared; None: all states
 
     @cached_property
-    def dofs(self) -> tuple[str, ...]:
-        """Degree of freedom of each state."""
-        return self.free.nominal.dofs * 2
+    def compared(self) -> Outputs:
+        """What is compared."""
+        return self.outputs or self.states
 
     @cached_property
-    def states(self) -> tuple[str, ...]:
-        """Names of the states: poses, then velocities."""
-        return poses_of(self.free.nominal.dofs) + velocities_of(self.free.nominal.dofs)
-
-    @property
-    def attitudes(self) -> list[list[int]]:
-        """Columns of what is compared that are one attitude: three angles, or each alone."""
-        angles = [i for i, dof in enumerate(self.free.nominal.dofs) if dof in DOFS[3:]]
-        if self.outputs is not None:
-            columns = self.outputs.columns
-            return [[columns.index(i)] for i in angles if i in columns]
-        return [angles] if self.free.nominal.dofs == DOFS else [[i] for i in angles]
-
-    @cached_property
-    def units(self) -> tuple[str, ...]:
-        """Units of the states."""
-        dofs = self.free.nominal.dofs
-        return tuple(units[dof] for units in (POSE_UNIT, VELOCITY_UNIT) for dof in dofs)
+    def states(self) -> Outputs:
+        """All states: poses, then velocities."""
+        return states_of(self.free.nominal.dofs, self.spread)
 
     @cached_property
     def spread(self) -> Array:
@@ -315,26 +309,23 @@ class Predictor:
 
     def mismatches(self, points: Array, offsets: Array) -> Array:
         """`mismatch` of n design points (n, m), shape (n, N, n_outputs); see `predict_many`."""
-        compared = [
-            self._compared(own, point)
-            for part in turns(len(points), WIDTH)
-            for own, point in zip(
-                self.predict_many(points[part], offsets[part]), points[part], strict=True
-            )
-        ]
-        return np.array(compared)
+        states = self.predict_many(points, offsets)
+        return np.stack([self._compared(*each) for each in zip(states, points, strict=True)])
+
+    def turned_over(self, change: Array) -> Flags:
+        """Where a change (..., n) of the compared is one of a rotation vector by a full turn."""
+        return np.asarray(np.any(np.abs(change[..., self.compared.angles]) > np.pi, axis=-1))
 
     def _compared(self, predicted: Array, point: Array) -> Array:
-        errors = deviations(self.course.kinematics, self.course.reached, predicted)
-        if self.outputs is None:
+        n = len(self.free.nominal.dofs)
+        nu, columns = predicted[:, -n:], np.array(self.compared.columns)
+        if np.all(columns >= n):  # no pose, whose deviation takes most of the time
+            errors = nu[:, columns - n] - self.course.measured[:, columns]
+        else:
+            errors = deviations(self.course.kinematics, self.course.reached, predicted)[:, columns]
+        if not self.compared.loads:
             return errors
-        nu = predicted[:, -len(self.free.nominal.dofs) :]
-        return self.outputs.errors(errors, nu, self.free.devices(point))
-
-    @cached_property
-    def compared_spread(self) -> Array:
-        """Size of each of what is compared, shape (n,)."""
-        return self.spread if self.outputs is None else self.outputs.spread
+        return self.compared.with_loads(errors, nu, self.free.devices(point))
 
     def errors(self, points: Array, metric: str) -> tuple[Array, Array, Flags]:
         """Prediction errors of n design points (n, m), per state, shape (n, 2 n_dof).
@@ -344,7 +335,7 @@ class Predictor:
         """
         tables = self.free.tables(points)
         inverse, realistic = self.plan.inverse_inertia(tables)
-        errors = np.empty((len(points), len(self.states)))
+        errors = np.empty((len(points), len(self.spread)))
         limited = np.empty(len(points))
         prediction_errors(
             self.plan.structure, self.plan.entries(tables), inverse,
@@ -370,16 +361,20 @@ class PredictionOptions(Identifier):
     `table` means, as `dof.term` (null: the nonzero ones of the nominal table). With `coriolis:
     tied` C(nu) nu follows from the inertia, with `free` each of its coefficients is a parameter.
     `ned_force` adds a force (`north`, `east`) that is constant in NED (null: for a vessel in
-    surge, sway and yaw commanded by forces), since a free run accumulates unmodelled forces.
+    surge, sway and yaw commanded by forces), since a free run accumulates unmodelled forces, and
+    `windage` the forces of a measured wind (null: beside the table as it is, for a vessel in surge,
+    sway and yaw).
     `prior` is the standard deviation of a parameter about the nominal value, over its size (null:
     none; auto: `STEERED_PRIOR` for a vessel with inputs, none for others), and `deviations` are
     those of single parameters in SI units, by label or pattern. `bounds` are `dof.term: [lower,
     upper]`, in any spelling of the term; the other parameters have physical bounds
-    (`physical_bounds`), with the inertia within `bound_factor` of the nominal one (null:
-    unbounded). `force` drives the prediction (null: the command filtered by the known lag, else the
-    recorded acting force, else the command). A new prediction begins at the measured state every
-    `horizon` samples (null: only one prediction). Rates are limited to `derivative_limit` (m/s,
-    rad/s and per second again).
+    (`physical_bounds`) and all together physical constraints, with the inertia within
+    `inertia_factor` of the nominal one, and symmetric where that is; an axis that free runs predict
+    worse than without identification keeps its nominal equation (null: none of these). `force`
+    drives the prediction (null: the command filtered by the known lag, else the recorded acting
+    force, else the command). A new prediction begins at the measured state every `horizon` samples
+    (null: only one prediction). Rates are limited to `derivative_limit` (m/s, rad/s and per second
+    again).
     """
 
     free: tuple[str, ...]
@@ -388,12 +383,18 @@ class PredictionOptions(Identifier):
     deviations: dict[str, float]
     coriolis: Coriolis
     ned_force: bool | None
+    windage: bool | None
     bounds: dict[str, tuple[float, ...]]
-    bound_factor: float | None
+    inertia_factor: Annotated[float, Gt(1)] | None
     force: str | None
     integrator: Integrator
     horizon: Annotated[int, Ge(2)] | None
     derivative_limit: Positive
+
+    @property
+    def protected(self) -> bool:
+        """Physical constraints and nominal equations where they predict better go together."""
+        return self.inertia_factor is not None
 
     @property
     def output_weights(self) -> dict[str, float] | None:
@@ -403,10 +404,6 @@ class PredictionOptions(Identifier):
     def __post_init__(self) -> None:
         check_ranges(self)
         check_force(self.force)
-        if self.bound_factor is not None and not self.bound_factor > 1.0:
-            raise ConfigurationError(
-                f"bound_factor must be above 1 or null, got {self.bound_factor}"
-            )
         for label, pair in self.bounds.items():
             if len(pair) != 2 or not pair[0] < pair[1]:
                 raise ConfigurationError(
@@ -419,18 +416,25 @@ class PredictionOptions(Identifier):
         """The force of the prediction."""
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
-    def unknowns(self, nominal: Vessel) -> FreeParameters:
-        """The free parameters of a vessel; raises ConfigurationError for unknown ones."""
-        with_force = nominal.dofs == PLANAR and nominal.forces_commanded
+    def unknowns(self, nominal: Vessel, windy: bool = False) -> FreeParameters:
+        """The free parameters of a vessel; raises ConfigurationError for unknown ones.
+
+        `windy` says that the wind was measured.
+        """
+        planar, whole = nominal.dofs == PLANAR, TABLE in self.free and self.parameters is None
+        with_force = planar and nominal.forces_commanded
         with_force = with_force if self.ned_force is None else self.ned_force
+        with_wind = windy and (planar and whole if self.windage is None else self.windage)
         labels = list(self.parameters or ()) if TABLE in self.free else []
-        if TABLE in self.free and self.parameters is None:
+        if whole:
             labels = [label for label, _ in nonzero_labels(nominal, self.coriolis)]
         others = [name for name in self.free if name != TABLE]
         own = [name for name in others if name.partition(".")[0] in nominal.dofs]
-        labels += [name for name in map(_canonical, own) if name not in labels]
-        free = free_parameters(nominal, labels, self.coriolis, with_force)
-        free = with_devices(free, [name for name in others if name not in own])
+        own = [*map(_canonical, own), *(WINDAGE if with_wind else ())]
+        labels += [name for name in own if name not in labels]
+        symmetric = self.inertia_factor is not None
+        free = free_parameters(nominal, labels, self.coriolis, with_force, symmetric)
+        free = with_devices(free, [n for n in others if n.partition(".")[0] not in nominal.dofs])
         if not len(free):
             raise ConfigurationError(f"identifier.free: {nominal.name} has nothing to identify")
         unknown = [label for label in self.bounds if label not in free.labels]
@@ -442,7 +446,7 @@ class PredictionOptions(Identifier):
 
     def predictor(self, problem: Problem, horizon: int | None = None) -> Predictor:
         """Predictor of the training part; `horizon` overrides the option."""
-        free = self.unknowns(problem.nominal)
+        free = self.unknowns(problem.nominal, problem.training.wind is not None)
         nominal = free.nominal
         plan = predicted_layout(nominal, free.support)
         course = course_of(
@@ -451,13 +455,13 @@ class PredictionOptions(Identifier):
         )  # fmt: skip
         outputs = None
         if self.output_weights is not None:
-            outputs = outputs_of(self.output_weights, problem.training, nominal)
+            outputs = weighted_outputs(self.output_weights, problem.training, nominal)
         return Predictor(free, plan, course, self.integrator, outputs)
 
-    def prior_of(self, free: FreeParameters, recording: Recording) -> Array | None:
+    def prior_of(self, free: FreeParameters, recording: Recording) -> Array:
         """Standard deviations (m,) about the nominal values, infinite where there are none.
 
-        None if no parameter has one. Raises ConfigurationError for a pattern without a match.
+        Raises ConfigurationError for a pattern without a match.
         """
         relative = self.prior
         if relative == "auto":
@@ -476,12 +480,17 @@ class PredictionOptions(Identifier):
                     f"{', '.join(free.labels)}"
                 )
             deviation[chosen] = value
-        return deviation if np.any(np.isfinite(deviation)) else None
+        return deviation
+
+    def constraints(self, free: FreeParameters, recording: Recording) -> PhysicalConstraints:
+        """The bounds and physical constraints of the parameters."""
+        sizes, box = nominal_sizes(free, recording, self.force), self.box(free, recording)
+        return PhysicalConstraints.of(free, recording.nu, self.inertia_factor, sizes, box)
 
     def check_bounded(self, free: FreeParameters) -> None:
         """Raise ConfigurationError for a parameter without bounds."""
         for label in free.labels:
-            if self.bound_factor is None and label not in self.bounds:
+            if self.inertia_factor is None and label not in self.bounds:
                 raise ConfigurationError(
                     f"identifier.bounds.{label}: got none, expected a lower and an upper bound"
                 )
@@ -492,9 +501,9 @@ class PredictionOptions(Identifier):
         Parameters that are nominally zero have physical bounds by the recording only.
         """
         lower, upper = np.full(len(free), -np.inf), np.full(len(free), np.inf)
-        if self.bound_factor is not None:
+        if self.inertia_factor is not None:
             sizes = nominal_sizes(free, recording, self.force)
-            lower, upper = physical_bounds(free, sizes, self.bound_factor)
+            lower, upper = physical_bounds(free, sizes, self.inertia_factor)
         for i, label in enumerate(free.labels):
             if label in self.bounds:
                 lower[i], upper[i] = self.bounds[label]

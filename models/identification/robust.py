@@ -2,7 +2,8 @@
 
 1. The free parameters of the nominal model are found by a regression with a prior about the
    nominal values and physical constraints (`structured`), on smoothed signals (`smoothing`).
-2. They are refined by free runs over segments whose initial velocities are free (`refinement`).
+2. They are refined by free runs over segments whose initial velocities are free
+   (`free_run_fit`).
 3. Both are repeated with a force that is constant in NED, and with windage where the wind was
    measured. Free runs over blocks left out choose among them (`cross_validation`).
 """
@@ -16,13 +17,14 @@ import numpy as np
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.free_parameters import (
+    WINDAGE,
     FreeParameters,
     free_parameters,
     nonzero_labels,
 )
+from seatrial.models.identification.free_run_fit import refined_by_segments
 from seatrial.models.identification.input_terms import input_labels
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
-from seatrial.models.identification.refinement import refined_by_segments
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
 from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.structured import structure
@@ -32,7 +34,6 @@ from seatrial.models.vessel.basis import Term
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
-WINDAGE = ("surge.V_qu_q", "sway.V_qv_q", "yaw.u_qv_q")
 Choice = Literal["none", "ned_force", "windage", "both"]
 DISTURBANCES: tuple[Choice, ...] = ("none", "ned_force", "windage", "both")  # the simplest first
 MIN_SAMPLES = 40  # samples
@@ -118,9 +119,9 @@ class Robust(ResidualOptions):
             refined = refined_by_segments(self, training, lag, model, change, self.prior)
             change, active = refined.change, refined.active
             if not problem.compared:
-                errors = free.std_error(refined.spread.covariance)
-                point = free.values + change
-                spread = ParameterSpread(problem.nominal, free, point, refined.spread.joint)
+                covariance, point = refined.covariance, free.values + change
+                errors = free.std_error(covariance)
+                spread = ParameterSpread(problem.nominal, free, point, covariance, refined.prior)
             diagnostics += (Diagnostic("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
         diagnostics += tuple(

@@ -46,32 +46,13 @@ class ParameterSpread(Spread):
     free: FreeParameters
     point: Array
     covariance: Array  # (m, m)
+    prior: Array | None = None  # (m,) precision of the prior inside the covariance's inverse
 
     def draw(self, result: Identified, rng: np.random.Generator, share: float = 1.0) -> Vessel:
         """The model with parameters drawn from the distribution."""
         factor = factor_of(self.covariance)
         drawn = self.point + share * factor @ rng.standard_normal(len(self.point))
         return self.free.model(self.nominal, drawn)
-
-
-@dataclass(frozen=True, eq=False)
-class ReplicateSpread(Spread):
-    """The replicates of a bootstrap, points (count, m) of the free parameters."""
-
-    nominal: Vessel
-    free: FreeParameters
-    point: Array
-    points: Array
-
-    @property
-    def std_error(self) -> Array:
-        """Standard errors of the table (n_terms, n_dof), NaN where nothing is free."""
-        return self.free.std_error(np.cov(self.points, rowvar=False))
-
-    def draw(self, result: Identified, rng: np.random.Generator, share: float = 1.0) -> Vessel:
-        """The model of one of the replicates."""
-        replicate = self.points[rng.integers(len(self.points))]
-        return self.free.model(self.nominal, self.point + share * (replicate - self.point))
 
 
 def table_spread(covariances: Sequence[Array], rest: Array) -> TableSpread:

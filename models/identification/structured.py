@@ -17,12 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
-from seatrial.models.identification.physical_constraints import (
-    PhysicalConstraints,
-    largest_velocities,
-    sampled_velocities,
-    solve,
-)
+from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.residual import Samples
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -131,9 +126,7 @@ def structure(
     size = prior_deviation(free, samples.phi, samples.force)
     constraints = None
     if inertia_factor is not None:
-        inertia = free.nominal.inertia
-        velocities, largest = sampled_velocities(nu, inertia), largest_velocities(nu, inertia)
-        constraints = PhysicalConstraints(free, velocities, inertia_factor, size, largest)
+        constraints = PhysicalConstraints.of(free, nu, inertia_factor, size)
     return Structure(free, samples, size, constraints)
 
 

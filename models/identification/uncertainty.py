@@ -33,14 +33,11 @@ one covariance is taken as a whole.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 import scipy
 import scipy.signal
-from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from seatrial.models.errors import ConfigurationError
@@ -117,18 +114,33 @@ def long_run_share(rest: Array, width: float) -> Array:
     return np.asarray(np.divide(total, own[0], out=np.ones_like(total), where=own[0] > 0.0))
 
 
-def clustered_covariance(influence: Array, begin: NDArray[np.int64]) -> Array:
-    """Covariance (P, P) of the sum of influence series (N, P), independent between clusters alone.
+def parameter_covariance(
+    jacobian: Array, rest: Array, prior: Array, tau: float, unknowns: int, width: float | None
+) -> Array:
+    """Covariance of parameters p_hat that minimise |rest|^2 + tau (p - p_0)' diag(prior) (p - p_0).
 
-    `begin` (C,) are the first samples of the clusters. So that 1.96 standard deviations are a 95 %
-    interval for few clusters, it is enlarged by the square of the ratio of Student's t to that.
+    With H = J'J + tau diag(prior), p_hat - p = H^-1 J' e has the covariance for stationary
+    residuals e that do not depend on each other, and the prior's share H^-1 tau^2 diag(prior) H^-1:
+    together about tau H^-1, where tau is the number of samples that say as much as one
+    independent sample.
+
+    Args:
+        jacobian: J of the predictions by the parameters, shape (N n, m).
+        rest: residuals in units of their deviation, shape (N, n).
+        prior: precision of the prior about p_0, shape (m,).
+        tau: of the residuals.
+        unknowns: number of all unknowns, by which the residuals are too small.
+        width: bandwidth as in `stationary_variance`.
+
+    Returns:
+        The covariance, shape (m, m).
     """
-    count = len(begin)
-    if count < 2:
-        return np.zeros((influence.shape[1], influence.shape[1]))
-    sums = np.add.reduceat(influence, begin, axis=0)
-    student = scipy.stats.t.ppf(0.975, count - 1) / scipy.stats.norm.ppf(0.975)
-    return np.asarray(student**2 * count / (count - 1) * sums.T @ sums)
+    precision = tau * prior
+    inverse = np.linalg.pinv(jacobian.T @ jacobian + np.diag(precision), hermitian=True)
+    gains = (jacobian @ inverse).reshape(*rest.shape, -1).transpose(1, 0, 2)
+    parts = [stationary_covariance(g, e, width) for g, e in zip(gains, rest.T, strict=True)]
+    freedom = rest.size / max(rest.size - unknowns, 1)
+    return np.asarray(freedom * np.sum(parts, axis=0) + tau * (inverse * precision) @ inverse)
 
 
 def hac_variance(influence: Array) -> Array:
@@ -206,55 +218,3 @@ def block_bootstrap(
     length = max(length, 1)
     fits = [fit(residual_blocks(rest, length, rng)) for _ in range(replicates)]
     return np.asarray(np.std(fits, axis=0, ddof=1))
-
-
-SLOW_PERIODS = 0.1  # of a segment, at which the residual's slow part is looked for
-SLOW_SHARE = 1.1  # variance at low frequency, over that of white noise, from which there is one
-MANY = 20  # segments, from which a covariance of their sums is of use
-
-
-@dataclass(frozen=True, eq=False)
-class SegmentSpread:
-    """What the spread of m parameters is computed from."""
-
-    inverse: Array  # H^-1 (m, m)
-    gains: Array  # J H^-1 (N, n_dof, m)
-    rest: Array  # e (N, n_dof)
-    begin: NDArray[np.int64]  # first samples of the segments
-    freedom: float  # samples over those that the unknowns leave
-    prior: Array  # (m,) tau P, of the prior's share in the error
-
-    @cached_property
-    def covariance(self) -> Array:
-        """Covariance (m, m) for standard errors, with the correlations for white residuals.
-
-        An active constraint does not narrow it.
-        """
-        variance = self.freedom * np.max([np.diag(each) for each in self._known], axis=0)
-        variance += np.einsum("ij,j,ij->i", self.inverse, self.prior, self.inverse)
-        deviation = np.sqrt(variance / np.diag(self.inverse))
-        return np.asarray(self.inverse * np.outer(deviation, deviation))
-
-    @cached_property
-    def joint(self) -> Array:
-        """Covariance (m, m) of which models are drawn: the largest in the mean."""
-        known = self._known if len(self.begin) >= MANY else self._known[:2]
-        sizes = [np.mean(np.diag(each) / np.diag(self.inverse)) for each in known]
-        prior = (self.inverse * self.prior) @ self.inverse
-        return np.asarray(self.freedom * known[int(np.argmax(sizes))] + prior)
-
-    @cached_property
-    def _known(self) -> list[Array]:
-        """Covariances (m, m) of sum_k G_k e_k; where e has a slow part, that of segments last."""
-        length = len(self.rest) / len(self.begin)
-        if np.all(long_run_share(self.rest, SLOW_PERIODS * length) <= SLOW_SHARE):
-            return [self._stationary(None)]
-        influence = np.einsum("ndm,nd->nm", self.gains, self.rest)
-        clustered = clustered_covariance(influence, self.begin)
-        return [self._stationary(None), self._stationary(length), clustered]
-
-    def _stationary(self, width: float | None) -> Array:
-        """Covariance (m, m) for stationary residuals, with Andrews's bandwidth or a given one."""
-        axes = zip(self.gains.transpose(1, 0, 2), self.rest.T, strict=True)
-        parts = [stationary_covariance(gain, rest, width) for gain, rest in axes]
-        return np.asarray(np.sum(parts, axis=0))

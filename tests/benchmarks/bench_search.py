@@ -1,30 +1,20 @@
-"""A population's predictions, and a whole identification by NSGA-II; about three minutes.
+"""A population's predictions; about two minutes.
 
 The evaluation is that of Hoyer (2021), chapter 6: every candidate predicts the recording by Euler
 with limited rates, and gives the mean error of pose and velocity and the share of rates that had
 to be limited, which the objectives need. All on one core.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from time import perf_counter
+from collections.abc import Callable
 from typing import Any
-from unittest.mock import patch
 
 import numba
 import numpy as np
 
 from seatrial.models.identification.free_run import deviations, predict
-from seatrial.models.identification.multiobjective_search import (
-    ParameterSpace,
-    RunningMetric,
-    SearchResult,
-)
 from seatrial.models.identification.nsga2 import Nsga2
-from seatrial.models.identification.objectives import Objectives
 from seatrial.models.identification.predictor import Predictor
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.closed_loop import Streams
 from seatrial.runner.trial import excite
@@ -189,114 +179,4 @@ def test_packs_of_ferries(in_turn: Any) -> None:
         what=f"NSGA-II evaluation, milliAmpere by RK4, {FERRIES} candidates x 3,000 steps",
         name="packs of candidates", peer_name="numba, one candidate at a time", wanted=4.0,
         note="the other is the readable equation, compiled for any table; errors agree to 1e-9",
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class ByPymoo(Nsga2):
-    """The same identification, searched by pymoo's NSGA2 with pymoo's defaults."""
-
-    def _search(
-        self, objectives: Objectives, space: ParameterSpace, rng: np.random.Generator
-    ) -> SearchResult:
-        from pymoo.algorithms.moo.nsga2 import NSGA2
-        from pymoo.core.problem import Problem as PymooProblem
-        from pymoo.optimize import minimize
-
-        class Prediction(PymooProblem):  # type: ignore[misc]
-            def _evaluate(self, x: Array, out: dict[str, Array], *_: Any, **__: Any) -> None:
-                out["F"] = objectives(x)
-
-        scale = objectives.floor
-        box = {"xl": space.lower, "xu": space.upper}
-        prediction = Prediction(n_var=len(space.lower), n_obj=len(scale), **box)
-        seed = int(rng.integers(2**31))
-        found = minimize(
-            prediction, NSGA2(pop_size=self.population), ("n_gen", self.generations), seed=seed
-        )
-        metric = RunningMetric(scale, self.window, self.threshold)
-        return SearchResult(found.X, found.F, metric, self.generations, "generations")
-
-
-def front_of(found: Identified) -> Array:
-    """The objectives of the points of the Pareto front, shape (n, 2)."""
-    values = [f.value for f in found.diagnostics if f.name == "pareto_objective"]
-    return np.array(values).reshape(-1, 2)
-
-
-def hypervolumes(*fronts: Array) -> list[float]:
-    """Share of the rectangle about all fronts, a tenth larger, that each dominates."""
-    from pymoo.indicators.hv import HV
-
-    everything = np.vstack(fronts)
-    lowest, highest = everything.min(axis=0), everything.max(axis=0)
-    volume = HV(ref_point=np.full(2, 1.1))
-    return [float(volume((front - lowest) / (highest - lowest))) / 1.21 for front in fronts]
-
-
-Identify = Callable[[], Identified]
-
-
-def identifications() -> tuple[Identify, Identify]:
-    """The same surge model with non-linear drag, three parameters, by ours and by pymoo's."""
-    ours, problem = surge("surge_nonlinear")
-    peer = ByPymoo(**vars(ours))
-    return (
-        lambda: ours.identify(problem, np.random.default_rng(0)),
-        lambda: peer.identify(problem, np.random.default_rng(0)),
-    )
-
-
-def test_whole_identification(in_turn: Any) -> None:
-    ours, peer = identifications()
-    mine, other = ours(), peer()
-    volumes = hypervolumes(front_of(mine), front_of(other))
-    assert abs(volumes[0] - volumes[1]) <= 0.005 * volumes[1]
-    np.testing.assert_allclose(mine.model.theta, other.model.theta, rtol=1e-6)
-    in_turn(
-        ours, peer, item="3d", what="identification by NSGA-II, population 1000, 60 generations",
-        name="search on arrays", peer_name="pymoo's NSGA2, its defaults", wanted=1.5, rounds=5,
-        warm=False,
-        note="surge, three parameters, 3,000 samples, RK4, with decision and polish; hypervolumes "
-        "of the fronts agree within 0.5 %, the polished coefficients to 1e-6",
-    )  # fmt: skip
-
-
-@contextmanager
-def clocked(cls: type, method: str) -> Iterator[list[float]]:
-    """Wall-clock times of the calls of a method [s]."""
-    times: list[float] = []
-    called = getattr(cls, method)
-
-    def timed(*given: Any) -> Any:
-        begun = perf_counter()
-        found = called(*given)
-        times.append(perf_counter() - begun)
-        return found
-
-    with patch.object(cls, method, timed):
-        yield times
-
-
-def own_share(cls: type, identify: Identify) -> dict[str, Any]:
-    """The share of a search, without its evaluations, in a whole identification."""
-    identify()
-    with clocked(cls, "_search") as search, clocked(Objectives, "__call__") as evaluation:
-        begun = perf_counter()
-        identify()
-        whole = perf_counter() - begun
-    own = sum(search) - sum(evaluation[:GENERATIONS])
-    return {"shown": f"{100.0 * own / whole:.0f} % of {whole:.2f} s"}
-
-
-def test_share_of_the_search(stated: Any) -> None:
-    ours, peer = identifications()
-    stated(
-        lambda: {
-            "pymoo's NSGA2, its defaults": own_share(ByPymoo, peer),
-            "search on arrays": own_share(Nsga2, ours),
-        },
-        item="3e", what="the search's own time in that identification",
-        note="sampling, selection, crossover, mutation, survival and duplicates: two arrays in "
-        "place of an object for each individual, and equal ones found by sorting",
     )  # fmt: skip

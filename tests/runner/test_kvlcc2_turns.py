@@ -20,7 +20,7 @@ from tests.trials import asked_for
 
 SCALE, PERIOD_S = 45.7, 0.02
 SHORT = ("Z_20_05", "Z_20_10_P", "Z_10_05", "Z_30_05")
-FEW = ("identifier.bootstrap=20", "identifier.horizon=100", "identifier.horizons=[]")
+FEW = ("identifier.horizon=100", "identifier.horizons=[]")
 
 
 def hsva(*names: str) -> str:

@@ -1,13 +1,15 @@
-"""The Pareto set of a multi-objective identification: its objectives and the chosen point.
+"""The Pareto set of a multi-objective identification: its objectives and the deployed model.
 
-Diagnostics: `pareto_objective` (i = point, j = objective, label = name of the objective) and
-`pareto_chosen` (i = point). With up to three objectives every pair has a panel; with more,
-only pairs of the same degree of freedom have one.
+Diagnostics: `pareto_objective` (i = point, j = objective, label = name of the objective),
+`pareto_chosen` (i = point) and `objective` (j) of the model, which is the chosen point or what a
+polish has made of it. With up to three objectives every pair has a panel; with more, only pairs of
+the same degree of freedom have one.
 """
 
 from collections.abc import Sequence
 from functools import partial
 from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,7 +36,7 @@ FIGURE = Figure(
     place=4,
 )
 
-OBJECTIVE, CHOSEN = "pareto_objective", "pareto_chosen"
+OBJECTIVE, CHOSEN, DEPLOYED = "pareto_objective", "pareto_chosen", "objective"
 MOST_PANELS, ABREAST = 6, 3
 LINEAR_RANGE = 30.0  # largest ratio of values on a linear axis
 
@@ -46,8 +48,9 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
-    diagnostics = results.diagnostics(facet.runs, (OBJECTIVE, CHOSEN), facet.condition)
-    fronts: list[tuple[str, Sample, set[int]]] = []
+    named = (OBJECTIVE, CHOSEN, DEPLOYED)
+    diagnostics = results.diagnostics(facet.runs, named, facet.condition)
+    fronts: list[_Front] = []
     names: list[str] = []
     dofs: list[str] = []
     for run in facet.runs:
@@ -62,8 +65,12 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
         for row in points:
             front[row.i, sorted(axes_of).index(row.j)] = row.value
         chosen = {int(row.i) for row in diagnostics[run.id] if row.name == CHOSEN}
+        deployed = np.full(len(names), np.nan)
+        for row in diagnostics[run.id]:
+            if row.name == DEPLOYED and row.j in axes_of:
+                deployed[sorted(axes_of).index(row.j)] = row.value
         label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
-        fronts.append((label, front, chosen))
+        fronts.append(_Front(label, front, chosen, deployed))
     if len(names) < 2:
         return None
     all_pairs = list(combinations(range(len(names)), 2))
@@ -80,31 +87,46 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     headed(figure, axes, facet.title("Pareto set"))
     seeds = "; one front for each run" if len(fronts) > 1 else ""
     left_out = f"; {len(pairs)} of {len(all_pairs)} pairs" if len(pairs) < len(all_pairs) else ""
-    footnote(figure, [f"circle: the chosen point{seeds}{left_out}"])
+    moved = "; diamond: what the polish made of it" if any(map(_moved, fronts)) else ""
+    footnote(figure, [f"circle: the chosen point{moved}{seeds}{left_out}"])
     return Drawing(facet.file("pareto"), figure)
 
 
+class _Front(NamedTuple):
+    """The front of one run."""
+
+    label: str
+    front: Sample  # (n, n_objectives)
+    chosen: set[int]
+    deployed: Sample  # (n_objectives,) of the model
+
+
+def _moved(front: _Front) -> bool:
+    """Whether the model is none of the chosen points."""
+    points = front.front[sorted(front.chosen & set(range(len(front.front))))]
+    known = np.all(np.isfinite(front.deployed))
+    return bool(known and not np.any(np.all(np.isclose(points, front.deployed), axis=1)))
+
+
 def _panel(
-    axes: Axes,
-    fronts: Sequence[tuple[str, Sample, set[int]]],
-    names: Sequence[str],
-    pair: tuple[int, int],
+    axes: Axes, fronts: Sequence[_Front], names: Sequence[str], pair: tuple[int, int]
 ) -> None:
-    labels = list(dict.fromkeys(label for label, _, _ in fronts))
-    for label, front, chosen in fronts:
-        i = labels.index(label)
+    labels = list(dict.fromkeys(front.label for front in fronts))
+    for own in fronts:
+        i = labels.index(own.label)
         colour = PALETTE[i % len(PALETTE)]
-        x, y = front[:, pair[0]], front[:, pair[1]]
+        x, y = own.front[:, pair[0]], own.front[:, pair[1]]
         marker = marker_of(i)
-        axes.plot(x, y, marker, color=colour, markersize=4, alpha=0.75, label=label)
-        for index in chosen & set(range(len(front))):
-            axes.plot(
-                x[index], y[index], "o", markersize=11, fillstyle="none", color="black", zorder=4
-            )
+        axes.plot(x, y, marker, color=colour, markersize=4, alpha=0.75, label=own.label)
+        ring: dict[str, Any] = {"fillstyle": "none", "color": "black", "zorder": 4}
+        for index in own.chosen & set(range(len(own.front))):
+            axes.plot(x[index], y[index], "o", markersize=11, **ring)
+        if _moved(own):
+            axes.plot(*own.deployed[list(pair)], "D", markersize=9, **ring)
     axes.set_xlabel(names[pair[0]])
     axes.set_ylabel(names[pair[1]])
     for column, set_scale in ((pair[0], axes.set_xscale), (pair[1], axes.set_yscale)):
-        values = np.concatenate([front[:, column] for _, front, _ in fronts])
+        values = np.concatenate([np.append(f.front[:, column], f.deployed[column]) for f in fronts])
         low, high = np.nanmin(values), np.nanmax(values)
         if low > 0.0 and high > LINEAR_RANGE * low:
             set_scale("log")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from seatrial.models.identification.spread import ReplicateSpread
+from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.vessel import basis
 
 
@@ -13,7 +13,7 @@ def test_a_moved_table_has_the_spread_of_tables_moved_likewise(lap, identifier, 
     problem = lap("noise", 0).problem
     free = identifier("iv", inertia_factor=None).identify(problem, rng)
     moved = identifier("iv", inertia_factor=5.0).identify(problem, rng)
-    assert isinstance(moved.spread, ReplicateSpread)
+    assert isinstance(moved.spread, ParameterSpread)
     assert moved.std_error is not None
     assert free.model.inertia[0, 1] != free.model.inertia[1, 0]  # nominal to be equal
     for model in (moved.model, *moved.draws(5)):

@@ -99,7 +99,7 @@ def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
         ("plsr", ["force=filtered"], "force=filtered: surge_linear has no known thruster lag"),
         ("ls", ["basis=[u_dot,v]"], "term v has v, but surge_linear moves in surge"),
         ("output_error", ["parameters=[sway.v]"], "expected one of the degrees of freedom surge"),
-        ("nsga2", ["bound_factor=null"], "bounds.surge.u_dot: got none"),
+        ("nsga2", ["inertia_factor=null"], "bounds.surge.u_dot: got none"),
         ("dsr", ["order=7"], "but surge_linear has 2 states"),
         ("ls", ["lowpass_hz=9"], "lowpass_hz must lie between 0 and 5"),
     ],

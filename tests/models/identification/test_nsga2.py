@@ -226,11 +226,10 @@ def test_ferry(identifier, lap, disturbance, capsys):
         ({"mutation_probability": 1.5}, r"mutation_probability must lie in \[0, 1\]"),
         ({"weights": [1.0, 0.0]}, r"weights\[1\] must be positive"),
         ({"weights": [1.0]}, "expected 2"),
-        ({"bootstrap": 200, "polish": None}, "bootstrap needs polish=output_error"),
-        ({"bound_factor": None}, "bounds.surge.u_dot: got none"),
+        ({"inertia_factor": None}, "bounds.surge.u_dot: got none"),
         ({"log_scale": ["surge.v"]}, "expected all or some of surge.u_dot"),
         ({"bounds": {"surge.u": [0.0, 9.0]}, "log_scale": ["surge.u"]}, "must have one sign"),
-        ({"bound_factor": None, "parameters": ["surge.u^2"]}, r"bounds.surge.u\^2: got none"),
+        ({"inertia_factor": None, "parameters": ["surge.u^2"]}, r"bounds.surge.u\^2: got none"),
     ],
 )
 def test_wrong_options_are_refused(identifier, make, change, message):

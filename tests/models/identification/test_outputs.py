@@ -1,14 +1,12 @@
-"""Weighted outputs of an output-error fit, thrust among them, and its bootstrap over files."""
+"""Weighted outputs of an output-error fit, thrust among them."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.output_error import file_bootstrap
-from seatrial.models.identification.prediction_fit import Fit
-from seatrial.models.identification.predictor import outputs_of
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.predictor import weighted_outputs
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
@@ -67,10 +65,10 @@ def test_every_file_and_output_counts_alike() -> None:
     file = np.repeat([0, 1], 200)
     halves = np.where(file[:, None] == 0, 1.0, 1e-3)
     calm = replace(recording, nu=recording.nu * halves, file=file, file_names=("a", "b"))
-    outputs = outputs_of(WEIGHTS, calm, ship)
+    outputs = weighted_outputs(WEIGHTS, calm, ship)
     assert outputs.names == ("psi", "u", "v", "r", "propeller.thrust")
-    deviation = np.hstack([calm.eta, calm.nu])
-    errors = outputs.errors(deviation, recording.nu, ship.devices) / outputs.scale
+    deviation = np.hstack([calm.eta, calm.nu])[:, outputs.columns]
+    errors = outputs.with_loads(deviation, recording.nu, ship.devices) / outputs.scale
     for part in (errors[:200], errors[200:]):
         np.testing.assert_allclose(np.std(part[:, 1:4], axis=0), 1.0, rtol=1e-9)
         assert np.std(part[:, 0]) == pytest.approx(0.3, rel=1e-9)
@@ -89,36 +87,3 @@ def test_outputs_that_are_refused(outputs: str, message: str) -> None:
     identifier = option("output_error", f"identifier.outputs={outputs}")
     with pytest.raises(ConfigurationError, match=message):
         identifier.check(vessel("kvlcc2"), None, measured=False)
-
-
-def linear(rng: np.random.Generator, files: int, prior: float) -> tuple[Fit, Array, Array]:
-    """The fit of a linear model to several files, its regressors (N, 2, m) and file (N,)."""
-    file = np.repeat(np.arange(files), 30)
-    J = rng.standard_normal((len(file), 2, 3))
-    y = np.einsum("nkm,m->nk", J, [1.0, -2.0, 0.5]) + 0.3 * rng.standard_normal((len(file), 2))
-    flat, precision = J.reshape(-1, 3), np.full(3, prior)
-    p = np.linalg.solve(flat.T @ flat + np.diag(precision), flat.T @ y.ravel())
-    rest = y - np.einsum("nkm,m->nk", J, p)
-    fit = Fit(p, np.zeros((0, 0)), flat, rest, np.ones(2), 1, precision, 1.0)
-    return fit, y, file
-
-
-@pytest.mark.parametrize("prior", [0.0, 50.0])
-def test_a_replicate_of_a_linear_model_is_the_fit_of_the_drawn_files(prior: float) -> None:
-    fit, y, file = linear(np.random.default_rng(0), 5, prior)
-    box = np.full(3, -np.inf), np.full(3, np.inf)
-    points = file_bootstrap(fit, np.zeros(3), box, file, 20, np.random.default_rng(4))
-    rng = np.random.default_rng(4)
-    J = fit.jacobian.reshape(-1, 2, 3)
-    for point in points:
-        weight = np.repeat(rng.multinomial(5, np.full(5, 0.2))[file], 2)
-        flat = J.reshape(-1, 3) * weight[:, None]
-        normal = flat.T @ J.reshape(-1, 3) + np.diag(fit.precision)
-        np.testing.assert_allclose(point, np.linalg.solve(normal, flat.T @ y.ravel()), rtol=1e-9)
-
-
-def test_a_bootstrap_over_files_needs_files() -> None:
-    fit, _, file = linear(np.random.default_rng(0), 2, 0.0)
-    box = np.full(3, -np.inf), np.full(3, np.inf)
-    with pytest.raises(IdentificationError, match="got 2 files to train on, expected at least 3"):
-        file_bootstrap(fit, np.zeros(3), box, file, 20, np.random.default_rng(0))

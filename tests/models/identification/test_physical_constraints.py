@@ -11,7 +11,6 @@ from seatrial.models.identification.physical_constraints import (
     ROW_TOLERANCE,
     PhysicalConstraints,
     dissipated,
-    largest_velocities,
     sampled_velocities,
     solve,
     unphysical,
@@ -33,9 +32,7 @@ def constraints_on(
     free: FreeParameters, nu: np.ndarray, factor: float = FACTOR
 ) -> PhysicalConstraints:
     """The constraints on free parameters by recorded velocities (N, n_dof)."""
-    size, inertia = np.abs(free.values), free.nominal.inertia
-    velocities, largest = sampled_velocities(nu, inertia), largest_velocities(nu, inertia)
-    return PhysicalConstraints(free, velocities, factor, size, largest)
+    return PhysicalConstraints.of(free, nu, factor, np.abs(free.values))
 
 
 def hessian(constraints: PhysicalConstraints, rng: np.random.Generator) -> np.ndarray:

@@ -7,10 +7,10 @@ from seatrial.models.identification.linear import fit, standard_errors
 from seatrial.models.identification.residual import Samples
 from seatrial.models.identification.uncertainty import (
     block_bootstrap,
-    clustered_covariance,
     enlargement,
     hac_variance,
     long_run_share,
+    parameter_covariance,
     stationary_covariance,
     stationary_variance,
 )
@@ -45,22 +45,21 @@ def test_error_of_the_contrast_of_two_halves_of_an_autoregression(kind, rho) -> 
     assert np.mean(found) == pytest.approx(1.0 / (1.0 - rho) / np.sqrt(n), rel=0.15)
 
 
-def test_a_slow_disturbance_in_white_noise_is_seen_by_clusters() -> None:
+def test_a_slow_disturbance_in_white_noise_is_seen_by_a_wide_bandwidth() -> None:
     """Hardly correlated neighbours, var = 0.05 / (1 - rho)^2 + 1 for sums: 21 times white noise."""
     n, length, rho = 6000, 500, 0.95
     gain, truth = np.ones((n, 1)) / n, (0.05 / (1.0 - rho) ** 2 + 1.0) / n
-    usual, clustered, shares = [], [], []
+    usual, wide, shares = [], [], []
     for seed in range(40):
         rng = np.random.default_rng(seed)
         slow = autoregression(rng, n, rho)
         e = (np.sqrt(0.05) * slow + rng.standard_normal(n))[:, None]
         usual.append(stationary_variance(gain, e[:, 0])[0])
-        clustered.append(clustered_covariance(gain * e, np.arange(0, n, length))[0, 0])
+        wide.append(stationary_variance(gain, e[:, 0], length)[0])
         shares.append(long_run_share(e, 200.0)[0])
         assert long_run_share(rng.standard_normal((n, 2)), 50.0) == pytest.approx(1.0, abs=0.4)
-    student = (2.2010 / 1.9600) ** 2  # of 11 degrees of freedom
     assert np.mean(usual) < 0.7 * truth
-    assert np.mean(clustered) == pytest.approx(student * truth, rel=0.2)
+    assert np.mean(wide) == pytest.approx(enlargement(length / n) * truth, rel=0.2)
     assert np.mean(shares) == pytest.approx(21.0 / (1.0 + 0.05 / (1.0 - rho**2)), rel=0.25)
 
 
@@ -74,12 +73,6 @@ def test_a_covariance_has_the_variances_on_its_diagonal(width: float | None) -> 
     np.testing.assert_allclose(np.diag(covariance), stationary_variance(gain, rest, width))
     mixed = stationary_variance(gain @ mix.T, rest, width)
     np.testing.assert_allclose(mix @ covariance @ mix.T, mixed[None], rtol=1e-9)
-    begin = np.arange(0, 500, 50)
-    clustered = clustered_covariance(gain * rest[:, None], begin)
-    sums = np.sum((gain * rest[:, None]).reshape(10, 50, 3), axis=1)
-    student = (2.2622 / 1.9600) ** 2  # of 9 degrees of freedom
-    own = student * np.sum(sums**2, axis=0) * 10.0 / 9.0
-    np.testing.assert_allclose(np.diag(clustered), own, rtol=1e-4)
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
 
 
@@ -170,3 +163,40 @@ def test_an_interval_of_a_fixed_width_covers_where_the_sum_has_few_parts() -> No
         narrow.append(abs(np.sum(e)) <= 1.96 * deviation / np.sqrt(enlargement(1 / 12)))
     assert np.mean(narrow) < 0.935
     assert np.mean(inside) == pytest.approx(0.95, abs=0.01)
+
+
+def columns() -> np.ndarray:
+    """Two columns that are nearly alike: their sum is known far better than each, (N, 2)."""
+    rng = np.random.default_rng(0)
+    one, other = np.repeat(rng.standard_normal((2, 60)), 50, axis=1)
+    return np.stack([one, one + 0.05 * other], axis=1)
+
+
+def estimated(
+    J: np.ndarray, e: np.ndarray, prior: float = 0.0, tau: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Estimates (2,) of parameters that are zero, and their covariance."""
+    p = np.linalg.solve(J.T @ J + tau * prior * np.eye(2), J.T @ e)
+    rest = (e - J @ p)[:, None]
+    return p, parameter_covariance(J, rest, np.full(2, prior), tau, 2, None)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_the_covariance_of_parameters_is_that_of_the_estimates(rho: float) -> None:
+    """Of each parameter and of their sum."""
+    J = columns()
+    fits = [estimated(J, autoregression(np.random.default_rng(s), len(J), rho)) for s in range(400)]
+    true = np.cov(np.array([estimate for estimate, _ in fits]).T)
+    own = np.mean([covariance for _, covariance in fits[:40]], axis=0)
+    for mix in np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]):
+        assert mix @ own @ mix == pytest.approx(mix @ true @ mix, rel=0.25)
+
+
+def test_a_prior_has_its_share_whatever_the_residuals_say() -> None:
+    """Where the data say nothing the variance is the prior's, else tau H^-1 for white residuals."""
+    rng, J = np.random.default_rng(3), columns()
+    _, nothing = estimated(1e-6 * J, rng.standard_normal(len(J)), prior=4.0, tau=7.0)
+    np.testing.assert_allclose(np.diag(nothing), 0.25, rtol=1e-6)
+    _, something = estimated(J, rng.standard_normal(len(J)), prior=30.0)
+    inverse = np.linalg.inv(J.T @ J + 30.0 * np.eye(2))
+    np.testing.assert_allclose(something, inverse, atol=0.1 * np.max(inverse))

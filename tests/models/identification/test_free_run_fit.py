@@ -7,12 +7,16 @@ import pytest
 
 from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
-from seatrial.models.identification.physical_constraints import (
-    PhysicalConstraints,
-    largest_velocities,
-    sampled_velocities,
+from seatrial.models.identification.free_run_fit import (
+    Fit,
+    Stage,
+    fit,
+    over_segments,
+    refined_by_segments,
+    segments,
 )
-from seatrial.models.identification.refinement import refine, refined_by_segments, segments
+from seatrial.models.identification.physical_constraints import PhysicalConstraints
+from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.structured import structure
 from tests.trials import excited
 
@@ -23,6 +27,17 @@ WIDE = 100.0  # standard deviation of the prior, over the nominal size: hardly a
 
 def parameters(problem) -> FreeParameters:
     return free_parameters(problem.nominal, None, "tied", False, symmetric=True)
+
+
+def refine(
+    predictor: Predictor,
+    change: np.ndarray,
+    deviation: np.ndarray,
+    constraints: PhysicalConstraints | None,
+) -> Fit:
+    """The fit of the segments of a predictor, from a change or from the nominal parameters."""
+    stage = Stage(over_segments(predictor, deviation))
+    return fit(stage, [change, np.zeros_like(change)], deviation, constraints)
 
 
 def true_change(free: FreeParameters) -> np.ndarray:
@@ -49,9 +64,7 @@ def test_constraints_hold_after_every_step(calm) -> None:
     problem = calm.problem
     free = parameters(problem)
     size = np.abs(free.values)
-    nu, inertia = problem.training.nu, problem.nominal.inertia
-    velocities, largest = sampled_velocities(nu, inertia), largest_velocities(nu, inertia)
-    constraints = PhysicalConstraints(free, velocities, 1.5, size, largest)
+    constraints = PhysicalConstraints.of(free, problem.training.nu, 1.5, size)
     predictor = segments(problem.training, free, problem.thruster, None, SEGMENT_S)
     refined = refine(predictor, np.zeros(len(free)), size, constraints)
     assert "inertia" in refined.active
