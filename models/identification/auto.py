@@ -94,11 +94,14 @@ class Auto(Identifier):
         errors, reasons = contest.run()
         chosen, identified = self._best(alternatives, blocks, dict(errors), reasons, rng)
         known = {} if reference is None else {NONE: reference}
-        diagnostics = error_diagnostics({**known, **errors}, blocks, chosen)
+        judged = {**known, **errors}
+        diagnostics = error_diagnostics(judged, blocks, chosen)
         left_out = [
             Diagnostic("left_out", "all", 1.0, label=f"{n}: {r}") for n, r in reasons.items()
         ]
-        return replace(identified, diagnostics=(*identified.diagnostics, *diagnostics, *left_out))
+        models = judged[chosen].models if chosen in judged else ()
+        diagnostics = (*identified.diagnostics, *diagnostics, *left_out)
+        return replace(identified, diagnostics=diagnostics, fold_models=models)
 
     def _best(
         self,

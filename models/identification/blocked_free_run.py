@@ -59,6 +59,7 @@ class LeftOut(NamedTuple):
 
     squares: Array  # (n_runs, n_axes) mean square error of each free run
     samples: Array  # (n_runs,) samples of each
+    models: tuple[Vessel, ...] = ()  # that were identified without each block
 
     @property
     def nrmse(self) -> Array:
@@ -179,7 +180,8 @@ class Blocks:
         errors = [
             self.runs(model, block) for model, block in zip(models, self.left_out, strict=True)
         ]
-        return LeftOut(*(np.concatenate(parts) for parts in zip(*errors, strict=True)))
+        squares, samples = (np.concatenate([each[k] for each in errors]) for k in range(2))
+        return LeftOut(squares, samples, tuple(models))
 
     def runs(self, model: Vessel, recording: Recording) -> LeftOut:
         """Errors of free runs of a model over a recording; where rates are limited they are large.
@@ -297,9 +299,8 @@ def best_of(
         raise IdentificationError(f"no alternative predicts the training part: {name}: {reason}")
     chosen = first_equal(errors)
     result = alternatives[chosen].identify(blocks.problem, rng)
-    return replace(
-        result, diagnostics=(*result.diagnostics, *error_diagnostics(errors, blocks, chosen))
-    )
+    diagnostics = (*result.diagnostics, *error_diagnostics(errors, blocks, chosen))
+    return replace(result, diagnostics=diagnostics, fold_models=errors[chosen].models)
 
 
 def error_diagnostics(

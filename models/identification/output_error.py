@@ -224,7 +224,10 @@ class OutputError(PredictionOptions):
             diagnostics.append(Diagnostic(INTERVAL_OF_ESTIMATE, "all", 1.0))
         model = predictor.free.model(problem.nominal, fit_result.point)
         spread = (
-            ParameterSpread(problem.nominal, predictor.free, fit_result.point, covariance)
+            ParameterSpread(
+                problem.nominal, predictor.free, fit_result.point, covariance,
+                fit_result.precision / fit_result.inflation,
+            )
             if points is None
             else ReplicateSpread(problem.nominal, predictor.free, fit_result.point, points)
         )

@@ -112,7 +112,10 @@ class Robust(ResidualOptions):
             if not problem.compared:
                 errors = free.std_error(refined.spread.covariance)
                 point = free.values + change
-                spread = ParameterSpread(problem.nominal, free, point, refined.spread.joint)
+                spread = ParameterSpread(
+                    problem.nominal, free, point, refined.spread.joint,
+                    refined.runs.deviation**-2.0,
+                )  # fmt: skip
             diagnostics += (Diagnostic("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
         diagnostics += tuple(
