@@ -17,6 +17,7 @@ from seatrial.models.diagnostics import TRAINING_TIME, Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged, RecordingError
 from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Mission
+from seatrial.models.identification.model_error import NO_MODEL_ERROR, calibrated
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
     MIN_SAMPLES,
@@ -239,7 +240,8 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         problem.validation, problem.nominal, identified, excited.truth
     )
     predicted = validation_metrics.predictions(problem, identified, excited.truth, trial.horizons_s)
-    for reason in predicted.diagnostics:
+    deviation, unknown = validation_metrics.deviation(problem, identified)
+    for reason in (*predicted.diagnostics, *unknown):
         log.warning("prediction: %s", reason.label)
     models = {"nominal": problem.nominal, "identified": identified.model}
     if excited.truth is not None:
@@ -264,6 +266,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         diagnostics=[
             *identified.diagnostics,
             *predicted.diagnostics,
+            *unknown,
             *validation_metrics.per_file(problem, identified),
             *measured_manoeuvres(trial, problem, identified),
             *excitation_report(problem, excited.recording),
@@ -275,7 +278,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         series=[
             time_series.recording_series(excited.recording, excited.training, excited.sailed),
             time_series.residual_series(excited, problem.nominal, identified),
-            time_series.prediction_series(problem.validation, predicted),
+            time_series.prediction_series(problem.validation, predicted, deviation),
             *mix.series,
         ],
         note=skipped(trial),
@@ -319,11 +322,16 @@ def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified
     began = perf_counter()
     result = checked(identifier, identifier.identify(problem, rng), problem.nominal)
     seconds = Diagnostic(TRAINING_TIME, "all", perf_counter() - began, "s")
+    if trial.model_error:
+        result = calibrated(identifier, problem, result)
     identified = with_interval(
         identifier, replace(result, diagnostics=(*result.diagnostics, seconds))
     )
     for warning in identified.warnings:
         log.warning("identification: %s", warning)
+    for diagnostic in identified.diagnostics:
+        if diagnostic.name == NO_MODEL_ERROR:
+            log.warning("intervals hold no model error: %s", diagnostic.label)
     impossible = unphysical(identified.model, problem.nominal, problem.training.nu)
     if impossible:
         diagnostic = Diagnostic("unphysical", "all", 1.0, label=impossible)
