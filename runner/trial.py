@@ -54,6 +54,7 @@ from seatrial.runner.record import (
 )
 from seatrial.runner.record.coefficient_rows import numbered
 from seatrial.runner.record.rows import Metric, Results
+from seatrial.runner.record.tracking_intervals import tracking_intervals
 
 log = logging.getLogger(__name__)
 MEASURED = "measured recording: plant simulation and deployment are skipped"
@@ -502,6 +503,8 @@ def deploy(
         metrics += deployment_metrics.response_metrics(sailed, name)
         metrics += own_metrics.deployment_rows(trial.metrics, sailed.voyage, name)
         series.append(time_series.voyage_series(sailed, name))
+        if name == "identified" and identified is not None and true is not None:
+            diagnostics += tracking_intervals(trial, seeds, identified, mission, sailed)
         if sailed.adapter is not None:
             versions = numbered("adaptive", (model for _, model, _ in sailed.adapter.versions))
             coefficients += coefficient_rows.table_coefficients(versions)

@@ -50,7 +50,7 @@ LEVEL = 0.9  # at which k makes the deviations right
 DRAWS = 40  # runs by which deviations are found
 LAMBDA = (1e-4, 10.0)
 TRIED = 0.1  # lambda of the runs that show what an acceleration does; the deviations are linear
-MOST_SAMPLES = 50_000  # of the training part
+MOST_SAMPLES = 20_000  # of the training part
 MOST_ROWS = 10_000  # of the likelihood: neighbouring errors are nearly equal
 LEAST_DEVIATION = 1e-9  # over that of the motion
 MOST_DIVERGED = 0.1  # of the drawn runs
@@ -66,6 +66,7 @@ class ModelError:
     scale: float  # k
     mean_square: Array  # m^2 (n_dof,) [(m/s^2)^2, (rad/s^2)^2]
     noise: Array  # (2 n_dof,) of the measured pose and velocity
+    share: float = 1.0  # of what was left out, over which the runs did not diverge
 
     def accelerations(self, rho2: Array, period_s: float, rng: np.random.Generator) -> Array:
         """Drawn accelerations (N, n_dof) where rho^2 is (N, n_dof), at their full size."""
@@ -79,6 +80,7 @@ class ModelError:
             Diagnostic("model_error_kappa2", "all", self.kappa2),
             Diagnostic("model_error_lambda", "all", self.force),
             Diagnostic("model_error_scale", "all", self.scale),
+            Diagnostic("model_error_share", "all", self.share),
         ]
         for name, values in (
             ("model_error_mean_square", self.mean_square),
@@ -243,20 +245,26 @@ def _calibrate(identifier: Identifier, problem: Problem, identified: Identified)
     fixed = _starts(runs, trial)[rows] + noise**2
     fixed += (LEAST_DEVIATION * np.std(runs.own.course.measured, axis=0)) ** 2
     by_force = _accelerated(runs, trial)[rows] / TRIED**2
+    if not np.all(np.isfinite(fixed + by_force)):
+        raise IdentificationError("runs that begin or are accelerated a little apart diverge")
     number = fold if training.file is None else training.file
     weight = 1.0 / np.bincount(number[rows])[number[rows]]
     best = (np.inf, 1.0, 0.0, fixed)
     for kappa2, variance in _by_kappa2(identified, runs):
         known = variance[rows] + fixed
-        if np.all(np.isfinite(known)):
-            loss, force = _best_force(errors[rows], known, by_force, weight)
-            best = min(best, (loss, kappa2, force, known), key=lambda one: one[0])
+        if not np.all(np.isfinite(known)):  # drawn models diverge, and will the more with more
+            break
+        loss, force = _best_force(errors[rows], known, by_force, weight)
+        if loss >= best[0]:  # there is one minimum
+            break
+        best = loss, kappa2, force, known
     loss, kappa2, force, known = best
     if not np.isfinite(loss):
         raise IdentificationError("models drawn from its distribution diverge")
     ratio = np.abs(errors[rows]) / (ndtri(0.5 + 0.5 * LEVEL) * np.sqrt(known + force**2 * by_force))
     scale = weighted_quantile(ratio.ravel(), np.repeat(weight, ratio.shape[1]), LEVEL)
-    return ModelError(kappa2, force, scale, mean_square, noise)
+    share = float(np.sum(kept)) / float(np.sum(~restart))
+    return ModelError(kappa2, force, scale, mean_square, noise, share)
 
 
 def folded(training: Recording, count: int) -> tuple[Recording, NDArray[np.int64]]:
@@ -287,7 +295,10 @@ def left_out_errors(
     """Predicted minus measured (N, 2 n_dof), each fold by the model without it; NaN: diverged."""
     errors = np.full_like(runs.own.course.measured, np.nan)
     for k, model in enumerate(models):
-        predicted = predicted_by(model, runs.own.course)
+        try:
+            predicted = predicted_by(model, runs.own.course)
+        except IdentificationError:
+            continue
         found, limited = predicted.deviations()
         if limited:
             found[predicted.lost()] = np.nan

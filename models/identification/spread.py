@@ -54,9 +54,13 @@ class ParameterSpread(Spread):
     def draw(
         self, result: Identified, rng: np.random.Generator, share: float = 1.0, kappa2: float = 1.0
     ) -> Vessel:
-        """The model with parameters drawn from the distribution."""
+        """The model with parameters drawn from the distribution, devices in plausible ranges."""
         change = self.factor(kappa2) @ rng.standard_normal(len(self.point))
-        return self.free.model(self.nominal, self.point + share * change)
+        point, own = self.point + share * change, self.free.of_devices
+        for i, place in enumerate(self.free.places, own.start):
+            _, low, high = self.free.nominal.installed.bounds[place]
+            point[i] = np.clip(point[i], min(low, self.point[i]), max(high, self.point[i]))
+        return self.free.model(self.nominal, point)
 
     def factor(self, kappa2: float) -> Array:
         """B (m, m) with B B' = ((inv(covariance) - P) / kappa2 + P)^-1, P the prior's precision.
