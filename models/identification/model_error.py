@@ -144,17 +144,18 @@ class NearbyRuns:
 
         A run that diverges is left out; infinite where more than MOST_DIVERGED do.
         """
-        states, total, count, diverged = self.own.free_run[0], 0.0, 0, 0
+        states, count, diverged = self.own.free_run[0], 0, 0
+        total = np.zeros_like(self.own.course.measured)
         for run in runs:
             reached, limited = run.free_run
             if limited:
                 diverged += 1
                 continue
-            total = total + deviations(self.own.course.kinematics, states, reached) ** 2
+            total += deviations(self.own.course.kinematics, states, reached) ** 2
             count += 1
         if not count or diverged > MOST_DIVERGED * (count + diverged):
             return np.full_like(self.own.course.measured, np.inf)
-        return np.asarray(total / (count * DEVIATION_SHARE**2))
+        return total / (count * DEVIATION_SHARE**2)
 
 
 def nearby_runs(
