@@ -228,7 +228,7 @@ def calibrated(identifier: Identifier, problem: Problem, identified: Identified)
 
 
 def _calibrate(identifier: Identifier, problem: Problem, identified: Identified) -> ModelError:
-    training, fold = folded(problem.training, len(identified.fold_models) or GROUPS)
+    training, fold = folded(problem.training, len(identified.fold_models))
     models = identified.fold_models or fold_models(identifier, problem, training, fold)
     runs = nearby_runs(identified.model, training, problem.thruster)
     if runs.own.free_run[1]:
@@ -268,13 +268,21 @@ def _calibrate(identifier: Identifier, problem: Problem, identified: Identified)
     return ModelError(kappa2, force, scale, mean_square, noise, share)
 
 
-def folded(training: Recording, count: int) -> tuple[Recording, NDArray[np.int64]]:
-    """The first samples of each fold, at most MOST_SAMPLES of all, and the fold of each."""
-    folds = training.folds(count)
-    fold, kept = np.zeros(len(training), dtype=np.int64), np.zeros(len(training), dtype=bool)
-    for k, split in enumerate(folds):
-        fold[split.test] = k
-        kept[np.flatnonzero(split.test)[: MOST_SAMPLES // len(folds)]] = True
+def folded(training: Recording, carried: int = 0) -> tuple[Recording, NDArray[np.int64]]:
+    """The first samples of each file or block, at most MOST_SAMPLES of all, and their folds (N,).
+
+    Folds are those of `carried` models that are known already. Else they are GROUPS of files by
+    turns, so that none is all of the small motions or all of the large ones of a series, or blocks
+    of a single recording.
+    """
+    part, fold = np.zeros(len(training), dtype=np.int64), np.zeros(len(training), dtype=np.int64)
+    for k, split in enumerate(training.folds(carried or GROUPS)):
+        part[split.test] = fold[split.test] = k
+    if training.file is not None and training.file[0] != training.file[-1]:
+        part = np.unique(training.file, return_inverse=True)[1]
+        fold = fold if carried else part % GROUPS
+    number = np.arange(len(part)) - np.searchsorted(part, part)  # from the beginning of its part
+    kept = number < MOST_SAMPLES // (part[-1] + 1)
     return training.part(kept), fold[kept]
 
 
@@ -283,7 +291,7 @@ def fold_models(
 ) -> tuple[Vessel, ...]:
     """The models identified without each fold; raises the errors of the identifier."""
     identifier, models = identifier.without_bootstrap(), []
-    for k in range(int(fold[-1]) + 1):
+    for k in range(int(np.max(fold)) + 1):
         part = training.part(fold != k)
         known = replace(problem, training=part, validation=part, compared=True)
         models.append(identifier.identify(known, np.random.default_rng(0)).model)

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import IdentificationError
+from seatrial.models.identification import model_error
 from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.model_error import (
     CORRELATION_S,
+    GROUPS,
     NO_MODEL_ERROR,
     ModelError,
     bands,
     calibrated,
+    folded,
     gauss_markov,
     nearby_runs,
     weighted_quantile,
@@ -184,3 +187,28 @@ def test_a_weighted_quantile_counts_weights() -> None:
     for level in (0.25, 0.5, 0.75, 0.9):
         expected = np.quantile(repeated, level, method="inverted_cdf")
         assert weighted_quantile(values, weights, level) == expected
+
+
+def test_files_of_a_series_are_left_out_by_turns_and_models_at_hand_by_their_own_folds() -> None:
+    own, _ = excited(*SURGE, "disturbance=noise")
+    n = len(own.training) // 12 * 12
+    file = np.repeat(np.arange(12), n // 12)
+    series = replace(own.training.part(slice(0, n)), file=file, file_names=tuple("abcdefghijkl"))
+    training, fold = folded(series)
+    assert [set(fold[file == k]) for k in range(12)] == [{k % GROUPS} for k in range(12)]
+    assert len(training) == n
+    for k, split in enumerate(series.folds(3)):
+        assert set(folded(series, 3)[1][split.test]) == {k}
+    long = replace(series, file=np.zeros(n, dtype=np.int64))
+    assert list(np.unique(folded(long)[1])) == list(range(GROUPS))
+
+
+def test_of_a_long_recording_the_beginning_of_each_block_is_used(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own, _ = excited(*SURGE, "disturbance=noise")
+    monkeypatch.setattr(model_error, "MOST_SAMPLES", 500)
+    training, fold = folded(own.training)
+    assert list(np.bincount(fold)) == [100] * GROUPS
+    begins = [float(own.training.t[split.test][0]) for split in own.training.folds(GROUPS)]
+    assert [float(training.t[fold == k][0]) for k in range(GROUPS)] == begins
