@@ -88,6 +88,7 @@ class Trial:
     limits: Limits = Limits()  # of its size
     horizons_s: tuple[float, ...] = ()  # of predictions that are stored beside the free run
     deploy_unphysical: bool = False  # whether a model that creates energy is deployed too
+    model_error: bool = True  # whether it is calibrated, of a model with a distribution
     samples: int | None = None  # to train, to test and to deploy with, at most; None: all
 
     def __post_init__(self) -> None:
@@ -167,6 +168,7 @@ class Settings:
     horizons_s: tuple[Positive, ...] | None = None
     limits: Limits = Limits()
     deploy_unphysical: bool = False
+    model_error: bool = True
     rerun: bool = False
     dry_run: bool = False
     sweep: SweepLabels = field(default_factory=SweepLabels)
@@ -207,6 +209,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
         limits=settings.limits,
         horizons_s=settings.horizons_s or (),
         deploy_unphysical=settings.deploy_unphysical,
+        model_error=settings.model_error,
         seed=settings.seed,
         results_dir=settings.results_dir,
         database_url=settings.database.url

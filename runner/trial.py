@@ -18,6 +18,7 @@ from seatrial.models.errors import ConfigurationError, Diverged, RecordingError
 from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Mission
 from seatrial.models.identification.fallback import identified as protected
+from seatrial.models.identification.model_error import NO_MODEL_ERROR, calibrated
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
     MIN_SAMPLES,
@@ -53,6 +54,7 @@ from seatrial.runner.record import (
 )
 from seatrial.runner.record.coefficient_rows import numbered
 from seatrial.runner.record.rows import Metric, Results
+from seatrial.runner.record.tracking_intervals import tracking_intervals
 
 log = logging.getLogger(__name__)
 MEASURED = "measured recording: plant simulation and deployment are skipped"
@@ -237,7 +239,8 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         problem.validation, problem.nominal, identified, excited.truth
     )
     predicted = validation_metrics.predictions(problem, identified, excited.truth, trial.horizons_s)
-    for reason in predicted.diagnostics:
+    deviation, unknown = validation_metrics.deviation(problem, identified)
+    for reason in (*predicted.diagnostics, *unknown):
         log.warning("prediction: %s", reason.label)
     models = {"nominal": problem.nominal, "identified": identified.model}
     if excited.truth is not None:
@@ -262,6 +265,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         diagnostics=[
             *identified.diagnostics,
             *predicted.diagnostics,
+            *unknown,
             *validation_metrics.per_file(problem, identified),
             *measured_manoeuvres(trial, problem, identified),
             *excitation_report(problem, excited.recording),
@@ -273,7 +277,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         series=[
             time_series.recording_series(excited.recording, excited.training, excited.sailed),
             time_series.residual_series(excited, problem.nominal, identified),
-            time_series.prediction_series(problem.validation, predicted),
+            time_series.prediction_series(problem.validation, predicted, deviation),
             *mix.series,
         ],
         note=skipped(trial),
@@ -317,6 +321,8 @@ def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified
     began = perf_counter()
     result = protected(identifier, problem, rng)
     seconds = Diagnostic(TRAINING_TIME, "all", perf_counter() - began, "s")
+    if trial.model_error:
+        result = calibrated(identifier, problem, result)
     identified = with_interval(
         identifier, replace(result, diagnostics=(*result.diagnostics, seconds))
     )
@@ -324,6 +330,9 @@ def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified
         log.info("identification: %s", note)
     for warning in identified.warnings:
         log.warning("identification: %s", warning)
+    for diagnostic in identified.diagnostics:
+        if diagnostic.name == NO_MODEL_ERROR:
+            log.warning("intervals hold no model error: %s", diagnostic.label)
     impossible = unphysical(identified.model, problem.nominal, problem.training.nu)
     if impossible:
         diagnostic = Diagnostic("unphysical", "all", 1.0, label=impossible)
@@ -494,6 +503,8 @@ def deploy(
         metrics += deployment_metrics.response_metrics(sailed, name)
         metrics += own_metrics.deployment_rows(trial.metrics, sailed.voyage, name)
         series.append(time_series.voyage_series(sailed, name))
+        if name == "identified" and identified is not None and true is not None:
+            diagnostics += tracking_intervals(trial, seeds, identified, mission, sailed)
         if sailed.adapter is not None:
             versions = numbered("adaptive", (model for _, model, _ in sailed.adapter.versions))
             coefficients += coefficient_rows.table_coefficients(versions)

@@ -5,6 +5,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from seatrial.models.diagnostics import TRAINING_TIME as TRAINING_TIME
 from seatrial.models.notation import DOFS as DOFS
+from seatrial.models.notation import POSES as POSES
 
 # A configuration, or a part of it, as read from YAML or from the logbook: plain values by name.
 Config: TypeAlias = Mapping[str, Any]
@@ -30,6 +31,7 @@ FILE_FINDING = "file_"  # begins the name of a diagnostic that is a metric of on
 
 Ending = Literal["finished", "diverged", "failed"]  # of a run that has ended
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
+IDENTIFIED_STD = "identified_std"  # ends the columns of the bands in the series `prediction`
 STATUSES = ("running", *ENDINGS, "interrupted")  # of a run; interrupted: its process was lost
 UNFINISHED = ("failed", "diverged", "running", "interrupted")
 LOST = ("failed", "diverged", "interrupted")  # what `retry` runs again

@@ -125,6 +125,7 @@ class Auto(Identifier):
             found,
             diagnostics=(*found.diagnostics, *rows),
             notes=(*found.notes, _account(chosen, errors, found, blocks)),
+            fold_models=scores[chosen].models if chosen in scores else (),
         )
         return with_skill(found, blocks, errors[chosen], "the blocks left out")
 

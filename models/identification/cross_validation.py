@@ -295,7 +295,8 @@ def best_of(
     chosen = one_standard_error_rule(errors)
     result = alternatives[chosen].identify(validation.problem, rng)
     found = error_diagnostics(errors, validation, chosen)
-    return replace(result, diagnostics=(*result.diagnostics, *found))
+    models = scores[chosen].models
+    return replace(result, diagnostics=(*result.diagnostics, *found), fold_models=models)
 
 
 def error_diagnostics(

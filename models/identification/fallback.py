@@ -19,10 +19,10 @@ from seatrial.models.identification.cross_validation import (
     CrossValidation,
     FoldErrors,
     Score,
+    mixed_table,
 )
 from seatrial.models.identification.physical_constraints import unphysical
-from seatrial.models.identification.problem import Identified, Identifier, Problem, checked
-from seatrial.models.identification.spread import TableSpread
+from seatrial.models.identification.problem import Identified, Identifier, Problem, Spread, checked
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
@@ -39,6 +39,22 @@ class WholeTraining(CrossValidation):
     def blocks(self) -> tuple[Recording, ...]:
         """The training part, with smoothed velocities."""
         return (self.smoothed,)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldSpread(Spread):
+    """The distribution of a result with the nominal equations of some axes, which are fixed."""
+
+    spread: Spread
+    nominal: Vessel
+    axes: tuple[int, ...]
+
+    def draw(
+        self, result: Identified, rng: np.random.Generator, share: float = 1.0, kappa2: float = 1.0
+    ) -> Vessel:
+        """The model drawn, with the nominal equations."""
+        drawn = self.spread.draw(result, rng, share, kappa2)
+        return mixed_table(drawn, self.nominal, self.axes)
 
 
 def identified(identifier: Identifier, problem: Problem, rng: np.random.Generator) -> Identified:
@@ -116,7 +132,7 @@ def with_nominal_axes(
         residual=residual,
         std_error=None if result.std_error is None else without(result.std_error, np.nan),
         device_errors={},
-        spread=result.spread if isinstance(result.spread, TableSpread) else None,
+        spread=None if result.spread is None else HeldSpread(result.spread, nominal, tuple(axes)),
         diagnostics=tuple(dict.fromkeys((*result.diagnostics, *rows))),
     )
 

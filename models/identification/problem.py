@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from seatrial.models.vessel.basis import NEEDED, Array, Term, each_product_once,
 from seatrial.models.vessel.derivatives import DOWN
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
+
+if TYPE_CHECKING:
+    from seatrial.models.identification.model_error import ModelError
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +47,17 @@ class Problem:
 
 
 class Spread(ABC):
-    """The joint distribution of what was identified."""
+    """The joint distribution of what was identified, as far as the data leave it open."""
 
     @abstractmethod
-    def draw(self, result: "Identified", rng: np.random.Generator, share: float = 1.0) -> Vessel:
-        """A model drawn about that of `result`, by a share of its deviations."""
+    def draw(
+        self, result: "Identified", rng: np.random.Generator, share: float = 1.0,
+        kappa2: float = 1.0,
+    ) -> Vessel:  # fmt: skip
+        """A model drawn about that of `result`, by a share of its deviations.
+
+        The data count by 1 / `kappa2` of their information, a prior in full.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,17 +75,21 @@ class Identified:
     notes: tuple[str, ...] = ()  # one line each, what was chosen and why
     device_errors: Mapping[str, float] = field(default_factory=dict)  # standard errors, by label
     spread: Spread | None = None  # None: not estimated
+    fold_models: tuple[Vessel, ...] = ()  # each identified without one fold of the training part
+    model_error: "ModelError | None" = None  # None: not calibrated
 
     def draws(self, count: int, share: float = 1.0) -> Iterator[Vessel]:
         """Models drawn from the spread, always by the same random numbers; none without one.
 
-        `share` is that of the deviations of their parameters.
+        `share` is that of the deviations of their parameters. Where there is a model error they
+        are those that it calls for.
         """
         if self.spread is None:
             return
-        rng = np.random.default_rng(0)
+        rng, error = np.random.default_rng(0), self.model_error
+        kappa2, scale = (1.0, 1.0) if error is None else (error.kappa2, error.scale)
         for _ in range(count):
-            yield self.spread.draw(self, rng, share)
+            yield self.spread.draw(self, rng, share * scale, kappa2)
 
 
 MIN_SAMPLES = 2  # samples of a recording

@@ -8,6 +8,7 @@ other: those of the standard errors with the correlations for white residuals ar
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,13 +29,15 @@ class TableSpread(Spread):
     within: tuple[Array, ...]
     across: Array
 
-    def draw(self, result: Identified, rng: np.random.Generator, share: float = 1.0) -> Vessel:
+    def draw(
+        self, result: Identified, rng: np.random.Generator, share: float = 1.0, kappa2: float = 1.0
+    ) -> Vessel:
         """The model with coefficients drawn from the distribution; fixed ones stay."""
         residual = result.residual
         assert result.std_error is not None
         z = rng.standard_normal((len(self.within[0]), len(self.across))) @ self.across.T
         units = np.stack([A @ z[:, k] for k, A in enumerate(self.within)], axis=1)
-        change = share * np.nan_to_num(result.std_error) * units
+        change = share * np.sqrt(kappa2) * np.nan_to_num(result.std_error) * units
         return result.model + Vessel("drawn", residual.dofs, residual.terms, change)
 
 
@@ -46,13 +49,36 @@ class ParameterSpread(Spread):
     free: FreeParameters
     point: Array
     covariance: Array  # (m, m)
-    prior: Array | None = None  # (m,) precision of the prior inside the covariance's inverse
+    prior: Array | None = None  # (m,) precision of the prior, which inv(covariance) contains
 
-    def draw(self, result: Identified, rng: np.random.Generator, share: float = 1.0) -> Vessel:
-        """The model with parameters drawn from the distribution."""
-        factor = factor_of(self.covariance)
-        drawn = self.point + share * factor @ rng.standard_normal(len(self.point))
-        return self.free.model(self.nominal, drawn)
+    def draw(
+        self, result: Identified, rng: np.random.Generator, share: float = 1.0, kappa2: float = 1.0
+    ) -> Vessel:
+        """The model with parameters drawn from the distribution, devices in plausible ranges."""
+        change = self.factor(kappa2) @ rng.standard_normal(len(self.point))
+        point, own = self.point + share * change, self.free.of_devices
+        for i, place in enumerate(self.free.places, own.start):
+            _, low, high = self.free.nominal.installed.bounds[place]
+            point[i] = np.clip(point[i], min(low, self.point[i]), max(high, self.point[i]))
+        return self.free.model(self.nominal, point)
+
+    def factor(self, kappa2: float) -> Array:
+        """B (m, m) with B B' = ((inv(covariance) - P) / kappa2 + P)^-1, P the prior's precision.
+
+        With A A' = covariance and the eigenvalues and vectors of A'PA = V diag(b) V', the shares of
+        the prior in what is known, B is A V diag((1 - b) / kappa2 + b)^(-1/2) V'.
+        """
+        if kappa2 not in self._factors:
+            A = factor_of(self.covariance)
+            P = np.zeros(len(A)) if self.prior is None else self.prior
+            share, V = np.linalg.eigh(A.T @ (P[:, None] * A))
+            share = np.clip(share, 0.0, 1.0)
+            self._factors[kappa2] = A @ (V / np.sqrt((1.0 - share) / kappa2 + share)) @ V.T
+        return self._factors[kappa2]
+
+    @cached_property
+    def _factors(self) -> dict[float, Array]:
+        return {}
 
 
 def table_spread(covariances: Sequence[Array], rest: Array) -> TableSpread:

@@ -125,12 +125,12 @@ class Prediction:
     def motion(self) -> Array:
         """Predicted pose and velocity (N, 2 n_dof) of the free run; NaN from where it diverges."""
         states, limited = self.free_run
-        motion = self._motion(states)
+        motion = self.motion_of(states)
         if limited:
             motion[self.lost()] = np.nan
         return motion
 
-    def _motion(self, states: Array) -> Array:
+    def motion_of(self, states: Array) -> Array:
         """Pose and velocity (N, 2 n_dof) of states (N, n_pose + n_dof)."""
         pose, n_dof = states, self.course.measured.shape[1] // 2
         if isinstance(self.course.kinematics, Quaternion):
@@ -190,7 +190,7 @@ class Prediction:
         for first in self._shifts(steps, GRIDS):
             states, reached, limited = self._from(first, steps)
             if not limited:
-                motion[reached] = self._motion(states)[reached]
+                motion[reached] = self.motion_of(states)[reached]
         return motion
 
     @staticmethod
@@ -290,6 +290,11 @@ def prediction(
     surge alone.
     """
     course = bounded_course(recording, thruster, force, horizon, model.attitude)
+    return predicted_by(model, course, restart_s)
+
+
+def predicted_by(model: Vessel, course: Course, restart_s: float = RESTART_S) -> Prediction:
+    """The prediction of a course; raises the errors of `prediction`."""
     try:
         plan = predicted_layout(model, model.theta != 0.0)
     except ConfigurationError as error:

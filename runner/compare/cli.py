@@ -292,6 +292,10 @@ class PlotOptions:
     facet: Annotated[
         str | None, typer.Option("--facet", help="One figure for each level of this factor.")
     ] = None
+    band: Annotated[
+        float | None,
+        typer.Option("--band", metavar="PERCENT", help="Level of the bands about a prediction."),
+    ] = None
     log: Annotated[
         bool | None,
         typer.Option(

@@ -8,8 +8,9 @@ import numpy as np
 from seatrial.runner.compare.benchmark.boards import Board, overall
 from seatrial.runner.compare.benchmark.boards import boards as boards
 from seatrial.runner.compare.benchmark.entries import BenchmarkRun
-from seatrial.runner.compare.benchmark.scores import interval, pooled
+from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, interval, pooled
 from seatrial.runner.compare.grid import TableCell, TextTable, number_text, with_unit
+from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.invocation import trial_program
 
 COMPARED = ("auto", "none")  # entrants that the summary shows beside the first one
@@ -29,7 +30,8 @@ def leaderboard(board: Board) -> TextTable:
     """Return the table of a task: the best mean rank first.
 
     FIT is that of the pooled free runs, with its 90 % interval; after each horizon stands the mean
-    NRMSE of the predictions over it.
+    NRMSE of the predictions over it. `in 90 % band` is the share of the outputs of the free run
+    that were measured in the band.
     """
     task, ranked = board.task, board.ranked
     best = board.rivals() if board.entries else []
@@ -38,11 +40,12 @@ def leaderboard(board: Board) -> TextTable:
     headers += [f"NRMSE {seconds:g} s" for seconds in task.horizons_s]
     if task.position_after_s is not None:
         headers.append(f"{_position(board)} [m]")
+    headers += [f"in {100.0 * BAND_LEVEL:.0f} % band [%]", "CRPS"]
     headers += ["manoeuvre [%]"] if _has_manoeuvres(board) else []
     headers += ["diverged", "parameters", "training [s]"]
     notes = [
         f"{_cells(len(ranked.losses))} that all entrants have run; rank: mean over them, 1 is best;"
-        " FIT and NRMSE: of the cells that did not diverge",
+        " FIT, NRMSE, band and CRPS: of the cells that did not diverge",
         BOLD,
     ]
     if not board.entries:
@@ -76,6 +79,8 @@ def _row(board: Board, name: str, best: bool) -> list[TableCell]:
         *(_number(value, 3) for value in fits),
         *(_number(value, 2) for value in after),
         *([_number(score(board, name), 3)] if task.position_after_s is not None else []),
+        _number(100.0 * _pooled_mean([c for r in good if (c := r.covered) is not None]), 3),
+        _number(_pooled_mean([r.crps for r in good]), 2),
         *(_number(value, 2) for value in manoeuvre),
         TableCell(f"{sum(math.isinf(e.loss) for e in own)} of {len(own)}"),
         _number(means[0], 3),
@@ -94,6 +99,11 @@ def _number(value: float, digits: int, bold: bool = False) -> TableCell:
 def _mean(values: Sequence[float]) -> float:
     known = [value for value in values if math.isfinite(value)]
     return float(np.mean(known)) if known else math.nan
+
+
+def _pooled_mean(parts: Sequence[Sample]) -> float:
+    """Mean over all outputs and samples (N, n) of several free runs; NaN if there are none."""
+    return float(np.mean(np.concatenate(parts))) if parts else math.nan
 
 
 def fit(own: Sequence[BenchmarkRun]) -> float:

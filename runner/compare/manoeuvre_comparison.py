@@ -126,7 +126,8 @@ def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
     headers = ("file", "quantity", "unit", *COMPARED[:3], "error [%]", *COMPARED[3:])
     notes = [f"from {INSTANTS['half']} (half); L: ship lengths"]
     notes.append(
-        "low, high: 90 % of the predictions by models drawn from the spread of what was identified"
+        "low, high: 90 % of runs drawn from what the data leave open of the parameters and from the"
+        " model error, if it has one (show: model_error, no_model_error)"
     )
     return grid_of(f"{title}: manoeuvres", headers, table, labels=3, notes=notes)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.factors import flat
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line, unit_text
@@ -43,6 +44,8 @@ SUMMARY = (
 )
 METRIC_COLUMNS = ("stage", "name", "dof", "model", "value", "unit")
 COEFFICIENT_COLUMNS = ("model", "dof", "term", "value", "std_error", "true_value", "unit")
+DIAGNOSTIC_COLUMNS = ("name", "dof", "value", "unit", "label")
+UNCERTAINTY = ("model_error", "no_model_error", "no_band", "tracking_", "no_tracking")
 SERIES_COLUMNS = ("kind", "path", "n_rows", "sha256")
 EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "spectral_lines")
 INSEPARABLE = "inseparable_terms"
@@ -178,10 +181,16 @@ def run_details(results: Queries, run_id: int) -> list[TextTable]:
         grid_of("configuration", ("key", "value"), configuration, labels=2),
         _row_grid("metrics", METRIC_COLUMNS, reader.metrics(run_id), 4),
         _row_grid("coefficients", COEFFICIENT_COLUMNS, reader.coefficients(run_id), 3),
+        _row_grid("uncertainty", DIAGNOSTIC_COLUMNS, _uncertainty(reader.diagnostics(run_id)), 2),
         _excitation(results, run_id),
         _row_grid("series", SERIES_COLUMNS, reader.series_files(run_id), 2),
     ]
     return [grid for grid in grids if grid.rows]
+
+
+def _uncertainty(rows: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """Return the numbers of the model error, or why there is none, and the intervals of errors."""
+    return [row for row in rows if row.name.startswith(UNCERTAINTY)]
 
 
 def _excitation(results: Queries, run_id: int) -> TextTable:

@@ -1,8 +1,9 @@
 """What the models of a trial predict of its manoeuvre, and of those in the files tested on.
 
 Every model carries out the manoeuvre of the excitation in calm water. The intervals are of first
-order: quantiles over models that are drawn from the joint distribution of what was identified, near
-it. They hold as far as its standard errors do (diagnostic `interval_of_estimate`).
+order: quantiles over runs that are drawn from the joint distribution of what was identified and of
+its model error, near it. Without a model error (`no_model_error`) they hold what the data leave
+open of the parameters alone, as far as its standard errors do (`interval_of_estimate`).
 
 The diagnostics `recorded_manoeuvre_QUANTITY`, such as `recorded_manoeuvre_tactical_diameter`, have
 the file as i and as j one of `COMPARED`. There the models have the recorded helm, also in a
@@ -20,8 +21,13 @@ import numpy as np
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged, IdentificationError, RecordingError
 from seatrial.models.excitation.helm import SteeredMission
+from seatrial.models.identification.model_error import (
+    drawn_runs,
+    nearby_runs,
+    squared_accelerations,
+)
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.validation import prediction
+from seatrial.models.identification.validation import Prediction, prediction
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import Track
@@ -35,6 +41,7 @@ from seatrial.models.simulation.manoeuvre_sheet import (
     track_of,
 )
 from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.runner.closed_loop import Streams, prepare
@@ -67,7 +74,7 @@ def manoeuvre_results(
     metrics: list[Metric] = []
     for name, model in models.items():
         try:
-            result = sheet(sailed(calm, mission, model, length), kind)
+            result = sheet(track_of(sailed(calm, mission, model), mission.helm, length), kind)
         except UNABLE:
             continue
         metrics += [
@@ -88,25 +95,30 @@ def length_of(trial: Trial) -> float | None:
     return vessel.length_m or (None if vessel.prime is None else vessel.prime.length_m)
 
 
-def sailed(calm: Trial, mission: SteeredMission, model: Vessel, length_m: float) -> Track:
-    """Return the track of a model that carries out the mission."""
+def sailed(
+    calm: Trial, mission: SteeredMission, model: Vessel, accelerations: Array | None = None
+) -> Recording:
+    """Return the recording of a model that carries out the mission, under accelerations (N, n)."""
     prepared = prepare(calm, Streams(calm.seed), calm.vessel.nominal(), mission, true=model)
+    if accelerations is not None:
+        weather = prepared.weather._replace(process=accelerations)
+        prepared = replace(prepared, weather=weather)
     voyage = prepared.sail().voyage
-    return track_of(recording_of(voyage, voyage.weather), mission.helm, length_m)
+    return recording_of(voyage, voyage.weather)
 
 
 def _intervals(
     calm: Trial, mission: SteeredMission, identified: Identified, kind: Manoeuvre, length_m: float
 ) -> list[Diagnostic]:
     """Return the bounds of each quantity; none if too few of the drawn models can be simulated."""
-    sail = partial(_track_if_able, calm, mission, length_m)
-    own = sail(identified.model)
-    tracks = [
-        track for track in map(sail, identified.draws(DRAWS, DEVIATION_SHARE)) if track is not None
-    ]
-    if own is None or len(tracks) < MIN_DRAWS:
+    own = _sailed_if_able(calm, mission, identified.model)
+    if own is None:
         return []
-    bounds = intervals(own, tracks, kind)
+    track = partial(track_of, helm=mission.helm, length_m=length_m)
+    tracks = [track(drawn) for drawn in _drawn(calm, mission, identified, own)]
+    if len(tracks) < MIN_DRAWS:
+        return []
+    bounds = intervals(track(own), tracks, kind)
     return [
         Diagnostic(name, "all", value, MEASURES[quantity], label=quantity)
         for quantity, both in bounds.items()
@@ -115,12 +127,27 @@ def _intervals(
     ]
 
 
-def _track_if_able(
-    calm: Trial, mission: SteeredMission, length_m: float, model: Vessel
-) -> Track | None:
-    """Return the track of a model; None if it cannot be simulated."""
+def _drawn(
+    calm: Trial, mission: SteeredMission, identified: Identified, own: Recording
+) -> Iterator[Recording]:
+    """Return what drawn models do near the `own` recording of the identified one."""
+    error, accelerations = identified.model_error, None
+    assert own.inputs is not None
+    rho2 = squared_accelerations(identified.model, own.nu, own.attitude, own.inputs, None)
+    for i, model in enumerate(identified.draws(DRAWS, DEVIATION_SHARE)):
+        if error is not None:
+            drawn = error.accelerations(rho2, own.period_s, np.random.default_rng(i))
+            accelerations = DEVIATION_SHARE * drawn
+        if (recording := _sailed_if_able(calm, mission, model, accelerations)) is not None:
+            yield recording
+
+
+def _sailed_if_able(
+    calm: Trial, mission: SteeredMission, model: Vessel, accelerations: Array | None = None
+) -> Recording | None:
+    """Return the recording of a model; None if it cannot be simulated."""
     try:
-        return sailed(calm, mission, model, length_m)
+        return sailed(calm, mission, model, accelerations)
     except UNABLE:
         return None
 
@@ -153,15 +180,20 @@ def _name(recording: Recording) -> str:
 def _of_file(
     i: int, name: str, part: Recording, problem: Problem, identified: Identified, length_m: float
 ) -> Iterator[Diagnostic]:
-    sail = partial(_predicted, part=part, problem=problem, length_m=length_m)
+    track = partial(_track, part=part, length_m=length_m)
     measured = sheet(track_of(part, HELM, length_m))
-    models = (problem.nominal, identified.model)
-    tracks = [sail(model) for model in models]
     kind, turn_deg = measured.manoeuvre, measured.turn_deg
-    own = [sheet(track, kind, turn_deg=turn_deg).values if track else {} for track in tracks]
-    drawn = [
-        track for track in map(sail, identified.draws(DRAWS, DEVIATION_SHARE)) if track is not None
-    ]
+    tracks = list[Track | None]()
+    for model in (problem.nominal, identified.model):
+        try:
+            tracks.append(track(prediction(model, part, problem.thruster)))
+        except IdentificationError:
+            tracks.append(None)
+    own = [sheet(each, kind, turn_deg=turn_deg).values if each else {} for each in tracks]
+    drawn = list[Track]()
+    if tracks[1]:
+        near = nearby_runs(identified.model, part, problem.thruster)
+        drawn = [each for run in drawn_runs(identified, near, DRAWS) if (each := track(run))]
     bounds = intervals(tracks[1], drawn, kind, turn_deg=turn_deg) if tracks[1] else {}
     for entry in measured.entries:
         values = [entry.value, *(each.get(entry.quantity) for each in own)]
@@ -172,13 +204,9 @@ def _of_file(
             yield Diagnostic(f"{DIAGNOSTIC}{quantity}", "all", value, entry.unit, i, j, label)
 
 
-def _predicted(model: Vessel, part: Recording, problem: Problem, length_m: float) -> Track | None:
-    """The track of a free run of a model under the inputs of a file; None if it diverges."""
-    try:
-        motion = prediction(model, part, problem.thruster).motion()
-    except IdentificationError:
-        return None
+def _track(run: Prediction, part: Recording, length_m: float) -> Track | None:
+    """The track of a free run under the inputs of a file; None if it diverges."""
+    motion, n = run.motion(), len(part.dofs)
     if not np.all(np.isfinite(motion)):
         return None
-    n = len(part.dofs)
     return track_of(replace(part, eta=motion[:, :n], nu=motion[:, n:]), HELM, length_m)

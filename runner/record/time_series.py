@@ -27,6 +27,7 @@ from seatrial.runner.closed_loop import ExcitationData, SimulatedMission
 from seatrial.runner.record.deployment_metrics import is_allocated
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.validation_metrics import Predictions
+from seatrial.runner.vocabulary import IDENTIFIED_STD
 
 
 def voyage_series(sailed: SimulatedMission, model: str) -> Series:
@@ -172,12 +173,15 @@ def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identi
     return Series("residual", columns, _units(dofs, columns))
 
 
-def prediction_series(held_out: Recording, predicted: Predictions) -> Series:
+def prediction_series(
+    held_out: Recording, predicted: Predictions, deviation: Array | None = None
+) -> Series:
     """Return the held-out motion and its predictions; NaN where they diverge.
 
     `start` is 1 at the measured states from which the free runs begin. `surge` is the measured
     velocity, `surge_identified` that of the free run, `surge_identified_10s` that predicted from
-    the state measured 10 s before; likewise `x` and `x_identified`.
+    the state measured 10 s before; likewise `x` and `x_identified`. `surge_identified_std` is the
+    standard deviation of the measured velocity about that of the free run (`model_error`).
     """
     dofs = held_out.dofs
     names, unit = (*poses_of(dofs), *dofs), _units(dofs, (*poses_of(dofs), *velocities_of(dofs)))
@@ -190,6 +194,8 @@ def prediction_series(held_out: Recording, predicted: Predictions) -> Series:
         (names, f"{model}_{seconds:g}s", values)
         for (model, seconds), values in predicted.after.items()
     ]
+    if deviation is not None:
+        parts.append((names, IDENTIFIED_STD, deviation))
     for of, suffix, values in parts:
         columns |= _columns([f"{name}_{suffix}" for name in of], values)
         units |= {f"{name}_{suffix}": unit_of[name] for name in of}

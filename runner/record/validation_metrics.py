@@ -7,6 +7,7 @@ import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.model_error import bands
 from seatrial.models.identification.problem import Identified, Problem, lack_of_fit, reference_force
 from seatrial.models.identification.validation import (
     HORIZONS,
@@ -188,6 +189,23 @@ def _chance(predictor: Prediction, held_out: Recording) -> list[Diagnostic]:
         "motion; compare predictions with restarts (velocity_rmse_restarts)"
     )
     return [Diagnostic("free_run_by_chance", held_out.dofs[k], float(apart[k]), label=label)]
+
+
+def deviation(problem: Problem, identified: Identified) -> tuple[Array | None, list[Diagnostic]]:
+    """Compute the standard deviation of measured minus identified in the free run.
+
+    Returns:
+        Of the pose and the velocity (N, 2 n_dof) on the held-out part, in SI units; None without a
+        model error. And the reason why there is none for a model that has one.
+    """
+    try:
+        found = bands(identified, problem.validation, problem.thruster)
+    except IdentificationError:  # that it cannot predict is said by `predictions`
+        return None, []
+    if found is None or np.all(np.isfinite(found)):
+        return found, []
+    label = "no band: the identified model, or models drawn about it, diverge"
+    return None, [Diagnostic("no_band", "all", 1.0, label=label)]
 
 
 def _over(

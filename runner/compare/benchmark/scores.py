@@ -4,6 +4,10 @@ The error of an output is its root mean square over the standard deviation of wh
 (NRMSE); FIT = 100 (1 - NRMSE) %. A model that predicts the mean of the measured motion has 1, one
 that diverges has inf. The loss of a case is the mean over the outputs. nonlinearbenchmark.org.
 
+A prediction with a band is scored as a normal distribution, by the share of what was measured that
+lies in its band of 90 %, and by the continuous ranked probability score (CRPS), in units of the
+output's deviation: of a prediction without a band it is the mean absolute error.
+
 Error of the position that is predicted over a given time.
 
 It is the root mean square of the distance [m] between the predicted and the measured position, each
@@ -12,17 +16,20 @@ prediction beginning at the state that was measured the given time before.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
 from seatrial.runner.compare.ranking import block_bootstrap
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
+from seatrial.runner.vocabulary import IDENTIFIED_STD
 
 PERSISTENCE = "persistence"  # the first measured velocity, held
 MEAN_MOTION = "mean_motion"  # the mean of the measured velocity
 INTERVAL_LEVEL = 0.9
 BLOCK_S = 30.0
+BAND_LEVEL = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +37,8 @@ class Score:
     """NRMSE of each output (n,) of a free run, its errors over the spread (N, n), by time.
 
     `after` is the NRMSE of each output by horizon [s]; `starts` (N,) marks the measured states from
-    which the free run begins.
+    which the free run begins, `deviations` (N, n) are those of a band over the spread, if there
+    is one.
     """
 
     nrmse: Sample
@@ -38,6 +46,22 @@ class Score:
     starts: Sample
     period_s: float
     after: dict[float, Sample]
+    deviations: Sample | None = None
+
+    @property
+    def covered(self) -> Sample | None:
+        """Whether the outputs (N, n) are in the band; None without one. Starts are left out."""
+        if self.deviations is None:
+            return None
+        inside = np.abs(self.errors) <= half_width(self.deviations)
+        return np.asarray(inside[self.starts == 0.0])
+
+    @property
+    def crps(self) -> Sample:
+        """CRPS (N, n) over the spread, without starts."""
+        errors = self.errors
+        each = np.abs(errors) if self.deviations is None else crps(errors, self.deviations)
+        return np.asarray(each[self.starts == 0.0])
 
     @property
     def loss(self) -> float:
@@ -66,7 +90,31 @@ def score(
         error = (values - measured)[reached]
         after[seconds] = _nrmse(error, spread) if np.any(reached) else np.full(len(outputs), np.inf)
     errors = (_free_run(series, model, outputs, measured, starts) - measured) / spread
-    return Score(_nrmse(errors, np.ones(len(outputs))), errors, starts, period_s, after)
+    nrmse = _nrmse(errors, np.ones(len(outputs)))
+    band = None
+    if model == "identified" and f"{outputs[0]}_{IDENTIFIED_STD}" in series.columns:
+        band = _columns(series, [f"{name}_{IDENTIFIED_STD}" for name in outputs]) / spread
+    return Score(nrmse, errors, starts, period_s, after, band)
+
+
+def half_width(deviations: Sample, level: float = BAND_LEVEL) -> Sample:
+    """Half the width of the band of a level, of a normal distribution."""
+    return NormalDist().inv_cdf(0.5 + 0.5 * level) * deviations
+
+
+def crps(errors: Sample, deviations: Sample) -> Sample:
+    """CRPS of a normal distribution, in the unit of the errors.
+
+    s (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi)), z = e / s; |e| where s is zero. Gneiting and
+    Raftery (2007), J. Am. Stat. Assoc. 102, eq. (21).
+    """
+    from scipy.special import ndtr  # slow to import
+
+    with np.errstate(over="ignore"):
+        z = np.clip(errors / np.maximum(deviations, np.finfo(float).tiny), -40.0, 40.0)
+    density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+    spread = deviations * (2.0 * density - 1.0 / np.sqrt(np.pi))
+    return np.asarray(errors * (2.0 * ndtr(z) - 1.0) + spread)
 
 
 def _after(

@@ -25,6 +25,7 @@ def request_of(options: cli.PlotOptions) -> PlotRequest:
         dofs=cli.split(options.dof),
         model=options.model,
         facet=options.facet,
+        band=options.band,
         log=options.log,
         where=options.where,
         sweep=options.sweep,

@@ -303,7 +303,10 @@ def _notes(
         "whiskers: 95 % interval, of the mean over seeds (t) where they differ, else of the fit"
     ]
     if not seeds:
-        notes = ["whiskers: 95 % interval of the fit (1.96 standard errors)"]
+        notes = [
+            "whiskers: 95 % interval of the fit (1.96 standard errors): what the data leave open;"
+            " the model error is in the bands of predictions"
+        ]
     if any(_of_estimate(e) for groups in by_dof.values() for part in groups.values() for e in part):
         notes.append(
             f"dashed: {OF_ESTIMATE}, not of the coefficient: without the bias of the identifier"

@@ -1,9 +1,15 @@
-"""Measured velocities over time, and those that the models predict in a free run."""
+"""Measured velocities over time, and those that the models predict in a free run.
+
+With `--band` the poses too, and about the prediction of the identified model the band in which the
+measured values lie at that level, by what the data leave open of its parameters and its model
+error.
+"""
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.benchmark.scores import half_width
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
@@ -19,6 +25,7 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
+from seatrial.runner.vocabulary import DOFS, IDENTIFIED_STD, POSES
 
 FIGURE = Figure(
     "prediction",
@@ -44,19 +51,40 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
     dofs = request.shown(lambda dof: dof in series.columns)
     if not dofs:
         raise ConfigurationError(f"plot prediction: run {run.id} has no prediction of these DOFs")
-    figure, axes = panels(len(dofs), 1, 8.0, 2.3, share_x=True)
-    for panel, dof in zip(axes, dofs, strict=True):
-        _panel(panel, series, dof)
+    names = dofs if request.band is None else _banded(series, dofs, request.band, run)
+    figure, axes = panels(len(names), 1, 8.0, 2.3, share_x=True)
+    for panel, name in zip(axes, names, strict=True):
+        _panel(panel, series, name, request.band)
     axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
     headed(figure, axes, f"Free run, {subtitle(run)}")
     begins = "the first measured state"
     if np.sum(series.columns["start"]) > 1:
         begins += " of each piece"
-    footnote(figure, [f"predictions begin at {begins}; FIT at the right: 100 % is perfect"])
+    notes = [f"predictions begin at {begins}; FIT at the right: 100 % is perfect"]
+    if request.band is not None:
+        notes.append(
+            f"band: {request.band:g} % of what is measured, by what the data leave open of the"
+            " parameters, the model error and the noise"
+        )
+    footnote(figure, notes)
     return Drawing(f"prediction-run-{run.id}", figure)
 
 
-def _panel(axes: Axes, series: Series, dof: str) -> None:
+def _banded(series: Series, dofs: list[str], band: float, run: StoredRun) -> list[str]:
+    """Return the poses and velocities that have a band; raises ConfigurationError if none does."""
+    if not 0.0 < band < 100.0:
+        raise ConfigurationError(f"plot prediction: --band: got {band:g}, expected 0 to 100 [%]")
+    poses = [POSES[DOFS.index(dof)] for dof in dofs]
+    names = [name for name in (*poses, *dofs) if f"{name}_{IDENTIFIED_STD}" in series.columns]
+    if not names:
+        raise ConfigurationError(
+            f"plot prediction: run {run.id} has no bands: its identifier gives no distribution, or"
+            " its draws diverge"
+        )
+    return names
+
+
+def _panel(axes: Axes, series: Series, dof: str, band: float | None) -> None:
     measured, starts = series.columns[dof], series.columns["start"] > 0.0
     lines = [("measured", measured, REFERENCE)]
     for model, label in MODELS:
@@ -68,6 +96,13 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
         gaps = np.flatnonzero(starts)[1:]
         t, shown = (np.insert(each, gaps, np.nan) for each in (series.columns["t"], values))
         axes.plot(t, shown, color=colour, label=label, linewidth=0.9, alpha=0.9)
+        if band is not None and label == "identified":
+            half = half_width(series.columns[f"{dof}_{IDENTIFIED_STD}"], 0.01 * band)
+            half = np.insert(half, gaps, np.nan)
+            label = f"{band:g} % band"
+            axes.fill_between(
+                t, shown - half, shown + half, color=colour, alpha=0.2, linewidth=0, label=label
+            )
     margin = ROOM * float(np.std(measured)) or 1.0  # a free run that runs away leaves the panel
     axes.set_ylim(
         *np.clip(axes.get_ylim(), np.min(measured) - margin, np.max(measured) + margin).tolist()

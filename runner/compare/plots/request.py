@@ -44,6 +44,7 @@ class PlotRequest:
     dofs: Sequence[str] = ()
     model: str = "identified"
     facet: str | None = None
+    band: float | None = None  # [%] level of the bands about a prediction
     log: bool | None = None  # None: by the range of the values
     where: str | None = None
     sweep: str | None = None  # a number, a name or `all`; by default the newest one

@@ -259,12 +259,15 @@ def _residual() -> Series:
 
 
 def _prediction() -> Series:
-    """Two pieces; the nominal model diverges in the second one."""
+    """Two pieces with a band; the nominal model diverges in the second one."""
     t = np.arange(0.0, 100.0, 0.5)
     u, start = np.sin(0.1 * t), np.where(t % 50.0 == 0.0, 1.0, 0.0)
     columns = {"t": t, "start": start, "surge": u, "surge_identified": 0.9 * u}
+    columns["surge_identified_std"] = np.full(len(t), 0.1)
     columns["surge_nominal"] = np.where(t < 80.0, 1.3 * u, np.nan)
-    units = {"t": "s", "start": "", **dict.fromkeys(list(columns)[2:], "m/s")}
+    velocities = list(columns)[2:]
+    columns |= {"x": t, "x_identified": 1.1 * t, "x_identified_std": 0.1 * t}
+    units = dict.fromkeys(columns, "m") | dict.fromkeys(velocities, "m/s") | {"t": "s", "start": ""}
     return Series("prediction", columns, units)
 
 

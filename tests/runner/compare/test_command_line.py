@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.cli import axes_of
 from seatrial.runner.compare.runs import repeat_command
 from seatrial.runner.database.engine import Address, file_url, parse
@@ -243,3 +244,20 @@ def test_show_says_what_the_recording_can_tell_apart(program: Program, sailed: P
     assert code == 0
     rows = [line.split() for line in said.splitlines() if "~" in line]
     assert rows == [["surge", "3", "2", "1", "u", "~", "|u|u"]]
+
+
+def test_show_says_how_uncertain_predictions_are_or_why_it_is_not_known(
+    program: Program, tmp_path: Path
+) -> None:
+    said = [
+        Diagnostic("model_error_lambda", "all", 0.0425),
+        Diagnostic("no_band", "all", 1.0, label="models drawn about it diverge"),
+        Diagnostic("condition_number", "all", 17.0),
+    ]
+    with stored.logbook_at(tmp_path) as logbook:
+        stored.finish(logbook, stored.start("ls", "calm"), diagnostics=said)
+    code, shown, _ = program("show", "1", "--database", f"sqlite:///{tmp_path}/results.db")
+    assert code == 0
+    assert "0.0425" in shown
+    assert "models drawn about it diverge" in shown
+    assert "condition_number" not in shown

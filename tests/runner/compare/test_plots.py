@@ -18,6 +18,7 @@ from seatrial.runner.compare.plots import draw, figures_of, paper
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
 from seatrial.runner.compare.results import Queries, open_results
+from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 
 VOYAGES = "disturbance=constant"  # the runs that deployed what they identified
@@ -271,6 +272,35 @@ def test_a_plan_shows_what_is_sailed_and_what_is_in_the_way(voyages: Queries) ->
     np.testing.assert_allclose(drawn_at["start"], [[5.0, 5.0]])  # east, north
     (text,) = [one.get_text() for one in [axes.figure._supxlabel]]
     assert "deviated from the plan by at most 0.25 m" in text
+
+
+def test_bands_are_drawn_about_poses_and_velocities_at_their_level(voyages: Queries) -> None:
+    """Half the width at 90 % over that at 50 % is that of a normal distribution."""
+    widths = {}
+    for band in (50.0, 90.0):
+        axes = axes_of("prediction", voyages, dofs=("surge",), band=band)
+        assert [panel.get_ylabel() for panel in axes] == ["X [m]", "Surge [m/s]"]
+        for k, panel in enumerate(axes):
+            (drawn_band,) = panel.collections
+            path = drawn_band.get_paths()[0].vertices
+            widths[band, k] = np.ptp(path[np.isclose(path[:, 0], np.max(path[:, 0])), 1])
+    for k in range(2):
+        assert widths[90.0, k] / widths[50.0, k] == pytest.approx(1.6449 / 0.6745, rel=1e-3)
+    with pytest.raises(ConfigurationError, match="--band: got 100, expected"):
+        axes_of("prediction", voyages, band=100.0)
+
+
+def test_a_run_without_a_distribution_has_no_bands(tmp_path: Path) -> None:
+    t = np.arange(0.0, 10.0)
+    columns = {"t": t, "start": 1.0 * (t == 0.0), "surge": t, "surge_identified": t}
+    with stored.logbook_at(tmp_path) as logbook:
+        series = [Series("prediction", columns, dict.fromkeys(columns, ""))]
+        stored.finish(logbook, stored.start("none", "calm"), series=series)
+    with (
+        open_results(f"sqlite:///{tmp_path}/results.db") as opened,
+        pytest.raises(ConfigurationError, match="has no bands"),
+    ):
+        axes_of("prediction", opened, band=90.0)
 
 
 def test_one_panel_is_drawn_into_the_axes_of_the_caller(results: Queries) -> None:

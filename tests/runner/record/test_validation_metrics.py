@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from seatrial.models.identification.problem import Identified, Problem
+from seatrial.runner import trial as trials
 from seatrial.runner.record.validation_metrics import predictions
 from tests.models.identification.conftest import driven, surge
+from tests.trials import asked_for
 
 
 def test_a_model_that_cannot_be_simulated_has_every_row_without_a_value() -> None:
@@ -51,3 +53,20 @@ def test_a_free_run_ends_where_it_diverges_and_begins_again_after_a_gap() -> Non
         if (row.name, row.model) == ("held_free_run", "identified")
     ]
     assert held == pytest.approx(late.period_s * (first - 1))
+
+
+def test_the_band_of_a_prediction_is_stored_and_holds_the_model_error_if_asked_for() -> None:
+    """Without it, it is what the data leave open of the parameters alone."""
+    options = (
+        "vessel=surge_nonlinear", "excitation=multisine", "controller=none", "evaluation=none",
+        "disturbance=noise", "identifier=ls", "identifier.basis=linear",
+    )  # fmt: skip
+    widths = {}
+    for asked in ("true", "false"):
+        results = trials.run(asked_for(*options, f"model_error={asked}"))
+        series = next(s for s in results.series if s.kind == "prediction")
+        widths[asked] = np.mean(series.columns["surge_identified_std"])
+        assert series.units["x_identified_std"] == "m"
+        numbers = [row.name for row in results.diagnostics if row.name == "model_error_lambda"]
+        assert bool(numbers) == (asked == "true")
+    assert widths["false"] < 0.5 * widths["true"]

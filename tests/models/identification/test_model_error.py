@@ -1,0 +1,214 @@
+"""The model error: calibrated on what was left out, and drawn with the parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification import model_error
+from seatrial.models.identification.free_parameters import free_parameters
+from seatrial.models.identification.model_error import (
+    CORRELATION_S,
+    GROUPS,
+    NO_MODEL_ERROR,
+    ModelError,
+    bands,
+    calibrated,
+    folded,
+    gauss_markov,
+    nearby_runs,
+    weighted_quantile,
+)
+from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
+from seatrial.models.identification.spread import ParameterSpread
+from seatrial.models.identification.validation import Prediction, prediction
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE
+from seatrial.models.vessel.basis import Array
+from tests.trials import asked_for, excited
+
+SURGE = ("vessel=surge_nonlinear", "excitation=multisine", "controller=none", "evaluation=none")
+SHIP = ("vessel=modulus_ship", "excitation=prbs", "controller=none", "evaluation=none")
+
+
+def under_accelerations(own: Problem, force: float, seed: int) -> Recording:
+    """The training part as the nominal model would sail it under accelerations of known size."""
+    training = own.training
+    runs = nearby_runs(own.nominal, training, own.thruster)
+    n = len(training.dofs)
+    mean_square = np.mean(runs.rho2, axis=0)
+    error = ModelError(1.0, force, 1.0, mean_square, np.zeros(2 * n))
+    drawn = error.accelerations(runs.rho2, training.period_s, np.random.default_rng(seed))
+    motion = Prediction(runs.own.plant, runs.under(drawn)).motion()
+    return replace(training, eta=motion[:, :n], nu=motion[:, n:])
+
+
+def known(own: Problem) -> Identified:
+    """The nominal model, of which nothing is left open, as the result on each fold."""
+    result = NoIdentifier().identify(own, np.random.default_rng(0))
+    return replace(result, fold_models=(own.nominal,) * 5)
+
+
+def error_of(result: Identified) -> ModelError:
+    assert result.model_error is not None
+    return result.model_error
+
+
+def share_inside(result: Identified, recording: Recording) -> Array:
+    """Share (2 n_dof,) of measured states in the band of 90 %."""
+    deviation = bands(result, recording, None)
+    assert deviation is not None
+    run = prediction(result.model, recording, None)
+    inside = np.abs(run.deviations()[0]) <= 1.645 * deviation
+    return np.asarray(np.mean(inside[~recording.piece_starts], axis=0))
+
+
+def test_paths_have_unit_variance_and_forget_in_their_correlation_time() -> None:
+    paths = gauss_markov((400, 5000), 0.1, np.random.default_rng(0))
+    np.testing.assert_allclose(np.var(paths, axis=1), 1.0, atol=0.12)
+    later = round(CORRELATION_S / 0.1)
+    found = np.mean(paths[:-later] * paths[later:])
+    assert found == pytest.approx(np.exp(-1.0), abs=0.02)
+
+
+@pytest.mark.parametrize("force", [0.05, 0.3])
+def test_an_acceleration_of_known_size_is_recovered(force: float) -> None:
+    """Nothing else moves the vessel away from the model: lambda is that size and k is one."""
+    own, _ = excited(*SHIP, "disturbance=calm")
+    sizes = []
+    for seed in range(3):
+        recording = under_accelerations(own, force, seed)
+        given = replace(own, training=recording)
+        error = error_of(calibrated(NoIdentifier(), given, known(given)))
+        sizes.append(error.force * error.scale)
+    assert np.exp(np.mean(np.log(sizes))) == pytest.approx(force, rel=0.3)
+
+
+def test_without_a_model_error_there_is_none() -> None:
+    """The model is the vessel and nothing is measured wrongly."""
+    own, _ = excited(*SHIP, "disturbance=calm")
+    n = len(own.training.dofs)
+    motion = prediction(own.nominal, own.training, own.thruster).motion()
+    exact = replace(own, training=replace(own.training, eta=motion[:, :n], nu=motion[:, n:]))
+    result = calibrated(NoIdentifier(), exact, known(exact))
+    deviation = bands(result, exact.training, own.thruster)
+    assert deviation is not None
+    assert error_of(result).force * error_of(result).scale < 1e-3
+    assert np.all(deviation[:, n:] < 2e-3 * np.std(exact.training.nu, axis=0))
+
+
+def test_bands_hold_a_vessel_of_another_structure() -> None:
+    """Its damping is quadratic, the model's linear: what the data leave open is far too little."""
+    options = (*SURGE, "excitation.amplitude={surge: 150.0}", "disturbance=noise")
+    own, _ = excited(*options)
+    identifier = asked_for(*options, "identifier=ls", "identifier.basis=linear").identifier
+    alone = identifier.identify(own, np.random.default_rng(0))
+    both = calibrated(identifier, own, alone)
+    without, with_ = ([], [])
+    for seed in range(5):
+        held_out = excited(*options, seed=seed)[0].validation
+        without.append(share_inside(alone, held_out))
+        with_.append(share_inside(both, held_out))
+    assert np.mean(without) < 0.6
+    assert 0.8 <= np.mean(with_) <= 1.0
+    assert both.std_error is alone.std_error  # the share of the data stands for itself
+
+
+def test_draws_are_the_same_every_time() -> None:
+    own, _ = excited(*SURGE, "disturbance=noise")
+    identifier = asked_for(*SURGE, "identifier=ls").identifier
+    result = identifier.identify(own, np.random.default_rng(0))
+    first, second = (calibrated(identifier, own, result) for _ in range(2))
+    assert error_of(first).force == error_of(second).force
+    np.testing.assert_array_equal(*(bands(r, own.validation, None) for r in (first, second)))
+
+
+def test_the_data_count_less_and_the_prior_in_full() -> None:
+    """B B' is ((inv(C) - P) / kappa2 + P)^-1, and for data that say nothing the prior's."""
+    own, _ = excited(*SHIP, "disturbance=calm")
+    free = free_parameters(own.nominal, None, "tied", False)
+    m = len(free)
+    A = np.random.default_rng(0).standard_normal((3 * m, m))
+    data, prior = A.T @ A, np.linspace(0.1, 3.0, m)
+    prior[0] = 0.0  # a parameter without a prior
+    covariance = np.linalg.inv(data + np.diag(prior))
+    spread = ParameterSpread(own.nominal, free, free.values, covariance, prior)
+    for kappa2 in (1.0, 10.0, 300.0):
+        B = spread.factor(kappa2)
+        expected = np.linalg.inv(data / kappa2 + np.diag(prior))
+        np.testing.assert_allclose(B @ B.T, expected, rtol=1e-8, atol=1e-10 * expected.max())
+    B = ParameterSpread(own.nominal, free, free.values, covariance).factor(9.0)
+    np.testing.assert_allclose(B @ B.T, 9.0 * covariance, rtol=1e-8, atol=1e-14)
+
+
+def test_accelerations_move_a_run_in_proportion() -> None:
+    """Runs are drawn at a share of their deviation and scaled back."""
+    own, _ = excited(*SHIP, "disturbance=calm")
+    runs = nearby_runs(own.nominal, own.training, own.thruster)
+    n = len(own.training.dofs)
+    error = ModelError(1.0, 0.01, 1.0, np.mean(runs.rho2, axis=0), np.zeros(2 * n))
+    drawn = error.accelerations(runs.rho2, own.training.period_s, np.random.default_rng(0))
+    found = [
+        runs.variance([Prediction(runs.own.plant, runs.under(share * drawn))])
+        for share in (DEVIATION_SHARE, 0.5 * DEVIATION_SHARE)
+    ]
+    np.testing.assert_allclose(found[1], 0.25 * found[0], atol=0.05 * np.max(found[0]))
+
+
+class Failing(Identifier):
+    """An identifier that needs the whole recording."""
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        """Refuse."""
+        raise IdentificationError("a part is too short")
+
+
+def test_the_reason_is_said_where_folds_cannot_be_identified() -> None:
+    own, _ = excited(*SURGE, "disturbance=noise")
+    identifier = asked_for(*SURGE, "identifier=ls").identifier
+    result = calibrated(Failing(), own, identifier.identify(own, np.random.default_rng(0)))
+    assert result.model_error is None
+    said = [row.label for row in result.diagnostics if row.name == NO_MODEL_ERROR]
+    assert said == ["a part is too short"]
+
+
+def test_a_model_without_a_distribution_stays_as_it_is() -> None:
+    own, _ = excited(*SURGE, "disturbance=noise")
+    result = NoIdentifier().identify(own, np.random.default_rng(0))
+    assert calibrated(NoIdentifier(), own, result) is result
+    assert bands(result, own.validation, None) is None
+
+
+def test_a_weighted_quantile_counts_weights() -> None:
+    """Twice the weight is the same value twice."""
+    values, weights = np.array([3.0, 1.0, 2.0]), np.array([1.0, 2.0, 1.0])
+    repeated = np.repeat(values, weights.astype(int))
+    for level in (0.25, 0.5, 0.75, 0.9):
+        expected = np.quantile(repeated, level, method="inverted_cdf")
+        assert weighted_quantile(values, weights, level) == expected
+
+
+def test_files_of_a_series_are_left_out_by_turns_and_models_at_hand_by_their_own_folds() -> None:
+    own, _ = excited(*SURGE, "disturbance=noise")
+    n = len(own.training) // 12 * 12
+    file = np.repeat(np.arange(12), n // 12)
+    series = replace(own.training.part(slice(0, n)), file=file, file_names=tuple("abcdefghijkl"))
+    training, fold = folded(series)
+    assert [set(fold[file == k]) for k in range(12)] == [{k % GROUPS} for k in range(12)]
+    assert len(training) == n
+    for k, split in enumerate(series.folds(3)):
+        assert set(folded(series, 3)[1][split.test]) == {k}
+    long = replace(series, file=np.zeros(n, dtype=np.int64))
+    assert list(np.unique(folded(long)[1])) == list(range(GROUPS))
+
+
+def test_of_a_long_recording_the_beginning_of_each_block_is_used(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own, _ = excited(*SURGE, "disturbance=noise")
+    monkeypatch.setattr(model_error, "MOST_SAMPLES", 500)
+    training, fold = folded(own.training)
+    assert list(np.bincount(fold)) == [100] * GROUPS
+    begins = [float(own.training.t[split.test][0]) for split in own.training.folds(GROUPS)]
+    assert [float(training.t[fold == k][0]) for k in range(GROUPS)] == begins
