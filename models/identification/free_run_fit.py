@@ -30,7 +30,7 @@ from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import predicted_layout
 from seatrial.models.identification.linear import turns
-from seatrial.models.identification.physical_constraints import PhysicalConstraints, feasible, solve
+from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor, states_of
 from seatrial.models.identification.residual import ResidualOptions
 from seatrial.models.identification.structured import Structure, inflation
@@ -121,19 +121,18 @@ class FreeRuns:
 
     def _differences(self, point: Point, sizes: Array, chosen: NDArray[np.int64]) -> Array:
         """Slopes (N, n, len(chosen)) by steps of `sizes` (m + n_estimated,), of those `chosen`."""
-        m, slopes = len(self.size), np.empty((*point.rest.shape, len(chosen)))
+        m, slopes = len(self.size), np.empty((len(chosen), *point.rest.shape))
         steps = np.diag(sizes)[chosen]
         points = self.predictor.free.values + point.change + steps[:, :m]
         starts = np.repeat(point.start[None], len(chosen), axis=0)
         starts[..., self.estimated] += steps[:, None, m:]
         self.evaluations += len(chosen)
         for part in turns(len(chosen), WIDTH):  # so that few states are in memory
-            after = self.predictor.mismatches(points[part], starts[part])
-            change = after + point.rest
-            change[self.predictor.turned_over(change)] = 0.0
-            size = sizes[chosen[part], None, None]
-            slopes[..., part] = (change / size).transpose(1, 2, 0)
-        return slopes
+            change = self.predictor.mismatches(points[part], starts[part]) + point.rest
+            if self.predictor.compared.angles:
+                change[self.predictor.turned_over(change)] = 0.0
+            np.divide(change, sizes[chosen[part], None, None], out=slopes[part])
+        return slopes.transpose(1, 2, 0)
 
     def project(self, by_start: Array, values: Array) -> tuple[Array, Array]:
         """Values (N, n, c) without what the starts explain, as (N n, c), and the starts.
@@ -243,8 +242,8 @@ def grown(
 
     Args:
         stages: what is predicted, the longest predictions last.
-        change: where the first fit begins, a change (m,) of the nominal parameters.
-        other: another change (m,).
+        change: where the first fit begins, a feasible change (m,) of the nominal parameters.
+        other: another one.
         deviation: standard deviations of the prior about the nominal values, shape (m,), infinite
             where there is none.
         constraints: the bounds and physical constraints.
@@ -253,7 +252,7 @@ def grown(
         The last fit.
 
     Raises:
-        IdentificationError: no point is feasible, or a fit ends where nothing can be simulated.
+        IdentificationError: a fit ends where nothing can be simulated.
     """
     before, result = 0, None
     for stage in stages:
@@ -269,11 +268,11 @@ def fit(
     deviation: Array,
     constraints: PhysicalConstraints | None,
 ) -> Fit:
-    """Fit one stage from the best of feasible points nearest to the candidates; see `grown`."""
+    """Fit one stage from the best of several candidates; see `grown`."""
     runs, effort, given, start = stage
     if start is None:
         start = np.zeros((len(runs.begin), len(runs.predictor.spread)))
-    points = [runs.point(feasible(c, constraints, runs.size), start) for c in candidates]
+    points = [runs.point(candidate, start) for candidate in candidates]
     scale = runs.predictor.compared.spread if given is None else given
     point = min(points, key=lambda p: _squares(p.rest / scale))
     tau, active = 1.0, tuple[str, ...]()
@@ -306,14 +305,14 @@ def _converged(
 
     `active` are the constraints that bind at the point; they stay if no step is better.
     """
-    damping = LEAST_DAMPING
+    damping, weight = LEAST_DAMPING, 1.0 / scale[..., None]
 
     def cost(at: Point) -> float:
         return _squares(at.rest / scale) + float(prior @ at.change**2)
 
     for _ in range(effort.steps):
-        J, S = (slopes / scale[..., None] for slopes in runs.slopes(point))
-        values = np.concatenate([J, (point.rest / scale)[..., None]], axis=2)
+        J, S = (weight * slopes for slopes in runs.slopes(point))
+        values = np.concatenate([J, weight * point.rest[..., None]], axis=2)
         left, along = runs.project(S, values)
         gram = left.T @ left
         H, g = gram[:-1, :-1] + np.diag(prior), gram[:-1, -1] - prior * point.change

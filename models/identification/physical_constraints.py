@@ -416,12 +416,12 @@ def solve(
     return change - at, tuple(dict.fromkeys(rows.names[i] for i in active))
 
 
-def feasible(change: Array, constraints: PhysicalConstraints | None, size: Array) -> Array:
-    """A change (m,) that meets the constraints, or the nearest one relative to sizes (m,)."""
-    if constraints is None or not constraints.violated(change):
+def feasible(change: Array, constraints: PhysicalConstraints) -> Array:
+    """A change (m,) that meets the constraints, or the nearest one relative to the sizes."""
+    if not constraints.violated(change):
         return change
-    step, _ = solve(np.diag(size**-2.0), np.zeros(len(change)), constraints, change)
-    return change + step
+    H = np.diag(constraints.scale**-2.0)
+    return change + solve(H, np.zeros(len(change)), constraints, change)[0]
 
 
 def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:

@@ -305,27 +305,29 @@ class Predictor:
 
     def mismatch(self, point: Array, offset: Array | None = None) -> Array:
         """Predicted - measured of what is compared, shape (N, n)."""
-        return self._compared(self.predict(point, offset), point)
+        return self._compared(self.predict(point, offset)[None], point[None])[0]
 
     def mismatches(self, points: Array, offsets: Array) -> Array:
         """`mismatch` of n design points (n, m), shape (n, N, n_outputs); see `predict_many`."""
-        states = self.predict_many(points, offsets)
-        return np.stack([self._compared(*each) for each in zip(states, points, strict=True)])
+        return self._compared(self.predict_many(points, offsets), points)
 
     def turned_over(self, change: Array) -> Flags:
         """Where a change (..., n) of the compared is one of a rotation vector by a full turn."""
         return np.asarray(np.any(np.abs(change[..., self.compared.angles]) > np.pi, axis=-1))
 
-    def _compared(self, predicted: Array, point: Array) -> Array:
-        n = len(self.free.nominal.dofs)
-        nu, columns = predicted[:, -n:], np.array(self.compared.columns)
-        if np.all(columns >= n):  # no pose, whose deviation takes most of the time
-            errors = nu[:, columns - n] - self.course.measured[:, columns]
-        else:
-            errors = deviations(self.course.kinematics, self.course.reached, predicted)[:, columns]
-        if not self.compared.loads:
-            return errors
-        return self.compared.with_loads(errors, nu, self.free.devices(point))
+    def _compared(self, predicted: Array, points: Array) -> Array:
+        n, columns = len(self.free.nominal.dofs), self.compared.columns
+        nu = predicted[..., -n:]
+        if columns == tuple(range(n, 2 * n)):  # a pose's deviation takes most of the time
+            return np.asarray(nu - self.course.measured[:, n:])
+        course, compared = self.course, self.compared
+        found = []
+        for own, state, point in zip(nu, predicted, points, strict=True):
+            errors = deviations(course.kinematics, course.reached, state)[:, columns]
+            if compared.loads:
+                errors = compared.with_loads(errors, own, self.free.devices(point))
+            found.append(errors)
+        return np.array(found)
 
     def errors(self, points: Array, metric: str) -> tuple[Array, Array, Flags]:
         """Prediction errors of n design points (n, m), per state, shape (n, 2 n_dof).
