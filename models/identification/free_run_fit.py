@@ -126,11 +126,11 @@ class FreeRuns:
         points = self.predictor.free.values + point.change + steps[:, :m]
         starts = np.repeat(point.start[None], len(chosen), axis=0)
         starts[..., self.estimated] += steps[:, None, m:]
-        self.evaluations += len(chosen)
+        self.evaluations, angles = self.evaluations + len(chosen), self.predictor.compared.angles
         for part in turns(len(chosen), WIDTH):  # so that few states are in memory
             change = self.predictor.mismatches(points[part], starts[part]) + point.rest
-            if self.predictor.compared.angles:
-                change[self.predictor.turned_over(change)] = 0.0
+            if angles:  # a rotation vector jumps at half a turn
+                change[np.any(np.abs(change[..., angles]) > np.pi, axis=-1)] = 0.0
             np.divide(change, sizes[chosen[part], None, None], out=slopes[part])
         return slopes.transpose(1, 2, 0)
 

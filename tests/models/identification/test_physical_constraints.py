@@ -32,7 +32,7 @@ def constraints_on(
     free: FreeParameters, nu: np.ndarray, factor: float = FACTOR
 ) -> PhysicalConstraints:
     """The constraints on free parameters by recorded velocities (N, n_dof)."""
-    return PhysicalConstraints.of(free, nu, factor, np.abs(free.values))
+    return PhysicalConstraints(free, nu, factor, np.abs(free.values))
 
 
 def hessian(constraints: PhysicalConstraints, rng: np.random.Generator) -> np.ndarray:
