@@ -163,8 +163,8 @@ def states_of(dofs: tuple[str, ...], spread: Array, names: Sequence[str] | None 
     states = (*poses_of(dofs), *velocities_of(dofs))
     units = [unit[dof] for unit in (POSE_UNIT, VELOCITY_UNIT) for dof in dofs]
     columns = tuple(i for i, name in enumerate(states) if names is None or name in names)
-    own = (tuple(each[i] for i in columns) for each in (states, dofs * 2, units))
-    return Outputs(*own, columns, spread[list(columns)])
+    own, of, unit = (tuple(each[i] for i in columns) for each in (states, dofs * 2, units))
+    return Outputs(own, of, unit, columns, spread[list(columns)])
 
 
 def weighted_outputs(
@@ -273,7 +273,7 @@ class Predictor:
 
     def mismatch(self, point: Array, offset: Array | None = None) -> Array:
         """Predicted - measured of what is compared, attitudes by rotation vectors, (N, n)."""
-        return self._compared(self.predict(point, offset)[None], point[None])[0]
+        return np.asarray(self._compared(self.predict(point, offset)[None], point[None])[0])
 
     def mismatches(self, points: Array, offsets: Array) -> Array:
         """`mismatch` of n design points (n, m), shape (n, N, n_outputs); see `predict_many`."""

@@ -9,7 +9,7 @@ the same degree of freedom have one.
 from collections.abc import Sequence
 from functools import partial
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -118,7 +118,7 @@ def _panel(
         x, y = own.front[:, pair[0]], own.front[:, pair[1]]
         marker = marker_of(i)
         axes.plot(x, y, marker, color=colour, markersize=4, alpha=0.75, label=own.label)
-        ring = {"fillstyle": "none", "color": "black", "zorder": 4}
+        ring: dict[str, Any] = {"fillstyle": "none", "color": "black", "zorder": 4}
         for index in own.chosen & set(range(len(own.front))):
             axes.plot(x[index], y[index], "o", markersize=11, **ring)
         if _moved(own):
