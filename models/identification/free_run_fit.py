@@ -49,7 +49,7 @@ TRIES = 6  # of a step, each with ten times the damping
 LEAST_DAMPING = 1e-12  # of what the data do not determine
 FIRST_DAMPING = 1e-3  # after a step that was no better
 MIN_RESIDUAL = 1e-9  # least residual that counts as noise, relative to the spread of a state
-SLOW_SHARE = 1.1  # of the slow part of the residual, above which the bandwidth is wide
+SLOW_SHARE = 1.1  # of `Fit.slow`, from which residuals of velocities depend on each other
 WIDE = 0.25  # of all samples: the bandwidth of residuals with a slow part
 SLOW_S = 3.0  # [s] beyond which residuals of white noise do not depend on each other
 
@@ -166,19 +166,25 @@ class Stage(NamedTuple):
     effort: Effort = USUAL
     scale: Array | None = None  # (n,) or (N, n) of the residuals; None: found from them
     start: Array | None = None  # (n_starts, 2 n_dof) initial minus measured states; None: zero
+    slow_share: float = SLOW_SHARE  # of the residual's slow part, above which the bandwidth is wide
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A converged fit, and what its covariance is computed from."""
 
-    runs: FreeRuns
+    stage: Stage
     point: Point
     active: tuple[str, ...]  # names of the constraints that bind
     scale: Array  # (n,) of the residuals, or (N, n): one over the weights
     tau: float  # samples that say as much as one independent sample
     deviation: Array  # (m,) of the prior, infinite where there is none
     before: int = 0  # evaluations with shorter predictions
+
+    @property
+    def runs(self) -> FreeRuns:
+        """The predictions."""
+        return self.stage.runs
 
     @property
     def change(self) -> Array:
@@ -225,7 +231,7 @@ class Fit:
     def covariance(self) -> Array:
         """Covariance (m, m) of the parameters; an active constraint does not narrow it."""
         unknowns = len(self.change) + len(self.runs.begin) * len(self.runs.estimated)
-        width = WIDE * len(self.rest) if self.slow > SLOW_SHARE else None
+        width = WIDE * len(self.rest) if self.slow > self.stage.slow_share else None
         return parameter_covariance(
             self.jacobian, self.rest, self.prior, self.tau, unknowns, width
         )
@@ -269,7 +275,7 @@ def fit(
     constraints: PhysicalConstraints | None,
 ) -> Fit:
     """Fit one stage from the best of several candidates; see `grown`."""
-    runs, effort, given, start = stage
+    runs, effort, given, start, _ = stage
     if start is None:
         start = np.zeros((len(runs.begin), len(runs.predictor.spread)))
     points = [runs.point(candidate, start) for candidate in candidates]
@@ -283,7 +289,7 @@ def fit(
         point, active = _converged(runs, point, active, scale, prior, constraints, effort)
     if given is None:
         scale, tau = runs.root_mean_square(point), inflation(point.rest)
-    return Fit(runs, point, active, scale, tau, deviation)
+    return Fit(stage, point, active, scale, tau, deviation)
 
 
 def _squares(rest: Array) -> float:

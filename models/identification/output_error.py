@@ -141,7 +141,7 @@ def fit_through(
             runs = FreeRuns(predictor, constraints.scale, estimated)
             scale = predictor.compared.scale if sigma is None else sigma
             if horizon is None:
-                yield Stage(runs, FINE, scale, own)
+                yield Stage(runs, FINE, scale, own, SLOW_SHARE)
             else:
                 yield Stage(runs, ROUGH, predictor.spread if scale is None else scale, own)
 
