@@ -30,7 +30,7 @@ from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import predicted_layout
 from seatrial.models.identification.linear import turns
-from seatrial.models.identification.physical_constraints import PhysicalConstraints, feasible, solve
+from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor, states_of
 from seatrial.models.identification.residual import ResidualOptions
 from seatrial.models.identification.structured import Structure, inflation
@@ -49,7 +49,7 @@ TRIES = 6  # of a step, each with ten times the damping
 LEAST_DAMPING = 1e-12  # of what the data do not determine
 FIRST_DAMPING = 1e-3  # after a step that was no better
 MIN_RESIDUAL = 1e-9  # least residual that counts as noise, relative to the spread of a state
-SLOW_SHARE = 1.1  # of the slow part of the residual, above which the bandwidth is wide
+SLOW_SHARE = 1.1  # of `Fit.slow`, from which residuals of velocities depend on each other
 WIDE = 0.25  # of all samples: the bandwidth of residuals with a slow part
 SLOW_S = 3.0  # [s] beyond which residuals of white noise do not depend on each other
 
@@ -121,19 +121,18 @@ class FreeRuns:
 
     def _differences(self, point: Point, sizes: Array, chosen: NDArray[np.int64]) -> Array:
         """Slopes (N, n, len(chosen)) by steps of `sizes` (m + n_estimated,), of those `chosen`."""
-        m, slopes = len(self.size), np.empty((*point.rest.shape, len(chosen)))
+        m, slopes = len(self.size), np.empty((len(chosen), *point.rest.shape))
         steps = np.diag(sizes)[chosen]
         points = self.predictor.free.values + point.change + steps[:, :m]
         starts = np.repeat(point.start[None], len(chosen), axis=0)
         starts[..., self.estimated] += steps[:, None, m:]
-        self.evaluations += len(chosen)
+        self.evaluations, angles = self.evaluations + len(chosen), self.predictor.compared.angles
         for part in turns(len(chosen), WIDTH):  # so that few states are in memory
-            after = self.predictor.mismatches(points[part], starts[part])
-            change = after + point.rest
-            change[self.predictor.turned_over(change)] = 0.0
-            size = sizes[chosen[part], None, None]
-            slopes[..., part] = (change / size).transpose(1, 2, 0)
-        return slopes
+            change = self.predictor.mismatches(points[part], starts[part]) + point.rest
+            if angles:  # a rotation vector jumps at half a turn
+                change[np.any(np.abs(change[..., angles]) > np.pi, axis=-1)] = 0.0
+            np.divide(change, sizes[chosen[part], None, None], out=slopes[part])
+        return slopes.transpose(1, 2, 0)
 
     def project(self, by_start: Array, values: Array) -> tuple[Array, Array]:
         """Values (N, n, c) without what the starts explain, as (N n, c), and the starts.
@@ -167,19 +166,25 @@ class Stage(NamedTuple):
     effort: Effort = USUAL
     scale: Array | None = None  # (n,) or (N, n) of the residuals; None: found from them
     start: Array | None = None  # (n_starts, 2 n_dof) initial minus measured states; None: zero
+    slow_share: float = SLOW_SHARE  # of the residual's slow part, above which the bandwidth is wide
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A converged fit, and what its covariance is computed from."""
 
-    runs: FreeRuns
+    stage: Stage
     point: Point
     active: tuple[str, ...]  # names of the constraints that bind
     scale: Array  # (n,) of the residuals, or (N, n): one over the weights
     tau: float  # samples that say as much as one independent sample
     deviation: Array  # (m,) of the prior, infinite where there is none
     before: int = 0  # evaluations with shorter predictions
+
+    @property
+    def runs(self) -> FreeRuns:
+        """The predictions."""
+        return self.stage.runs
 
     @property
     def change(self) -> Array:
@@ -226,7 +231,7 @@ class Fit:
     def covariance(self) -> Array:
         """Covariance (m, m) of the parameters; an active constraint does not narrow it."""
         unknowns = len(self.change) + len(self.runs.begin) * len(self.runs.estimated)
-        width = WIDE * len(self.rest) if self.slow > SLOW_SHARE else None
+        width = WIDE * len(self.rest) if self.slow > self.stage.slow_share else None
         return parameter_covariance(
             self.jacobian, self.rest, self.prior, self.tau, unknowns, width
         )
@@ -243,8 +248,8 @@ def grown(
 
     Args:
         stages: what is predicted, the longest predictions last.
-        change: where the first fit begins, a change (m,) of the nominal parameters.
-        other: another change (m,).
+        change: where the first fit begins, a feasible change (m,) of the nominal parameters.
+        other: another one.
         deviation: standard deviations of the prior about the nominal values, shape (m,), infinite
             where there is none.
         constraints: the bounds and physical constraints.
@@ -253,7 +258,7 @@ def grown(
         The last fit.
 
     Raises:
-        IdentificationError: no point is feasible, or a fit ends where nothing can be simulated.
+        IdentificationError: a fit ends where nothing can be simulated.
     """
     before, result = 0, None
     for stage in stages:
@@ -269,11 +274,11 @@ def fit(
     deviation: Array,
     constraints: PhysicalConstraints | None,
 ) -> Fit:
-    """Fit one stage from the best of feasible points nearest to the candidates; see `grown`."""
-    runs, effort, given, start = stage
+    """Fit one stage from the best of several candidates; see `grown`."""
+    runs, effort, given, start, _ = stage
     if start is None:
         start = np.zeros((len(runs.begin), len(runs.predictor.spread)))
-    points = [runs.point(feasible(c, constraints, runs.size), start) for c in candidates]
+    points = [runs.point(candidate, start) for candidate in candidates]
     scale = runs.predictor.compared.spread if given is None else given
     point = min(points, key=lambda p: _squares(p.rest / scale))
     tau, active = 1.0, tuple[str, ...]()
@@ -284,7 +289,7 @@ def fit(
         point, active = _converged(runs, point, active, scale, prior, constraints, effort)
     if given is None:
         scale, tau = runs.root_mean_square(point), inflation(point.rest)
-    return Fit(runs, point, active, scale, tau, deviation)
+    return Fit(stage, point, active, scale, tau, deviation)
 
 
 def _squares(rest: Array) -> float:
@@ -306,14 +311,14 @@ def _converged(
 
     `active` are the constraints that bind at the point; they stay if no step is better.
     """
-    damping = LEAST_DAMPING
+    damping, weight = LEAST_DAMPING, 1.0 / scale[..., None]
 
     def cost(at: Point) -> float:
         return _squares(at.rest / scale) + float(prior @ at.change**2)
 
     for _ in range(effort.steps):
-        J, S = (slopes / scale[..., None] for slopes in runs.slopes(point))
-        values = np.concatenate([J, (point.rest / scale)[..., None]], axis=2)
+        J, S = (weight * slopes for slopes in runs.slopes(point))
+        values = np.concatenate([J, weight * point.rest[..., None]], axis=2)
         left, along = runs.project(S, values)
         gram = left.T @ left
         H, g = gram[:-1, :-1] + np.diag(prior), gram[:-1, -1] - prior * point.change

@@ -23,6 +23,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import Course, deviations
 from seatrial.models.identification.free_run_fit import Effort, Fit, FreeRuns, Stage, grown
+from seatrial.models.identification.physical_constraints import feasible
 from seatrial.models.identification.predictor import PredictionOptions, active_bounds, check_outputs
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.spread import ParameterSpread
@@ -140,11 +141,12 @@ def fit_through(
             runs = FreeRuns(predictor, constraints.scale, estimated)
             scale = predictor.compared.scale if sigma is None else sigma
             if horizon is None:
-                yield Stage(runs, FINE, scale, own)
+                yield Stage(runs, FINE, scale, own, SLOW_SHARE)
             else:
                 yield Stage(runs, ROUGH, predictor.spread if scale is None else scale, own)
 
     first = np.zeros(len(free)) if point is None else point - free.values
+    first = feasible(first, constraints)
     return grown(stages(), first, first, deviation, constraints)
 
 

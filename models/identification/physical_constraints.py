@@ -39,12 +39,7 @@ from seatrial.models.vessel.table import Vessel
 
 MAX_VELOCITIES = 150  # recorded velocities at which the damping must dissipate
 DRAWN = 100  # further ones, at each scale
-VELOCITY_SCALES = (
-    0.3,
-    1.0,
-    2.0,
-    10.0,
-)  # of the recorded velocities; the last one: no runaway beyond them
+VELOCITY_SCALES = (0.3, 1.0, 2.0, 10.0)  # of the recorded ones; the last: no runaway beyond them
 MAX_CUTS = 60  # rounds of cutting planes
 RIGHTING = (("roll", "sin(phi)cos(theta)"), ("pitch", "sin(theta)"))  # restoring moments
 RAYS = 4096  # directions in which dissipation is searched
@@ -66,11 +61,8 @@ class Rows:
     names: tuple[str, ...]
 
     def __add__(self, other: "Rows") -> "Rows":
-        return Rows(
-            np.vstack([self.A, other.A]),
-            np.concatenate([self.b, other.b]),
-            self.names + other.names,
-        )
+        A, b = np.vstack([self.A, other.A]), np.concatenate([self.b, other.b])
+        return Rows(A, b, self.names + other.names)
 
 
 def damping_terms(table: Vessel) -> list[int]:
@@ -209,25 +201,15 @@ class PhysicalConstraints:
     """
 
     free: FreeParameters
-    velocities: Array  # (n, n_dof)
+    nu: Array  # (N, n_dof) recorded velocities, about which damping must dissipate
     factor: float | None
     scale: Array  # (m,) size of the parameters, for the tolerance
-    largest: Array  # (n_dof,) velocities [m/s, rad/s], about which dissipation is searched
     box: tuple[Array, Array] | None = None  # lower and upper bounds (m,), infinite: none
 
-    @classmethod
-    def of(
-        cls,
-        free: FreeParameters,
-        nu: Array,
-        factor: float | None,
-        size: Array,
-        box: tuple[Array, Array] | None = None,
-    ) -> "PhysicalConstraints":
-        """The constraints by recorded velocities nu (N, n_dof) on parameters of a size (m,)."""
-        inertia = free.nominal.inertia
-        velocities, largest = sampled_velocities(nu, inertia), largest_velocities(nu, inertia)
-        return cls(free, velocities, factor, size, largest, box)
+    @cached_property
+    def velocities(self) -> Array:
+        """Velocities (n, n_dof) at which the damping must dissipate."""
+        return sampled_velocities(self.nu, self.free.nominal.inertia)
 
     @cached_property
     def rows(self) -> Rows:
@@ -235,30 +217,25 @@ class PhysicalConstraints:
 
         Rows that the nominal table itself violates ask nothing that it could not be.
         """
-        m, rows = len(self.free), self._bounds()
         if self.factor is None:
-            return rows
-        positive = self._positive(m)
-        physical = self._dissipation(self.velocities) + positive + self._asymmetry(self.factor)
-        return self._scaled(physical) + rows
+            return self._bounds
+        physical = self._dissipation(self.velocities) + self._positive()
+        return self._scaled(physical + self._asymmetry(self.factor)) + self._bounds
 
+    @cached_property
+    def changes(self) -> tuple[Array, Array]:
+        """The box in changes of the nominal parameters."""
+        infinite = np.full(len(self.free), np.inf)
+        lower, upper = self.box or (-infinite, infinite)
+        return lower - self.free.values, upper - self.free.values
+
+    @cached_property
     def _bounds(self) -> Rows:
-        """The box, in changes of the nominal parameters."""
-        m = len(self.free)
-        if self.box is None:
-            return Rows(np.zeros((0, m)), np.zeros(0), ())
-        lower, upper = (bound - self.free.values for bound in self.box)
-        A, b = np.diag(1.0 / self.scale), np.concatenate([lower, -upper]) / np.tile(self.scale, 2)
+        A, (lower, upper) = np.diag(1.0 / self.scale), self.changes
+        b = np.concatenate([lower, -upper]) / np.tile(self.scale, 2)
         kept = np.flatnonzero(np.isfinite(b))
-        names = tuple(self.free.labels[i % m] for i in kept)
+        names = tuple(self.free.labels[i % len(A)] for i in kept)
         return Rows(np.vstack([A, -A])[kept], b[kept], names)
-
-    def clipped(self, change: Array) -> Array:
-        """A change (m,) of the nominal parameters within the box."""
-        if self.box is None:
-            return change
-        lower, upper = (bound - self.free.values for bound in self.box)
-        return np.clip(change, lower, upper)
 
     @cached_property
     def _damping(self) -> list[int]:
@@ -281,7 +258,7 @@ class PhysicalConstraints:
         names = tuple(name for name, kept in zip(rows.names, keep, strict=True) if kept)
         return Rows(rows.A[keep] / size[keep, None], rows.b[keep] / size[keep], names)
 
-    def _positive(self, m: int) -> Rows:
+    def _positive(self) -> Rows:
         """Coefficients that stay positive where they nominally are.
 
         Those of x, |x|x and x^3 in the equation of x, and moments that right roll and pitch.
@@ -295,7 +272,7 @@ class PhysicalConstraints:
                 A.append(slopes[i, k])
                 b.append(-table.theta[i, k])
                 names.append(f"{dof}.{term}" if brakes else "restoring")
-        return Rows(np.array(A).reshape(-1, m), np.array(b), tuple(names))
+        return Rows(np.array(A).reshape(-1, len(self.free)), np.array(b), tuple(names))
 
     def _asymmetry(self, factor: float) -> Rows:
         """M_ij - M_ji differs from zero by no more than `factor` times the nominal one."""
@@ -316,13 +293,7 @@ class PhysicalConstraints:
     @cached_property
     def _inertia_directions(self) -> Array:
         """Derivative of the symmetric part of the inertia, shape (m, n_dof, n_dof)."""
-        slopes = self._inertia_slopes
-        return np.asarray(0.5 * (slopes + slopes.transpose(0, 2, 1)))
-
-    @cached_property
-    def _nominal_inertia(self) -> Array:
-        inertia = self.free.nominal.inertia
-        return np.asarray(0.5 * (inertia + inertia.T))
+        return np.asarray(0.5 * (self._inertia_slopes + self._inertia_slopes.transpose(0, 2, 1)))
 
     def violated(self, change: Array) -> tuple[str, ...]:
         """Names of the constraints that a change (m,) of the nominal parameters violates."""
@@ -343,7 +314,7 @@ class PhysicalConstraints:
 
     def _inertia(self, change: Array) -> tuple[Array, Array]:
         """Eigenvalues (n_dof,) and vectors of the inertia over the nominal one."""
-        M_0 = self._nominal_inertia
+        M_0 = 0.5 * (self.free.nominal.inertia + self.free.nominal.inertia.T)
         M = M_0 + np.einsum("m,mij->ij", change, self._inertia_directions)
         values, vectors = scipy.linalg.eigh(M, M_0)
         return values, vectors
@@ -372,7 +343,8 @@ class PhysicalConstraints:
 
     @cached_property
     def _rays(self) -> Rays:
-        return Rays.of(self.free.nominal, self.largest)
+        nominal = self.free.nominal
+        return Rays.of(nominal, largest_velocities(self.nu, nominal.inertia))
 
     def inertia_cuts(self, change: Array) -> Rows | None:
         """Rows that the inertia violates after a change (m,) of the parameters; None: none."""
@@ -406,7 +378,7 @@ def solve(
     rows, start = constraints.rows, at * root  # in the whole change, whose origin is feasible
     for _ in range(MAX_CUTS):
         solution, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b)
-        change = constraints.clipped(solution / root)
+        change = np.clip(solution / root, *constraints.changes)
         cuts = constraints.cuts(change)
         if cuts is None:
             break
@@ -416,12 +388,12 @@ def solve(
     return change - at, tuple(dict.fromkeys(rows.names[i] for i in active))
 
 
-def feasible(change: Array, constraints: PhysicalConstraints | None, size: Array) -> Array:
-    """A change (m,) that meets the constraints, or the nearest one relative to sizes (m,)."""
-    if constraints is None or not constraints.violated(change):
+def feasible(change: Array, constraints: PhysicalConstraints) -> Array:
+    """A change (m,) that meets the constraints, or the nearest one relative to the sizes."""
+    if not constraints.violated(change):
         return change
-    step, _ = solve(np.diag(size**-2.0), np.zeros(len(change)), constraints, change)
-    return change + step
+    H = np.diag(constraints.scale**-2.0)
+    return change + solve(H, np.zeros(len(change)), constraints, change)[0]
 
 
 def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
@@ -447,14 +419,10 @@ def _solved(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
     size = max(float(np.max(np.abs(g))), float(np.max(b / norm))) or 1.0
     for tolerance in PRIMAL:
         solution, _, flag, info = daqp.solve(
-            np.ascontiguousarray(H),
-            -g / size,
-            np.ascontiguousarray(A / norm[:, None]),
-            np.full(len(A), 1e30),
-            b / (norm * size),
-            np.zeros(len(A), dtype=np.int32),
+            np.ascontiguousarray(H), -g / size, np.ascontiguousarray(A / norm[:, None]),
+            np.full(len(A), 1e30), b / (norm * size), np.zeros(len(A), dtype=np.int32),
             primal_tol=tolerance,
-        )
+        )  # fmt: skip
         if flag > 0:
             return np.asarray(solution) * size, np.flatnonzero(info["lam"]).tolist()
     raise IdentificationError(

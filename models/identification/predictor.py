@@ -23,14 +23,13 @@ parameter by itself; constraints between parameters are in `physical_constraints
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
-from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
@@ -68,7 +67,7 @@ from seatrial.models.identification.problem import (
 from seatrial.models.identification.structured import prior_deviation
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices.device import Device
@@ -125,9 +124,6 @@ def active_bounds(free: FreeParameters, point: Array, box: tuple[Array, Array]) 
     return diagnostics
 
 
-ALL = "all"
-
-
 @dataclass(frozen=True, eq=False)
 class Outputs:
     """The compared states, and then the compared loads of a recording."""
@@ -153,9 +149,13 @@ class Outputs:
         """
         assert self.recording is not None
         assert self.recording.loads is not None
-        predicted = _loads(self.recording, nu, devices, self.names[len(self.columns) :])
-        difference = predicted - self.recording.loads[:, self.loads]
-        return np.hstack([errors, np.where(np.isfinite(difference), difference, 0.0)])
+        x, columns = replace(self.recording, nu=nu).variables(), [errors]
+        for name, place in zip(self.names[len(self.columns) :], self.loads, strict=True):
+            device, _, load = name.partition(".")
+            own = devices[device].loads(x)[:, devices[device].LOADS.index(load)]
+            difference = own - self.recording.loads[:, place]
+            columns.append(np.where(np.isfinite(difference), difference, 0.0)[:, None])
+        return np.hstack(columns)
 
 
 def states_of(dofs: tuple[str, ...], spread: Array, names: Sequence[str] | None = None) -> Outputs:
@@ -163,13 +163,8 @@ def states_of(dofs: tuple[str, ...], spread: Array, names: Sequence[str] | None 
     states = (*poses_of(dofs), *velocities_of(dofs))
     units = [unit[dof] for unit in (POSE_UNIT, VELOCITY_UNIT) for dof in dofs]
     columns = tuple(i for i, name in enumerate(states) if names is None or name in names)
-    return Outputs(
-        tuple(states[i] for i in columns),
-        tuple((dofs * 2)[i] for i in columns),
-        tuple(units[i] for i in columns),
-        columns,
-        spread[list(columns)],
-    )
+    own, of, unit = (tuple(each[i] for i in columns) for each in (states, dofs * 2, units))
+    return Outputs(own, of, unit, columns, spread[list(columns)])
 
 
 def weighted_outputs(
@@ -186,8 +181,13 @@ def weighted_outputs(
     measured = np.hstack([recording.eta, recording.nu])[:, states.columns]
     if recording.loads is not None:
         measured = np.hstack([measured, recording.loads[:, loads]])
-    scale = _spread_by_file(measured, recording) / [weights[name] for name in names]
-    dofs, units = (*states.dofs, *(ALL for _ in loads)), (*states.units, *("N" for _ in loads))
+    file = np.zeros(len(recording), dtype=np.int64) if recording.file is None else recording.file
+    scale = np.ones_like(measured)
+    for number in np.unique(file):
+        deviation = np.std(measured[file == number], axis=0)
+        scale[file == number] = np.where(deviation > 0.0, deviation, 1.0)  # 1 for NaN
+    scale /= [weights[name] for name in names]
+    dofs, units = (*states.dofs, *("all" for _ in loads)), (*states.units, *("N" for _ in loads))
     spread = np.asarray(np.median(scale, axis=0))
     return Outputs(names, dofs, units, states.columns, spread, scale, recording, loads)
 
@@ -206,33 +206,6 @@ def check_outputs(weights: Mapping[str, float], nominal: Vessel) -> None:
         raise ConfigurationError(
             f"identifier.outputs: got no state, expected some of {', '.join(states)}"
         )
-
-
-def _spread_by_file(measured: Array, recording: Recording) -> Array:
-    """Standard deviation of columns (N, n) in the file of each sample; 1 for what is constant."""
-    file = np.zeros(len(recording), dtype=np.int64) if recording.file is None else recording.file
-    scale = np.ones_like(measured)
-    for number in np.unique(file):
-        rows: NDArray[np.bool_] = file == number
-        deviation = np.std(measured[rows], axis=0)
-        scale[rows] = np.where(deviation > 0.0, deviation, 1.0)  # 1 for NaN
-    return scale
-
-
-def _loads(
-    recording: Recording, nu: Array, devices: Mapping[str, Device], names: Sequence[str]
-) -> Array:
-    """Loads (N, n) of devices at velocities nu (N, n_dof) and the recorded inputs."""
-    assert recording.inputs is not None
-    inputs = dict(zip(recording.input_names, recording.inputs.T, strict=True))
-    attitude = attitude_of(recording.dofs, recording.eta)
-    x = basis.variables(np.zeros_like(nu), nu, attitude, recording.dofs, recording.wind, inputs)
-    columns = []
-    for name in names:
-        device, _, load = name.partition(".")
-        each = devices[device]
-        columns.append(each.loads(x)[:, each.LOADS.index(load)])
-    return np.column_stack(columns)
 
 
 STEERED_PRIOR = 0.3  # of a parameter of a vessel with inputs, over its nominal size
@@ -298,34 +271,27 @@ class Predictor:
         predicted[~realistic] = np.nan
         return predicted
 
-    def deviation(self, point: Array, offset: Array | None = None) -> Array:
-        """Predicted - measured, attitudes by rotation vectors, shape (N, 2 n_dof)."""
-        predicted = self.predict(point, offset)
-        return deviations(self.course.kinematics, self.course.reached, predicted)
-
     def mismatch(self, point: Array, offset: Array | None = None) -> Array:
-        """Predicted - measured of what is compared, shape (N, n)."""
-        return self._compared(self.predict(point, offset), point)
+        """Predicted - measured of what is compared, attitudes by rotation vectors, (N, n)."""
+        return np.asarray(self._compared(self.predict(point, offset)[None], point[None])[0])
 
     def mismatches(self, points: Array, offsets: Array) -> Array:
         """`mismatch` of n design points (n, m), shape (n, N, n_outputs); see `predict_many`."""
-        states = self.predict_many(points, offsets)
-        return np.stack([self._compared(*each) for each in zip(states, points, strict=True)])
+        return self._compared(self.predict_many(points, offsets), points)
 
-    def turned_over(self, change: Array) -> Flags:
-        """Where a change (..., n) of the compared is one of a rotation vector by a full turn."""
-        return np.asarray(np.any(np.abs(change[..., self.compared.angles]) > np.pi, axis=-1))
-
-    def _compared(self, predicted: Array, point: Array) -> Array:
-        n = len(self.free.nominal.dofs)
-        nu, columns = predicted[:, -n:], np.array(self.compared.columns)
-        if np.all(columns >= n):  # no pose, whose deviation takes most of the time
-            errors = nu[:, columns - n] - self.course.measured[:, columns]
-        else:
-            errors = deviations(self.course.kinematics, self.course.reached, predicted)[:, columns]
-        if not self.compared.loads:
-            return errors
-        return self.compared.with_loads(errors, nu, self.free.devices(point))
+    def _compared(self, predicted: Array, points: Array) -> Array:
+        n, columns = len(self.free.nominal.dofs), self.compared.columns
+        nu = predicted[..., -n:]
+        if columns == tuple(range(n, 2 * n)):  # a pose's deviation takes most of the time
+            return np.asarray(nu - self.course.measured[:, n:])
+        course, compared = self.course, self.compared
+        found = []
+        for own, state, point in zip(nu, predicted, points, strict=True):
+            errors = deviations(course.kinematics, course.reached, state)[:, columns]
+            if compared.loads:
+                errors = compared.with_loads(errors, own, self.free.devices(point))
+            found.append(errors)
+        return np.array(found)
 
     def errors(self, points: Array, metric: str) -> tuple[Array, Array, Flags]:
         """Prediction errors of n design points (n, m), per state, shape (n, 2 n_dof).
@@ -485,7 +451,7 @@ class PredictionOptions(Identifier):
     def constraints(self, free: FreeParameters, recording: Recording) -> PhysicalConstraints:
         """The bounds and physical constraints of the parameters."""
         sizes, box = nominal_sizes(free, recording, self.force), self.box(free, recording)
-        return PhysicalConstraints.of(free, recording.nu, self.inertia_factor, sizes, box)
+        return PhysicalConstraints(free, recording.nu, self.inertia_factor, sizes, box)
 
     def check_bounded(self, free: FreeParameters) -> None:
         """Raise ConfigurationError for a parameter without bounds."""

@@ -126,7 +126,7 @@ def structure(
     size = prior_deviation(free, samples.phi, samples.force)
     constraints = None
     if inertia_factor is not None:
-        constraints = PhysicalConstraints.of(free, nu, inertia_factor, size)
+        constraints = PhysicalConstraints(free, nu, inertia_factor, size)
     return Structure(free, samples, size, constraints)
 
 

@@ -137,7 +137,7 @@ def test_candidates_in_packs_have_their_own_devices() -> None:
     points = predictor.free.values * size
     errors, _, realistic = predictor.errors(points, "mse")
     assert np.all(realistic)
-    single = [np.mean(np.square(predictor.deviation(point)), axis=0) for point in points]
+    single = [np.mean(np.square(predictor.mismatch(point)), axis=0) for point in points]
     np.testing.assert_allclose(errors, single, rtol=1e-9)
     assert np.std(errors[:, -1]) > 0.0
 

@@ -22,6 +22,7 @@ SMALL = {
     "dsr": ["L=3", "J=6", "bootstrap=20"],
     "output_error": ["horizons=[30]", "horizon=100"],
     "nsga2": ["population=8", "generations=2", "polish=null"],
+    "nsga2_thesis": ["population=8", "generations=2"],
     "plsr": ["bootstrap=null"],
     "surface_plsr": ["bootstrap=null", "folds=2"],
     "gaussian_process": ["subsample=50", "folds=2"],

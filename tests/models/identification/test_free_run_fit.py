@@ -64,7 +64,7 @@ def test_constraints_hold_after_every_step(calm) -> None:
     problem = calm.problem
     free = parameters(problem)
     size = np.abs(free.values)
-    constraints = PhysicalConstraints.of(free, problem.training.nu, 1.5, size)
+    constraints = PhysicalConstraints(free, problem.training.nu, 1.5, size)
     predictor = segments(problem.training, free, problem.thruster, None, SEGMENT_S)
     refined = refine(predictor, np.zeros(len(free)), size, constraints)
     assert "inertia" in refined.active

@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import fsolve
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification import nsga2
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.nsga2 import (
     choose,
@@ -17,9 +18,11 @@ from seatrial.models.identification.nsga2 import (
     pseudo_weights,
 )
 from seatrial.models.identification.objectives import Objectives
+from seatrial.models.identification.output_error import fit_through
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording
 from tests.data import DATA
+from tests.trials import composed
 
 LINEAR = {"surge.u_dot": [10.0, 120.0], "surge.u": [1.0, 40.0]}
 QUADRATIC = LINEAR | {"surge.|u|u": [0.0, 10.0]}
@@ -158,6 +161,46 @@ def test_front_choice_and_history_are_stored(identifier, make, signal):
     np.testing.assert_allclose(found.model.theta[:, 0], points[chosen.i])
     ended = next(one for one in found.diagnostics if one.name == "generations")
     assert len(values_of(found, "running_metric")) == 3 * (ended.value - 1)
+
+
+@pytest.mark.parametrize("decision", ["knee", "ideal", "pseudo_weights"])
+def test_the_polish_starts_from_the_decision_and_says_what_it_gained(
+    identifier, make, signal, monkeypatch, decision
+):
+    """Nowhere else, also where the nominal model is the truth; its result is what is deployed."""
+    truth = make.surge(60.0, 20.0, "|u|u", 2.0)
+    problem = make.problem(truth, truth, signal("many_sine"), noise=0.05)
+    option = identifier(
+        "nsga2", bounds=QUADRATIC, population=8, generations=2, decision=decision
+    )
+    begun = []
+
+    def fitted(options, problem, point, *rest):
+        begun.append(point)
+        return fit_through(options, problem, point, *rest)
+
+    monkeypatch.setattr(nsga2, "fit_through", fitted)
+    found = option.identify(problem, np.random.default_rng(0))
+    points, _ = front_of(found, 3)
+    chosen = next(one for one in found.diagnostics if one.name == "pareto_chosen")
+    np.testing.assert_array_equal(begun, [points[chosen.i]])
+    after = found.model.theta[:, 0]
+    errors, _, _ = option.predictor(problem).errors(np.array([begun[0], after]), "mse")
+    spread = np.std(np.hstack([problem.training.eta, problem.training.nu]), axis=0)
+    misfit = np.sqrt(np.mean(errors / spread**2, axis=1))
+    assert misfit[1] < misfit[0]
+    np.testing.assert_allclose(values_of(found, "polish_misfit"), misfit, rtol=1e-9)
+    deployed = Objectives(option.predictor(problem), "mae", grouped=False)(after[None])[0]
+    np.testing.assert_allclose(values_of(found, "objective"), deployed, rtol=1e-9)
+
+
+def test_the_setting_of_the_thesis():
+    """10^m individuals, Euler, the magnitude of the mean error, the decision as it is."""
+    own = composed("vessel=surge_nonlinear", "identifier=nsga2_thesis").identifier
+    usual = composed("vessel=surge_nonlinear", "identifier=nsga2").identifier
+    assert (own.objective, own.integrator, own.polish) == ("mean_error", "euler", None)
+    assert own.population is None
+    assert own.population_cap >= 10**3 > usual.population_cap
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,13 @@ import pytest
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.free_parameters import free_parameters
+from seatrial.models.identification.free_parameters import WINDAGE, free_parameters
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import DOFS, PLANAR, VELOCITIES
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import Vessel
+from tests.trials import excited
 
 EULER = {"integrator": "euler"}
 
@@ -228,6 +229,23 @@ def test_wind_terms_of_a_ship(identifier, make, vessel):
     found = option.identify(problem, None)
     assert found.model.coefficient("surge", "V_qu_q") == pytest.approx(8.0, rel=1e-6)
     assert found.model.coefficient("sway", "V_qv_q") == pytest.approx(15.0, rel=1e-6)
+
+
+def test_a_measured_wind_is_in_the_model_unless_it_is_not_wanted(identifier):
+    """Wind areas to 3 %, of the ferry in a wind whose gusts between the samples are not known."""
+    problem, truth = excited("disturbance=wind")
+    found = identifier("output_error").identify(problem, None)
+    for dof, term in (("surge", "V_qu_q"), ("sway", "V_qv_q"), ("yaw", "u_qv_q")):
+        expected = truth.coefficient(dof, term)
+        assert found.model.coefficient(dof, term) == pytest.approx(expected, rel=0.03)
+    nominal, without = problem.nominal, replace(problem.training, wind=None)
+    for option, wind, count in ((None, True, 3), (False, True, 0), (True, False, 0)):
+        training = problem.training if wind else without
+        fitted = replace(problem, training=training)
+        free = identifier("output_error", windage=option).predictor(fitted).free
+        assert len({*free.labels} & {*WINDAGE}) == count
+    chosen = identifier("output_error", parameters=["surge.u"], windage=None)
+    assert not {*chosen.unknowns(nominal, windy=True).labels} & {*WINDAGE}  # as it is written
 
 
 @pytest.mark.parametrize(

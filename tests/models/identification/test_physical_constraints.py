@@ -32,7 +32,7 @@ def constraints_on(
     free: FreeParameters, nu: np.ndarray, factor: float = FACTOR
 ) -> PhysicalConstraints:
     """The constraints on free parameters by recorded velocities (N, n_dof)."""
-    return PhysicalConstraints.of(free, nu, factor, np.abs(free.values))
+    return PhysicalConstraints(free, nu, factor, np.abs(free.values))
 
 
 def hessian(constraints: PhysicalConstraints, rng: np.random.Generator) -> np.ndarray:
@@ -133,13 +133,15 @@ def noise_for_force(problem: Problem, rng: np.random.Generator) -> Problem:
     return replace(problem, training=replace(problem.training, tau_filtered=force))
 
 
-@pytest.mark.parametrize("name", ["ls", "robust"])
+@pytest.mark.parametrize("name", ["ls", "robust", "output_error"])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_table_fitted_to_noise_becomes_physical(calm, identifier, name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     problem, nominal = noise_for_force(calm.problem, rng), calm.problem.nominal
-    options = {"basis": "physical", "refinement": "none"}
+    options: dict[str, object] = {"basis": "physical", "refinement": "none"}
     options |= {"disturbance": "none", "prior": 1e3} if name == "robust" else {}
+    if name == "output_error":
+        options = {"horizons": [], "horizon": 20, "prior": 10.0}
     raw, fitted = (
         identifier(name, inertia_factor=factor, **options).identify(problem, rng)
         for factor in (None, FACTOR)

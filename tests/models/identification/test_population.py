@@ -75,7 +75,7 @@ def test_population_equals_one_at_a_time(example, name, integrator):
     rng = np.random.default_rng(1)
     factors = rng.uniform(0.8, 1.25, (2 * WIDTH + 9, len(one.free)))
     points = one.free.values * factors
-    alone = [one.deviation(point) for point in points]
+    alone = [one.mismatch(point) for point in points]
     for metric in METRICS:
         errors, _, realistic = one.errors(points, metric)
         assert np.all(realistic)

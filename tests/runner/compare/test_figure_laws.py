@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.figures import drawings_of
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
@@ -60,6 +61,31 @@ def test_a_figure_has_one_vessel(
     titles = [heading(one.figure) for one in draw(kind, fill, **({"rows": rows} if rows else {}))]
     assert ["milliampere" in title for title in titles] == [True, False]
     assert ["supply_vessel" in title for title in titles] == [False, True]
+
+
+@pytest.mark.parametrize("polished", [False, True])
+def test_a_front_shows_the_deployed_model_where_a_polish_has_moved_it(
+    draw: Callable[..., list[Drawing]], polished: bool
+) -> None:
+    front = np.array([[1.0, 4.0], [2.0, 2.0], [4.0, 1.0]])
+    deployed = np.array([1.5, 1.5]) if polished else front[1]
+
+    def fill(logbook: LogbookWriter) -> None:
+        rows = [
+            Diagnostic("pareto_objective", "all", value, "m", i=i, j=j, label=f"error {j}")
+            for (i, j), value in np.ndenumerate(front)
+        ]
+        rows.append(Diagnostic("pareto_chosen", "all", 1.0, i=1))
+        rows += [Diagnostic("objective", "all", v, "m", j=j) for j, v in enumerate(deployed)]
+        stored.finish(logbook, stored.start("nsga2"), diagnostics=rows)
+
+    (drawing,) = draw("pareto", fill)
+    rings = [
+        (line.get_marker(), *np.ravel(line.get_xydata()))
+        for line in drawing.figure.axes[0].lines
+        if line.get_fillstyle() == "none"
+    ]
+    assert rings == [("o", 2.0, 2.0), *([("D", 1.5, 1.5)] if polished else [])]
 
 
 def test_one_seed_has_no_whisker_and_no_whisker_reaches_the_floor(
