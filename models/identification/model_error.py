@@ -48,6 +48,7 @@ KAPPA2 = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 FREEDOM = 4.0  # of Student's t
 LEVEL = 0.9  # at which k makes the deviations right
 DRAWS = 40  # runs by which deviations are found
+LEAST_DRAWS, MOST_STEPS = 10, 2_000_000  # for a long recording; samples of all runs
 LAMBDA = (1e-4, 10.0)
 TRIED = 0.1  # lambda of the runs that show what an acceleration does; the deviations are linear
 MOST_SAMPLES = 20_000  # of the training part
@@ -69,7 +70,16 @@ class ModelError:
     share: float = 1.0  # of what was left out, over which the runs did not diverge
 
     def accelerations(self, rho2: Array, period_s: float, rng: np.random.Generator) -> Array:
-        """Drawn accelerations (N, n_dof) where rho^2 is (N, n_dof), at their full size."""
+        """Accelerations drawn at their full size, k lambda sqrt((m^2 + rho^2) / 2) a.
+
+        Args:
+            rho2: squared accelerations along a run, shape (N, n_dof) [(m/s^2)^2, (rad/s^2)^2].
+            period_s: sample time [s].
+            rng: draws a.
+
+        Returns:
+            Shape (N, n_dof) [m/s^2, rad/s^2].
+        """
         size = np.sqrt(0.5 * (self.mean_square + rho2))
         return self.scale * self.force * size * gauss_markov(rho2.shape, period_s, rng)
 
@@ -94,7 +104,10 @@ class ModelError:
 def gauss_markov(
     shape: tuple[int, ...], period_s: float, rng: np.random.Generator
 ) -> Array:
-    """Paths (N, n) of unit variance and correlation time CORRELATION_S."""
+    """Stationary paths (N, n) of unit variance and correlation time CORRELATION_S.
+
+    a_k = phi a_(k-1) + sqrt(1 - phi^2) w_k, phi = exp(-h / T), a_0 = w_0; `period_s` is h [s].
+    """
     phi = np.exp(-period_s / CORRELATION_S)
     white = rng.standard_normal(shape)
     white[1:] *= np.sqrt(1.0 - phi**2)
@@ -104,7 +117,18 @@ def gauss_markov(
 def squared_accelerations(
     model: Vessel, nu: Array, attitude: Array, acting: Array, wind: Array | None
 ) -> Array:
-    """rho^2 (N, n_dof): squares of the accelerations by what acts, (N, n), and by the hull."""
+    """Squares of the accelerations by what acts and by the hull, rho^2.
+
+    Args:
+        model: the model whose forces they are.
+        nu: body velocity, shape (N, n_dof) [m/s, rad/s].
+        attitude: (phi, theta, psi), shape (N, 3) [rad].
+        acting: forces (N, n_dof) [N, Nm], or the inputs (N, n_inputs) of a vessel that has them.
+        wind: velocity of the air in body axes, shape (N, 2) [m/s]; None: still air.
+
+    Returns:
+        (M^-1 tau)^2 + (M^-1 F(nu))^2, shape (N, n_dof) [(m/s^2)^2, (rad/s^2)^2].
+    """
     still = np.zeros_like(nu)
     hull = replace(model, devices={}).forward(still, nu, attitude, wind)
     if model.inputs:
@@ -129,6 +153,11 @@ class NearbyRuns:
         motion = self.own.motion_of(self.own.free_run[0])
         return self.squares(motion[:, n:], attitude_of(self.recording.dofs, motion[:, :n]))
 
+    @property
+    def shape_of_starts(self) -> tuple[int, int]:
+        """Number of starts, and of the poses and velocities of each."""
+        return int(np.count_nonzero(self.own.course.restart)), self.own.course.measured.shape[1]
+
     def squares(self, nu: Array, attitude: Array) -> Array:
         """rho^2 (N, n_dof) of any motion under what acts in the recording."""
         acting = self.own.course.acting[:, 0]
@@ -142,8 +171,10 @@ class NearbyRuns:
     def variance(self, runs: Iterable[Prediction]) -> Array:
         """Mean square (N, 2 n_dof) of the deviations of runs, which are DEVIATION_SHARE of it.
 
-        A run that diverges is left out; infinite where more than MOST_DIVERGED do.
+        A run that diverges is left out; infinite where more than MOST_DIVERGED do, or the own one.
         """
+        if self.own.free_run[1]:
+            return np.full_like(self.own.course.measured, np.inf)
         states, count, diverged = self.own.free_run[0], 0, 0
         total = np.zeros_like(self.own.course.measured)
         for run in runs:
@@ -169,23 +200,36 @@ def nearby_runs(
 def drawn_runs(
     identified: Identified, runs: NearbyRuns, count: int = DRAWS
 ) -> Iterator[Prediction]:
-    """Predictions drawn from the distribution, by DEVIATION_SHARE of their deviations.
+    """Draw predictions from the distribution, always by the same random numbers.
 
-    Of a model without a model error its parameters alone are drawn. A drawn model that cannot be
-    simulated is left out.
+    Args:
+        identified: the result; without a model error its parameters alone are drawn.
+        runs: those near its own run, `nearby_runs(identified.model, ...)`.
+        count: number of draws.
+
+    Yields:
+        Predictions that deviate by DEVIATION_SHARE of what was drawn; none without a distribution.
+        A drawn model that cannot be simulated is left out.
     """
-    error, n_dof = identified.model_error, len(runs.recording.dofs)
-    pieces = int(np.count_nonzero(runs.own.course.restart))
+    error, shape = identified.model_error, runs.shape_of_starts
     models = identified.draws(count, DEVIATION_SHARE)
     if identified.spread is None:
         models = iter([identified.model] * (0 if error is None else count))
-    for i, model in enumerate(models):
-        course = runs.own.course
-        if error is not None:
-            rng = np.random.default_rng(i)
-            start = error.scale * error.noise * rng.standard_normal((pieces, 2 * n_dof))
-            drawn = error.accelerations(runs.rho2, course.step_s, rng)
-            course = runs.under(DEVIATION_SHARE * drawn, DEVIATION_SHARE * start)
+
+    def course(i: int) -> Course:
+        if error is None:
+            return runs.own.course
+        rng = np.random.default_rng(i)
+        start = error.scale * error.noise * rng.standard_normal(shape)
+        drawn = error.accelerations(runs.rho2, runs.own.course.step_s, rng)
+        return runs.under(DEVIATION_SHARE * drawn, DEVIATION_SHARE * start)
+
+    return predictable((model, course(i)) for i, model in enumerate(models))
+
+
+def predictable(cases: Iterable[tuple[Vessel, Course]]) -> Iterator[Prediction]:
+    """Predictions of courses by those of the models that can be simulated."""
+    for model, course in cases:
         try:
             yield predicted_by(model, course)
         except IdentificationError:
@@ -195,17 +239,26 @@ def drawn_runs(
 def bands(
     identified: Identified, recording: Recording, thruster: SecondOrderLag | None
 ) -> Array | None:
-    """Standard deviation (N, 2 n_dof) of measured minus predicted pose and velocity.
+    """Standard deviation of measured minus predicted pose and velocity in the free run.
 
-    Of attitudes in six degrees of freedom it is that of a rotation vector. Without a model error it
-    is that by the parameters alone; None without a distribution, infinite where the drawn runs
-    diverge. Raises the errors of `prediction`.
+    Args:
+        identified: the result; without a model error the deviation is by its parameters alone.
+        recording: what is predicted, N samples.
+        thruster: the thruster lag, if it is known.
+
+    Returns:
+        Shape (N, 2 n_dof), SI units; of attitudes in six degrees of freedom that of a rotation
+        vector. None without a distribution; infinite where the run or the drawn ones diverge.
+
+    Raises:
+        IdentificationError: the model cannot be simulated (`prediction`).
     """
     error = identified.model_error
     if error is None and identified.spread is None:
         return None
     runs = nearby_runs(identified.model, recording, thruster)
-    variance = runs.variance(drawn_runs(identified, runs))
+    count = int(np.clip(MOST_STEPS // len(recording), LEAST_DRAWS, DRAWS))
+    variance = runs.variance(drawn_runs(identified, runs, count))
     if error is not None:
         variance += (error.scale * error.noise) ** 2
     return np.asarray(np.sqrt(variance))
@@ -214,7 +267,13 @@ def bands(
 def calibrated(identifier: Identifier, problem: Problem, identified: Identified) -> Identified:
     """The result with its model error, or with the reason why there is none.
 
-    A result without a distribution and without models of folds stays as it is.
+    Args:
+        identifier: identifies the folds, unless the result holds their models.
+        problem: of which only the training part is used.
+        identified: the result; without a distribution and models of folds it stays as it is.
+
+    Returns:
+        The result with `model_error` and its diagnostics, or with the diagnostic NO_MODEL_ERROR.
     """
     if identified.spread is None and not identified.fold_models:
         return identified
@@ -324,19 +383,17 @@ def measured_noise(recording: Recording) -> Array:
 def _starts(runs: NearbyRuns, error: ModelError) -> Array:
     """Variance (N, 2 n_dof) by the noise of the starting states."""
     course = runs.own.course
-    shape = int(np.count_nonzero(course.restart)), course.measured.shape[1]
-    offsets = (error.noise * np.random.default_rng(i).standard_normal(shape) for i in range(DRAWS))
+    normals = (np.random.default_rng(i).standard_normal(runs.shape_of_starts) for i in range(DRAWS))
     return runs.variance(
-        Prediction(runs.own.plant, course.with_offset(DEVIATION_SHARE * each)) for each in offsets
+        Prediction(runs.own.plant, course.with_offset(DEVIATION_SHARE * error.noise * each))
+        for each in normals
     )
 
 
 def _accelerated(runs: NearbyRuns, error: ModelError) -> Array:
     """Variance (N, 2 n_dof) by the accelerations."""
-    step_s = runs.own.course.step_s
-    paths = (
-        error.accelerations(runs.rho2, step_s, np.random.default_rng(i)) for i in range(DRAWS)
-    )
+    rho2, step_s = runs.rho2, runs.own.course.step_s
+    paths = (error.accelerations(rho2, step_s, np.random.default_rng(i)) for i in range(DRAWS))
     return runs.variance(
         Prediction(runs.own.plant, runs.under(DEVIATION_SHARE * path)) for path in paths
     )
@@ -344,24 +401,14 @@ def _accelerated(runs: NearbyRuns, error: ModelError) -> Array:
 
 def _by_kappa2(identified: Identified, runs: NearbyRuns) -> Iterator[tuple[float, Array]]:
     """Variance (N, 2 n_dof) by the parameters for each kappa^2."""
-    if identified.spread is None:
-        yield 1.0, np.zeros_like(runs.own.course.measured)
+    spread, course = identified.spread, runs.own.course
+    if spread is None:
+        yield 1.0, np.zeros_like(course.measured)
         return
     for kappa2 in KAPPA2:
         rng = np.random.default_rng(0)
-        models = (
-            identified.spread.draw(identified, rng, DEVIATION_SHARE, kappa2) for _ in range(DRAWS)
-        )
-        yield kappa2, runs.variance(predictable(models, runs.own.course))
-
-
-def predictable(models: Iterable[Vessel], course: Course) -> Iterator[Prediction]:
-    """Predictions of a course by those of the models that can be simulated."""
-    for model in models:
-        try:
-            yield predicted_by(model, course)
-        except IdentificationError:
-            continue
+        models = (spread.draw(identified, rng, DEVIATION_SHARE, kappa2) for _ in range(DRAWS))
+        yield kappa2, runs.variance(predictable((model, course) for model in models))
 
 
 def _best_force(e: Array, known: Array, by_force: Array, weight: Array) -> tuple[float, float]:
