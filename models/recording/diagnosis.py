@@ -25,7 +25,7 @@ from seatrial.models.recording.consistency import (
     Consistency,
     consistency,
 )  # fmt: skip
-from seatrial.models.recording.reader import FLIPPED, SI_ASSUMED, clock_of, unit_of
+from seatrial.models.recording.reader import FLIPPED, SI_ASSUMED, clock_of, reading_of
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import original_rate, sampling
 from seatrial.models.recording.source import Source, column
@@ -452,7 +452,8 @@ def _unit(now: str, si: str, ratio: float) -> tuple[str, float]:
 def _unit_now(sources: Mapping[str, Source], columns: ColumnMap, option: str) -> tuple[str, str]:
     """The unit that a column is read with, and where it is known from."""
     spec, (kind, _, dof) = columns.columns()[option], option.partition(".")
-    reading = unit_of(sources, columns, option, spec)
+    source, name = column(sources, spec.name)
+    reading = reading_of(source, name, option, spec, columns.columns())
     return reading.unit or SI[kind][dof], reading.known_from
 
 

@@ -14,11 +14,10 @@ import numpy as np
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.column_map import QUATERNION, Column
-from seatrial.models.recording.proposal_by_motion import angle_unit, propose_by_motion, speed_unit
 from seatrial.models.recording.quantities import WORDS, Quantity, kinds_of, quantity
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import clocks, find_time, seconds
-from seatrial.models.recording.units import factor, is_known, targets_of, unit_in_title, words_of
+from seatrial.models.recording.units import factor, target_of, targets_of, unit_in_title, words_of
 from seatrial.models.vessel.basis import Array
 
 SYMBOLS = {"eta": "x y z phi theta psi", "nu": "u v w p q r", "tau": "x y z k m n"}  # of matrices
@@ -31,6 +30,14 @@ UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
 DOUBTFUL = {"angle": 4.0 * np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # larger: not rad, or not 1/s
 PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
 METRES = 111_195.0  # of a degree of latitude
+LEAST_STEPS = 50  # of a path that is compared with a heading
+FACTOR_TOLERANCE = 0.1  # deviation of a factor from that of a unit
+TOGETHER = 0.7  # least concentration of course less heading
+STEP_S = 5.0  # [s] of a path whose length is compared with a speed
+BETTER = 0.5  # of what is left of it in the other unit
+LEAST = 1e-9
+SPEEDS = ("m/s", "knot", "km/h")
+Path = tuple[Array, Array, Array]  # times [s] and positions along two axes, shape (N,) each
 UNKNOWN = Quantity("", strange=99)
 AXES_OF = {  # where a map states the axes or reference of a column
     **dict.fromkeys(("velocity.surge", "velocity.sway"), ("frames", "velocity", "earth")),
@@ -76,14 +83,11 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     Raises RecordingError if no source has a column of time.
     """
     times = {name: time for name, source in sources.items() if (time := find_time(source))}
-    if not times and len(sources) == 1:
-        by_motion = propose_by_motion(*sources.values())
-        return Proposal(by_motion, ("the columns are told by how they move together",))
     if not times:
         names = ", ".join(name for source in sources.values() for name in source.columns)
         raise RecordingError(
             f"{next(iter(sources.values())).path}: no column of time among {names[:300]}, expected "
-            "one such as t or time"
+            "one such as t or time, or a map with text: {names: [t, ...]} or time: COLUMN"
         )
     every, texts = _candidates([sources[name] for name in times], len(sources) > 1)
     chosen = _motion([c for c in every if c.moves])
@@ -95,7 +99,7 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
         kind, _, name = option.partition(".")
         unit, origin = units.get(option, ("", ""))
         sure.append(f"{option}: {c.full}" + (f" in {unit} ({origin})" if unit else ""))
-        target = next((t for t in targets_of(option) if is_known(unit, t)), "")
+        target = next((t for t in targets_of(option) if target_of(unit, (t,)) is not None), "")
         written = unit and origin != "header" and factor(unit, target) != 1.0
         columns[kind][name] = {"column": c.full, "unit": unit} if written else c.full
         group, key, frame = AXES_OF.get(option, ("", "", "any"))
@@ -309,10 +313,10 @@ def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, 
         targets = targets_of(option)
         for unit, origin in ((c.source.units.get(c.name), "header"),
                              (unit_in_title(c.name, targets), "title")):  # fmt: skip
-            if unit and any(is_known(unit, target) for target in targets):
+            if unit and target_of(unit, targets):
                 known.setdefault(option, (unit, origin))
     path = _path(chosen, times)
-    for option, unit_of in (("position.yaw", angle_unit), ("ground.speed", speed_unit)):
+    for option, unit_of in (("position.yaw", _angle_unit), ("ground.speed", _speed_unit)):
         if path and option in chosen and option not in known:
             c = chosen[option]
             t = seconds(c.source, times[c.source.name])
@@ -329,7 +333,40 @@ def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, 
     return known
 
 
-def _path(chosen: Chosen, times: Mapping[str, Column]) -> tuple[Array, Array, Array] | None:
+def _angle_unit(path: Path, times: Array, heading: Array) -> str | None:
+    """The unit of a heading, rad or deg: that in which the course keeps with it; None: unclear.
+
+    Args:
+        path: times [s] and positions along two axes (N,)
+        times: of the heading [s], shape (M,)
+        heading: angles, shape (M,)
+    """
+    best, most = None, TOGETHER
+    for every in 4 ** np.arange(8):  # short steps are noise, long ones hide the turns
+        t, x, y = (values[::every] for values in path)
+        middle = np.searchsorted(times, 0.5 * (t[1:] + t[:-1])).clip(0, len(times) - 1)
+        step = np.diff(x) + 1j * np.diff(y)
+        step /= max(float(np.sum(np.abs(step))), LEAST)
+        turns = {u: np.exp(1j * factor(u, "rad") * heading[middle]) for u in ("rad", "deg")}
+        kept = {u: float(max(abs(z @ step), abs(z.conj() @ step))) for u, z in turns.items()}
+        unit = max(kept, key=lambda name: kept[name])
+        clear = len(t) > LEAST_STEPS and 1.0 - kept[unit] < BETTER * (1.0 - min(kept.values()))
+        if clear and kept[unit] > most:
+            best, most = unit, kept[unit]
+    return best
+
+
+def _speed_unit(path: Path, times: Array, speed: Array) -> str | None:
+    """The unit of a speed over ground in which it makes the length of the path; None: none."""
+    t, x, y = path
+    every = max(1, round(STEP_S / max(float(np.median(np.diff(t))), LEAST)))
+    length = float(np.sum(np.hypot(np.diff(x[::every]), np.diff(y[::every]))))
+    size = length / (float(np.sum(speed[1:] * np.diff(times))) + LEAST)
+    near = (u for u in SPEEDS if abs(size / factor(u, "m/s") - 1.0) < FACTOR_TOLERANCE)
+    return next(near, None)
+
+
+def _path(chosen: Chosen, times: Mapping[str, Column]) -> Path | None:
     """Times [s] and positions along two axes [m]; None: not recorded in one source."""
     a, b = (chosen.get(f"position.{dof}") for dof in ("surge", "sway"))
     north, east = (chosen.get(f"geodetic.{name}") for name in ("latitude", "longitude"))

@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -60,11 +61,25 @@ ANY = (".csv", ".txt", ".dat", ".log", ".asc", ".bin")  # suffixes of files of a
 
 
 def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
-    """Read a file, or all files of a folder, as sources by name.
+    """Read a file, or all files of a folder, as sources by name; the last ones are kept.
 
     Raises RecordingError if a file cannot be read, ConfigurationError for a format that is not
     known or whose package is not installed.
     """
+    try:
+        files = [*map(Path, options.messages), path, *(path.rglob("*") if path.is_dir() else ())]
+        stats = [file.stat() for file in files if file.exists()]
+    except (OSError, ValueError):
+        stats = []
+    known = _sources(path, options, tuple((s.st_mtime_ns, s.st_size, s.st_ino) for s in stats))
+    return dict(known)
+
+
+@lru_cache(maxsize=1)
+def _sources(
+    path: Path, options: ReadOptions, stamp: tuple[tuple[int, ...], ...]
+) -> dict[str, Source]:
+    """Those of a file in one state of it: what checks a recording reads it several times."""
     if options.format not in (None, *FORMATS):
         raise ConfigurationError(
             f"excitation.format: got {options.format!r}, expected one of {', '.join(FORMATS)}"
