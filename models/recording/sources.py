@@ -44,7 +44,7 @@ FORMATS: dict[str, FileFormat] = {
         ("netcdf", ".nc .nc4 .cdf", "arrays.read_netcdf", "a netCDF file", "xarray", "netcdf",
          rb"CDF[\x01\x02\x05]|\x89HDF"),
         ("ardupilot", ".bin .tlog", "autopilot.read_ardupilot", "a log of ArduPilot", "pymavlink",
-         "ardupilot", rb"\xa3\x95|FMT, ?128,|.{8}[\xfd\xfe].{5,}"),
+         "ardupilot", rb"\xa3\x95|.{8}[\xfd\xfe].{5,}"),
         ("nmea", ".nmea .nma", "nmea.read", "sentences of NMEA 0183 with a time", "pynmea2",
          "nmea", NMEA),
         ("parquet", ".parquet .pq", "tables.read_parquet", "a Parquet file", None, "", rb"PAR1"),

@@ -299,16 +299,19 @@ def _wide(source: Source) -> list[Source]:
     if not set(INFLUX) <= set(source.columns):
         return [source]
     frame = pd.DataFrame(source.columns)
+    texts = {name for name, values in source.columns.items() if values.dtype == np.object_}
     others = [name for name in frame if name not in INFLUX]
     tags = [
         name
         for name in others
-        if frame[name].dtype == object and name not in ("_start", "_stop", "result")
+        if name in texts and name not in ("_start", "_stop", "result")
         and (name == "_measurement" or frame[name].nunique() > 1)
     ]  # fmt: skip
-    times = pd.to_datetime(frame["_time"], format="ISO8601", utc=True, errors="coerce")
-    frame["_time"] = times.astype("datetime64[ns, UTC]").astype(np.int64) * 1e-9
-    left_out = [line for line in source.left_out if not line.startswith("column _value:")]
+    if "_time" in texts:
+        times = pd.to_datetime(frame["_time"], format="ISO8601", utc=True, errors="coerce")
+        frame["_time"] = (times - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+    told = "column _value:" if "_value" in texts else " "  # below, by field
+    left_out = [line for line in source.left_out if not line.startswith(told)]
     if again := int(frame.duplicated([*tags, *INFLUX[:2]]).sum()):
         left_out.append(f"{again} values at times that repeat")
     if lost := [name for name in others if name not in tags]:
@@ -319,9 +322,11 @@ def _wide(source: Source) -> list[Source]:
         wide = wide.pivot(index="_time", columns="_field", values="_value")
         columns: dict[str, Values] = {"_time": wide.index.to_numpy()}
         for name, values in wide.items():
-            cells = values.fillna("").astype(str).to_list()
-            columns[str(name)], reason = column_of_cells(cells)
-            left_out += [f"column {name}: {reason}"] if reason else []
+            columns[str(name)] = values.to_numpy()
+            if "_value" in texts:
+                cells = values.fillna("").astype(str).to_list()
+                columns[str(name)], reason = column_of_cells(cells)
+                left_out += [f"{name}: {reason}"] if reason else []
         name = "/".join(map(str, key if isinstance(key, tuple) else (key,))) or source.name
         result.append(Source(name, source.path, columns, {"_time": "s"}))
     return [replace(result[0], left_out=tuple(left_out)), *result[1:]]
