@@ -312,6 +312,8 @@ def _wide(source: Source) -> list[Source]:
         frame["_time"] = (times - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
     told = "column _value:" if "_value" in texts else " "  # below, by field
     left_out = [line for line in source.left_out if not line.startswith(told)]
+    if timeless := int(frame["_time"].isna().sum()):
+        left_out.append(f"{timeless} values have no time")
     if again := int(frame.duplicated([*tags, *INFLUX[:2]]).sum()):
         left_out.append(f"{again} values at times that repeat")
     if lost := [name for name in others if name not in tags]:
