@@ -12,6 +12,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording.diagnosis import doubts
 from seatrial.models.recording.proposal import Proposal, propose
 from seatrial.models.recording.reader import clock_of
 from seatrial.models.recording.sampling import sampling
@@ -128,7 +129,7 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
         wanted: names of the inputs of the vessel, if one is named
     """
     draft = propose(sources, wanted)
-    node, sure, questions = deepcopy(draft.map), list(draft.sure), list(draft.questions)
+    node, sure = deepcopy(draft.map), list(draft.sure)
     asked: Sequence[str] = ()
     for number in range(MOST_ROUNDS):
         try:
@@ -141,7 +142,8 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
             asked = (str(error),)
             break
         problems = known.problems if known else ()
-        asked = (*known.questions, *known.not_compared) if known else ()
+        asked = tuple(doubts(sources, reader.columns).values())
+        asked = (*known.questions, *known.not_compared) if known else asked
         asked = (*asked, *(f"{p}?" for p in problems if not p.change))
         mended = [p for p in problems if p.change]
         for problem in mended:
@@ -152,13 +154,10 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
                 for name in groups:
                     group = group.setdefault(name, {})
                 group[last] = dict(value) if isinstance(value, Mapping) else value
-                if isinstance(value, Mapping):  # its unit is known now
-                    start = f"{value.get('column')} ranges"
-                    questions = [q for q in questions if not q.startswith(start)]
         if not mended:
             break
     lines = [line for source in sources.values() for line in source.left_out]
-    return Proposal(node, tuple(sure), (*questions, *asked), (*lines, *draft.left_out))
+    return Proposal(node, tuple(sure), (*draft.questions, *asked), (*lines, *draft.left_out))
 
 
 def _grid(reader: Any, sources: Mapping[str, Source]) -> dict[str, object]:

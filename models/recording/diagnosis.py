@@ -26,12 +26,13 @@ from seatrial.models.recording.consistency import (
     Consistency,
     consistency,
 )  # fmt: skip
+from seatrial.models.recording.quantities import quantity
 from seatrial.models.recording.reader import FLIPPED, SI_ASSUMED, clock_of, reading_of
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import original_rate, sampling
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import seconds
-from seatrial.models.recording.units import SI, factor
+from seatrial.models.recording.units import SI, factor, targets_of
 from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
@@ -40,7 +41,9 @@ SAMPLES_APART = 2.0  # a smaller delay is that of a filter or of sampling
 SAME_RATE = 1.05  # of the rate of the original samples
 MOST_CHANGES = 6
 MOST_SAMPLES, BLOCKS = 50_000, 10  # of a longer recording, as many even blocks are compared
-LARGE = {"roll": np.pi, "pitch": np.pi, "yaw": 6.0 * np.pi}  # [rad] rarely reached
+LARGE = {"roll": np.pi, "pitch": np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # hardly rad, or 1/s
+LARGE_BEARING = 6.0 * np.pi  # [rad]
+PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
 LINEAR, ANGLES = DOFS[:3], DOFS[3:]
 UNITS = {  # that people record, by that of SI
     "m/s": ("m/s", "knot", "km/h", "ft/s", "cm/s", "mm/s"),
@@ -210,7 +213,12 @@ class _Case:
         ]  # fmt: skip
         delay = sum(p.value or 0.0 for p in problems if p.kind == "clock" and p.change)
         result = replace(plain, lag_s=state.result.lag_s + delay)
-        questions = (*self._wide(state), *questions)
+        good = {a.dof for a in state.result.velocities if a.correlation > SURE and not a.off}
+        doubtful = {
+            option: line for option, line in doubts(self.sources, state.columns).items()
+            if not (option.startswith("position") and good & self._telling(option))
+        }  # fmt: skip
+        questions = (*doubtful.values(), *questions)
         return Examination(result, tuple(problems), self.recording, questions, self._not_compared())
 
     def _compared(
@@ -366,6 +374,12 @@ class _Case:
         reading = reading_of(source, name, option, specs[option], specs)
         return reading.unit or SI[kind][dof], reading.known_from
 
+    @staticmethod
+    def _telling(option: str) -> set[str]:
+        """The axes whose agreement tells that an angle is right."""
+        dof = option.partition(".")[2]
+        return {dof, *LINEAR} if dof == "yaw" else {dof}
+
     def _angles(self, state: _State) -> dict[str, Column]:
         """The columns of angles of which no unit was stated before the search."""
         return {
@@ -373,19 +387,6 @@ class _Case:
             if (spec := state.specs.get(f"position.{dof}")) is not None
             and self._unit_now(self.columns, f"position.{dof}")[1] == SI_ASSUMED
         }  # fmt: skip
-
-    def _wide(self, state: _State) -> tuple[str, ...]:
-        """Questions about angles that reach far in radians, which no motion tells to be right."""
-        good = {a.dof for a in state.result.velocities if a.correlation > SURE and not a.off}
-        lines = []
-        for dof, spec in self._angles(state).items():
-            values = self._numbers(spec)
-            told = good & ({dof, *LINEAR} if dof == "yaw" else {dof})
-            wide = np.nanmax(np.abs(values), initial=0.0) > LARGE[dof]
-            if wide and not told and spec.unit is None:
-                lines.append(f"{spec.name} ranges from {np.nanmin(values):.4g} to "
-                             f"{np.nanmax(values):.4g}, read in rad: which unit?")  # fmt: skip
-        return tuple(lines)
 
     def _not_compared(self) -> tuple[str, ...]:
         """Which quantity is missing for a comparison, and where."""
@@ -435,6 +436,36 @@ class _Case:
             return source.numbers(name, gaps=True)
         except RecordingError:
             return np.empty(0)
+
+
+def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
+    """Questions about columns without a stated unit whose values reach far, by option."""
+    result, specs = dict[str, str](), columns.columns()
+    for option, spec in specs.items():
+        kind, _, key = option.partition(".")
+        with suppress(RecordingError):
+            source, name = column(sources, spec.name)
+            values = source.numbers(name, gaps=True)
+            known_from = reading_of(source, name, option, spec, specs).known_from
+            if known_from != SI_ASSUMED or np.all(np.isnan(values)):
+                continue
+            named, bearing = (
+                quantity(name) if kind == "inputs" else None,
+                targets_of(option) == ("rad",),
+            )
+            of = named.option.partition(".")[2] if named else key
+            least, most = float(np.nanmin(values)), float(np.nanmax(values))
+            jumps = bearing and np.any(np.abs(np.abs(np.diff(values)) - 360.0) < 36.0)
+            spans = f"{spec.name} ranges from {least:.4g} to {most:.4g}"
+            large = LARGE.get(of, LARGE_BEARING if bearing else np.inf)
+            if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
+                pulse = f"{{column: {spec.name}, neutral: 1500, full: 1900}}"
+                line = f"is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
+                result[option] = f"{spans}: {line}"
+            elif max(abs(least), abs(most)) > large or jumps:
+                unit = f"{{column: {spec.name}, unit: {'rpm' if of == 'n' else 'deg'}}}"
+                result[option] = f"{spans}: in which unit? {kind}: {{{key}: {unit}}}"
+    return result
 
 
 def _told(state: _State) -> Iterator[RecordingDefect]:

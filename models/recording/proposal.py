@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields
 from itertools import product
@@ -15,6 +15,7 @@ from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.column_map import QUATERNION, Column
 from seatrial.models.recording.quantities import WORDS, Quantity, kinds_of, quantity
+from seatrial.models.recording.reader import stated_unit
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import clocks, find_time, seconds
 from seatrial.models.recording.units import factor, target_of, targets_of, unit_in_title, words_of
@@ -27,8 +28,6 @@ SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
 BEARINGS = ("position.roll", "position.pitch", "position.yaw", "ground.course", "wind.direction")
 MIN_SAMPLES = 30  # of a record that is preferred to others
 UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
-DOUBTFUL = {"angle": 4.0 * np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # larger: not rad, or not 1/s
-PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
 METRES = 111_195.0  # of a degree of latitude
 LEAST_STEPS = 50  # of a path that is compared with a heading
 FACTOR_TOLERANCE = 0.1  # deviation of a factor from that of a unit
@@ -99,15 +98,14 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
         kind, _, name = option.partition(".")
         unit, origin = units.get(option, ("", ""))
         sure.append(f"{option}: {c.full}" + (f" in {unit} ({origin})" if unit else ""))
-        target = next((t for t in targets_of(option) if target_of(unit, (t,)) is not None), "")
-        written = unit and origin != "header" and factor(unit, target) != 1.0
+        target = target_of(unit, targets_of(option)) or ""
+        written = unit and origin != "the file" and factor(unit, target) != 1.0
         columns[kind][name] = {"column": c.full, "unit": unit} if written else c.full
         group, key, frame = AXES_OF.get(option, ("", "", "any"))
         if c.frame == frame:
             columns[group][key] = frame
         if c.frame == "magnetic":
             asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
-        asked += () if unit else _doubts(option, c)
     used = {c.full: c for c in chosen.values()}
     left = {"no column of time": [name for name in sources if name not in times]}
     left |= {"not numbers": texts, "do not move": [], "look like inputs, not mapped": []}
@@ -310,11 +308,8 @@ def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, 
     """Units that are known and where from: the header, the title, the motion, those beside."""
     known = dict[str, tuple[str, str]]()
     for option, c in chosen.items():
-        targets = targets_of(option)
-        for unit, origin in ((c.source.units.get(c.name), "header"),
-                             (unit_in_title(c.name, targets), "title")):  # fmt: skip
-            if unit and target_of(unit, targets):
-                known.setdefault(option, (unit, origin))
+        if told := stated_unit(c.source, c.name, targets_of(option)):
+            known[option] = told
     path = _path(chosen, times)
     for option, unit_of in (("position.yaw", _angle_unit), ("ground.speed", _speed_unit)):
         if path and option in chosen and option not in known:
@@ -381,21 +376,6 @@ def _path(chosen: Chosen, times: Mapping[str, Column]) -> Path | None:
     return (t, x, y) if len(t) > 2 else None
 
 
-def _doubts(option: str, c: _Candidate) -> Iterator[str]:
-    """What the range of values without a known unit makes doubtful."""
-    kind, _, key = option.partition(".")
-    least, most = float(np.nanmin(c.values)), float(np.nanmax(c.values))
-    spans = f"{c.full} ranges from {least:.4g} to {most:.4g}"
-    of = c.option.partition(".")[2] if kind == "inputs" else "angle" if option in BEARINGS else ""
-    jumps = of == "angle" and np.any(np.abs(np.abs(np.diff(c.values)) - 360.0) < 36.0)
-    if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
-        pulse = f"{{column: {c.full}, neutral: 1500, full: 1900}}"
-        yield f"{spans}: is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
-    elif max(abs(least), abs(most)) > DOUBTFUL.get(of, np.inf) or jumps:
-        unit = "rpm" if of == "n" else "deg"
-        yield f"{spans}: in which unit? {kind}: {{{key}: {{column: {c.full}, unit: {unit}}}}}"
-
-
 def _clock(
     chosen: Chosen, times: Mapping[str, Column], sources: Mapping[str, Source]
 ) -> tuple[object, str]:
@@ -405,7 +385,7 @@ def _clock(
     holder = sources[max(used, key=lambda name: shared[times[name].name])]
     clock = times[holder.name]
     stated, titled = holder.units.get(clock.name), unit_in_title(clock.name, ("s",))
-    origins = ((stated, "header"), (titled, "title"), (clock.unit, "by its numbers"),
+    origins = ((stated, "the file"), (titled, "the title"), (clock.unit, "by its numbers"),
                ("s", "no unit is stated"))  # fmt: skip
     unit, origin = next((unit, origin) for unit, origin in origins if unit)
     text = holder.columns[clock.name].dtype == np.object_

@@ -1,6 +1,7 @@
 """Columns are recognised by their titles as loggers of many kinds write them."""
 # ruff: noqa: E501
 
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,11 @@ import pytest
 import yaml
 
 from seatrial.models.errors import RecordingError
+from seatrial.models.recording.diagnosis import doubts
 from seatrial.models.recording.proposal import Proposal, _angle_unit, _speed_unit, propose
 from seatrial.models.recording.source import Source, TextArray
 from seatrial.models.vessel.basis import Array
+from seatrial.runner.recording_map import options_of, reader_of
 
 DEG = "57.29578"
 PERIOD = 0.1
@@ -98,7 +101,9 @@ def test_inputs_have_the_names_of_the_vessel() -> None:
 )  # fmt: skip
 def test_what_the_range_makes_doubtful_is_asked(titles: str, question: str) -> None:
     proposal = _said(titles)
-    assert any(question in line for line in proposal.questions)
+    columns = reader_of(Path("log.csv"), options_of(deepcopy(proposal.map))).columns
+    lines = doubts(_sources(f"log: t=t; x=x; y=y; {titles}"), columns).values()
+    assert any(question in line for line in (*proposal.questions, *lines))
     assert "0.0174" not in str(proposal.map)
 
 
@@ -127,8 +132,8 @@ def test_course_is_no_heading_and_what_is_left_out_is_named() -> None:
 
 @pytest.mark.parametrize(
     ("title", "line"),
-    [("t", "t in s (no unit is stated)"), ("TimeUS", "TimeUS in us (title)"),
-     ("elapsed", "elapsed_time in ms (header)"), ("stamp", "stamp in ms (by its numbers)")],
+    [("t", "t in s (no unit is stated)"), ("TimeUS", "TimeUS in us (the title)"),
+     ("elapsed", "elapsed_time in ms (the file)"), ("stamp", "stamp in ms (by its numbers)")],
 )  # fmt: skip
 def test_where_the_time_is_known_from(title: str, line: str) -> None:
     name = "elapsed_time" if title == "elapsed" else title
