@@ -14,18 +14,15 @@ from rich.text import Text
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.diagnosis import doubts
 from seatrial.models.recording.proposal import Proposal, propose
-from seatrial.models.recording.reader import clock_of
-from seatrial.models.recording.sampling import sampling
-from seatrial.models.recording.source import Source, column
+from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
-from seatrial.models.recording.times import seconds
 from seatrial.runner import in_process
 from seatrial.runner.benchmark import get
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.config import build_as
 from seatrial.runner.data_convert import File, MapFile, convert
 from seatrial.runner.recording_map import options_of, own_map, read_map, reader_of
-from seatrial.runner.recording_report import BRIDGED, Report, report
+from seatrial.runner.recording_report import Report, report
 
 if TYPE_CHECKING:  # slow to import
     from seatrial.runner import recording_page
@@ -129,14 +126,11 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
         wanted: names of the inputs of the vessel, if one is named
     """
     draft = propose(sources, wanted)
-    node, sure = deepcopy(draft.map), list(draft.sure)
+    node, sure = {**deepcopy(draft.map), "at_gap": "split"}, list(draft.sure)
     asked: Sequence[str] = ()
-    for number in range(MOST_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         try:
             reader = reader_of(file, options_of(deepcopy(node)))
-            if number == 0 and (grid := _grid(reader, sources)):
-                node |= grid
-                reader = reader_of(file, options_of(deepcopy(node)))
             known = reader.examine(reader.columns.moving)
         except FAULTS as error:
             asked = (str(error),)
@@ -158,32 +152,6 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
             break
     lines = [line for source in sources.values() for line in source.left_out]
     return Proposal(node, tuple(sure), (*draft.questions, *asked), (*lines, *draft.left_out))
-
-
-def _grid(reader: Any, sources: Mapping[str, Source]) -> dict[str, object]:
-    """The rate of the source of the velocities, or of the pose; its ordinary steps are no gaps.
-
-    One source that can be read as it is, with its own samples, needs none.
-    """
-    named = reader.columns.columns()
-    if not named:
-        return {}
-    option = min(named, key=lambda o: (not o.startswith("velocity"), not o.startswith("pos")))
-    source = column(sources, named[option].name)[0]
-    rate = sampling(seconds(source, clock_of(source, reader.columns))).rate_hz
-    try:
-        if len(sources) == 1:
-            reader.account(reader.columns.moving or reader.columns.posed)
-            return {}
-    except ConfigurationError:
-        return {}
-    except RecordingError:
-        pass
-    if not rate > 0.0:
-        return {}
-    bridged = float(f"{BRIDGED / rate:.2g}")
-    grid: dict[str, object] = {"resample_hz": float(f"{rate:.2g}"), "at_gap": "split"}
-    return grid | {"max_gap_s": bridged} if bridged > reader.max_gap_s else grid
 
 
 def _show(known: Report) -> None:

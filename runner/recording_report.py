@@ -11,7 +11,7 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.diagnosis import Examination
 from seatrial.models.recording.preprocessing import outliers
-from seatrial.models.recording.reader import Signals, clock_of, wanted
+from seatrial.models.recording.reader import BRIDGED, Signals, clock_of, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import Sampling, sampling
@@ -21,7 +21,6 @@ from seatrial.models.recording.times import seconds
 from seatrial.models.recording.units import targets_of
 
 MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
-BRIDGED = 2.5  # sample times of a source that count as a step of it
 MOST_OUTLIERS = 0.02  # share of the samples of a velocity
 MOST_MISSING = 0.01  # share of the duration of a source in gaps
 SHORT_S = 120.0  # [s] below which a recording is short

@@ -37,7 +37,7 @@ else:
     pymap3d = lazy_loader.load("pymap3d")
 
 HELD_SIGNALS = ("force", "commands")  # constant until the next sample
-LONGEST_GAP_S = 1.0  # [s] that joining fills if nothing else is asked
+LONGEST_GAP_S, BRIDGED = 1.0, 2.5  # [s], and in sample times: what joining fills by default
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
@@ -45,7 +45,6 @@ MIN_PIECE = 30  # samples of a piece that is filtered
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 # Numbers that loggers write where there is none, if nothing else is near.
 SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
-TO_JOIN = "; excitation.resample_hz=RATE puts the columns on a uniform grid"
 Sources = Mapping[str, Source]
 
 
@@ -146,15 +145,16 @@ class Reading:
                 values = channel.values.copy()
                 values[valid] = interpolated(channel.t[valid], values[valid], wrong[valid])
                 channels[option] = channel._replace(values=values)
-        one = len({id(part.source) for part in parts.values()}) == 1
-        if one and self.grid is None and not self.columns.delay_s:
-            t = self._one_clock(channels, parts)
-            known = {option: channel.values for option, channel in channels.items()}
-        else:
-            cleaned = {o: _clean(c, notes) for o, c in channels.items()}
-            grid = self.grid or TimeGrid(_rate(cleaned), LONGEST_GAP_S, self.at_gap)
+        alone = len({id(part.source) for part in parts.values()}) == 1
+        alone = alone and self.grid is None and not self.columns.delay_s
+        t = self._one_clock(channels, parts) if alone else None
+        known = {option: channel.values for option, channel in channels.items()}
+        cleaned = {o: _clean(c, notes) for o, c in channels.items()} if t is None else channels
+        rate = _rate(cleaned)
+        grid = self.grid or TimeGrid(rate, max(LONGEST_GAP_S, BRIDGED / rate), self.at_gap)
+        if t is None:
             t, known = join_channels(cleaned, grid)
-            notes += _dropped(t, cleaned, grid)
+        notes += _dropped(t, cleaned, grid)
         known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
         readings = tuple(part.reading for part in parts.values())
         return Signals(t, known, counts, readings, tuple(dict.fromkeys(notes)))
@@ -191,26 +191,30 @@ class Reading:
             parts[option] = _Part(channel, source, name, clock.name, reading)
         return parts
 
-    def _one_clock(self, channels: Mapping[str, Channel], parts: Mapping[str, _Part]) -> Array:
-        """The times of channels that share one, which must be complete and rise by equal steps."""
-        for option, channel in channels.items():
-            if np.any(empty := np.isnan(channel.values)):
-                row = int(np.argmax(empty))
-                between = TO_JOIN.replace("puts the columns on", "joins columns with gaps on")
-                expected = f"a finite number{between}"
-                raise parts[option].source.refused(row, parts[option].name, expected)
-        first = next(iter(parts.values()))
+    def _one_clock(
+        self, channels: Mapping[str, Channel], parts: Mapping[str, _Part]
+    ) -> Array | None:
+        """The times of channels that share one, which must be complete and rise by equal steps.
+
+        At gaps that are left out, steps may be longer. None: they can only be joined.
+        """
+        first, error = next(iter(parts.values())), None
         source, t = first.source, first.channel.t
-        if len(t) < 2:
-            raise RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
-        if np.any(np.isnan(t)):
-            raise source.refused(int(np.argmax(np.isnan(t))), first.clock)
+        empty = {option: np.isnan(channel.values) for option, channel in channels.items()}
+        option = next((option for option, mask in empty.items() if np.any(mask)), None)
         steps = np.diff(t)
-        period = self.sample_time_s or float(np.median(steps))
+        period = self.sample_time_s or float(np.median(steps)) if len(t) > 1 else 1.0
         rising = steps > 0.0
         even = np.abs(steps - period) <= UNIFORMITY * abs(period)
         even |= (self.at_gap == "split") & (steps > GAP * period)
-        if not np.all(rising & even):
+        if option is not None:
+            expected = "a finite number; excitation.resample_hz=RATE joins columns with gaps"
+            error = source.refused(int(np.argmax(empty[option])), parts[option].name, expected)
+        elif len(t) < 2:
+            error = RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
+        elif np.any(np.isnan(t)):
+            error = source.refused(int(np.argmax(np.isnan(t))), first.clock)
+        elif not np.all(rising & even):
             k = int(np.argmin(rising)) if not np.all(rising) else int(np.argmin(even))
             got = (
                 f"a step of {steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
@@ -218,10 +222,13 @@ class Reading:
                 else f"{t[k + 1]:.6f} s after {t[k]:.6f} s, expected time to increase"
             )
             place, _ = source.cell(k + 1, next(iter(source.columns)))
-            raise RecordingError(
-                f"{source.path}, column {first.clock}, {place}: got {got}{TO_JOIN}"
+            error = RecordingError(
+                f"{source.path}, column {first.clock}, {place}: got {got}; "
+                "excitation.resample_hz=RATE puts the columns on a uniform grid"
             )
-        return t
+        if error is not None and self.at_gap != "split":
+            raise error
+        return t if error is None else None
 
 
 def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], set[str]]:
@@ -376,18 +383,24 @@ def _clean(channel: Channel, notes: list[str]) -> Channel:
 
 
 def _rate(channels: Mapping[str, Channel]) -> float:
-    """The sample rate [Hz] of the slowest state, rounded to a number of few digits."""
-    states = [c.t for c in channels.values() if not c.held and len(c.t) > 1]
-    return float(f"{1.0 / max((float(np.median(np.diff(t))) for t in states), default=1.0):.2g}")
+    """The sample rate [Hz] of the slowest velocity, or position, rounded to few digits."""
+    for kinds in ("velocity", ("position", "geodetic", "quaternion"), ""):
+        own = [c.t for option, c in channels.items() if option.startswith(kinds) and len(c.t) > 1]
+        if own:
+            break
+    step = max((float(np.median(np.diff(t))) for t in own), default=1.0)
+    return float(f"{1.0 / step:.2g}") if step > 0.0 else 1.0
 
 
 def _dropped(t: Array, channels: Mapping[str, Channel], grid: TimeGrid) -> list[str]:
-    """What of the time that the channels cover is not on the grid."""
+    """What of the time that the channels cover is not in the recording."""
     ends = min(float(c.t[-1]) for c in channels.values())
-    whole = ends - max(float(c.t[0]) for c in channels.values())
-    lost = whole - len(t) / grid.rate_hz
-    pieces = len(piece_edges(t, 1.0 / grid.rate_hz)) - 1
-    if pieces < 2 and lost < 2.0 / grid.rate_hz:
+    whole, period = (
+        ends - max(float(c.t[0]) for c in channels.values()),
+        float(np.median(np.diff(t))),
+    )
+    lost, pieces = whole - len(t) * period, len(piece_edges(t, period)) - 1
+    if pieces < 2 and lost < 2.0 * period:
         return []
     return [
         f"{lost:.3g} of {whole:.4g} s are in gaps of more than {grid.max_gap_s:g} s: left out, "

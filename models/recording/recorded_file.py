@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
@@ -18,12 +18,7 @@ from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.file_set import FileForm, file_set
 from seatrial.models.recording.joining import AtGap, TimeGrid, end_to_end
-from seatrial.models.recording.preprocessing import (
-    Description,
-    Differentiation,
-    describe,
-    without_bias,
-)  # fmt: skip
+from seatrial.models.recording.preprocessing import Differentiation, without_bias
 from seatrial.models.recording.reader import Outliers, Reading, Signals, clock_of, first_time
 from seatrial.models.recording.recording import Mask, Recording, Split, half
 from seatrial.models.recording.sources import ReadOptions, Source, TextOptions, column, read_sources
@@ -32,7 +27,16 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
 from seatrial.models.vessel.thruster import AzimuthThrusters
 
+if TYPE_CHECKING:  # slow to import
+    import pandas as pd
+else:
+    import lazy_loader
+
+    pd = lazy_loader.load("pandas")
+
 LEAST_SAMPLES = 2  # of a window
+STATISTICS = {"count": "count", "mean": "mean", "std": "std", "50%": "median", "min": "minimum",
+              "max": "maximum"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -305,19 +309,24 @@ class RecordedFile:
                 )
         return Split(train, test)
 
-    def describe(self) -> tuple[Description, ...]:
-        """Descriptive statistics of the recorded columns `statistics` in the window."""
-        rows: list[Description] = []
+    def describe(self) -> dict[str, dict[str, float]]:
+        """Descriptive statistics of the recorded columns `statistics` in the window; std by n - 1.
+
+        Missing values are ignored.
+        """
+        result: dict[str, dict[str, float]] = {}
         for path, form in self._forms().items() if self.statistics else ():
             sources = self._sources(path, form)
             source = column(sources, form.columns.clock.name)[0]
             t = seconds(source, clock_of(source, form.columns))
             window = self._window(path, t - first_time(sources, form.columns))
-            known = [name for name in self.statistics if source.find(name) is not None]
-            described = describe({name: source.numbers(name, gaps=True)[window] for name in known})
-            stem = f"{path.stem}:" if self.train else ""
-            rows += [replace(row, name=f"{stem}{row.name}") for row in described]
-        return tuple(rows)
+            for name in filter(source.find, self.statistics):
+                values = pd.Series(source.numbers(name, gaps=True)[window]).describe([0.5])
+                stem = f"{path.stem}:" if self.train else ""
+                result[f"{stem}{name}"] = {
+                    new: float(values[old]) for old, new in STATISTICS.items()
+                }
+        return result
 
     def _acceleration(self, signals: Signals, nu: Array, dofs: Sequence[str]) -> Array:
         """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated by pieces."""

@@ -23,15 +23,12 @@ if TYPE_CHECKING:
     from seatrial.runner.closed_loop import ExcitationData
 
 
-STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
-
-
 def column_statistics(excitation: RecordedFile) -> list[Diagnostic]:
     """Compute descriptive statistics of each recorded column in the window; i is the column."""
     return [
-        Diagnostic(f"statistic_{name}", "all", getattr(column, name), i=i, label=column.name)
-        for i, column in enumerate(excitation.describe())
-        for name in STATISTICS
+        Diagnostic(f"statistic_{name}", "all", value, i=i, label=column)
+        for i, (column, values) in enumerate(excitation.describe().items())
+        for name, value in values.items()
     ]
 
 
