@@ -42,9 +42,9 @@ Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", help="Write the map to a file.")
 ]
 VesselName = Annotated[
-    str | None, typer.Option("--vessel", metavar="NAME", help="Map the inputs of this vessel.")
+    str | None, typer.Option("--vessel", metavar="NAME", help="Whose inputs are mapped.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Write over a map that exists.")]
+Force = Annotated[bool, typer.Option("--force", help="Write over files that exist.")]
 app.command()(convert)
 app.command()(get)
 LINE_WIDTH = 120  # letters of a line that goes to a file

@@ -14,18 +14,10 @@ import yaml
 from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import (
-    ACCELERATION_UNIT,
-    DOFS,
-    FORCE_UNIT,
-    POSE_UNIT,
-    VELOCITY_UNIT,
-    accelerations_of,
-    poses_of,
-    velocities_of,
-)
+from seatrial.models.notation import DOFS, accelerations_of, poses_of, velocities_of
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.units import SI
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.config import build_as
 from seatrial.runner.recording_map import DEFAULT, KEY, with_map
@@ -85,20 +77,20 @@ def write_recording(recording: Recording, path: Path, metadata: dict[str, object
     read_by: dict[str, Any] = {"time": "t", "at_gap": "split"}
     inputs, loads = recording.input_names, recording.load_names
     forces = recording.tau if np.any(recording.tau) or not inputs else None
-    for kind, values, keys, names, units in (
-        ("position", recording.eta, dofs, poses_of(dofs), POSE_UNIT),
-        ("position", recording.attitude, attitude, poses_of(attitude), POSE_UNIT),
-        ("velocity", recording.nu, dofs, velocities_of(dofs), VELOCITY_UNIT),
-        ("acceleration", recording.nu_dot, dofs, accelerations_of(dofs), ACCELERATION_UNIT),
-        ("force", forces, dofs, [f"tau_{dof}" for dof in dofs], FORCE_UNIT),
-        ("actual_force", recording.tau_actual, dofs, [f"acting_{d}" for d in dofs], FORCE_UNIT),
-        ("air", recording.wind, dofs, ["air_u", "air_v"], VELOCITY_UNIT),
-        ("inputs", recording.inputs, inputs, [f"inputs.{n}" for n in inputs], {}),
-        ("commands", recording.commands, inputs, [f"commands.{n}" for n in inputs], {}),
-        ("loads", recording.loads, loads, [f"loads.{name}" for name in loads], {}),
+    for kind, values, keys, names in (
+        ("position", recording.eta, dofs, poses_of(dofs)),
+        ("position", recording.attitude, attitude, poses_of(attitude)),
+        ("velocity", recording.nu, dofs, velocities_of(dofs)),
+        ("acceleration", recording.nu_dot, dofs, accelerations_of(dofs)),
+        ("force", forces, dofs, [f"tau_{dof}" for dof in dofs]),
+        ("actual_force", recording.tau_actual, dofs, [f"acting_{dof}" for dof in dofs]),
+        ("air", recording.wind, dofs, ["air_u", "air_v"]),
+        ("inputs", recording.inputs, inputs, [f"inputs.{name}" for name in inputs]),
+        ("commands", recording.commands, inputs, [f"commands.{name}" for name in inputs]),
+        ("loads", recording.loads, loads, [f"loads.{name}" for name in loads]),
     ):
         for key, name, column in zip(keys, names, () if values is None else values.T, strict=False):
-            unit = units.get(key, "N" if kind == "loads" else "")
+            unit = SI.get(kind, {}).get(key, "N" if kind == "loads" else "")
             columns[name] = column, unit
             read_by.setdefault(kind, {})[key] = name if unit else {"column": name, "unit": ""}
     arrays = [pa.array(np.ascontiguousarray(values)) for values, _ in columns.values()]

@@ -16,22 +16,14 @@ from seatrial.models.recording.reader import Signals
 from seatrial.models.vessel import scales
 from seatrial.runner import export, in_process, init
 from seatrial.runner.compare.results import open_results
-from seatrial.runner.data_commands import map_columns, run_typer
+from seatrial.runner.data_commands import File, Force, MapFile, VesselName, map_columns, run_typer
 from seatrial.runner.recording_map import read_map, reader_of
 
 METRIC = "velocity_rmse_restarts"
 TITLE = "errors of predictions of the second half, restarted every 30 s"
 MODELS = ("mean_motion", "nominal", "identified")
-Log = Annotated[Path, typer.Argument(help="A recording: a file, or a folder with a file a topic.")]
 Length = Annotated[float | None, typer.Option("--length", help="[m] between perpendiculars.")]
 Mass = Annotated[float | None, typer.Option("--mass", help="[kg] as it floats.")]
-VesselName = Annotated[
-    str | None, typer.Option("--vessel", help="A vessel; by default one of these dimensions.")
-]
-MapFile = Annotated[
-    Path | None, typer.Option("--map", help="Which column is what; by default a proposed map.")
-]
-Force = Annotated[bool, typer.Option("--force", help="Write over files that exist.")]
 Database = Annotated[Path, typer.Option("--results-dir", help="Where the run is stored.")]
 app = typer.Typer(name="seatrial model", add_completion=False, pretty_exceptions_enable=False)
 
@@ -43,7 +35,7 @@ def main(words: Sequence[str]) -> int:
 
 @app.command()
 def model(
-    log: Log, length: Length = None, mass: Mass = None, vessel: VesselName = None,
+    log: File, length: Length = None, mass: Mass = None, vessel: VesselName = None,
     map_file: MapFile = None, force: Force = False, results_dir: Database = Path("results"),
 ) -> None:  # fmt: skip
     """Identify a model from a log: map, check, a drafted vessel, `identifier=auto`, a vessel file.

@@ -22,6 +22,7 @@ from functools import cached_property
 from itertools import combinations, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.preprocessing import central_difference
@@ -44,6 +45,7 @@ CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
 BLOCK, REGULAR = 100, 80  # samples among which jumps are looked for, and those that are none
 JUMP = 10.0  # times the largest second difference of these
 STRAIGHT_LINE = 1e-6  # of the typical step: smaller second differences are those of a straight line
+LEAST_ENERGY = 0.05  # of the largest, below which an overlap says nothing of a lag
 ALMOST_ONE = 0.999  # correlations above it are equal
 
 
@@ -189,6 +191,12 @@ class Motion:
         ]
         return np.concatenate(pieces) if pieces else values
 
+    def joints(self, cutoff_hz: float) -> list[int]:
+        """Where the second piece begins in what is `inside`, and the others."""
+        drop = round(0.5 / cutoff_hz / self.period_s)
+        lengths = [b - a - 2 * drop for a, b in pairwise(self.edges)]
+        return [int(k) for k in np.cumsum([n for n in lengths if n > MIN_PIECE])[:-1]]
+
     def exceeds(self, values: Array, deviation: float, cutoff_hz: float, order: int = 0) -> bool:
         """Whether values (n,) vary more than white noise below the cut-off, or its derivative."""
         noise = deviation**2 * 2.0 * self.period_s * cutoff_hz
@@ -284,17 +292,20 @@ def _lags(
         return 0.0, 0.0, np.inf
     period = motion.period_s
     observed, expected = (np.column_stack([pair[k] for pair in pairs]) for k in (0, 1))
-    total = lag(observed, expected, round(LONGEST_LAG_S / period))
+    most = min(round(LONGEST_LAG_S / period), len(observed) // 4)
+    joints = motion.joints(cutoff_hz)
+    total = lag(observed, expected, np.arange(-most, most + 1), joints)
     k = round(total)
-    observed = observed[max(k, 0) : len(observed) + min(k, 0)]
-    expected = expected[max(-k, 0) : len(expected) - max(k, 0)]
-    rho = np.diag(correlations(observed, expected))
+    rho = np.diag(correlations(
+        observed[max(k, 0) : len(observed) + min(k, 0)],
+        expected[max(-k, 0) : len(expected) - max(k, 0)],
+    ))  # fmt: skip
     near = max(round(0.5 / cutoff_hz / period), 1)  # a later peak is another one
-    own = [k + lag(np.sign(rho[i]) * observed[:, [i]], expected[:, [i]], near)
+    shifts = np.arange(k - near, k + near + 1)
+    own = [lag(np.sign(rho[i]) * observed[:, [i]], expected[:, [i]], shifts, joints)
            for i in np.flatnonzero(np.abs(rho) > SURE)]  # fmt: skip
     shared = min(own, key=abs) if own and not min(own) < 0.0 < max(own) else 0.0
-    most = float(np.max(np.abs(rho)))
-    share = max(1.0 / max(most, 0.01) ** 2 - 1.0, 1e-6)
+    share = max(1.0 / max(float(np.max(np.abs(rho))), 0.01) ** 2 - 1.0, 1e-6)
     error = np.sqrt(share / motion.samples(cutoff_hz)) / (2.0 * np.pi * cutoff_hz / np.sqrt(3.0))
     return total * period, shared * period, float(error)
 
@@ -344,26 +355,42 @@ def fisher_error(samples: float) -> float:
     return float(1.0 / np.sqrt(max(samples - 3.0, 1.0)))
 
 
-def lag(observed: Array, expected: Array, most: int) -> float:
+def lag(
+    observed: Array, expected: Array, shifts: NDArray[np.int64], joints: Sequence[int] = ()
+) -> float:
     """By how many samples `observed` (N, k) is behind `expected` (N, k), to a fraction of one.
 
-    The peak of the sum of the normalised cross-correlations of the columns, which must agree in
-    sign, within `most` samples to both sides; a parabola through its three largest values.
+    The peak of the sum of the cross-correlations of the columns, which must agree in sign, each
+    normalised by the energy of what overlaps; a parabola through its three largest values.
+
+    Args:
+        observed: signals in pieces.
+        expected: those that they are compared with.
+        shifts: consecutive numbers of samples that are tried, (n,).
+        joints: where pieces begin, over which nothing is shifted.
     """
-    most = min(most, len(observed) // 4)
-    a, b = (signals - np.mean(signals, axis=0) for signals in (observed, expected))
-    size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
-    if most < 1 or not np.any(size > 0.0):
+    most = int(np.max(np.abs(shifts), initial=0))
+    if len(shifts) < 3 or most >= len(observed):
         return 0.0
+    apart = np.repeat(np.asarray(joints, dtype=np.int64), most)
+    signals = (observed - np.mean(observed, axis=0), expected - np.mean(expected, axis=0))
+    a, b, known = (
+        np.insert(x, apart, 0.0, axis=0) for x in (*signals, np.ones((len(observed), 1)))
+    )
     n = 1 << (2 * len(a) - 1).bit_length()
-    spectrum = np.fft.rfft(a, n, axis=0) * np.conj(np.fft.rfft(b, n, axis=0))
-    sums = np.fft.irfft(spectrum, n, axis=0)[:, size > 0.0] / size[size > 0.0]
-    shifts = np.arange(-most, most + 1)
-    values = np.sum(sums, axis=1)[shifts]  # of a[t + s] b[t] over t, negative ones from the end
-    peak = int(np.argmax(values))
-    if peak in (0, len(values) - 1):
+
+    def shifted(x: Array, y: Array) -> Array:  # the sums of x[t + s] y[t] over t
+        spectrum = np.fft.rfft(x, n, axis=0) * np.conj(np.fft.rfft(y, n, axis=0))
+        return np.asarray(np.fft.irfft(spectrum, n, axis=0)[shifts])
+
+    energy = np.maximum(shifted(a * a, known) * shifted(known, b * b), 0.0)
+    moves = energy > LEAST_ENERGY * np.max(energy, axis=0)
+    values = np.divide(shifted(a, b), np.sqrt(energy), out=np.zeros_like(energy), where=moves)
+    sums = np.sum(values, axis=1)
+    peak = int(np.argmax(sums))
+    if peak in (0, len(sums) - 1):
         return float(shifts[peak])
-    before, top, after = values[peak - 1 : peak + 2]
+    before, top, after = sums[peak - 1 : peak + 2]
     bend = before - 2.0 * top + after
     inside = 0.5 * float(before - after) / float(bend) if bend < 0.0 else 0.0
     return float(shifts[peak] + inside)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from seatrial.models.recording.consistency import (
 )  # fmt: skip
 from seatrial.models.recording.quantities import quantity
 from seatrial.models.recording.reader import FLIPPED, SI_ASSUMED, clock_of, reading_of
-from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import original_rate, sampling
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import seconds
@@ -216,7 +217,8 @@ class _Case:
         good = {a.dof for a in state.result.velocities if a.correlation > SURE and not a.off}
         doubtful = {
             option: line for option, line in doubts(self.sources, state.columns).items()
-            if not (option.startswith("position") and good & self._telling(option))
+            if option not in {f"position.{dof}" for dof in good}
+            and not (option == "position.yaw" and good & set(LINEAR))
         }  # fmt: skip
         questions = (*doubtful.values(), *questions)
         return Examination(result, tuple(problems), self.recording, questions, self._not_compared())
@@ -297,12 +299,15 @@ class _Case:
                 change = {f"columns.frames.{name}": value for name, value in frames.items()}
                 yield RecordingDefect(kind, tuple(d for d in axes if d in dofs), text, change)
         if turns and yaw:
-            other = "anticlockwise" if yaw.positive == "clockwise" else "clockwise"
-            opposite = _change({"position.yaw": replace(yaw, positive=other)})
-            text = f"the heading counts {other}"
+            back = replace(yaw, positive="anticlockwise")
+            other = replace(yaw, positive="clockwise") if yaw == back else back
+            opposite, text = (
+                _change({"position.yaw": other}),
+                f"the heading counts {other.positive}",
+            )
             yield RecordingDefect("heading", ("yaw",), text, opposite)
-            text, both = f"{text}, and the positions are east, north, up", {"position": "ENU"}
-            both = {**opposite, **{f"columns.frames.{n}": value for n, value in both.items()}}
+            both = {**opposite, "columns.frames.position": "ENU"}
+            text = f"{text}, and the positions are east, north, up"
             yield RecordingDefect("frame", ("yaw",), text, both)
             east = _change({"position.yaw": replace(yaw, zero="east", positive="anticlockwise")})
             text = "the heading counts from east, anticlockwise"
@@ -374,12 +379,6 @@ class _Case:
         reading = reading_of(source, name, option, specs[option], specs)
         return reading.unit or SI[kind][dof], reading.known_from
 
-    @staticmethod
-    def _telling(option: str) -> set[str]:
-        """The axes whose agreement tells that an angle is right."""
-        dof = option.partition(".")[2]
-        return {dof, *LINEAR} if dof == "yaw" else {dof}
-
     def _angles(self, state: _State) -> dict[str, Column]:
         """The columns of angles of which no unit was stated before the search."""
         return {
@@ -414,11 +413,15 @@ class _Case:
             values = self._numbers(spec)
             if len(values) and kind != "acceleration":
                 parts = groups.setdefault(column(self.sources, spec.name)[0].name, {})
-                parts.setdefault((kind, dof in ANGLES), []).append(values[:MOST_SAMPLES])
+                parts.setdefault((kind, dof in ANGLES), []).append(values)
         for name, parts in groups.items():
             source = self.sources[name]
-            own = sampling(seconds(source, clock_of(source, self.columns))).rate_hz
-            rates = [original_rate(np.column_stack(values), own) for values in parts.values()]
+            t = seconds(source, clock_of(source, self.columns))
+            own = sampling(t).rate_hz
+            pieces = pairwise(piece_edges(t, 1.0 / own) if own else [0, len(t)])
+            a, b = max(pieces, key=lambda piece: piece[1] - piece[0])
+            rows = slice(a, min(b, a + MOST_SAMPLES))  # without a gap
+            rates = [original_rate(np.column_stack(v)[rows], own) for v in parts.values()]
             known = [rate for rate in rates if rate is not None]
             if len(known) < len(rates):
                 continue

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
@@ -275,7 +276,7 @@ class RecordedFile:
         path, form = next(iter(self._forms().items()))
         return examine(read, self.columns, self._sources(path, form), dofs, self.heading_deg)
 
-    def split(self, t: Array, file: Array | None = None) -> Split:
+    def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:
         """Training and test samples of the recording that `read` returns.
 
         A file for testing is not tested on in its first `initial_s` [s]: a free run starts from

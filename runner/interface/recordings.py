@@ -69,7 +69,7 @@ class Recording(recordings.Recording):
         own = {f"excitation.{name}": value for name, value in options_.items()}
         words = [f"vessel={text_of(vessel)}", "excitation=recording", *overrides_of(own)]
         config = in_process.composed([*words, f"excitation.path={text_of(path)}"]).config
-        reader = build_as(RecordedFile, config["excitation"], "excitation")  # type: ignore[type-abstract]
+        reader = build_as(RecordedFile, config["excitation"], "excitation")
         dofs = build_as(VesselParameters, config["vessel"], "vessel").dofs
         reader.check(dofs)
         return cls.of(reader.read(dofs))
