@@ -16,7 +16,8 @@ from seatrial.models.recording.reader import Signals
 from seatrial.models.vessel import scales
 from seatrial.runner import export, in_process, init
 from seatrial.runner.compare.results import open_results
-from seatrial.runner.data_commands import File, Force, MapFile, VesselName, map_columns, run_typer
+from seatrial.runner.data_commands import Force, VesselName, map_columns, run_typer
+from seatrial.runner.data_convert import File, MapFile
 from seatrial.runner.recording_map import read_map, reader_of
 
 METRIC = "velocity_rmse_restarts"

@@ -131,12 +131,10 @@ def _ranges(signals: Signals) -> ReportTable:
     """Range, noise and outliers of every signal, in SI units and our frames."""
     period, starts = float(np.median(np.diff(signals.t))), np.zeros(len(signals.t), dtype=np.bool_)
     starts[piece_edges(signals.t, period)[:-1]] = True
-    values = np.column_stack(list(signals.values.values()))
-    noise = noise_floor(values, starts, period).deviation
     counts, rows = _outliers(signals), []
-    for option, x, deviation in zip(signals.values, values.T, noise, strict=True):
-        targets = targets_of(option)
-        numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), deviation)
+    for option, x in signals.values.items():
+        targets, noise = targets_of(option), noise_floor(x[:, None], starts, period)
+        numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), noise.deviation[0])
         unit = targets[0] if len(targets) == 1 else "-"
         rows.append((option, unit, *(f"{n:.3g}" for n in numbers), f"{counts.get(option, '-')}"))
     heads = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")

@@ -421,7 +421,9 @@ class _Case:
             pieces = pairwise(piece_edges(t, 1.0 / own) if own else [0, len(t)])
             a, b = max(pieces, key=lambda piece: piece[1] - piece[0])
             rows = slice(a, min(b, a + MOST_SAMPLES))  # without a gap
-            rates = [original_rate(np.column_stack(v)[rows], own) for v in parts.values()]
+            rates = [
+                original_rate(np.column_stack([x[rows] for x in v]), own) for v in parts.values()
+            ]
             known = [rate for rate in rates if rate is not None]
             if len(known) < len(rates):
                 continue

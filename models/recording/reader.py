@@ -165,7 +165,7 @@ class Reading:
         specs = {**specs, **self.more}
         if not specs:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-        scale, times = self.columns.froude_scale, dict[str, Array]()
+        scale, clocks = self.columns.froude_scale, dict[str, tuple[str, Array]]()
         pace = units.froude_factor("s", scale)
         start = first_time(sources, self.columns)
         parts = {}
@@ -176,9 +176,9 @@ class Reading:
                 if option in needed or option in self.more:
                     raise
                 continue
-            clock = clock_of(source, self.columns)
-            if source.name not in times:
-                times[source.name] = seconds(source, clock)
+            if source.name not in clocks:
+                clock = clock_of(source, self.columns)
+                clocks[source.name] = clock.name, seconds(source, clock)
                 notes += [line] if (line := disagreement(source, clock)) else []
             values = _without_sentinels(source.numbers(name, gaps=True), name, notes)
             reading = reading_of(source, name, option, spec, specs)
@@ -186,9 +186,10 @@ class Reading:
             delay = self.columns.delay_s.get(source.name, self.columns.delay_s.get(kind, 0.0))
             values = _in_si(values, option, spec, reading.unit)
             values = values * _froude(option, reading.unit, scale)
-            t = pace * (times[source.name] - start - delay)
+            clock_name, times = clocks[source.name]
+            t = pace * (times - start - delay)
             channel = Channel(t, values, kind in HELD_SIGNALS, f"column {spec.name}")
-            parts[option] = _Part(channel, source, name, clock.name, reading)
+            parts[option] = _Part(channel, source, name, clock_name, reading)
         return parts
 
     def _one_clock(
@@ -449,7 +450,8 @@ def _in_our_frames(
         result |= {f"position.{dof}": path[:, i] for i, dof in enumerate(DOFS[:count])}
     elif frames.position == "ENU":
         result |= _exchanged(known, "position")
-    turn = pose_jacobian(attitude)[:, :3, :3]
+    if frames.velocity == "earth" or any(columns.lever_arm_m):
+        turn = pose_jacobian(attitude)[:, :3, :3]
     if frames.velocity == "earth":  # angular velocities are of the body
         earth = {**result, **_exchanged(result, "velocity")} if frames.position == "ENU" else result
         result |= _stacked("velocity", earth, np.einsum("nji,nj->ni", turn, _linear(earth, len(t))))

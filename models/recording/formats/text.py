@@ -123,13 +123,14 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
         if not titles and len(words) == width and not any(map(_is_number, words)):
             titles = [words]
     line, repeats = head[before - 1][0] if before else 0, 0
-    lines = data.split(b"\n")
-    for place in (lines[line - 1].rstrip(b"\r") for line, _ in head[start:before]):
-        # a logger that starts again writes its header again
-        again = re.compile(b"(?<=\n)" + re.escape(place) + rb"(?=\r?\n)", re.MULTILINE)
-        top = b"\n".join(lines[:line])
-        rest, number = again.subn(b"", data[len(top) :]) if place in data[len(top) :] else (b"", 0)
-        data, repeats = top + rest if number else data, repeats + number
+    above = data.split(b"\n", line)[:line]
+    top = sum(map(len, above)) + line
+    for title in (above[number - 1].rstrip(b"\r") for number, _ in head[start:before]):
+        if title and data.find(b"\n" + title, top - 1) >= 0:
+            # a logger that starts again writes its header again
+            again = rb"(?m)^" + re.escape(title) + rb"(?=\r?$)"
+            below, number = re.subn(again, b"", data[top:])
+            data, repeats = data[:top] + below, repeats + number
     names = text.names or (titles[0] if titles else [""] * width)
     units = titles[1] if len(titles) > 1 and len(titles[1]) == width else [""] * width
     columns, reasons = _columns(path, data, (separator, decimal), units, line, before)
