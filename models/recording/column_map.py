@@ -1,7 +1,7 @@
 """Which columns of a recording are what: the map, as it is written in YAML."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 from seatrial.models.errors import ConfigurationError
@@ -52,6 +52,13 @@ class Column:
     def sign(self) -> float:
         """-1 if the name has a leading minus."""
         return -1.0 if self.column.startswith("-") else 1.0
+
+    @property
+    def written(self) -> object:
+        """The column as it is written in a map."""
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        own = {f.name: own[f.name] for f in fields(self) if own[f.name] != f.default}
+        return own if len(own) > 1 else self.column
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ what the correlations tell but no change mends. What is no unit of the field is 
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -337,7 +337,7 @@ class _Case:
             time, dofs = as_column(columns.time), tuple(axis.dof for axis in speeds)
             text = f"{text} {scale:.3g} times the velocity on every axis"
             unit, value = _unit(time.unit or "s", "s", scale)
-            change = {"columns.time": _written(replace(time, unit=unit))}
+            change = {"columns.time": replace(time, unit=unit).written}
             yield (
                 RecordingDefect("time", dofs, text, change, value)
                 if unit
@@ -508,11 +508,4 @@ def _unit(now: str, si: str, ratio: float) -> tuple[str, float]:
 
 def _change(specs: Mapping[str, Column]) -> Change:
     """The change of a map that puts columns at options."""
-    return {f"columns.{option}": _written(spec) for option, spec in specs.items()}
-
-
-def _written(spec: Column) -> object:
-    """A column as it is written in a map."""
-    new = {f.name: getattr(spec, f.name) for f in fields(spec)}
-    new = {f.name: new[f.name] for f in fields(spec) if new[f.name] != f.default}
-    return new if len(new) > 1 else spec.column
+    return {f"columns.{option}": spec.written for option, spec in specs.items()}

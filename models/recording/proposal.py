@@ -4,12 +4,13 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from itertools import product
 from textwrap import shorten
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
@@ -36,7 +37,7 @@ STEP_S = 5.0  # [s] of a path whose length is compared with a speed
 BETTER = 0.5  # of what is left of it in the other unit
 LEAST = 1e-9
 SPEEDS = ("m/s", "knot", "km/h")
-Path = tuple[Array, Array, Array]  # times [s] and positions along two axes, shape (N,) each
+Path = tuple[Array, NDArray[np.complex128]]  # times [s] and positions along two axes, (N,)
 UNKNOWN = Quantity("", strange=99)
 AXES_OF = {  # where a map states the axes or reference of a column
     **dict.fromkeys(("velocity.surge", "velocity.sway"), ("frames", "velocity", "earth")),
@@ -332,15 +333,14 @@ def _angle_unit(path: Path, times: Array, heading: Array) -> str | None:
     """The unit of a heading, rad or deg: that in which the course keeps with it; None: unclear.
 
     Args:
-        path: times [s] and positions along two axes (N,)
+        path: times [s] and positions, the second axis imaginary, (N,)
         times: of the heading [s], shape (M,)
         heading: angles, shape (M,)
     """
     best, most = None, TOGETHER
     for every in 4 ** np.arange(8):  # short steps are noise, long ones hide the turns
-        t, x, y = (values[::every] for values in path)
+        t, step = path[0][::every], np.diff(path[1][::every])
         middle = np.searchsorted(times, 0.5 * (t[1:] + t[:-1])).clip(0, len(times) - 1)
-        step = np.diff(x) + 1j * np.diff(y)
         step /= max(float(np.sum(np.abs(step))), LEAST)
         turns = {u: np.exp(1j * factor(u, "rad") * heading[middle]) for u in ("rad", "deg")}
         kept = {u: float(max(abs(z @ step), abs(z.conj() @ step))) for u, z in turns.items()}
@@ -353,9 +353,8 @@ def _angle_unit(path: Path, times: Array, heading: Array) -> str | None:
 
 def _speed_unit(path: Path, times: Array, speed: Array) -> str | None:
     """The unit of a speed over ground in which it makes the length of the path; None: none."""
-    t, x, y = path
-    every = max(1, round(STEP_S / max(float(np.median(np.diff(t))), LEAST)))
-    length = float(np.sum(np.hypot(np.diff(x[::every]), np.diff(y[::every]))))
+    every = max(1, round(STEP_S / max(float(np.median(np.diff(path[0]))), LEAST)))
+    length = float(np.sum(np.abs(np.diff(path[1][::every]))))
     size = length / (float(np.sum(speed[1:] * np.diff(times))) + LEAST)
     near = (u for u in SPEEDS if abs(size / factor(u, "m/s") - 1.0) < FACTOR_TOLERANCE)
     return next(near, None)
@@ -363,17 +362,18 @@ def _speed_unit(path: Path, times: Array, speed: Array) -> str | None:
 
 def _path(chosen: Chosen, times: Mapping[str, Column]) -> Path | None:
     """Times [s] and positions along two axes [m]; None: not recorded in one source."""
-    a, b = (chosen.get(f"position.{dof}") for dof in ("surge", "sway"))
-    north, east = (chosen.get(f"geodetic.{name}") for name in ("latitude", "longitude"))
-    first, second = (a, b) if a and b and a.source is b.source else (north, east)
-    if first is None or second is None:
+    pairs = (("position.surge", "position.sway"), ("geodetic.latitude", "geodetic.longitude"))
+    known = [(chosen[a], chosen[b]) for a, b in pairs if a in chosen and b in chosen]
+    x, y = next((pair for pair in known if pair[0].source is pair[1].source), (None, None))
+    if x is None or y is None:
         return None
-    t = seconds(first.source, times[first.source.name])
-    rows = np.array([t, first.values, second.values])
-    t, x, y = rows[:, np.all(np.isfinite(rows), axis=0)]
-    if first is north and len(x):
-        x, y = x * METRES, y * METRES * np.cos(np.radians(x[0]))
-    return (t, x, y) if len(t) > 2 else None
+    t = seconds(x.source, times[x.source.name])
+    scale = (1.0, 1.0)
+    if x.option.startswith("geodetic"):
+        scale = METRES, METRES * float(np.cos(np.radians(np.nanmedian(x.values))))
+    z = x.values * scale[0] + 1j * y.values * scale[1]
+    there = np.isfinite(t) & np.isfinite(z)
+    return (t[there], z[there]) if np.sum(there) > 2 else None
 
 
 def _clock(
@@ -390,6 +390,4 @@ def _clock(
     unit, origin = next((unit, origin) for unit, origin in origins if unit)
     text = holder.columns[clock.name].dtype == np.object_
     how = "dates or times of day" if text else f"in {unit} ({origin})"
-    written = {f.name: getattr(clock, f.name) for f in fields(clock)
-               if f.default is MISSING or getattr(clock, f.name) != f.default}  # fmt: skip
-    return clock.column if len(written) == 1 else written, f"time: {clock.name} {how}"
+    return clock.written, f"time: {clock.name} {how}"

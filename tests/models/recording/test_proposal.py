@@ -172,11 +172,11 @@ def test_the_unit_of_a_heading_by_the_course(unit: str, turned: bool) -> None:
     """Also where it counts the other way, and not where the path says nothing of it."""
     known = _zigzag()
     heading = known["psi"] * (180.0 / np.pi if unit == "deg" else 1.0) * (-1.0 if turned else 1.0)
-    path = (known["t"], known["x"], known["y"])
+    path = (known["t"], known["x"] + 1j * known["y"])
     assert _angle_unit(path, known["t"], heading) == unit
     noise = 0.3 * np.random.default_rng(2).standard_normal((2, len(heading)))
-    assert _angle_unit((path[0], path[1] + noise[0], path[2] + noise[1]), path[0], heading) == unit
-    still = (known["t"], np.zeros_like(heading), np.zeros_like(heading))
+    assert _angle_unit((path[0], path[1] + noise[0] + 1j * noise[1]), path[0], heading) == unit
+    still = (known["t"], np.zeros_like(path[1]))
     assert _angle_unit(still, known["t"], heading) is None
 
 
@@ -185,14 +185,14 @@ def test_the_unit_of_the_heading_of_a_long_recording() -> None:
     t = 0.05 * np.arange(200_000)
     psi = np.cumsum(0.05 * 0.06 * np.sin(0.05 * t))
     x, y = np.cumsum(0.1 * np.cos(psi)), np.cumsum(0.1 * np.sin(psi))
-    assert _angle_unit((t, x, y), t, np.degrees(psi)) == "deg"
-    assert _speed_unit((t, x, y), t, 2.0 * 3.6 + 0.0 * t) == "km/h"
+    assert _angle_unit((t, x + 1j * y), t, np.degrees(psi)) == "deg"
+    assert _speed_unit((t, x + 1j * y), t, 2.0 * 3.6 + 0.0 * t) == "km/h"
 
 
 @pytest.mark.parametrize(("unit", "size"), [("m/s", 1.0), ("knot", 1.943844), ("km/h", 3.6)])
 def test_the_unit_of_a_speed_by_the_path(unit: str, size: float) -> None:
     known = _zigzag()
-    path = (known["t"], known["x"], known["y"])
+    path = (known["t"], known["x"] + 1j * known["y"])
     speed = np.hypot(known["dx"], known["dy"])
     assert _speed_unit(path, known["t"], size * speed) == unit
     assert _speed_unit(path, known["t"], 2.9 * speed) is None
