@@ -37,7 +37,7 @@ else:
     pymap3d = lazy_loader.load("pymap3d")
 
 HELD_SIGNALS = ("force", "commands")  # constant until the next sample
-LONGEST_GAP_S, BRIDGED = 1.0, 2.5  # [s], and in sample times: what joining fills by default
+BRIDGED = 2.5  # sample times that joining fills at any rate
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
@@ -108,7 +108,8 @@ class Reading:
     outliers: Outliers = field(default_factory=Outliers)
     heading_deg: float = 0.0  # of the frame of the positions in that of the attitude
     more: Mapping[str, Column] = field(default_factory=dict)  # further columns by option
-    at_gap: AtGap = "refuse"  # of columns that are read as recorded
+    at_gap: AtGap = "refuse"  # without a grid, and the longest gap that joining then fills
+    max_gap_s: float = 1.0
 
     def read(self, path: Path, sources: Sources, dofs: Sequence[str]) -> Signals:
         """The signals that a vessel with some degrees of freedom needs.
@@ -151,7 +152,7 @@ class Reading:
         known = {option: channel.values for option, channel in channels.items()}
         cleaned = {o: _clean(c, notes) for o, c in channels.items()} if t is None else channels
         rate = _rate(cleaned)
-        grid = self.grid or TimeGrid(rate, max(LONGEST_GAP_S, BRIDGED / rate), self.at_gap)
+        grid = self.grid or TimeGrid(rate, max(self.max_gap_s, BRIDGED / rate), self.at_gap)
         if t is None:
             t, known = join_channels(cleaned, grid)
         notes += _dropped(t, cleaned, grid)

@@ -243,7 +243,7 @@ class RecordedFile:
                     more |= {f"thruster_{kind}.{i}": Column(name) for i, name in names}
             reading = Reading(
                 form.columns, grid, self.sample_time_s, self.outliers, self.heading_deg, more,
-                self.at_gap,
+                self.at_gap, self.max_gap_s,
             )  # fmt: skip
             known = self._sources(path, form) if sources is None else sources
             self._read[key] = reading.read(path, known, dofs)
