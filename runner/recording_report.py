@@ -10,6 +10,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.diagnosis import Examination
+from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.reader import BRIDGED, Signals, clock_of, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
@@ -141,9 +142,8 @@ def _ranges(signals: Signals) -> ReportTable:
 
 
 def _outliers(signals: Signals) -> dict[str, int]:
-    """The number of outliers of the column of each velocity, as recorded."""
-    columns = {r.option: r.column.removeprefix("-") for r in signals.readings}
-    return {option: signals.outliers[column] for option, column in columns.items()
+    """The number of outliers of each velocity."""
+    return {option: int(np.sum(outliers(values))) for option, values in signals.values.items()
             if option.startswith("velocity.")}  # fmt: skip
 
 
