@@ -10,7 +10,7 @@ from math import ceil, prod
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.recording.recorded_file import MeasuredRecording
+from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.runner.config import Limits, Trial
 
 SHARE = 0.8  # of the machine's memory, if the limit is not set
@@ -39,7 +39,7 @@ def check(trial: Trial) -> None:
                 f"{got}; expected at most {limits.samples:.2g} steps (limits.samples)"
             )
         _check_memory(got, RECORDED * samples * len(trial.vessel.dofs), most)
-    if isinstance(trial.excitation, MeasuredRecording):
+    if isinstance(trial.excitation, RecordedFile):
         for option, path in trial.excitation.files().items():
             size = path.stat().st_size if path.is_file() else 0
             _check_memory(f"excitation.{option}: got {path}, a file", TEXT * size, most)

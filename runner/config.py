@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.excitation.missions import Evaluation, Mission
     from seatrial.models.identification.adaptive import Update
     from seatrial.models.identification.problem import Identifier
-    from seatrial.models.recording.recorded_file import MeasuredRecording
+    from seatrial.models.recording.recorded_file import RecordedFile
     from seatrial.models.vessel.parameters import VesselParameters
     from seatrial.models.weather.disturbance import Disturbance
     from seatrial.runner import options, recording_map, roles
@@ -68,7 +68,7 @@ class Trial:
 
     vessel: "VesselParameters"
     disturbance: "Disturbance"
-    excitation: "Mission | MeasuredRecording"
+    excitation: "Mission | RecordedFile"
     identifier: "Identifier"
     controller: "Controller | None"
     evaluation: "Evaluation | None"

@@ -12,19 +12,17 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording.diagnosis import doubts
 from seatrial.models.recording.proposal import Proposal, propose
-from seatrial.models.recording.reader import clock_of
-from seatrial.models.recording.sampling import sampling
-from seatrial.models.recording.source import Source, column
+from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
-from seatrial.models.recording.times import seconds
 from seatrial.runner import in_process
 from seatrial.runner.benchmark import get
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.config import build_as
-from seatrial.runner.data_convert import convert
-from seatrial.runner.recording_map import options_of, read_map, reader_of
-from seatrial.runner.recording_report import BRIDGED, Report, report
+from seatrial.runner.data_convert import File, MapFile, convert
+from seatrial.runner.recording_map import options_of, own_map, read_map, reader_of
+from seatrial.runner.recording_report import Report, report
 
 if TYPE_CHECKING:  # slow to import
     from seatrial.runner import recording_page
@@ -37,10 +35,6 @@ app = typer.Typer(
     name="seatrial data", no_args_is_help=True, pretty_exceptions_enable=False,
     add_completion=False, help="Examine and convert recordings, and propose maps of their columns.",
 )  # fmt: skip
-File = Annotated[Path, typer.Argument(help="A file, or a folder with a file a topic.")]
-MapFile = Annotated[
-    Path | None, typer.Option("--map", metavar="MAP.yaml", help="Which column is what.")
-]
 Html = Annotated[
     Path | None, typer.Option("--html", metavar="OUT", help="Also write a page with figures.")
 ]
@@ -48,9 +42,9 @@ Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", help="Write the map to a file.")
 ]
 VesselName = Annotated[
-    str | None, typer.Option("--vessel", metavar="NAME", help="Map the inputs of this vessel.")
+    str | None, typer.Option("--vessel", metavar="NAME", help="Whose inputs are mapped.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Write over a map that exists.")]
+Force = Annotated[bool, typer.Option("--force", help="Write over files that exist.")]
 app.command()(convert)
 app.command()(get)
 LINE_WIDTH = 120  # letters of a line that goes to a file
@@ -85,7 +79,7 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
 
     Without a map, that of `seatrial data map` is used.
     """
-    node = read_map(map_file) if map_file else {}
+    node = read_map(map_file) if map_file else own_map(file)
     reading = {key: node[key] for key in ("format", "text", "messages") if key in node}
     sources = read_sources(file.expanduser(), build_as(ReadOptions, reading, "excitation"))
     node = node or options_of(drafted(file, sources).map)
@@ -98,7 +92,7 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
 @app.command("map")
 def map_columns(
     file: File, vessel: VesselName = None, out: Out = None, force: Force = False
-) -> None:
+) -> Sequence[str]:
     """Propose a map from titles, units and motion, as YAML; says what is sure, asked, left out."""
     if out is not None and out.exists() and not force:
         raise ConfigurationError(f"{out}: exists already, expected a new file or --force")
@@ -106,8 +100,7 @@ def map_columns(
     if vessel is not None:
         node: Any = in_process.composed([f"vessel={vessel}"]).config["vessel"]
         wanted = tuple(node.get("inputs") or ())
-    sources = read_sources(file.expanduser(), ReadOptions())
-    draft = drafted(file, sources, wanted)
+    draft = drafted(file, read_sources(file.expanduser(), ReadOptions()), wanted)
     kinds = {"sure": draft.sure, "question": draft.questions, "left out": draft.left_out}
     for kind, lines in kinds.items():
         for line in lines:
@@ -115,12 +108,13 @@ def map_columns(
     text = yaml.safe_dump(draft.map, sort_keys=False, default_flow_style=None, width=100)
     if out is None:
         typer.echo(text, nl=False)
-        return
+        return draft.questions
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"{out}: cannot write the map: {error.strerror}") from error
     typer.echo(f"wrote {out}")
+    return draft.questions
 
 
 def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Proposal:
@@ -132,9 +126,7 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
         wanted: names of the inputs of the vessel, if one is named
     """
     draft = propose(sources, wanted)
-    node, sure, questions = deepcopy(draft.map), list(draft.sure), list(draft.questions)
-    lines = [line for source in sources.values() for line in source.left_out]
-    node |= _grid(file, node, sources)
+    node, sure = {**deepcopy(draft.map), "at_gap": "split"}, list(draft.sure)
     asked: Sequence[str] = ()
     for _ in range(MOST_ROUNDS):
         try:
@@ -144,7 +136,8 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
             asked = (str(error),)
             break
         problems = known.problems if known else ()
-        asked = (*known.questions, *known.not_compared) if known else ()
+        asked = tuple(doubts(sources, reader.columns).values())
+        asked = (*known.questions, *known.not_compared) if known else asked
         asked = (*asked, *(f"{p}?" for p in problems if not p.change))
         mended = [p for p in problems if p.change]
         for problem in mended:
@@ -155,41 +148,10 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
                 for name in groups:
                     group = group.setdefault(name, {})
                 group[last] = dict(value) if isinstance(value, Mapping) else value
-                if isinstance(value, Mapping):  # its unit is known now
-                    start = f"{value.get('column')} ranges"
-                    questions = [q for q in questions if not q.startswith(start)]
         if not mended:
             break
-    left_out = (*lines, *draft.left_out)
-    return Proposal(node, tuple(sure), (*questions, *asked), left_out)
-
-
-def _grid(file: Path, node: dict[str, object], sources: Mapping[str, Source]) -> dict[str, object]:
-    """The rate of the source of the velocities, or of the pose; its ordinary steps are no gaps.
-
-    One source that can be read as it is, with its own samples, needs none.
-    """
-    try:
-        reader = reader_of(file, options_of(deepcopy(node)))
-        named = reader.columns.columns()
-        option = min(named, key=lambda o: (not o.startswith("velocity"), not o.startswith("pos")))
-        source = column(sources, named[option].name)[0]
-        rate = sampling(seconds(source, clock_of(source, reader.columns))).rate_hz
-    except (*FAULTS, ValueError):  # nothing is mapped
-        return {}
-    try:
-        if len(sources) == 1:
-            reader.account(reader.columns.moving or reader.columns.posed)
-            return {}
-    except ConfigurationError:
-        return {}
-    except RecordingError:
-        pass
-    if not rate > 0.0:
-        return {}
-    grid: dict[str, object] = {"resample_hz": float(f"{rate:.2g}"), "at_gap": "split"}
-    bridged = float(f"{BRIDGED / rate:.2g}")
-    return grid | {"max_gap_s": bridged} if bridged > reader.max_gap_s else grid
+    lines = [line for source in sources.values() for line in source.left_out]
+    return Proposal(node, tuple(sure), (*draft.questions, *asked), (*lines, *draft.left_out))
 
 
 def _show(known: Report) -> None:
@@ -204,7 +166,7 @@ def _show(known: Report) -> None:
         for i, head in enumerate(table.heads):
             grid.add_column(Text(head), no_wrap=i == 0)
         for row in table.rows:
-            grid.add_row(*(Text(cell) for cell in row))
+            grid.add_row(*map(Text, row))
         console.print(grid)
     for line in (*(f"left out: {line}" for line in known.left_out),
                  *(f"next: {line}" for line in known.advice)):  # fmt: skip

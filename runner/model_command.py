@@ -13,26 +13,18 @@ from rich.table import Table as Grid
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.notation import PLANAR, VELOCITY_UNIT
 from seatrial.models.recording.reader import Signals
-from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel import scales
 from seatrial.runner import export, in_process, init
 from seatrial.runner.compare.results import open_results
-from seatrial.runner.data_commands import drafted, run_typer
+from seatrial.runner.data_commands import Force, VesselName, map_columns, run_typer
+from seatrial.runner.data_convert import File, MapFile
 from seatrial.runner.recording_map import read_map, reader_of
 
 METRIC = "velocity_rmse_restarts"
 TITLE = "errors of predictions of the second half, restarted every 30 s"
 MODELS = ("mean_motion", "nominal", "identified")
-Log = Annotated[Path, typer.Argument(help="A recording: a file, or a folder with a file a topic.")]
 Length = Annotated[float | None, typer.Option("--length", help="[m] between perpendiculars.")]
 Mass = Annotated[float | None, typer.Option("--mass", help="[kg] as it floats.")]
-VesselName = Annotated[
-    str | None, typer.Option("--vessel", help="A vessel; by default one of these dimensions.")
-]
-MapFile = Annotated[
-    Path | None, typer.Option("--map", help="Which column is what; by default a proposed map.")
-]
-Force = Annotated[bool, typer.Option("--force", help="Write over files that exist.")]
 Database = Annotated[Path, typer.Option("--results-dir", help="Where the run is stored.")]
 app = typer.Typer(name="seatrial model", add_completion=False, pretty_exceptions_enable=False)
 
@@ -44,7 +36,7 @@ def main(words: Sequence[str]) -> int:
 
 @app.command()
 def model(
-    log: Log, length: Length = None, mass: Mass = None, vessel: VesselName = None,
+    log: File, length: Length = None, mass: Mass = None, vessel: VesselName = None,
     map_file: MapFile = None, force: Force = False, results_dir: Database = Path("results"),
 ) -> None:  # fmt: skip
     """Identify a model from a log: map, check, a drafted vessel, `identifier=auto`, a vessel file.
@@ -61,7 +53,11 @@ def model(
         raise ConfigurationError("model: expected --length of the boat [m], or --vessel NAME")
     if map_file is None:
         map_file = Path(f"{name}.map.yaml")
-        _write_map(log, map_file, vessel, force)
+        if questions := map_columns(log, vessel, map_file, force):
+            more = f"; {len(questions) - 1} more in it" if questions[1:] else ""
+            raise ConfigurationError(
+                f"{questions[0]} (answer it in {map_file}, and go on with --map {map_file}{more})"
+            )
     reader = reader_of(log, read_map(map_file))
     if vessel is None:
         assert length is not None
@@ -81,26 +77,6 @@ def model(
         _report(results.reader, call.outcome.run_id)
     for path in export.model_formats.write(stored, "yaml", output, None, force):
         typer.echo(f"wrote {path}; seatrial vessel={path} sails it")
-
-
-def _write_map(log: Path, path: Path, vessel: str | None, force: bool) -> None:
-    """Write the proposed map of a log; raises ConfigurationError for what must be answered."""
-    wanted: tuple[str, ...] = ()
-    if vessel is not None:
-        node: Any = in_process.composed([f"vessel={vessel}"]).config["vessel"]
-        wanted = tuple(node.get("inputs") or ())
-    draft = drafted(log, read_sources(log.expanduser(), ReadOptions()), wanted)
-    for line in draft.left_out:
-        typer.echo(f"left out: {line}", err=True)
-    if path.exists() and not force:
-        raise ConfigurationError(f"{path}: exists already, expected --map {path} or --force")
-    path.write_text(yaml.safe_dump(draft.map, sort_keys=False), encoding="utf-8")
-    typer.echo(f"wrote {path}")
-    if draft.questions:
-        raise ConfigurationError(
-            f"{draft.questions[0]} (answer it in {path}, and go on with --map {path}"
-            f"{f'; {len(draft.questions) - 1} more in it' if draft.questions[1:] else ''})"
-        )
 
 
 def _drafted_vessel(
@@ -132,12 +108,11 @@ def _input_terms(
     drag = scales.derivatives(hull)
     u = float(np.nanmean(np.abs(signals["velocity.surge"])))
     resistance = -(drag["X_u"] + drag["X_|u|u"] * u) * u
-    terms: dict[str, float] = {}
-    shafts = [key for key in inputs if key != "delta"]
-    for key in shafts:
-        size = float(np.nanmean(inputs[key] ** 2)) or 1.0
-        sign = float(np.sign(np.nanmean(inputs[key]))) or 1.0
-        terms[f"X_|{key}|{key}"] = sign * resistance / size / len(shafts)
+    shafts = {key: x for key, x in inputs.items() if key != "delta"}
+    terms = {
+        f"X_|{key}|{key}": resistance / (float(np.nanmean(np.abs(x) * x)) or 1.0) / len(shafts)
+        for key, x in shafts.items()
+    }
     if "delta" in inputs and "velocity.yaw" in signals:
         ratio = hull.beam_m / hull.length_m
         area = hull.length_m * hull.draught_m / 100.0 * (1.0 + 50.0 * ratio**2)

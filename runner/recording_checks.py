@@ -8,7 +8,7 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.consistency import LEAST_TRUSTED
 from seatrial.models.recording.diagnosis import Examination
-from seatrial.models.recording.recorded_file import MeasuredRecording
+from seatrial.models.recording.recorded_file import RecordedFile
 
 log = logging.getLogger(__name__)
 TRUST = "excitation.trust=true overrides"
@@ -16,7 +16,7 @@ MAX_EXAMINATIONS = 4  # examinations: the trials of a sweep often share a record
 _known: dict[tuple[object, ...], Examination | None] = {}
 
 
-def examined(file: MeasuredRecording, dofs: Sequence[str]) -> Examination | None:
+def examined(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
     """Examine a recording; None if pose and velocity cannot be compared."""
     stamps = tuple(_stamp(path) for path in file.files().values())
     key = (repr(file), stamps, tuple(dofs))
@@ -35,9 +35,9 @@ def _stamp(path: Path) -> tuple[float, int]:
     return stat.st_mtime, stat.st_size
 
 
-def refuse(file: MeasuredRecording, dofs: Sequence[str]) -> None:
+def refuse(file: RecordedFile, dofs: Sequence[str]) -> None:
     """Raise RecordingError if an excited axis agrees with nothing and the file is not trusted."""
-    known = None if file.trusted else examined(file, dofs)
+    known = None if file.trust else examined(file, dofs)
     if known is None:
         return
     result, found = known.result, known.problems
@@ -53,7 +53,7 @@ def refuse(file: MeasuredRecording, dofs: Sequence[str]) -> None:
             )
 
 
-def diagnostics(file: MeasuredRecording, dofs: Sequence[str]) -> list[Diagnostic]:
+def diagnostics(file: RecordedFile, dofs: Sequence[str]) -> list[Diagnostic]:
     """Warn of every problem in one line, and return what was found as diagnostics."""
     read = file.account(dofs)
     left_out = dict.fromkeys(line for signals in read for line in signals.left_out)

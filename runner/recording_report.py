@@ -11,27 +11,21 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.diagnosis import Examination
 from seatrial.models.recording.preprocessing import outliers
-from seatrial.models.recording.reader import Signals, clock_of, first_time, wanted
+from seatrial.models.recording.reader import BRIDGED, Signals, clock_of, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import Sampling, sampling
 from seatrial.models.recording.smoothing import noise_floor
 from seatrial.models.recording.source import Source, column
-from seatrial.models.recording.times import EPOCH_S, seconds
+from seatrial.models.recording.times import seconds
 from seatrial.models.recording.units import targets_of
-from seatrial.runner.recording_offsets import offsets
 
 MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
-BRIDGED = 2.5  # sample times of a source that count as a step of it
 MOST_OUTLIERS = 0.02  # share of the samples of a velocity
 MOST_MISSING = 0.01  # share of the duration of a source in gaps
 SHORT_S = 120.0  # [s] below which a recording is short
-MANOEUVRES = {
-    "surge": "accelerate and stop, at several speeds",
-    "sway": "zig-zags of 20 degrees, or sideways steps", "heave": "steps in depth",
-    "roll": "roll decay, or zig-zags at speed", "pitch": "pitch decay, or steps of the trim",
-    "yaw": "zig-zags of 10 and 20 degrees and turning circles",
-}  # fmt: skip
+SAMPLING = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
+            "repeated times")  # fmt: skip
 
 
 class ReportTable(NamedTuple):
@@ -56,52 +50,46 @@ class Report:
 
 def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
     """Examine a recording by its map; what cannot be read is said, the rest is reported."""
-    columns, times, used = file.columns, {}, set()
+    columns, samplings, used = file.columns, dict[str, Sampling](), set[str]()
     for name, source in sources.items():
         with suppress(ConfigurationError, RecordingError):
-            times[name] = seconds(source, clock_of(source, columns))
+            samplings[name] = sampling(seconds(source, clock_of(source, columns)))
     for spec in wanted(columns, DOFS)[0].values():
         with suppress(RecordingError):
             used.add(column(sources, spec.name)[0].name)
-    samplings = {name: sampling(t) for name, t in times.items()}
-    slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
     turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
-    known, signals, why = None, list[Signals](), ""
+    known, signals = None, list[Signals]()
+    why = "it cannot be read in the axes that are to be compared"
     try:
         known = file.examine(dofs)
         signals += file.account(known.recording.dofs if known else dofs) if dofs or known else ()
-        why = "" if known else "it cannot be read in the axes that are to be compared"
     except (ConfigurationError, RecordingError) as error:
         why = str(error)
+    tables = [ReportTable("Sampling", SAMPLING, [
+        (name or "-", f"{s.count}", f"{s.duration_s:.1f}", f"{s.rate_hz:.4g}", f"{s.gaps}",
+         f"{s.longest_gap_s:.3g} at {s.longest_gap_at_s:.0f}" if s.gaps else "-",
+         f"{100.0 * s.missing:.1f}", f"{s.not_later}")
+        for name, s in samplings.items()
+    ])]  # fmt: skip
     readings = dict.fromkeys(row for part in signals for row in part.readings)
-    left_out = dict.fromkeys(line for part in signals for line in part.left_out)
-    tables = [_sampling(samplings)]
-    if readings:
-        rows = [(r.option, r.column, r.unit or "-", r.known_from) for r in readings]
-        tables.append(ReportTable("Columns", ("quantity", "column", "unit", "known from"), rows))
-    if known is None:
-        verdict, advice = [f"problem: {why}"], _advice(slow)
-    else:
-        tables.append(_agreement(known))
-        recording, start = known.recording, first_time(sources, columns)
-        start = start if start > EPOCH_S else 0.0  # zero in the recording, where times are dates
-        if len(sources) > 1 and _kept(recording) >= MIN_SHARE_LEFT:  # else too little is left
-            apart = [
-                (o.source, f"{o.seconds:+.3f}", f"{o.correlation:.3f}", o.column, o.signal)
-                for o in offsets(recording, sources, {n: t - start for n, t in times.items()})
-            ]
-            heads = ("source", "behind [s]", "correlation", "column", "compared with")
-            tables += [ReportTable("Clocks of the sources", heads, apart)] if apart else []
-        tables += [_ranges(part) for part in signals]
-        verdict = _verdict(known, signals)
-        still = [axis.dof for axis in known.result.velocities if not axis.excited]
-        trial = f"seatrial vessel=NAME excitation=recording excitation.path={file.path}"
-        advice = _advice(slow, recording, still) or [
-            f"nothing is missing: {trial} excitation.map=MAP.yaml"
-        ]
-    lines = tuple(verdict), tuple(tables), tuple(left_out), tuple(advice)
-    return Report(str(file.path), *lines, known)
+    rows = [(r.option, r.column, r.unit or "-", r.known_from) for r in readings]
+    heads = ("quantity", "column", "unit", "known from")
+    tables += [ReportTable("Columns", heads, rows)] if rows else []
+    if known is not None:
+        tables += [_agreement(known), *map(_ranges, signals)]
+    left_out = tuple(dict.fromkeys(line for part in signals for line in part.left_out))
+    verdict = [f"problem: {why}"] if known is None else _verdict(known, signals)
+    slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
+    advice = _advice(slow, known.recording if known else None)
+    if known:
+        advice += [
+            f"{axis.dof} hardly moves: add manoeuvres that excite it"
+            for axis in known.result.velocities if not axis.excited
+        ]  # fmt: skip
+        advice = advice or [f"nothing is missing: seatrial vessel=NAME excitation=recording "
+                            f"excitation.path={file.path} excitation.map=MAP.yaml"]  # fmt: skip
+    return Report(str(file.path), tuple(verdict), tuple(tables), left_out, tuple(advice), known)
 
 
 def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
@@ -126,29 +114,16 @@ def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
     return [*lines, *(f"not compared: {line}" for line in known.not_compared)]
 
 
-def _sampling(samplings: Mapping[str, Sampling]) -> ReportTable:
-    heads = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
-             "repeated times")  # fmt: skip
-    return ReportTable("Sampling", heads, [
-        (name or "-", f"{s.count}", f"{s.duration_s:.1f}", f"{s.rate_hz:.4g}", f"{s.gaps}",
-         f"{s.longest_gap_s:.3g} at {s.longest_gap_at_s:.0f}" if s.gaps else "-",
-         f"{100.0 * s.missing:.1f}", f"{s.not_later}")
-        for name, s in samplings.items()
-    ])  # fmt: skip
-
-
 def _agreement(known: Examination) -> ReportTable:
     result = known.result
     title = (
         f"Pose and velocity, below {result.cutoff_hz:.2g} Hz; the velocities are "
         f"{round(result.lag_s, 3) + 0.0:+.3f} s behind"
     )
-    kinds = (("velocity", result.velocities), ("acceleration", result.accelerations))
     return ReportTable(title, ("axis", "compared", "correlation", "scale", "excited"), [
-        (axis.dof, kind, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
+        (axis.dof, axis.kind, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
          "yes" if axis.excited else "no")
-        for kind, axes in kinds
-        for axis in axes
+        for axis in result.axes
     ])  # fmt: skip
 
 
@@ -156,17 +131,12 @@ def _ranges(signals: Signals) -> ReportTable:
     """Range, noise and outliers of every signal, in SI units and our frames."""
     period, starts = float(np.median(np.diff(signals.t))), np.zeros(len(signals.t), dtype=np.bool_)
     starts[piece_edges(signals.t, period)[:-1]] = True
-    values = np.column_stack(list(signals.values.values()))
-    noise = noise_floor(values, starts, period).deviation
-    counts = _outliers(signals)
-    rows = []
-    for option, x, deviation in zip(signals.values, values.T, noise, strict=True):
-        targets = ("m/s",) if option.startswith("current") else targets_of(option)
-        numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), deviation)
+    counts, rows = _outliers(signals), []
+    for option, x in signals.values.items():
+        targets, noise = targets_of(option), noise_floor(x[:, None], starts, period)
+        numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), noise.deviation[0])
         unit = targets[0] if len(targets) == 1 else "-"
-        rows.append(
-            (option, unit, *(f"{number:.3g}" for number in numbers), f"{counts.get(option, '-')}")
-        )
+        rows.append((option, unit, *(f"{n:.3g}" for n in numbers), f"{counts.get(option, '-')}"))
     heads = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
     return ReportTable("Ranges", heads, rows)
 
@@ -177,15 +147,8 @@ def _outliers(signals: Signals) -> dict[str, int]:
             if option.startswith("velocity.")}  # fmt: skip
 
 
-def _kept(recording: Recording) -> float:
-    """The share of a recording that is not in gaps."""
-    return len(recording.t) * recording.period_s / float(recording.t[-1] - recording.t[0])
-
-
-def _advice(
-    samplings: Mapping[str, Sampling], recording: Recording | None = None, still: Sequence[str] = ()
-) -> list[str]:
-    """What to do next, by the sampling of the sources in use and the axes that hardly move."""
+def _advice(samplings: Mapping[str, Sampling], recording: Recording | None) -> list[str]:
+    """What to do next, by the sampling of the sources in use."""
     advice = []
     for name, s in samplings.items():
         if s.not_later:
@@ -201,11 +164,11 @@ def _advice(
         return advice
     length = float(recording.t[-1] - recording.t[0])
     name, slowest = min(samplings.items(), key=lambda item: item[1].rate_hz or np.inf)
-    if _kept(recording) <= MIN_SHARE_LEFT and slowest.rate_hz > 0.0:
-        advice.append(f"{_kept(recording) * length:.0f} of {length:.0f} s are kept, the rest is in "
-                      f"gaps: excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the "
-                      f"steps of {name}")  # fmt: skip
-    advice += [f"{dof} hardly moves: {MANOEUVRES[dof]}" for dof in still]
+    kept = len(recording) * recording.period_s
+    if kept <= MIN_SHARE_LEFT * length and slowest.rate_hz > 0.0:
+        advice.append(f"{kept:.0f} of {length:.0f} s are kept, the rest is in gaps: "
+                      f"excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the steps of "
+                      f"{name}")  # fmt: skip
     if length < SHORT_S:
         advice.append(f"the recording lasts {length:.0f} s: run several minutes")
     return advice

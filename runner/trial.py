@@ -27,7 +27,7 @@ from seatrial.models.identification.problem import (
     check_needs,
     with_interval,
 )
-from seatrial.models.recording.recorded_file import MeasuredRecording
+from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, check_cutoff
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import recording_of
@@ -77,9 +77,9 @@ def check(trial: Trial) -> None:
     excitation, dofs = trial.excitation, trial.vessel.dofs
     named(trial, "excitation", lambda: excitation.check(dofs))
     nominal, thruster = trial.vessel.nominal(), trial.vessel.thruster
-    trial.identifier.check(nominal, thruster, isinstance(excitation, MeasuredRecording))
+    trial.identifier.check(nominal, thruster, isinstance(excitation, RecordedFile))
     recording, period = None, trial.sample_time_s
-    if isinstance(excitation, MeasuredRecording):
+    if isinstance(excitation, RecordedFile):
         for option, path in excitation.files().items():
             if not path.exists():
                 raise ConfigurationError(f"excitation.{option}: {path}: there is no such file")
@@ -104,7 +104,7 @@ def check(trial: Trial) -> None:
     check_needs(needs, trial.vessel.name, thruster, recording)
 
 
-def measured(trial: Trial, file: MeasuredRecording) -> Recording:
+def measured(trial: Trial, file: RecordedFile) -> Recording:
     """Read a recording; raises RecordingError if it cannot be read, trusted, or trained on."""
     recording = file.read(trial.vessel.dofs)
     _check_samples(trial, file, recording)
@@ -112,10 +112,10 @@ def measured(trial: Trial, file: MeasuredRecording) -> Recording:
     return recording
 
 
-def _check_samples(trial: Trial, file: MeasuredRecording, recording: Recording) -> None:
+def _check_samples(trial: Trial, file: RecordedFile, recording: Recording) -> None:
     """Check that a recording has enough samples to train and to test; raises RecordingError."""
     name = ", ".join(map(str, file.files().values())) or type(file).__name__
-    split = file.split_of(recording)
+    split = file.split(recording.t, recording.file)
     if (count := int(np.count_nonzero(split.test))) < MIN_SAMPLES:
         raise RecordingError(
             f"{name}: got {count} samples for testing, expected at least {MIN_SAMPLES}"
@@ -282,7 +282,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
         ],
         note=skipped(trial),
     )
-    if isinstance(trial.excitation, MeasuredRecording):
+    if isinstance(trial.excitation, RecordedFile):
         results = with_quality(results, trial.excitation, excited.recording)
     if results.note:
         return results
@@ -309,7 +309,7 @@ def _with_deployment(
 
 def measured_manoeuvres(trial: Trial, problem: Problem, identified: Identified) -> list[Diagnostic]:
     """Return the measures of the manoeuvres that were recorded, beside the predicted ones."""
-    if not isinstance(trial.excitation, MeasuredRecording):
+    if not isinstance(trial.excitation, RecordedFile):
         return []
     length_m = manoeuvre_results.length_of(trial)
     return manoeuvre_results.manoeuvres(problem, identified, length_m)
@@ -353,7 +353,7 @@ def as_plant(identified: Vessel) -> tuple[Vessel | None, str]:
     return identified, SAILED_AS_IDENTIFIED
 
 
-def with_quality(results: Results, file: MeasuredRecording, recording: Recording) -> Results:
+def with_quality(results: Results, file: RecordedFile, recording: Recording) -> Results:
     """Add the statistics and quality checks of a measured recording to the results."""
     diagnostics = [
         *excitation_results.column_statistics(file),
@@ -401,7 +401,7 @@ def unreached(excited: ExcitationData) -> list[Metric]:
 def skipped(trial: Trial) -> str | None:
     """Return why a trial has no deployment, or None if it has one."""
     if isinstance(
-        trial.excitation, MeasuredRecording
+        trial.excitation, RecordedFile
     ):  # its reference is not known, so it has no replay
         missing = trial.controller is None or not isinstance(trial.evaluation, Mission)
         return MEASURED if missing else None
@@ -415,7 +415,7 @@ def skipped(trial: Trial) -> str | None:
 def excite(trial: Trial, seeds: Streams) -> ExcitationData:
     """Simulate the excitation with the nominal model, or read the recorded file."""
     vessel = trial.vessel
-    if isinstance(trial.excitation, MeasuredRecording):
+    if isinstance(trial.excitation, RecordedFile):
         recording, truth, sailed = measured(trial, trial.excitation), None, None
     else:
         model = vessel.nominal()
@@ -423,8 +423,8 @@ def excite(trial: Trial, seeds: Streams) -> ExcitationData:
         recording = recording_of(sailed.voyage, sailed.voyage.weather)
         truth = trial.plant_scale * model + trial.disturbance.table(vessel.dofs)
     split = (
-        trial.excitation.split_of(recording)
-        if isinstance(trial.excitation, MeasuredRecording)
+        trial.excitation.split(recording.t, recording.file)
+        if isinstance(trial.excitation, RecordedFile)
         else trial.excitation.split(recording.t)
     )
     recording = recording.with_thruster(vessel.thruster)

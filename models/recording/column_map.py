@@ -1,7 +1,7 @@
 """Which columns of a recording are what: the map, as it is written in YAML."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 from seatrial.models.errors import ConfigurationError
@@ -10,6 +10,7 @@ from seatrial.models.ranges import Positive, check_ranges
 
 KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
 QUATERNION = ("w", "x", "y", "z")
+PARTS = ("latitude", "longitude", "altitude", "speed", "direction", "course")
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,13 @@ class Column:
     def sign(self) -> float:
         """-1 if the name has a leading minus."""
         return -1.0 if self.column.startswith("-") else 1.0
+
+    @property
+    def written(self) -> object:
+        """The column as it is written in a map."""
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        own = {f.name: own[f.name] for f in fields(self) if own[f.name] != f.default}
+        return own if len(own) > 1 else self.column
 
 
 @dataclass(frozen=True)
@@ -122,11 +130,12 @@ class ColumnMap:
     if recorded, time [s], orientation as the quaternion (w, x, y, z) of the body, also by part.
     A `Column` states another unit or sense. Velocities that are not mapped are differentiated from
     the pose, those in surge and sway may come from the speed and course over `ground`; the speed
-    through the `water` beside them gives the current. `inputs` and `commands` of the inputs of a
-    vessel are by their names. `lever_arm_m` is where the sensor of position and velocity is in body
-    axes, `delay_s` by how much a source, or the columns of a kind, are behind. `loads` are measured
-    on devices [N], by names such as `propeller.thrust`. `froude_scale` is the length of what was
-    recorded over that of the vessel, to which all columns are scaled by Froude's law.
+    through the `water` beside them gives the current. `air` is the velocity of the air in surge and
+    sway, instead of the `wind`. `inputs` and `commands` of the inputs of a vessel are by their
+    names. `lever_arm_m` is where the sensor of position and velocity is in body axes, `delay_s` by
+    how much a source, or the columns of a kind, are behind. `loads` are measured on devices [N], by
+    names such as `propeller.thrust`. `froude_scale` is the length of what was recorded over that of
+    the vessel, to which all columns are scaled by Froude's law.
     """
 
     time: str | Column
@@ -145,6 +154,7 @@ class ColumnMap:
     loads: dict[str, str | Column] = field(default_factory=dict)
     froude_scale: Positive = 1.0
     wind: WindColumns | None = None
+    air: dict[str, str | Column] = field(default_factory=dict)
     ground: GroundColumns | None = None
     water: WaterColumns | None = None
 
@@ -192,21 +202,18 @@ class ColumnMap:
 
     def columns(self) -> dict[str, Column]:
         """Every column by option, such as `velocity.surge` or `quaternion.w`, but the time."""
-        result: dict[str, Column] = {}
-        named: Mapping[str, Mapping[str, str | Column]] = {
-            **{kind: getattr(self, kind) for kind in KINDS},
-            "inputs": self.inputs, "commands": self.commands, "loads": self.loads,
-            "quaternion": dict(zip(QUATERNION, self.quaternion, strict=False)),
-        }  # fmt: skip
+        groups = {
+            kind: getattr(self, kind) for kind in (*KINDS, "inputs", "commands", "loads", "air")
+        }
+        groups["quaternion"] = dict(zip(QUATERNION, self.quaternion, strict=False))
         for kind in ("geodetic", "wind", "ground", "water"):
             part = getattr(self, kind)
-            names = {"geodetic": ("latitude", "longitude", "altitude")}.get(
-                kind, ("speed", "direction", "course")
-            )
-            named = {**named, kind: {n: c for n in names if (c := getattr(part, n, None))}}
-        for kind, members in named.items():
-            result |= {f"{kind}.{name}": as_column(spec) for name, spec in members.items()}
-        return result
+            groups[kind] = {n: c for n, c in vars(part).items() if n in PARTS and c} if part else {}
+        return {
+            f"{kind}.{name}": as_column(spec)
+            for kind, members in groups.items()
+            for name, spec in members.items()
+        }
 
     def check(self, dofs: Sequence[str], *, acting: bool = True) -> None:
         """Raise ConfigurationError if a degree of freedom lacks a column that it needs.

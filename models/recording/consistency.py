@@ -5,6 +5,10 @@
 The derivative of the pose in body axes is compared with the recorded velocity per axis, and the
 derivative of the velocity with the recorded acceleration.
 
+Velocities are R(attitude)' p_dot, angular ones those of the rotation, so that angles may jump. All
+signals are low-passed forward and backward, so that their phases stay, and the ends of each piece,
+where the filter lacks data, are left out.
+
 The correlation says whether two signals are of the same motion, the scale whether they are in the
 same unit. Both signals have errors, so the scale is that of total least squares on signals of equal
 noise-to-signal ratio, sign(rho) sigma_y / sigma_x. The two regressions bound it, rho sigma_y /
@@ -12,18 +16,20 @@ sigma_x and sigma_y / (rho sigma_x): Frisch (1934). A low-passed signal of T sec
 2 f_c T independent samples, which give the standard error of a correlation by Fisher's z.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from functools import cached_property
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.notation import DOFS
-from seatrial.models.recording.motion import Motion
+from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.smoothing import noise_floor
+from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import frame_of_angles, turned
 
 BANDS = (0.25, 0.1, 0.04)  # of the Nyquist frequency: cut-offs of the low-pass, widest first
 MIN_INDEPENDENT = 30  # independent samples that a correlation needs
@@ -33,7 +39,13 @@ SURE = 0.5  # correlation of an axis whose scale is known
 LEAST_TRUSTED = 0.3  # correlation of an excited axis below which a trial refuses a recording
 SAME_SCALE = 1.39  # scales within this factor of one are nearer to it than to the knot
 CERTAIN = 3.0  # standard errors that make a difference of two correlations
-LEAST_ENERGY = 0.25  # of the largest, by which a part of a signal is normalised
+MIN_PIECE = 30  # samples of a piece that is filtered
+EXCITED_VARIANCE = 10.0  # variance of an excited signal, in that of its noise below the cut-off
+CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
+BLOCK, REGULAR = 100, 80  # samples among which jumps are looked for, and those that are none
+JUMP = 10.0  # times the largest second difference of these
+STRAIGHT_LINE = 1e-6  # of the typical step: smaller second differences are those of a straight line
+LEAST_ENERGY = 0.05  # of the largest, below which an overlap says nothing of a lag
 ALMOST_ONE = 0.999  # correlations above it are equal
 
 
@@ -74,12 +86,12 @@ class Agreement:
 class Consistency:
     """Agreement of each axis, and by how much the velocities are behind the pose.
 
-    `order` tells of which axis the derivative of the pose belongs to a recorded velocity.
+    `swaps` are pairs of axes that agree better if their velocities are exchanged.
     """
 
     velocities: tuple[Agreement, ...]
     accelerations: tuple[Agreement, ...]
-    order: dict[str, str]
+    swaps: tuple[tuple[str, str], ...]
     lag_s: float
     shared_lag_s: float  # of all axes; what exceeds it is the delay of a filter
     lag_error_s: float
@@ -103,6 +115,96 @@ class Consistency:
         return tuple(a for a in self.axes if a.excited and a.correlation < LEAST_TRUSTED)
 
 
+class Motion:
+    """Pose, attitude and velocity of a recording, with the rates that the pose implies.
+
+    `recorded` are the axes whose velocity was recorded (None: all); others were differentiated from
+    the pose, agree by construction and are not compared. Neither are `linear` ones if the path
+    cannot be turned into body axes.
+    """
+
+    def __init__(self, recording: Recording, recorded: Sequence[str] | None = None) -> None:
+        self.recording, self.dofs = recording, recording.dofs
+        self.edges, self.period_s = recording.edges, recording.period_s
+        known = self.dofs if recorded is None else [dof for dof in self.dofs if dof in recorded]
+        self.turns = set(PLANAR) <= set(self.dofs)
+        level = self.turns or not np.any(recording.attitude)
+        self.linear = tuple(dof for dof in known if dof in DOFS[:3] and level)
+        self.angular = tuple(dof for dof in known if dof in DOFS[3:])
+
+    @cached_property
+    def path(self) -> Array:
+        """Position and rotation about the body axes (N, 6), without jumps."""
+        path = np.zeros((len(self.recording), 6))
+        for i, dof in enumerate(self.dofs):
+            if dof in DOFS[:3]:
+                path[:, DOFS.index(dof)] = self.recording.eta[:, i]
+        for a, b in pairwise(self.edges):
+            path[a:b, 3:] = turned(self.recording.attitude[a:b])
+            path[a:b] = without_jumps(path[a:b])
+        return path
+
+    @cached_property
+    def rate(self) -> Array:
+        """Velocities (N, 6) in body axes that the pose implies."""
+        rate = self.derivative(self.path)
+        if self.turns:
+            frame = np.empty((3, 3, len(rate)))
+            frame_of_angles(self.recording.attitude.T, frame)
+            rate[:, :3] = np.einsum("jin,nj->ni", frame, rate[:, :3])
+        return rate
+
+    @cached_property
+    def pose_noise(self) -> Array:
+        """Standard deviations (6,) of the noise of the path."""
+        noise = noise_floor(self.path, self.recording.piece_starts, self.period_s).deviation
+        noise[:3] = np.max(noise[:3])  # the axes are turned into each other
+        return np.asarray(noise)
+
+    def samples(self, cutoff_hz: float) -> float:
+        """Independent samples of a signal below a cut-off."""
+        return 2.0 * cutoff_hz * self.period_s * len(self.recording)
+
+    def velocity(self, dofs: Sequence[str], cutoff_hz: float) -> Array:
+        """Low-passed recorded velocities (n, k), away from the ends of pieces."""
+        return self.inside(self.recording.nu[:, [self.dofs.index(dof) for dof in dofs]], cutoff_hz)
+
+    def rates(self, dofs: Sequence[str], cutoff_hz: float) -> Array:
+        """Low-passed velocities (n, k) that the pose implies."""
+        return self.inside(self.rate[:, [DOFS.index(dof) for dof in dofs]], cutoff_hz)
+
+    def derivative(self, values: Array) -> Array:
+        """Central differences of values (N, k), piece by piece; zero in a piece of one sample."""
+        rate = np.zeros_like(values)
+        for a, b in pairwise(self.edges):
+            if b - a > 1:
+                rate[a:b] = central_difference(values[a:b], self.period_s)
+        return rate
+
+    def inside(self, values: Array, cutoff_hz: float) -> Array:
+        """Low-passed values (n, k) half a period of the cut-off away from the ends of pieces."""
+        drop = round(0.5 / cutoff_hz / self.period_s)
+        pieces = [
+            lowpass(values[a:b], cutoff_hz, self.period_s)[drop : b - a - drop]
+            for a, b in pairwise(self.edges)
+            if b - a > 2 * drop + MIN_PIECE
+        ]
+        return np.concatenate(pieces) if pieces else values
+
+    def joints(self, cutoff_hz: float) -> list[int]:
+        """Where the second piece begins in what is `inside`, and the others."""
+        drop = round(0.5 / cutoff_hz / self.period_s)
+        lengths = [b - a - 2 * drop for a, b in pairwise(self.edges)]
+        return [int(k) for k in np.cumsum([n for n in lengths if n > MIN_PIECE])[:-1]]
+
+    def exceeds(self, values: Array, deviation: float, cutoff_hz: float, order: int = 0) -> bool:
+        """Whether values (n,) vary more than white noise below the cut-off, or its derivative."""
+        noise = deviation**2 * 2.0 * self.period_s * cutoff_hz
+        if order:
+            noise *= (2.0 * np.pi * cutoff_hz) ** 2 / 3.0
+        return bool(np.var(values) > max(EXCITED_VARIANCE * noise, CONSTANT_VARIANCE))
+
+
 def consistency(
     recording: Recording,
     measured: Sequence[str] = (),
@@ -122,7 +224,7 @@ def consistency(
     band = band or _best_band(motion)
     cutoff = band * nyquist
     noise = noise_floor(recording.nu, recording.piece_starts, motion.period_s).deviation
-    samples, order = motion.samples(cutoff), dict[str, str]()
+    error, swaps = fisher_error(motion.samples(cutoff)), list[tuple[str, str]]()
 
     def agreement(kind: str, dof: str, observed: Array, expected: Array) -> Agreement:
         deviation = float(noise[motion.dofs.index(dof)])
@@ -132,7 +234,7 @@ def consistency(
         rho = float(correlations(observed[:, None], expected[:, None])[0, 0])
         moves = motion.exceeds(observed, own, cutoff)
         excited = moves and motion.exceeds(expected, other, cutoff, order=1)
-        sure = bool(fisher(np.array(rho)) > CERTAIN * _error(samples))
+        sure = bool(fisher(np.array(rho)) > CERTAIN * error)
         return Agreement(kind, dof, rho, scale_of(observed, expected, rho), moves, excited, sure)
 
     axes, pairs = {}, {}
@@ -141,9 +243,9 @@ def consistency(
         for i, dof in enumerate(dofs):
             axes[dof] = agreement("velocity", dof, observed[:, i], expected[:, i])
             pairs[dof] = observed[:, i], expected[:, i]
-        moving = [axes[dof].moves for dof in dofs]
-        best = best_order(correlations(observed, expected), moving, samples)
-        order |= {dof: dofs[j] for dof, j in zip(dofs, best, strict=True)}
+        moves = [axes[dof].moves for dof in dofs]
+        pairs_of = swapped(fisher(correlations(observed, expected)), moves, error)
+        swaps += [(dofs[i], dofs[j]) for i, j in pairs_of]
     accelerations = []
     for dof in (dof for dof in motion.dofs if dof in measured):
         own = [motion.dofs.index(dof)]
@@ -152,7 +254,7 @@ def consistency(
         accelerations.append(agreement("acceleration", dof, observed[:, 0], expected[:, 0]))
     used = [pairs[dof] for dof, axis in axes.items() if axis.excited]
     return Consistency(
-        tuple(axes[dof] for dof in motion.dofs if dof in axes), tuple(accelerations), order,
+        tuple(axes[dof] for dof in motion.dofs if dof in axes), tuple(accelerations), tuple(swaps),
         *_lags(used, motion, cutoff), band, cutoff,
     )  # fmt: skip
 
@@ -190,17 +292,20 @@ def _lags(
         return 0.0, 0.0, np.inf
     period = motion.period_s
     observed, expected = (np.column_stack([pair[k] for pair in pairs]) for k in (0, 1))
-    total = lag(observed, expected, round(LONGEST_LAG_S / period))
+    most = min(round(LONGEST_LAG_S / period), len(observed) // 4)
+    joints = motion.joints(cutoff_hz)
+    total = lag(observed, expected, np.arange(-most, most + 1), joints)
     k = round(total)
-    observed = observed[max(k, 0) : len(observed) + min(k, 0)]
-    expected = expected[max(-k, 0) : len(expected) - max(k, 0)]
-    rho = np.diag(correlations(observed, expected))
+    rho = np.diag(correlations(
+        observed[max(k, 0) : len(observed) + min(k, 0)],
+        expected[max(-k, 0) : len(expected) - max(k, 0)],
+    ))  # fmt: skip
     near = max(round(0.5 / cutoff_hz / period), 1)  # a later peak is another one
-    own = [k + lag(np.sign(rho[i]) * observed[:, [i]], expected[:, [i]], near)
+    shifts = np.arange(k - near, k + near + 1)
+    own = [lag(np.sign(rho[i]) * observed[:, [i]], expected[:, [i]], shifts, joints)
            for i in np.flatnonzero(np.abs(rho) > SURE)]  # fmt: skip
     shared = min(own, key=abs) if own and not min(own) < 0.0 < max(own) else 0.0
-    most = float(np.max(np.abs(rho)))
-    share = max(1.0 / max(most, 0.01) ** 2 - 1.0, 1e-6)
+    share = max(1.0 / max(float(np.max(np.abs(rho))), 0.01) ** 2 - 1.0, 1e-6)
     error = np.sqrt(share / motion.samples(cutoff_hz)) / (2.0 * np.pi * cutoff_hz / np.sqrt(3.0))
     return total * period, shared * period, float(error)
 
@@ -228,21 +333,16 @@ def scale_of(observed: Array, expected: Array, correlation: float) -> float:
     return float(np.copysign(np.std(expected) / size, correlation))
 
 
-def best_order(rho: Array, moving: Sequence[bool], samples: float) -> tuple[int, ...]:
-    """The order of the expected axes that agrees best with the observed ones; rho (k, k).
+def swapped(z: Array, moving: Sequence[bool], error: float) -> Iterator[tuple[int, int]]:
+    """Pairs of axes that agree significantly better with the derivatives of each other.
 
-    Axes stay as they are unless exchanging them makes a significant difference: the sum of Fisher's
-    z over the moving axes must rise by `CERTAIN` standard errors. `samples` are independent ones.
+    z (k, k) is Fisher's z of velocities with derivatives, `error` its standard error: the sum over
+    the axes that move must rise by `CERTAIN` of them for each, and none may fall.
     """
-    z, straight = fisher(rho), tuple(range(len(rho)))
-
-    def gain(order: Sequence[int]) -> float:
-        moved = [i for i in straight if order[i] != i and moving[i]]
-        better = [float(z[i, order[i]] - z[i, i]) for i in moved]
-        sure = all(difference > 0.0 for difference in better)
-        return sum(better) - CERTAIN * _error(samples) * len(moved) if sure else -1.0
-
-    return max(permutations(straight), key=gain)
+    for i, j in combinations(range(len(z)), 2):
+        better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if moving[a]]
+        if better and min(better) > 0.0 and sum(better) > CERTAIN * error * len(better):
+            yield i, j
 
 
 def fisher(rho: Array) -> Array:
@@ -250,49 +350,73 @@ def fisher(rho: Array) -> Array:
     return np.asarray(np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE)))
 
 
-def _error(samples: float) -> float:
-    """Standard error of Fisher's z."""
+def fisher_error(samples: float) -> float:
+    """Standard error of Fisher's z of some independent samples."""
     return float(1.0 / np.sqrt(max(samples - 3.0, 1.0)))
 
 
 def lag(
-    observed: Array, expected: Array, most: int, known: NDArray[np.bool_] | None = None
+    observed: Array, expected: Array, shifts: NDArray[np.int64], joints: Sequence[int] = ()
 ) -> float:
     """By how many samples `observed` (N, k) is behind `expected` (N, k), to a fraction of one.
 
-    The peak of the sum of the normalised cross-correlations of the columns, which must agree in
-    sign, within `most` samples to both sides; a parabola through its three largest values. Where
-    `expected` is not known everywhere, `known` (N,) says where; what is observed at these times,
-    after the shift, is normalised alone.
+    The peak of the sum of the cross-correlations of the columns, which must agree in sign, each
+    normalised by the energy of what overlaps; a parabola through its three largest values.
+
+    Args:
+        observed: signals in pieces.
+        expected: those that they are compared with.
+        shifts: consecutive numbers of samples that are tried, (n,).
+        joints: where pieces begin, over which nothing is shifted.
     """
-    most = min(most, len(observed) // 4)
-    if most < 1 or (known is not None and not np.any(known)):
+    most = int(np.max(np.abs(shifts), initial=0))
+    if len(shifts) < 3 or most >= len(observed):
         return 0.0
-    a = observed - np.mean(observed, axis=0)
-    b = expected - np.mean(expected if known is None else expected[known], axis=0)
-    energy = np.sum(a * a, axis=0, keepdims=True)
-    if known is not None:
-        b[~known] = 0.0
-        energy = _shifted(a * a, known[:, None].astype(np.float64))
-        energy = np.maximum(energy, LEAST_ENERGY * np.max(energy, axis=0))
-    size = np.sqrt(energy * np.sum(b * b, axis=0))
-    valid = np.max(size, axis=0) > 0.0
-    if not np.any(valid):
-        return 0.0
-    sums = np.sum(_shifted(a[:, valid], b[:, valid]) / size[:, valid], axis=1)
-    shifts = np.arange(-most, most + 1)
-    values = sums[shifts]
-    peak = int(np.argmax(values))
-    if peak in (0, len(values) - 1):
+    apart = np.repeat(np.asarray(joints, dtype=np.int64), most)
+    signals = (observed - np.mean(observed, axis=0), expected - np.mean(expected, axis=0))
+    a, b, known = (
+        np.insert(x, apart, 0.0, axis=0) for x in (*signals, np.ones((len(observed), 1)))
+    )
+    n = 1 << (2 * len(a) - 1).bit_length()
+
+    def shifted(x: Array, y: Array) -> Array:  # the sums of x[t + s] y[t] over t
+        spectrum = np.fft.rfft(x, n, axis=0) * np.conj(np.fft.rfft(y, n, axis=0))
+        return np.asarray(np.fft.irfft(spectrum, n, axis=0)[shifts])
+
+    energy = np.maximum(shifted(a * a, known) * shifted(known, b * b), 0.0)
+    moves = energy > LEAST_ENERGY * np.max(energy, axis=0)
+    values = np.divide(shifted(a, b), np.sqrt(energy), out=np.zeros_like(energy), where=moves)
+    sums = np.sum(values, axis=1)
+    peak = int(np.argmax(sums))
+    if peak in (0, len(sums) - 1):
         return float(shifts[peak])
-    before, top, after = values[peak - 1 : peak + 2]
+    before, top, after = sums[peak - 1 : peak + 2]
     bend = before - 2.0 * top + after
     inside = 0.5 * float(before - after) / float(bend) if bend < 0.0 else 0.0
     return float(shifts[peak] + inside)
 
 
-def _shifted(a: Array, b: Array) -> Array:
-    """The sums of a[t + s] b[t] over t, at index s (negative from the end), shape (n, k)."""
-    n = 1 << (2 * len(a) - 1).bit_length()
-    spectrum = np.fft.rfft(a, n, axis=0) * np.conj(np.fft.rfft(b, n, axis=0))
-    return np.asarray(np.fft.irfft(spectrum, n, axis=0))
+def without_jumps(path: Array) -> Array:
+    """Signals (N, k) in which a jump, of an instrument that lost the pose, is a step as usual.
+
+    A jump is between two second differences that are `JUMP` times as large as the largest of the
+    `REGULAR` smallest ones of their `BLOCK`. Where these are zero, as of values that are held or
+    interpolated, nothing is known of jumps.
+    """
+    count = (len(path) - 2) // BLOCK
+    if count < 1:
+        return path
+    steps = np.diff(path, axis=0)
+    bends = np.abs(np.diff(steps, axis=0))
+    blocks = bends[: count * BLOCK].reshape(count, BLOCK, -1)
+    usual = np.partition(blocks, REGULAR - 1, axis=1)[:, REGULAR - 1]
+    usual = usual[np.minimum(np.arange(len(bends)) // BLOCK, count - 1)]
+    large = (bends > JUMP * usual) & (usual > STRAIGHT_LINE * np.std(steps, axis=0))
+    rows, result = np.arange(1, len(steps) - 1), path.copy()
+    for j in range(path.shape[1]):
+        jumps = rows[large[1:, j] & large[:-1, j]]
+        if len(jumps):
+            rest = np.delete(np.arange(len(steps)), jumps)
+            steps[jumps, j] = np.interp(jumps, rest, steps[rest, j])
+            result[1:, j] = path[0, j] + np.cumsum(steps[:, j])
+    return result

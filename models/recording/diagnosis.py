@@ -6,10 +6,11 @@ as good. That is repeated until nothing gains. The problems are the changes that
 what the correlations tell but no change mends. What is no unit of the field is asked, not scaled.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,15 +23,17 @@ from seatrial.models.recording.consistency import (
     CERTAIN,
     SAME_SCALE,
     SURE,
+    Agreement,
     Consistency,
     consistency,
 )  # fmt: skip
-from seatrial.models.recording.reader import FLIPPED, SI_ASSUMED, clock_of, unit_of
-from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.quantities import quantity
+from seatrial.models.recording.reader import FLIPPED, SI_ASSUMED, clock_of, reading_of
+from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import original_rate, sampling
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import seconds
-from seatrial.models.recording.units import SI, factor
+from seatrial.models.recording.units import SI, factor, targets_of
 from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
@@ -39,7 +42,9 @@ SAMPLES_APART = 2.0  # a smaller delay is that of a filter or of sampling
 SAME_RATE = 1.05  # of the rate of the original samples
 MOST_CHANGES = 6
 MOST_SAMPLES, BLOCKS = 50_000, 10  # of a longer recording, as many even blocks are compared
-LARGE = {"roll": np.pi, "pitch": np.pi, "yaw": 6.0 * np.pi}  # [rad] rarely reached
+LARGE = {"roll": np.pi, "pitch": np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # hardly rad, or 1/s
+LARGE_BEARING = 6.0 * np.pi  # [rad]
+PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
 LINEAR, ANGLES = DOFS[:3], DOFS[3:]
 UNITS = {  # that people record, by that of SI
     "m/s": ("m/s", "knot", "km/h", "ft/s", "cm/s", "mm/s"),
@@ -143,14 +148,10 @@ def examine(
     poses, speeds = set(columns.posed), set(columns.moving)
     for own in (poses & (speeds | set(PLANAR)), poses & speeds, set(dofs)):
         known = tuple(dof for dof in DOFS if dof in own)
-        if not known:
-            continue
-        try:
-            recording = read(columns, known)
-        except FAULTS:
-            continue
-        case = _Case(read, columns, sources, known, 1.0 / recording.period_s)
-        return case.examined(recording, heading_deg)
+        with suppress(*FAULTS):
+            if known:
+                recording = read(columns, known)
+                return _Case(read, columns, sources, known, recording).examined(heading_deg)
     return None
 
 
@@ -162,6 +163,16 @@ class _State(NamedTuple):
     recording: Recording
     result: Consistency
 
+    @property
+    def specs(self) -> dict[str, Column]:
+        """The columns of motion by option; without those that a quaternion or GNSS replaces."""
+        columns = self.columns
+        replaced = (LINEAR if columns.geodetic else (), ANGLES if columns.orientation else ())
+        options = {f"position.{dof}" for dofs in replaced for dof in dofs}
+        kinds = ("position", "velocity", "acceleration")
+        return {option: spec for option, spec in columns.columns().items()
+                if option.partition(".")[0] in kinds and option not in options}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class _Case:
@@ -171,28 +182,29 @@ class _Case:
     columns: ColumnMap
     sources: Mapping[str, Source]
     known: tuple[str, ...]
-    rate_hz: float
+    recording: Recording
 
-    def examined(self, recording: Recording, heading_deg: float) -> Examination:
+    def examined(self, heading_deg: float) -> Examination:
         """What is wrong with the recording, with the changes that were tried."""
-        state = self._compared(self.columns, {"heading_deg": heading_deg}, recording)
-        plain, problems, period_s = state.result, list[RecordingDefect](), recording.period_s
-        if (slower := self._slower()) is not None:
-            period_s = 1.0 / (slower.value or self.rate_hz)
+        state = self._compared(self.columns, {"heading_deg": heading_deg}, self.recording)
+        plain, problems = state.result, list[RecordingDefect]()
+        if (slower := self._slower(state)) is not None:
             try:
                 state = self._with(state, slower.change)
                 problems.append(slower)
             except FAULTS:
                 problems.append(replace(slower, change={}))
         for _ in range(MOST_CHANGES):
-            told, questions = _told(state, self.sources, period_s)
+            told = [*_told(state), *self._scales(state)]
             framed = any(p.kind in ("earth", "frame", "heading") for p in problems)
             guesses = (g for g in self._guesses(state) if g.kind == "scale" or not framed)
-            best = self._best(state, told, guesses)
+            best = self._best(state, (d for d in told if d.change), guesses)
             if best is None:
                 break
             problems.append(best[0])
-            state = self._compared(*best[1][:3])
+            state = self._compared(*best[1][:3])  # in the band in which it agrees best
+        questions = tuple(d.message for d in told if d.kind == "question")
+        told = [defect for defect in told if defect.kind != "question"]
         problems += [replace(defect, change={}) for defect in told]
         named = {dof for defect in told for dof in defect.axes}
         problems += [
@@ -202,20 +214,25 @@ class _Case:
         ]  # fmt: skip
         delay = sum(p.value or 0.0 for p in problems if p.kind == "clock" and p.change)
         result = replace(plain, lag_s=state.result.lag_s + delay)
-        questions = (*self._wide(state), *questions)
-        return Examination(result, tuple(problems), recording, questions, self._not_compared())
+        good = {a.dof for a in state.result.velocities if a.correlation > SURE and not a.off}
+        doubtful = {
+            option: line for option, line in doubts(self.sources, state.columns).items()
+            if option not in {f"position.{dof}" for dof in good}
+            and not (option == "position.yaw" and good & set(LINEAR))
+        }  # fmt: skip
+        questions = (*doubtful.values(), *questions)
+        return Examination(result, tuple(problems), self.recording, questions, self._not_compared())
 
     def _compared(
         self, columns: ColumnMap, options: dict[str, Any], recording: Recording,
         band: float | None = None,
     ) -> _State:  # fmt: skip
-        part = recording
-        if len(part) > MOST_SAMPLES:
-            row = np.arange(len(part)) % -(-len(part) // BLOCKS)
-            part = part.part(row < MOST_SAMPLES // BLOCKS)
+        if len(recording) > MOST_SAMPLES:
+            row = np.arange(len(recording)) % -(-len(recording) // BLOCKS)
+            recording = recording.part(row < MOST_SAMPLES // BLOCKS)
         measured = [dof for dof in self.known if dof in columns.acceleration]
-        result = consistency(part, measured, columns.moving, band)
-        return _State(columns, options, part, result)
+        result = consistency(recording, measured, columns.moving, band)
+        return _State(columns, options, recording, result)
 
     def _with(self, state: _State, change: Change, band: float | None = None) -> _State:
         """The state with a change: the recording is read again."""
@@ -223,7 +240,8 @@ class _Case:
         new = {k: value for k, value in change.items() if not k.startswith("columns.")}
         options = {**state.options, **new}
         try:
-            grid = {"resample_hz": self.rate_hz, "at_gap": "split"} if self.excerpt else {}
+            rate = 1.0 / self.recording.period_s
+            grid = {"resample_hz": rate, "at_gap": "split"} if self.excerpt else {}
             recording = self.read(columns, self.known, self.excerpt, **{**grid, **options})
         except FAULTS:
             recording = self.read(columns, self.known, None, **options)
@@ -249,12 +267,12 @@ class _Case:
         return result
 
     def _best(
-        self, state: _State, told: Sequence[RecordingDefect], guesses: Iterator[RecordingDefect]
+        self, state: _State, told: Iterable[RecordingDefect], guesses: Iterable[RecordingDefect]
     ) -> tuple[RecordingDefect, _State] | None:
         """The first of the changes that are as good as the best one; None if none gains enough."""
         tried = []
         for least, defects in ((0.0, told), (AS_GOOD, guesses)):
-            for defect in (defect for defect in defects if defect.change):
+            for defect in defects:
                 try:
                     after = self._with(state, defect.change, state.result.band)
                 except FAULTS:
@@ -267,24 +285,26 @@ class _Case:
                 if gain > least and not worse:
                     tried.append((gain, defect, after))
         most = max((gain for gain, *_ in tried), default=0.0)
-        return next(((defect, after) for gain, defect, after in tried if gain >= most - AS_GOOD),
-                    None)  # fmt: skip
+        return next(((d, after) for gain, d, after in tried if gain >= most - AS_GOOD), None)
 
     def _guesses(self, state: _State) -> Iterator[RecordingDefect]:
         """Changes that no correlation tells, unless all agrees: frames, headings, and degrees."""
-        columns, dofs = state.columns, [axis.dof for axis in state.result.velocities]
+        columns, specs = state.columns, state.specs
+        dofs = [axis.dof for axis in state.result.velocities]
         if state.result.quality > 1.0 - AS_GOOD:
             return
-        turns, yaw = set(PLANAR) <= set(self.known), _specs(columns).get("position.yaw")
+        turns, yaw = set(PLANAR) <= set(self.known), specs.get("position.yaw")
         for kind, axes, text, frames in FRAMES if turns else ():
             if any(getattr(columns.frames, name) != value for name, value in frames.items()):
                 change = {f"columns.frames.{name}": value for name, value in frames.items()}
                 yield RecordingDefect(kind, tuple(d for d in axes if d in dofs), text, change)
         if turns and yaw:
-            clockwise = replace(yaw, positive="clockwise")
-            other = replace(yaw, positive="anticlockwise") if yaw == clockwise else clockwise
-            sense, opposite = other.positive, _change({"position.yaw": other})
-            text = f"the heading counts {sense}"
+            back = replace(yaw, positive="anticlockwise")
+            other = replace(yaw, positive="clockwise") if yaw == back else back
+            opposite, text = (
+                _change({"position.yaw": other}),
+                f"the heading counts {other.positive}",
+            )
             yield RecordingDefect("heading", ("yaw",), text, opposite)
             both = {**opposite, "columns.frames.position": "ENU"}
             text = f"{text}, and the positions are east, north, up"
@@ -296,33 +316,76 @@ class _Case:
             heading = {"heading_deg": (state.options["heading_deg"] - off + 179.0) % 360.0 - 179.0}
             text = f"the heading is {-off:g} degrees off the positions"
             yield RecordingDefect("heading", ("yaw",), text, heading, off)
-        angles = [dof for dof, spec in self._angles(columns).items() if spec.unit is None]
+        angles = [dof for dof, spec in self._angles(state).items() if spec.unit is None]
         for group in (angles, [dof for dof in angles if dof != "yaw"], angles[-1:]):
-            new = {f"position.{dof}": replace(_specs(columns)[f"position.{dof}"], unit="deg")
-                   for dof in group}  # fmt: skip
+            new = {f"position.{d}": replace(specs[f"position.{d}"], unit="deg") for d in group}
             text = "the angles of the pose are in degrees"
             yield RecordingDefect("scale", tuple(group), text, _change(new), 180.0 / np.pi)
 
-    def _angles(self, columns: ColumnMap) -> dict[str, Column]:
+    def _scales(self, state: _State) -> Iterator[RecordingDefect]:
+        """Velocities, poses or times in another unit; axes in the same unit are named together.
+
+        One factor on all rates, of positions and of angles, is one on time. What is of no unit is a
+        question.
+        """
+        columns, specs, text = state.columns, state.specs, "the derivative of the pose is"
+        axes = [axis for axis in state.result.axes if axis.certain]
+        speeds = [axis for axis in axes if axis.kind == "velocity"]
+        scale = float(np.median([abs(axis.scale) for axis in speeds])) if speeds else 1.0
+        same = all(1.0 / SAME_SCALE < abs(a.scale) / scale < SAME_SCALE and a.off for a in speeds)
+        if same and len({axis.dof in ANGLES for axis in speeds}) == 2:
+            time, dofs = as_column(columns.time), tuple(axis.dof for axis in speeds)
+            text = f"{text} {scale:.3g} times the velocity on every axis"
+            unit, value = _unit(time.unit or "s", "s", scale)
+            change = {"columns.time": replace(time, unit=unit).written}
+            yield (
+                RecordingDefect("time", dofs, text, change, value)
+                if unit
+                else RecordingDefect("question", (), f"{text}: which unit is {time.name} in?")
+            )
+            return
+        groups: dict[tuple[str, str, float], list[str]] = {}
+        for axis in (axis for axis in axes if axis.off):
+            size, spec = abs(axis.scale), specs.get(f"{axis.kind}.{axis.dof}")
+            if (known := self._rescaled(state, axis)) is not None:
+                groups.setdefault(known, []).append(axis.dof)
+            elif spec and axis in speeds and not 1.0 / UNNAMED < size < UNNAMED:
+                pose = "attitude" if axis.dof in ANGLES else "position"
+                line = f"{spec.name} is {1.0 / size:.2f} of d({pose})/dt: which unit?"
+                yield RecordingDefect("question", (), line)
+        for (kind, unit, value), group in groups.items():
+            new = {f"{kind}.{dof}": replace(specs[f"{kind}.{dof}"], unit=unit) for dof in group}
+            pair = ("velocity", kind) if kind == "acceleration" else ("pose", "velocity")
+            text = f"the derivative of the {pair[0]} is {value:.3g} times the {pair[1]}"
+            yield RecordingDefect("scale", tuple(group), text, _change(new), value)
+
+    def _rescaled(self, state: _State, axis: Agreement) -> tuple[str, str, float] | None:
+        """The kind of the column whose unit makes an axis agree, the unit, and the scale of it."""
+        size = abs(axis.scale)
+        ratios = {axis.kind: size}
+        ratios |= {"position": 1.0 / size} if axis.kind == "velocity" else {}
+        for kind, ratio in ratios.items():
+            if (option := f"{kind}.{axis.dof}") in state.specs:
+                si, now = SI[kind][axis.dof], self._unit_now(state.columns, option)[0]
+                unit, value = _unit(now, si, ratio)
+                if unit:
+                    return kind, unit, value if kind == axis.kind else 1.0 / value
+        return None
+
+    def _unit_now(self, columns: ColumnMap, option: str) -> tuple[str, str]:
+        """The unit that a column is read with, and where it is known from."""
+        specs, (kind, _, dof) = columns.columns(), option.partition(".")
+        source, name = column(self.sources, specs[option].name)
+        reading = reading_of(source, name, option, specs[option], specs)
+        return reading.unit or SI[kind][dof], reading.known_from
+
+    def _angles(self, state: _State) -> dict[str, Column]:
         """The columns of angles of which no unit was stated before the search."""
         return {
             dof: spec for dof in ANGLES
-            if (spec := _specs(columns).get(f"position.{dof}")) is not None
-            and _unit_now(self.sources, self.columns, f"position.{dof}")[1] == SI_ASSUMED
+            if (spec := state.specs.get(f"position.{dof}")) is not None
+            and self._unit_now(self.columns, f"position.{dof}")[1] == SI_ASSUMED
         }  # fmt: skip
-
-    def _wide(self, state: _State) -> tuple[str, ...]:
-        """Questions about angles that reach far in radians, which no motion tells to be right."""
-        good = {a.dof for a in state.result.velocities if a.correlation > SURE and not a.off}
-        lines = []
-        for dof, spec in self._angles(state.columns).items():
-            values = _numbers(self.sources, spec)
-            told = good & ({dof, *LINEAR} if dof == "yaw" else {dof})
-            wide = np.nanmax(np.abs(values), initial=0.0) > LARGE[dof]
-            if wide and not told and spec.unit is None:
-                lines.append(f"{spec.name} ranges from {np.nanmin(values):.4g} to "
-                             f"{np.nanmax(values):.4g}, read in rad: which unit?")  # fmt: skip
-        return tuple(lines)
 
     def _not_compared(self) -> tuple[str, ...]:
         """Which quantity is missing for a comparison, and where."""
@@ -339,106 +402,100 @@ class _Case:
                          f"body axes and compared in {' and '.join(linear)}")  # fmt: skip
         return tuple(lines)
 
-    def _slower(self) -> RecordingDefect | None:
+    def _slower(self, state: _State) -> RecordingDefect | None:
         """Whether all columns of motion of a source were interpolated from slower ones.
 
         There is no problem if the recording is read at the original rate.
         """
-        groups: dict[str, dict[str, list[Array]]] = {}
-        for option, spec in _specs(self.columns).items():
+        groups: dict[str, dict[tuple[str, bool], list[Array]]] = {}
+        for option, spec in state.specs.items():
             kind, _, dof = option.partition(".")
-            values = _numbers(self.sources, spec)
+            values = self._numbers(spec)
             if len(values) and kind != "acceleration":
                 parts = groups.setdefault(column(self.sources, spec.name)[0].name, {})
-                parts.setdefault(f"{kind}{dof in ANGLES}", []).append(values[:MOST_SAMPLES])
+                parts.setdefault((kind, dof in ANGLES), []).append(values)
         for name, parts in groups.items():
             source = self.sources[name]
-            own = sampling(seconds(source, clock_of(source, self.columns))).rate_hz
-            rates = [original_rate(np.column_stack(values), own) for values in parts.values()]
+            t = seconds(source, clock_of(source, self.columns))
+            own = sampling(t).rate_hz
+            pieces = pairwise(piece_edges(t, 1.0 / own) if own else [0, len(t)])
+            a, b = max(pieces, key=lambda piece: piece[1] - piece[0])
+            rows = slice(a, min(b, a + MOST_SAMPLES))  # without a gap
+            rates = [
+                original_rate(np.column_stack([x[rows] for x in v]), own) for v in parts.values()
+            ]
             known = [rate for rate in rates if rate is not None]
             if len(known) < len(rates):
                 continue
             rate = max(known)  # columns that stand still for a while have fewer samples
             nice = float(round(rate) if abs(rate - round(rate)) < rate / 20 else f"{rate:.2g}")
-            if self.rate_hz > SAME_RATE * nice:
+            if nice * self.recording.period_s < 1.0 / SAME_RATE:
                 text = f"the columns are interpolated from {nice:g} Hz, the file has {own:.3g} Hz"
                 return RecordingDefect("resampled", (), text, {"resample_hz": nice}, nice)
         return None
 
+    def _numbers(self, spec: Column) -> Array:
+        """A column as recorded, shape (N,); empty if the file has none."""
+        try:
+            source, name = column(self.sources, spec.name)
+            return source.numbers(name, gaps=True)
+        except RecordingError:
+            return np.empty(0)
 
-def _told(
-    state: _State, sources: Mapping[str, Source], period_s: float
-) -> tuple[list[RecordingDefect], tuple[str, ...]]:
-    """What the correlations tell: problems with changes that may mend them, and questions."""
-    result, columns = state.result, state.columns
-    specs, found = _specs(columns), []
-    for group in _cycles(result.order):
-        places = {dof: result.order[dof] for dof in group if f"velocity.{dof}" in specs}
-        new = {f"velocity.{to}": specs[f"velocity.{dof}"] for dof, to in places.items()}
-        change = _change(new) if len(new) == len(group) else {}
-        found.append(RecordingDefect("swap", group, "the velocities are exchanged", change))
+
+def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
+    """Questions about columns without a stated unit whose values reach far, by option."""
+    result, specs = dict[str, str](), columns.columns()
+    for option, spec in specs.items():
+        kind, _, key = option.partition(".")
+        with suppress(RecordingError):
+            source, name = column(sources, spec.name)
+            values = source.numbers(name, gaps=True)
+            known_from = reading_of(source, name, option, spec, specs).known_from
+            if known_from != SI_ASSUMED or np.all(np.isnan(values)):
+                continue
+            named, bearing = (
+                quantity(name) if kind == "inputs" else None,
+                targets_of(option) == ("rad",),
+            )
+            of = named.option.partition(".")[2] if named else key
+            least, most = float(np.nanmin(values)), float(np.nanmax(values))
+            jumps = bearing and np.any(np.abs(np.abs(np.diff(values)) - 360.0) < 36.0)
+            spans = f"{spec.name} ranges from {least:.4g} to {most:.4g}"
+            large = LARGE.get(of, LARGE_BEARING if bearing else np.inf)
+            if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
+                pulse = f"{{column: {spec.name}, neutral: 1500, full: 1900}}"
+                line = f"is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
+                result[option] = f"{spans}: {line}"
+            elif max(abs(least), abs(most)) > large or jumps:
+                unit = f"{{column: {spec.name}, unit: {'rpm' if of == 'n' else 'deg'}}}"
+                result[option] = f"{spans}: in which unit? {kind}: {{{key}: {unit}}}"
+    return result
+
+
+def _told(state: _State) -> Iterator[RecordingDefect]:
+    """What the correlations tell of order, signs and clocks, with changes that may mend it."""
+    result, specs = state.result, state.specs
+    for group in result.swaps:
+        places = (group, group[::-1])
+        new = {f"velocity.{to}": specs[o] for dof, to in zip(*places, strict=True)
+               if (o := f"velocity.{dof}") in specs}  # fmt: skip
+        change = _change(new) if len(new) == 2 else {}
+        yield RecordingDefect("swap", group, "the velocities are exchanged", change)
     for axis in (axis for axis in result.axes if axis.certain and axis.correlation < 0.0):
-        known = {o: spec for o, spec in specs.items() if o == f"{axis.kind}.{axis.dof}"}
-        change = _change({o: replace(s, column=f"-{s.column}".removeprefix("--"))
-                          for o, s in known.items()})  # fmt: skip
-        text = f"the {axis.kind} has the wrong sign"
-        found.append(RecordingDefect("sign", (axis.dof,), text, change, -1.0))
-    scales, questions = _scales(state, sources)
-    found += scales
-    lag, least = result.lag_s, max(SAMPLES_APART * period_s, CERTAIN * result.lag_error_s)
+        option = f"{axis.kind}.{axis.dof}"
+        spec, text = specs.get(option), f"the {axis.kind} has the wrong sign"
+        other = {option: replace(spec, column=f"-{spec.column}".removeprefix("--"))} if spec else {}
+        yield RecordingDefect("sign", (axis.dof,), text, _change(other), -1.0)
+    lag, least = (
+        result.lag_s,
+        max(SAMPLES_APART * state.recording.period_s, CERTAIN * result.lag_error_s),
+    )
     if abs(lag) >= least and result.shared_lag_s != 0.0:
-        delay = float(f"{lag + columns.delay_s.get('velocity', 0.0):.3g}")
+        delay = float(f"{lag + state.columns.delay_s.get('velocity', 0.0):.3g}")
         text = f"{abs(lag):.3g} s {'behind' if lag > 0.0 else 'ahead of'} the pose"
         change = {"columns.delay_s.velocity": delay}
-        found.append(RecordingDefect("clock", (), f"the velocities are {text}", change, lag))
-    return found, questions
-
-
-def _scales(
-    state: _State, sources: Mapping[str, Source]
-) -> tuple[list[RecordingDefect], tuple[str, ...]]:
-    """Velocities, poses or times in another unit; axes in the same unit are named together.
-
-    One factor on all rates, of positions and of angles, is one on time.
-    """
-    columns, specs, text = state.columns, _specs(state.columns), "the derivative of the pose is"
-    axes = [axis for axis in state.result.axes if axis.certain]
-    speeds = [axis for axis in axes if axis.kind == "velocity"]
-    scale = float(np.median([abs(axis.scale) for axis in speeds])) if speeds else 1.0
-    same = all(1.0 / SAME_SCALE < abs(a.scale) / scale < SAME_SCALE and a.off for a in speeds)
-    if same and len({axis.dof in ANGLES for axis in speeds}) == 2:
-        time, dofs = as_column(columns.time), tuple(axis.dof for axis in speeds)
-        text = f"{text} {scale:.3g} times the velocity on every axis"
-        unit, value = _unit(time.unit or "s", "s", scale)
-        if not unit:
-            return [], (f"{text}: which unit is {time.name} in?",)
-        change = {"columns.time": _written(replace(time, unit=unit))}
-        return [RecordingDefect("time", dofs, text, change, value)], ()
-    groups: dict[tuple[str, str, float], list[str]] = {}
-    questions = []
-    for axis in (axis for axis in axes if axis.off):
-        size = abs(axis.scale)
-        ratios = {axis.kind: size, **({"position": 1.0 / size} if axis in speeds else {})}
-        for kind, ratio in ratios.items():
-            if (option := f"{kind}.{axis.dof}") in specs:
-                si, now = SI[kind][axis.dof], _unit_now(sources, columns, option)[0]
-                unit, value = _unit(now, si, ratio)
-                if unit:
-                    own = value if kind == axis.kind else 1.0 / value
-                    groups.setdefault((kind, unit, own), []).append(axis.dof)
-                    break
-        else:
-            spec = specs.get(f"{axis.kind}.{axis.dof}")
-            if spec and axis in speeds and not 1.0 / UNNAMED < size < UNNAMED:
-                pose = "attitude" if axis.dof in ANGLES else "position"
-                questions.append(f"{spec.name} is {1.0 / size:.2f} of d({pose})/dt: which unit?")
-    found = []
-    for (kind, unit, value), group in groups.items():
-        new = {f"{kind}.{dof}": replace(specs[f"{kind}.{dof}"], unit=unit) for dof in group}
-        pair = ("velocity", kind) if kind == "acceleration" else ("pose", "velocity")
-        text = f"the derivative of the {pair[0]} is {value:.3g} times the {pair[1]}"
-        found.append(RecordingDefect("scale", tuple(group), text, _change(new), value))
-    return found, tuple(questions)
+        yield RecordingDefect("clock", (), f"the velocities are {text}", change, lag)
 
 
 def _unit(now: str, si: str, ratio: float) -> tuple[str, float]:
@@ -449,49 +506,6 @@ def _unit(now: str, si: str, ratio: float) -> tuple[str, float]:
     return (unit, ratios[unit]) if near else ("", 1.0)
 
 
-def _unit_now(sources: Mapping[str, Source], columns: ColumnMap, option: str) -> tuple[str, str]:
-    """The unit that a column is read with, and where it is known from."""
-    spec, (kind, _, dof) = columns.columns()[option], option.partition(".")
-    reading = unit_of(sources, columns, option, spec)
-    return reading.unit or SI[kind][dof], reading.known_from
-
-
-def _specs(columns: ColumnMap) -> dict[str, Column]:
-    """The columns of motion by option; without those that a quaternion or a GNSS replaces."""
-    replaced = (LINEAR if columns.geodetic else (), ANGLES if columns.orientation else ())
-    options = {f"position.{dof}" for dofs in replaced for dof in dofs}
-    kinds = ("position", "velocity", "acceleration")
-    return {option: spec for option, spec in columns.columns().items()
-            if option.partition(".")[0] in kinds and option not in options}  # fmt: skip
-
-
-def _cycles(order: Mapping[str, str]) -> list[tuple[str, ...]]:
-    """The axes that are exchanged among each other."""
-    cycles = {}
-    for dof in order:
-        group = [dof]
-        while (other := order[group[-1]]) not in group:
-            group.append(other)
-        cycles[tuple(sorted(group, key=DOFS.index))] = len(group) > 1
-    return [group for group, exchanged in cycles.items() if exchanged]
-
-
 def _change(specs: Mapping[str, Column]) -> Change:
     """The change of a map that puts columns at options."""
-    return {f"columns.{option}": _written(spec) for option, spec in specs.items()}
-
-
-def _written(spec: Column) -> object:
-    """A column as it is written in a map."""
-    new = {f.name: getattr(spec, f.name) for f in fields(spec)}
-    new = {f.name: new[f.name] for f in fields(spec) if new[f.name] != f.default}
-    return new if len(new) > 1 else spec.column
-
-
-def _numbers(sources: Mapping[str, Source], spec: Column) -> Array:
-    """A column as recorded, shape (N,); empty if the file has none."""
-    try:
-        source, name = column(sources, spec.name)
-        return source.numbers(name, gaps=True)
-    except RecordingError:
-        return np.empty(0)
+    return {f"columns.{option}": spec.written for option, spec in specs.items()}

@@ -1,14 +1,14 @@
 """Joins what was recorded apart: channels of their own clocks, and recordings end to end."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, NamedTuple, TypeVar
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.recording import SHARED, Recording
+from seatrial.models.recording.recording import R, joined
 from seatrial.models.vessel.basis import Array
 
 MOST_SAMPLES = 100  # on the grid, for each sample of the channel with the most
@@ -17,7 +17,6 @@ BETWEEN = 10  # sample times between two recordings that are joined
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 TIME_ROUNDING = 1e-6  # of a sample time
 AtGap = Literal["refuse", "split"]
-R = TypeVar("R", bound=Recording)
 
 
 class Channel(NamedTuple):
@@ -156,10 +155,4 @@ def end_to_end(parts: Sequence[R]) -> R:
         follows = steps > 0.5 and abs(steps - round(steps)) < UNIFORMITY
         t.append(part.t if follows else part.t + (end + BETWEEN * period - float(part.t[0])))
         end = float(t[-1][-1])
-    columns: dict[str, Any] = {"t": np.concatenate(t)}
-    for name in [f.name for f in fields(first) if f.name not in (*SHARED, "t")]:
-        values = [getattr(part, name) for part in parts]
-        if len({value is None for value in values}) > 1:
-            raise RecordingError(f"recordings: {name} is in some, expected it in all or none")
-        columns[name] = None if values[0] is None else np.concatenate(values)
-    return replace(first, **columns)
+    return replace(joined(parts), t=np.concatenate(t))

@@ -5,7 +5,6 @@ Synchronisation, quaternions, velocity against position: Hoyer (2021), section 5
 are pure; time and signals run along the first axis.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -18,6 +17,7 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
 from seatrial.models.ranges import Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Mask, Recording
+from seatrial.models.recording.smoothing import lowpass
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian, turned
 
@@ -98,7 +98,7 @@ class Differentiation:
         if self.method == "savitzky_golay":
             return self._slope(values, period_s)
         if self.method == "butterworth":
-            return central_difference(self._smooth(values, period_s), period_s)
+            values = self._smooth(values, period_s)
         return central_difference(values, period_s)
 
     def _slope(self, values: Array, period_s: float) -> Array:
@@ -123,8 +123,7 @@ class Differentiation:
             )
         if len(values) < 6 * (self.order + 1):
             raise RecordingError(f"got {len(values)} samples, too few for a low-pass filter")
-        sections = scipy.signal.butter(self.order, self.cutoff_hz / nyquist, output="sos")
-        return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0))
+        return lowpass(values, self.cutoff_hz, period_s, self.order)
 
 
 def without_sign_flips(quaternions: Array) -> Array:
@@ -164,19 +163,6 @@ class QualityCheck:
         return float(np.max(np.abs(self.error)))
 
 
-@dataclass(frozen=True)
-class Description:
-    """Descriptive statistics of one column; std with n - 1."""
-
-    name: str
-    count: int
-    mean: float
-    std: float
-    median: float
-    minimum: float
-    maximum: float
-
-
 def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
     """Both checks of every degree of freedom, piece by piece.
 
@@ -191,7 +177,7 @@ def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
     turned_by = eta[:, 3:] if set(PLANAR) <= set(dofs) else np.zeros((n, 3))
     turn = pose_jacobian(turned_by)[:, :3, :3]
     pose, integral, rates = eta.copy(), np.empty((n, 6)), np.empty((n, 6))
-    for a, b in pairwise([*np.flatnonzero(recording.piece_starts).tolist(), n]):
+    for a, b in pairwise(recording.edges):
         part = slice(a, b)
         pose[part, 3:] = eta[a, 3:] + turned(eta[part, 3:])
         along = np.einsum("nij,nj->ni", turn[part], nu[part, :3])
@@ -209,21 +195,3 @@ def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
             QualityCheck("differentiated_position", dof, speed_unit, nu[:, i], rates[:, i]),
         ]
     return tuple(checks)
-
-
-def describe(columns: Mapping[str, Array]) -> tuple[Description, ...]:
-    """Descriptive statistics of columns, in their order; empty cells (NaN) are ignored."""
-    descriptions = []
-    for name, values in columns.items():
-        x = values[~np.isnan(values)]
-        if not len(x):
-            descriptions.append(Description(name, 0, *(float("nan"),) * 5))
-            continue
-        std = float(np.std(x, ddof=1)) if len(x) > 1 else float("nan")
-        descriptions.append(
-            Description(
-                name, len(x), float(np.mean(x)), std, float(np.median(x)), float(np.min(x)),
-                float(np.max(x)),
-            )
-        )  # fmt: skip
-    return tuple(descriptions)

@@ -2,23 +2,24 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from itertools import product
 from textwrap import shorten
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.column_map import QUATERNION, Column
-from seatrial.models.recording.proposal_by_motion import angle_unit, propose_by_motion, speed_unit
 from seatrial.models.recording.quantities import WORDS, Quantity, kinds_of, quantity
+from seatrial.models.recording.reader import stated_unit
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import clocks, find_time, seconds
-from seatrial.models.recording.units import factor, is_known, targets_of, unit_in_title, words_of
+from seatrial.models.recording.units import factor, target_of, targets_of, unit_in_title, words_of
 from seatrial.models.vessel.basis import Array
 
 SYMBOLS = {"eta": "x y z phi theta psi", "nu": "u v w p q r", "tau": "x y z k m n"}  # of matrices
@@ -28,9 +29,15 @@ SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
 BEARINGS = ("position.roll", "position.pitch", "position.yaw", "ground.course", "wind.direction")
 MIN_SAMPLES = 30  # of a record that is preferred to others
 UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
-DOUBTFUL = {"angle": 4.0 * np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # larger: not rad, or not 1/s
-PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
 METRES = 111_195.0  # of a degree of latitude
+LEAST_STEPS = 50  # of a path that is compared with a heading
+FACTOR_TOLERANCE = 0.1  # deviation of a factor from that of a unit
+TOGETHER = 0.7  # least concentration of course less heading
+STEP_S = 5.0  # [s] of a path whose length is compared with a speed
+BETTER = 0.5  # of what is left of it in the other unit
+LEAST = 1e-9
+SPEEDS = ("m/s", "knot", "km/h")
+Path = tuple[Array, NDArray[np.complex128]]  # times [s] and positions along two axes, (N,)
 UNKNOWN = Quantity("", strange=99)
 AXES_OF = {  # where a map states the axes or reference of a column
     **dict.fromkeys(("velocity.surge", "velocity.sway"), ("frames", "velocity", "earth")),
@@ -76,14 +83,11 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     Raises RecordingError if no source has a column of time.
     """
     times = {name: time for name, source in sources.items() if (time := find_time(source))}
-    if not times and len(sources) == 1:
-        by_motion = propose_by_motion(*sources.values())
-        return Proposal(by_motion, ("the columns are told by how they move together",))
     if not times:
         names = ", ".join(name for source in sources.values() for name in source.columns)
         raise RecordingError(
             f"{next(iter(sources.values())).path}: no column of time among {names[:300]}, expected "
-            "one such as t or time"
+            "one such as t or time, or a map with text: {names: [t, ...]} or time: COLUMN"
         )
     every, texts = _candidates([sources[name] for name in times], len(sources) > 1)
     chosen = _motion([c for c in every if c.moves])
@@ -95,15 +99,14 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
         kind, _, name = option.partition(".")
         unit, origin = units.get(option, ("", ""))
         sure.append(f"{option}: {c.full}" + (f" in {unit} ({origin})" if unit else ""))
-        target = next((t for t in targets_of(option) if is_known(unit, t)), "")
-        written = unit and origin != "header" and factor(unit, target) != 1.0
+        target = target_of(unit, targets_of(option)) or ""
+        written = unit and origin != "the file" and factor(unit, target) != 1.0
         columns[kind][name] = {"column": c.full, "unit": unit} if written else c.full
         group, key, frame = AXES_OF.get(option, ("", "", "any"))
         if c.frame == frame:
             columns[group][key] = frame
         if c.frame == "magnetic":
             asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
-        asked += () if unit else _doubts(option, c)
     used = {c.full: c for c in chosen.values()}
     left = {"no column of time": [name for name in sources if name not in times]}
     left |= {"not numbers": texts, "do not move": [], "look like inputs, not mapped": []}
@@ -306,13 +309,10 @@ def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, 
     """Units that are known and where from: the header, the title, the motion, those beside."""
     known = dict[str, tuple[str, str]]()
     for option, c in chosen.items():
-        targets = targets_of(option)
-        for unit, origin in ((c.source.units.get(c.name), "header"),
-                             (unit_in_title(c.name, targets), "title")):  # fmt: skip
-            if unit and any(is_known(unit, target) for target in targets):
-                known.setdefault(option, (unit, origin))
+        if told := stated_unit(c.source, c.name, targets_of(option)):
+            known[option] = told
     path = _path(chosen, times)
-    for option, unit_of in (("position.yaw", angle_unit), ("ground.speed", speed_unit)):
+    for option, unit_of in (("position.yaw", _angle_unit), ("ground.speed", _speed_unit)):
         if path and option in chosen and option not in known:
             c = chosen[option]
             t = seconds(c.source, times[c.source.name])
@@ -329,34 +329,51 @@ def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, 
     return known
 
 
-def _path(chosen: Chosen, times: Mapping[str, Column]) -> tuple[Array, Array, Array] | None:
+def _angle_unit(path: Path, times: Array, heading: Array) -> str | None:
+    """The unit of a heading, rad or deg: that in which the course keeps with it; None: unclear.
+
+    Args:
+        path: times [s] and positions, the second axis imaginary, (N,)
+        times: of the heading [s], shape (M,)
+        heading: angles, shape (M,)
+    """
+    best, most = None, TOGETHER
+    for every in 4 ** np.arange(8):  # short steps are noise, long ones hide the turns
+        t, step = path[0][::every], np.diff(path[1][::every])
+        middle = np.searchsorted(times, 0.5 * (t[1:] + t[:-1])).clip(0, len(times) - 1)
+        step /= max(float(np.sum(np.abs(step))), LEAST)
+        turns = {u: np.exp(1j * factor(u, "rad") * heading[middle]) for u in ("rad", "deg")}
+        kept = {u: float(max(abs(z @ step), abs(z.conj() @ step))) for u, z in turns.items()}
+        unit = max(kept, key=lambda name: kept[name])
+        clear = len(t) > LEAST_STEPS and 1.0 - kept[unit] < BETTER * (1.0 - min(kept.values()))
+        if clear and kept[unit] > most:
+            best, most = unit, kept[unit]
+    return best
+
+
+def _speed_unit(path: Path, times: Array, speed: Array) -> str | None:
+    """The unit of a speed over ground in which it makes the length of the path; None: none."""
+    every = max(1, round(STEP_S / max(float(np.median(np.diff(path[0]))), LEAST)))
+    length = float(np.sum(np.abs(np.diff(path[1][::every]))))
+    size = length / (float(np.sum(speed[1:] * np.diff(times))) + LEAST)
+    near = (u for u in SPEEDS if abs(size / factor(u, "m/s") - 1.0) < FACTOR_TOLERANCE)
+    return next(near, None)
+
+
+def _path(chosen: Chosen, times: Mapping[str, Column]) -> Path | None:
     """Times [s] and positions along two axes [m]; None: not recorded in one source."""
-    a, b = (chosen.get(f"position.{dof}") for dof in ("surge", "sway"))
-    north, east = (chosen.get(f"geodetic.{name}") for name in ("latitude", "longitude"))
-    first, second = (a, b) if a and b and a.source is b.source else (north, east)
-    if first is None or second is None:
+    pairs = (("position.surge", "position.sway"), ("geodetic.latitude", "geodetic.longitude"))
+    known = [(chosen[a], chosen[b]) for a, b in pairs if a in chosen and b in chosen]
+    x, y = next((pair for pair in known if pair[0].source is pair[1].source), (None, None))
+    if x is None or y is None:
         return None
-    t = seconds(first.source, times[first.source.name])
-    rows = np.array([t, first.values, second.values])
-    t, x, y = rows[:, np.all(np.isfinite(rows), axis=0)]
-    if first is north and len(x):
-        x, y = x * METRES, y * METRES * np.cos(np.radians(x[0]))
-    return (t, x, y) if len(t) > 2 else None
-
-
-def _doubts(option: str, c: _Candidate) -> Iterator[str]:
-    """What the range of values without a known unit makes doubtful."""
-    kind, _, key = option.partition(".")
-    least, most = float(np.nanmin(c.values)), float(np.nanmax(c.values))
-    spans = f"{c.full} ranges from {least:.4g} to {most:.4g}"
-    of = c.option.partition(".")[2] if kind == "inputs" else "angle" if option in BEARINGS else ""
-    jumps = of == "angle" and np.any(np.abs(np.abs(np.diff(c.values)) - 360.0) < 36.0)
-    if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
-        pulse = f"{{column: {c.full}, neutral: 1500, full: 1900}}"
-        yield f"{spans}: is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
-    elif max(abs(least), abs(most)) > DOUBTFUL.get(of, np.inf) or jumps:
-        unit = "rpm" if of == "n" else "deg"
-        yield f"{spans}: in which unit? {kind}: {{{key}: {{column: {c.full}, unit: {unit}}}}}"
+    t = seconds(x.source, times[x.source.name])
+    scale = (1.0, 1.0)
+    if x.option.startswith("geodetic"):
+        scale = METRES, METRES * float(np.cos(np.radians(np.nanmedian(x.values))))
+    z = x.values * scale[0] + 1j * y.values * scale[1]
+    there = np.isfinite(t) & np.isfinite(z)
+    return (t[there], z[there]) if np.sum(there) > 2 else None
 
 
 def _clock(
@@ -368,11 +385,9 @@ def _clock(
     holder = sources[max(used, key=lambda name: shared[times[name].name])]
     clock = times[holder.name]
     stated, titled = holder.units.get(clock.name), unit_in_title(clock.name, ("s",))
-    origins = ((stated, "header"), (titled, "title"), (clock.unit, "by its numbers"),
+    origins = ((stated, "the file"), (titled, "the title"), (clock.unit, "by its numbers"),
                ("s", "no unit is stated"))  # fmt: skip
     unit, origin = next((unit, origin) for unit, origin in origins if unit)
     text = holder.columns[clock.name].dtype == np.object_
     how = "dates or times of day" if text else f"in {unit} ({origin})"
-    written = {f.name: getattr(clock, f.name) for f in fields(clock)
-               if f.default is MISSING or getattr(clock, f.name) != f.default}  # fmt: skip
-    return clock.column if len(written) == 1 else written, f"time: {clock.name} {how}"
+    return clock.written, f"time: {clock.name} {how}"

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.units import TITLES, is_known, targets_of, words_of
+from seatrial.models.recording.units import TITLES, target_of, targets_of, words_of
 
 
 class Quantity(NamedTuple):
@@ -106,11 +106,13 @@ def quantity(title: str, source: str = "", unit: str | None = None) -> Quantity 
         units = TITLES.get("_".join(words[end:]), ())
         result = _matched(list(_split(words[:end])), around) if units or words[end:] == [] else None
         stated = unit or next(iter(units), None)
-        if result and stated and is_known(stated, stated):  # perhaps of its rate or integral
+        if (
+            result and stated and target_of(stated, (stated,)) is not None
+        ):  # perhaps of its rate or integral
             kind, _, name = result.option.partition(".")
             kind = {"position": "velocity", "velocity": "position"}.get(kind, kind)
             options = (o for o in (result.option, f"{kind}.{name}")
-                       if any(is_known(stated, target) for target in targets_of(o)))  # fmt: skip
+                       if target_of(stated, targets_of(o)) is not None)  # fmt: skip
             option = next(options, None)
             result = result._replace(option=option) if option else None
         if result and (best is None or result.strange < best.strange):

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Ge
@@ -20,9 +20,9 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording import units
 from seatrial.models.recording.column_map import KINDS, QUATERNION, Column, ColumnMap, Frames
-from seatrial.models.recording.joining import Channel, TimeGrid, join_channels
+from seatrial.models.recording.joining import AtGap, Channel, TimeGrid, join_channels
 from seatrial.models.recording.preprocessing import interpolated, outliers, without_sign_flips
-from seatrial.models.recording.recording import Mask, piece_edges
+from seatrial.models.recording.recording import GAP, Mask, piece_edges
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, is_later, seconds
@@ -37,7 +37,7 @@ else:
     pymap3d = lazy_loader.load("pymap3d")
 
 HELD_SIGNALS = ("force", "commands")  # constant until the next sample
-LONGEST_GAP_S = 1.0  # [s] that joining fills if nothing else is asked
+BRIDGED = 2.5  # sample times that joining fills at any rate
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
@@ -88,6 +88,16 @@ class Signals:
     left_out: tuple[str, ...]
 
 
+class _Part(NamedTuple):
+    """A column of a source as a channel, and how it was read."""
+
+    channel: Channel
+    source: Source
+    name: str
+    clock: str
+    reading: ColumnReading
+
+
 @dataclass(frozen=True)
 class Reading:
     """How the columns of a recording are read: the map, the grid, and what is cleaned."""
@@ -98,6 +108,8 @@ class Reading:
     outliers: Outliers = field(default_factory=Outliers)
     heading_deg: float = 0.0  # of the frame of the positions in that of the attitude
     more: Mapping[str, Column] = field(default_factory=dict)  # further columns by option
+    at_gap: AtGap = "refuse"  # without a grid, and the longest gap that joining then fills
+    max_gap_s: float = 1.0
 
     def read(self, path: Path, sources: Sources, dofs: Sequence[str]) -> Signals:
         """The signals that a vessel with some degrees of freedom needs.
@@ -122,41 +134,42 @@ class Reading:
 
     def _signals(self, sources: Sources, dofs: Sequence[str]) -> Signals:
         notes = [line for source in sources.values() for line in source.left_out]
-        channels, holders, readings = self._channels(sources, dofs, notes)
+        parts = self._parts(sources, dofs, notes)
+        channels = {option: part.channel for option, part in parts.items()}
+        channels = _unit_quaternions(channels, parts)
         counts = {}
         for option, channel in channels.items():
             wrong = self.outliers.of(channel.values)
-            counts[readings[option].column.removeprefix("-")] = int(np.sum(wrong))
+            counts[parts[option].reading.column.removeprefix("-")] = int(np.sum(wrong))
             if self.outliers.replace and np.any(wrong):
                 valid = ~np.isnan(channel.values)
                 values = channel.values.copy()
                 values[valid] = interpolated(channel.t[valid], values[valid], wrong[valid])
                 channels[option] = channel._replace(values=values)
-        one = len({id(source) for source in holders.values()}) == 1
-        if one and self.grid is None and not self.columns.delay_s:
-            t = self._one_clock(channels, holders, readings)
-            known = {option: channel.values for option, channel in channels.items()}
-        else:
-            cleaned = {o: _clean(c, o, readings[o], notes) for o, c in channels.items()}
-            grid = self.grid or TimeGrid(_rate(cleaned), LONGEST_GAP_S)
+        alone = len({id(part.source) for part in parts.values()}) == 1
+        alone = alone and self.grid is None and not self.columns.delay_s
+        t = self._one_clock(channels, parts) if alone else None
+        known = {option: channel.values for option, channel in channels.items()}
+        cleaned = {o: _clean(c, notes) for o, c in channels.items()} if t is None else channels
+        rate = _rate(cleaned)
+        grid = self.grid or TimeGrid(rate, max(self.max_gap_s, BRIDGED / rate), self.at_gap)
+        if t is None:
             t, known = join_channels(cleaned, grid)
-            notes += _dropped(t, cleaned, grid)
+        notes += _dropped(t, cleaned, grid)
         known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
-        return Signals(t, known, counts, tuple(readings.values()), tuple(dict.fromkeys(notes)))
+        readings = tuple(part.reading for part in parts.values())
+        return Signals(t, known, counts, readings, tuple(dict.fromkeys(notes)))
 
-    def _channels(
-        self, sources: Sources, dofs: Sequence[str], notes: list[str]
-    ) -> tuple[dict[str, Channel], dict[str, Source], dict[str, ColumnReading]]:
-        """Channels in SI units, their sources, and how they were read, by option."""
+    def _parts(self, sources: Sources, dofs: Sequence[str], notes: list[str]) -> dict[str, _Part]:
+        """The columns in SI units, by option."""
         specs, needed = wanted(self.columns, dofs)
         specs = {**specs, **self.more}
         if not specs:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-        scale, clocks = self.columns.froude_scale, {}
+        scale, clocks = self.columns.froude_scale, dict[str, tuple[str, Array]]()
         pace = units.froude_factor("s", scale)
         start = first_time(sources, self.columns)
-        start = start if start > EPOCH_S else 0.0  # dates: only differences matter
-        channels, holders, readings = {}, {}, {}
+        parts = {}
         for option, spec in specs.items():
             try:
                 source, name = column(sources, spec.name)
@@ -166,67 +179,58 @@ class Reading:
                 continue
             if source.name not in clocks:
                 clock = clock_of(source, self.columns)
-                clocks[source.name] = seconds(source, clock)
+                clocks[source.name] = clock.name, seconds(source, clock)
                 notes += [line] if (line := disagreement(source, clock)) else []
             values = _without_sentinels(source.numbers(name, gaps=True), name, notes)
-            unit, known_from = _unit(source, name, option, spec, specs)
+            reading = reading_of(source, name, option, spec, specs)
             kind = option.partition(".")[0]
             delay = self.columns.delay_s.get(source.name, self.columns.delay_s.get(kind, 0.0))
-            values = _in_si(values, option, spec, unit) * _froude(option, unit, known_from, scale)
-            t = pace * (clocks[source.name] - start - delay)
-            label = f"column {spec.name}"
-            channels[option] = Channel(t, values, kind in HELD_SIGNALS, label)
-            holders[option] = source
-            readings[option] = ColumnReading(option, spec.column, unit, known_from)
-        return _unit_quaternions(channels, readings), holders, readings
+            values = _in_si(values, option, spec, reading.unit)
+            values = values * _froude(option, reading.unit, scale)
+            clock_name, times = clocks[source.name]
+            t = pace * (times - start - delay)
+            channel = Channel(t, values, kind in HELD_SIGNALS, f"column {spec.name}")
+            parts[option] = _Part(channel, source, name, clock_name, reading)
+        return parts
 
     def _one_clock(
-        self, channels: Mapping[str, Channel], holders: Mapping[str, Source],
-        readings: Mapping[str, ColumnReading],
-    ) -> Array:  # fmt: skip
-        """The times of channels that share one, which must be complete and rise by equal steps."""
-        source, t = next(iter(holders.values())), next(iter(channels.values())).t
-        any_column = next(iter(source.columns))
-        for option, channel in channels.items():
-            empty = np.isnan(channel.values)
-            if np.any(empty):
-                name, row = readings[option].column.removeprefix("-"), int(np.argmax(empty))
-                place, text = source.cell(row, source.find(name.rpartition(":")[2]) or any_column)
-                raise RecordingError(
-                    f"{source.path}, column {name}, {place}: got {_shown(text)}, "
-                    "expected a finite number; excitation.resample_hz=RATE joins columns with "
-                    "cells between their samples"
-                )
-        name = self.columns.clock.name
-        if len(t) < 2:
-            raise RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
-        if np.any(np.isnan(t)):
-            place, text = source.cell(int(np.argmax(np.isnan(t))), source.find(name) or any_column)
-            raise RecordingError(
-                f"{source.path}, column {name}, {place}: got {_shown(text)}, expected a finite "
-                "number"
-            )
+        self, channels: Mapping[str, Channel], parts: Mapping[str, _Part]
+    ) -> Array | None:
+        """The times of channels that share one, which must be complete and rise by equal steps.
+
+        At gaps that are left out, steps may be longer. None: they can only be joined.
+        """
+        first, error = next(iter(parts.values())), None
+        source, t = first.source, first.channel.t
+        empty = {option: np.isnan(channel.values) for option, channel in channels.items()}
+        option = next((option for option, mask in empty.items() if np.any(mask)), None)
         steps = np.diff(t)
-        period = self.sample_time_s or float(np.median(steps))
+        period = self.sample_time_s or float(np.median(steps)) if len(t) > 1 else 1.0
         rising = steps > 0.0
-        wrong = ~rising | (np.abs(steps - period) > UNIFORMITY * abs(period))
-        if np.any(wrong):
-            k = int(np.argmax(~rising)) if np.any(~rising) else int(np.argmax(wrong))
-            place = source.cell(k + 1, any_column).place
+        even = np.abs(steps - period) <= UNIFORMITY * abs(period)
+        even |= (self.at_gap == "split") & (steps > GAP * period)
+        if option is not None:
+            expected = "a finite number; excitation.resample_hz=RATE joins columns with gaps"
+            error = source.refused(int(np.argmax(empty[option])), parts[option].name, expected)
+        elif len(t) < 2:
+            error = RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
+        elif np.any(np.isnan(t)):
+            error = source.refused(int(np.argmax(np.isnan(t))), first.clock)
+        elif not np.all(rising & even):
+            k = int(np.argmin(rising)) if not np.all(rising) else int(np.argmin(even))
             got = (
                 f"a step of {steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
                 if np.all(rising)
                 else f"{t[k + 1]:.6f} s after {t[k]:.6f} s, expected time to increase"
             )
-            raise RecordingError(
-                f"{source.path}, column {name}, {place}: got {got}; excitation.resample_hz=RATE "
-                "puts the columns on a uniform grid"
+            place, _ = source.cell(k + 1, next(iter(source.columns)))
+            error = RecordingError(
+                f"{source.path}, column {first.clock}, {place}: got {got}; "
+                "excitation.resample_hz=RATE puts the columns on a uniform grid"
             )
-        return t
-
-
-def _shown(text: str | None) -> str:
-    return repr(text) if text and text.strip() else "an empty cell"
+        if error is not None and self.at_gap != "split":
+            raise error
+        return t if error is None else None
 
 
 def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], set[str]]:
@@ -253,7 +257,7 @@ def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], 
             if replaced or not wished:
                 continue
         else:  # air, water and course have a meaning in the plane alone
-            if kind in ("wind", "ground", "water") and not set(PLANAR) <= set(dofs):
+            if kind in ("wind", "air", "ground", "water") and not set(PLANAR) <= set(dofs):
                 continue
             required = kind != "quaternion" or turns
         used[option] = spec
@@ -274,48 +278,48 @@ def clock_of(source: Source, columns: ColumnMap) -> Column:
 
 
 def first_time(sources: Sources, columns: ColumnMap) -> float:
-    """The first time [s] of all sources that have one, so that it does not depend on the vessel."""
+    """What is subtracted from all times [s]: the first date of any source, or 0.
+
+    It does not depend on the vessel; of dates only differences matter.
+    """
     firsts = []
     for source in sources.values():
         try:
             firsts.append(float(np.nanmin(seconds(source, clock_of(source, columns)))))
         except (RecordingError, ConfigurationError, ValueError):
             continue
-    return min(firsts, default=0.0)
+    start = min(firsts, default=0.0)
+    return start if start > EPOCH_S else 0.0
 
 
-def unit_of(sources: Sources, columns: ColumnMap, option: str, spec: Column) -> ColumnReading:
-    """With which unit a column is read, and where it is known from; raises RecordingError."""
-    source, name = column(sources, spec.name)
-    unit, known_from = _unit(source, name, option, spec, columns.columns())
-    return ColumnReading(option, spec.column, unit, known_from)
-
-
-def _unit(
+def reading_of(
     source: Source, name: str, option: str, spec: Column, specs: Mapping[str, Column]
-) -> tuple[str, str]:
-    """The unit of a column, and where it is known from: the first that tells it."""
-    targets = units.targets_of(option)
-    if spec.unit is not None:
-        return spec.unit, "the map"
-    if spec.full is not None or not targets:
-        return "", "the map"
-    stated = source.units.get(name)
-    if stated and any(units.is_known(stated, target) for target in targets):
-        return stated, "the file"
-    titled = units.unit_in_title(source.written.get(name, name), targets)
-    if titled:
-        return titled, "the title"
-    kind = option.partition(".")[0]
-    if kind in ("position", "velocity", "force", "actual_force", "acceleration"):
+) -> ColumnReading:
+    """The unit of a column of a source, and where it is known from: the first that tells it."""
+    targets, kind = units.targets_of(option), option.partition(".")[0]
+    unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
+    if spec.unit is not None or spec.full is not None or not targets:
+        unit, origin = spec.unit or "", "the map"
+    elif known := stated_unit(source, name, targets):
+        unit, origin = known
+    elif kind in ("position", "velocity", "force", "actual_force", "acceleration"):
         for other, beside in specs.items():  # of the same quantity, told by the same source
             plain = source.find(beside.name.rpartition(":")[2])
             same = other.partition(".")[0] == kind and units.targets_of(other) == targets
-            if plain is not None and plain != name and same:
-                unit = source.units.get(plain) or units.unit_in_title(plain, targets)
-                if unit and units.is_known(unit, targets[0]):
-                    return unit, f"{beside.name} beside it"
-    return (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
+            told = stated_unit(source, plain, targets) if plain and plain != name and same else None
+            if told:
+                unit, origin = told[0], f"{beside.name} beside it"
+                break
+    return ColumnReading(option, spec.column, unit, origin)
+
+
+def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str, str] | None:
+    """The unit of a column by the metadata of the file or by its title, and which it is."""
+    stated = source.units.get(name)
+    if stated and units.target_of(stated, targets) is not None:
+        return stated, "the file"
+    titled = units.unit_in_title(source.title(name), targets)
+    return (titled, "the title") if titled else None
 
 
 def _in_si(values: Array, option: str, spec: Column, unit: str) -> Array:
@@ -329,48 +333,42 @@ def _in_si(values: Array, option: str, spec: Column, unit: str) -> Array:
         values = values * units.input_factor(unit)
     elif unit and targets:
         values = values * units.factor(unit, targets[0])
-    turning = option in ("wind.direction", "ground.course") or kind == "thruster_angle"
-    if turning or (kind == "position" and dof in DOFS[3:]):
+    angle = kind == "position" and dof in DOFS[3:]
+    if angle or option in ("wind.direction", "ground.course") or kind == "thruster_angle":
         values, valid = values.copy(), ~np.isnan(values)
         values[valid] = unroll(values[valid])
-    if kind == "position" and dof in DOFS[3:]:
+    if angle:
         values = -values if spec.positive == "anticlockwise" else values
         values = values + 0.5 * np.pi if spec.zero == "east" else values
     return values
 
 
-def _froude(option: str, unit: str, known_from: str, scale: float) -> float:
+def _froude(option: str, unit: str, scale: float) -> float:
     """The factor of a column in SI units by Froude's law; 1 for what is of the same size."""
-    if scale == 1.0:
+    kind = option.partition(".")[0]
+    if scale == 1.0 or not (targets := units.targets_of(option)):
         return 1.0
-    kind, _, dof = option.partition(".")
-    if kind in ("inputs", "commands"):
-        if not unit:
-            raise ConfigurationError(
-                f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} "
-                "depends"
-            )
-        return units.froude_factor(unit, scale)
     if kind == "geodetic":
         raise ConfigurationError("columns.geodetic: froude_scale needs a position in metres")
-    if kind == "loads":
-        return units.froude_factor("N", scale)
-    return units.froude_factor(units.SI[kind][dof], scale) if kind in units.SI else 1.0
+    if kind in ("inputs", "commands") and not unit:
+        raise ConfigurationError(
+            f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} depends"
+        )
+    return units.froude_factor(targets[0] if len(targets) == 1 else unit, scale)
 
 
 def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
     """The column without numbers that stand for none, such as -999, where nothing else is near."""
-    for size in SENTINELS:
-        for sentinel in (size, -size):
-            wrong = values == sentinel
-            if np.any(wrong) and not np.any(np.abs(values[~wrong] - sentinel) < 0.5 * size):
-                count = int(np.sum(wrong))
-                notes.append(f"column {name}: {count} cells are {sentinel:g}: missing values")
-                values = np.where(wrong, np.nan, values)
+    for sentinel in (sign * size for size in SENTINELS for sign in (1.0, -1.0)):
+        wrong = values == sentinel
+        if np.any(wrong) and not np.any(np.abs(values[~wrong] - sentinel) < 0.5 * abs(sentinel)):
+            count = int(np.sum(wrong))
+            notes.append(f"column {name}: {count} cells are {sentinel:g}: missing values")
+            values = np.where(wrong, np.nan, values)
     return values
 
 
-def _clean(channel: Channel, option: str, reading: ColumnReading, notes: list[str]) -> Channel:
+def _clean(channel: Channel, notes: list[str]) -> Channel:
     """The channel without missing values, and without samples that are not later than the last."""
     valid = ~(np.isnan(channel.values) | np.isnan(channel.t))
     if timeless := int(np.sum(np.isnan(channel.t))):
@@ -380,36 +378,40 @@ def _clean(channel: Channel, option: str, reading: ColumnReading, notes: list[st
     if not np.all(later):
         back, same = int(np.sum(np.diff(t) < 0.0)), int(np.sum(np.diff(t) == 0.0))
         notes.append(
-            f"column {reading.column}: {int(np.sum(~later))} samples are not later than the one "
-            f"before ({same} times repeat, {back} go back): left out"
+            f"{channel.name}: {int(np.sum(~later))} samples are not later than the one before "
+            f"({same} times repeat, {back} go back): left out"
         )
     return channel._replace(t=t[later], values=values[later])
 
 
 def _rate(channels: Mapping[str, Channel]) -> float:
-    """The sample rate [Hz] of the slowest state, rounded to a number of few digits."""
-    steps = [
-        float(np.median(np.diff(c.t))) for c in channels.values() if not c.held and len(c.t) > 1
-    ]
-    return float(f"{1.0 / max(steps, default=1.0):.2g}")
+    """The sample rate [Hz] of the slowest velocity, or position, rounded to few digits."""
+    for kinds in ("velocity", ("position", "geodetic", "quaternion"), ""):
+        own = [c.t for option, c in channels.items() if option.startswith(kinds) and len(c.t) > 1]
+        if own:
+            break
+    step = max((float(np.median(np.diff(t))) for t in own), default=1.0)
+    return float(f"{1.0 / step:.2g}") if step > 0.0 else 1.0
 
 
 def _dropped(t: Array, channels: Mapping[str, Channel], grid: TimeGrid) -> list[str]:
-    """What of the time that the channels cover is not on the grid."""
+    """What of the time that the channels cover is not in the recording."""
     ends = min(float(c.t[-1]) for c in channels.values())
-    whole = ends - max(float(c.t[0]) for c in channels.values())
-    kept = len(t) / grid.rate_hz
-    pieces = len(piece_edges(t, 1.0 / grid.rate_hz)) - 1
-    if pieces < 2 and whole - kept < 2.0 / grid.rate_hz:
+    whole, period = (
+        ends - max(float(c.t[0]) for c in channels.values()),
+        float(np.median(np.diff(t))),
+    )
+    lost, pieces = whole - len(t) * period, len(piece_edges(t, period)) - 1
+    if pieces < 2 and lost < 2.0 * period:
         return []
     return [
-        f"{whole - kept:.3g} of {whole:.4g} s are in gaps of more than {grid.max_gap_s:g} s: left "
-        f"out, {pieces} pieces remain"
+        f"{lost:.3g} of {whole:.4g} s are in gaps of more than {grid.max_gap_s:g} s: left out, "
+        f"{pieces} pieces remain"
     ]
 
 
 def _unit_quaternions(
-    channels: dict[str, Channel], readings: Mapping[str, ColumnReading]
+    channels: dict[str, Channel], parts: Mapping[str, _Part]
 ) -> dict[str, Channel]:
     """Channels with quaternions of length one, without sign flips."""
     names = [f"quaternion.{part}" for part in QUATERNION]
@@ -421,7 +423,7 @@ def _unit_quaternions(
     wrong = np.abs(lengths - 1.0) > QUATERNION_ERROR  # False for NaN
     if np.any(wrong):
         k = int(np.argmax(wrong))
-        columns = ", ".join(readings[name].column for name in names)
+        columns = ", ".join(parts[name].reading.column for name in names)
         raise RecordingError(
             f"columns {columns}, sample {k + 1}: got a quaternion of length {lengths[k]:.3g}, "
             "expected 1"
@@ -449,8 +451,11 @@ def _in_our_frames(
         result |= {f"position.{dof}": path[:, i] for i, dof in enumerate(DOFS[:count])}
     elif frames.position == "ENU":
         result |= _exchanged(known, "position")
-    if frames.velocity == "earth":
-        result |= _along_body(result, attitude, frames)
+    if frames.velocity == "earth" or any(columns.lever_arm_m):
+        turn = pose_jacobian(attitude)[:, :3, :3]
+    if frames.velocity == "earth":  # angular velocities are of the body
+        earth = {**result, **_exchanged(result, "velocity")} if frames.position == "ENU" else result
+        result |= _stacked("velocity", earth, np.einsum("nji,nj->ni", turn, _linear(earth, len(t))))
     elif frames.body == "FLU":
         result |= {f"velocity.{dof}": -result[f"velocity.{dof}"] for dof in FLIPPED
                    if f"velocity.{dof}" in result}  # fmt: skip
@@ -459,8 +464,12 @@ def _in_our_frames(
         result["velocity.surge"] = known["ground.speed"] * np.cos(angle)
         result["velocity.sway"] = known["ground.speed"] * np.sin(angle)
     result |= _differentiated(t, result, attitude, period)
-    if any(columns.lever_arm_m):
-        result |= _moved(result, attitude, np.array(columns.lever_arm_m))
+    if any(columns.lever_arm_m):  # p_o = p_s - R r, v_o = v_s - omega x r
+        arm = np.array(columns.lever_arm_m)
+        omega = [result.get(f"velocity.{dof}", np.zeros(len(t))) for dof in DOFS[3:]]
+        speed = _linear(result, len(t)) - np.cross(np.column_stack(omega), arm)
+        place = _linear(result, len(t), "position") - turn @ arm
+        result |= _stacked("velocity", result, speed) | _stacked("position", result, place)
     if "water.speed" in known and {"velocity.surge", "velocity.sway"} <= set(result):
         # The log shows the speed along the bow: what is left of that over ground is the current.
         along, aside = result["velocity.surge"] - known["water.speed"], result["velocity.sway"]
@@ -470,8 +479,19 @@ def _in_our_frames(
     return result
 
 
+def _linear(known: Mapping[str, Array], n: int, kind: str = "velocity") -> Array:
+    """Surge, sway and heave (N, 3) of a kind; zero where one is not there."""
+    return np.column_stack([known.get(f"{kind}.{dof}", np.zeros(n)) for dof in DOFS[:3]])
+
+
+def _stacked(kind: str, known: Mapping[str, Array], values: Array) -> dict[str, Array]:
+    """The columns of surge, sway and heave (N, 3) that are known, by option."""
+    options = {f"{kind}.{dof}": values[:, i] for i, dof in enumerate(DOFS[:3])}
+    return {option: column for option, column in options.items() if option in known}
+
+
 def _attitude(known: Mapping[str, Array], frames: Frames, n: int, heading: float) -> Array:
-    """(phi, theta, psi) [rad] in NED, shape (N, 3); psi counts from `heading`."""
+    """(phi, theta, psi) [rad] in NED, shape (N, 3), unrolled; psi counts from `heading`."""
     if "quaternion.w" in known:
         attitude = euler_zyx(np.column_stack([known[f"quaternion.{p}"] for p in QUATERNION]))
     else:
@@ -480,7 +500,7 @@ def _attitude(known: Mapping[str, Array], frames: Frames, n: int, heading: float
     if frames.attitude == "ENU":
         attitude = attitude * [1.0, -1.0, -1.0] + [0.0, 0.0, 0.5 * np.pi]
     if "quaternion.w" in known or "position.yaw" in known:
-        attitude[:, 2] = unroll(attitude[:, 2] - heading)
+        attitude = unroll(attitude - [0.0, 0.0, heading])
     return np.asarray(attitude)
 
 
@@ -504,20 +524,6 @@ def _exchanged(known: Mapping[str, Array], kind: str) -> dict[str, Array]:
         f"{kind}.{dof}": sign * known[f"{kind}.{other}"]
         for dof, (other, sign) in order.items()
         if f"{kind}.{other}" in known
-    }
-
-
-def _along_body(known: Mapping[str, Array], attitude: Array, frames: Frames) -> dict[str, Array]:
-    """Body velocities of those along the axes of the earth; angular ones are of the body."""
-    if frames.position == "ENU":
-        known = {**known, **_exchanged(known, "velocity")}
-    zero = np.zeros(len(attitude))
-    earth = np.column_stack([known.get(f"velocity.{dof}", zero) for dof in DOFS[:3]])
-    body = np.einsum("nji,nj->ni", pose_jacobian(attitude)[:, :3, :3], earth)
-    return {
-        f"velocity.{dof}": body[:, i]
-        for i, dof in enumerate(DOFS[:3])
-        if f"velocity.{dof}" in known
     }
 
 
@@ -550,20 +556,3 @@ def _differentiated(
         nu[a:b, :3] = np.einsum("nji,nj->ni", turn, rate[:, :3])
         nu[a:b, 3:] = rate[:, 3:]
     return {f"velocity.{dof}": nu[:, DOFS.index(dof)] for dof in absent}
-
-
-def _moved(known: Mapping[str, Array], attitude: Array, arm: Array) -> dict[str, Array]:
-    """Position and velocity of the origin, from those of a sensor at `arm` [m] in body axes.
-
-    p_o = p_s - R r, v_o = v_s - omega x r.
-    """
-    zero = np.zeros(len(attitude))
-    turn = pose_jacobian(attitude)[:, :3, :3]
-    omega = np.column_stack([known.get(f"velocity.{dof}", zero) for dof in DOFS[3:]])
-    offset, speed = turn @ arm, np.cross(omega, arm)
-    result = {}
-    for i, dof in enumerate(DOFS[:3]):
-        for kind, part in (("position", offset), ("velocity", speed)):
-            if f"{kind}.{dof}" in known:
-                result[f"{kind}.{dof}"] = known[f"{kind}.{dof}"] - part[:, i]
-    return result

@@ -1,10 +1,10 @@
 """Recordings: sampled motion and force of a vessel, simulated or measured, and their splits."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,9 @@ FORCES = ("commanded", "filtered", "actual")
 # by all parts of a recording
 MIN_PIECE = 30  # samples of a piece that is low-passed, beside those that are dropped
 SHARED = ("dofs", "without_lag", "input_names", "load_names", "file_names")
+SMOOTHED = ("nu", "nu_dot", "tau", "tau_filtered", "tau_actual", "wind", "inputs", "loads")
 Mask = NDArray[np.bool_]
+R = TypeVar("R", bound="Recording")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,24 +81,23 @@ class Recording:
         return starts
 
     @cached_property
+    def edges(self) -> list[int]:
+        """Where the pieces begin, and N."""
+        return [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
+
+    @cached_property
     def noise(self) -> NoiseFloor:
         """Noise of the velocities."""
         return noise_floor(self.nu, self.piece_starts, self.period_s)
 
     def part(self, mask: Mask | slice) -> "Recording":
         """The recording restricted to the samples of a mask (N,) or slice."""
+        return self._changed(lambda values: values[mask], SAMPLED)
 
-        def cut(values: Array | None) -> Array | None:
-            return None if values is None else values[mask]
-
-        return replace(
-            self, t=self.t[mask], eta=self.eta[mask], nu=self.nu[mask], nu_dot=self.nu_dot[mask],
-            tau=self.tau[mask], attitude=self.attitude[mask],
-            tau_filtered=cut(self.tau_filtered), tau_actual=cut(self.tau_actual),
-            wind=cut(self.wind), inputs=cut(self.inputs), commands=cut(self.commands),
-            loads=cut(self.loads),
-            file=None if self.file is None else self.file[mask],
-        )  # fmt: skip
+    def _changed(self, change: Callable[[Any], Any], names: Sequence[str]) -> "Recording":
+        """The recording with what it has of some fields changed."""
+        known = {name: getattr(self, name) for name in names}
+        return replace(self, **{k: change(v) for k, v in known.items() if v is not None})
 
     def with_thruster(self, thruster: SecondOrderLag | None) -> "Recording":
         """The recording with `tau_filtered`, the command filtered by a known thruster lag."""
@@ -164,8 +165,7 @@ class Recording:
                 raise RecordingError(f"got {longest} samples, too few for a low-pass filter")
             long = [piece for piece in pieces if len(piece) >= 2 * drop + MIN_PIECE]
             pieces = [piece._lowpass(cutoff_hz, drop) for piece in long]
-            filtered = pieces[0] if len(pieces) == 1 else _joined(pieces)
-            self._filtered[cutoff_hz, drop_s] = filtered
+            self._filtered[cutoff_hz, drop_s] = joined(pieces)
         return self._filtered[cutoff_hz, drop_s]
 
     @cached_property
@@ -176,22 +176,19 @@ class Recording:
     def interior(self, drop_s: float) -> Mask:
         """Samples (N,) at least `drop_s` [s] from the ends of their pieces."""
         drop, inside = round(drop_s / self.period_s), np.zeros(len(self), dtype=np.bool_)
-        edges = [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
-        for a, b in pairwise(edges):
+        for a, b in pairwise(self.edges):
             inside[a + drop : max(b - drop, a + drop)] = True
         return inside
 
     def lowpassed(self, values: Array, cutoff_hz: float) -> Array:
         """Zero-phase low-pass of columns (N, k) that belong to the samples, piece by piece."""
-        edges = [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
         return np.concatenate(
-            [lowpass(values[a:b], cutoff_hz, self.period_s) for a, b in pairwise(edges)]
+            [lowpass(values[a:b], cutoff_hz, self.period_s) for a, b in pairwise(self.edges)]
         )
 
     def pieces(self) -> list["Recording"]:
         """The segments without a gap in time, such as the trips of the training part."""
-        edges = [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
-        return [self.part(slice(a, b)) for a, b in pairwise(edges)]
+        return [self.part(slice(a, b)) for a, b in pairwise(self.edges)]
 
     def by_file(self) -> dict[str, "Recording"]:
         """The part of each file by its name; empty unless there are several files."""
@@ -204,17 +201,7 @@ class Recording:
         return blocked_k_fold(len(self), count, file=self.file)
 
     def _lowpass(self, cutoff_hz: float, drop: int) -> "Recording":
-        def smooth(values: Array) -> Array:
-            return lowpass(values, cutoff_hz, self.period_s)
-
-        smoothed = replace(
-            self, nu=smooth(self.nu), nu_dot=smooth(self.nu_dot), tau=smooth(self.tau),
-            tau_filtered=None if self.tau_filtered is None else smooth(self.tau_filtered),
-            tau_actual=None if self.tau_actual is None else smooth(self.tau_actual),
-            wind=None if self.wind is None else smooth(self.wind),
-            inputs=None if self.inputs is None else smooth(self.inputs),
-            loads=None if self.loads is None else smooth(self.loads),
-        )  # fmt: skip
+        smoothed = self._changed(lambda x: lowpass(x, cutoff_hz, self.period_s), SMOOTHED)
         return smoothed.part(slice(drop, len(self) - drop))
 
 
@@ -243,15 +230,18 @@ def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
         )
 
 
-def _joined(pieces: Sequence[Recording]) -> Recording:
-    """Concatenate pieces; each keeps its time."""
+SAMPLED = tuple(field.name for field in fields(Recording) if field.name not in SHARED)
 
-    def join(name: str) -> Any:
-        parts = [getattr(piece, name) for piece in pieces]
-        return None if parts[0] is None else np.concatenate(parts)
 
-    names = [field.name for field in fields(Recording) if field.name not in SHARED]
-    return replace(pieces[0], **{name: join(name) for name in names})
+def joined(pieces: Sequence[R]) -> R:
+    """Concatenate pieces, each of which keeps its time; raises RecordingError if they differ."""
+    columns: dict[str, Any] = {}
+    for name in SAMPLED:
+        values = [getattr(piece, name) for piece in pieces]
+        if len({value is None for value in values}) > 1:
+            raise RecordingError(f"recordings: {name} is in some, expected it in all or none")
+        columns[name] = None if values[0] is None else np.concatenate(values)
+    return replace(pieces[0], **columns)
 
 
 def attitude_of(dofs: Sequence[str], eta: Array) -> Array:

@@ -29,7 +29,6 @@ class Sampling:
     """Times of a source: median rate, gaps, and times that do not increase."""
 
     count: int
-    start_s: float
     duration_s: float
     rate_hz: float
     gaps: int  # steps of more than 1.5 sample times
@@ -51,17 +50,16 @@ class Sampling:
 def sampling(t: Array) -> Sampling:
     """Describe times t (N,) [s]."""
     known = t[~np.isnan(t)]
-    times = known[is_later(known)]
-    repeated, steps = int(np.sum(~(np.diff(known) > 0.0))), np.diff(times)
+    times, not_later = known[is_later(known)], int(np.sum(~(np.diff(known) > 0.0)))
+    steps = np.diff(times)
     if not len(steps):
-        start = float(times[0]) if len(times) else 0.0
-        return Sampling(len(known), start, 0.0, 0.0, 0, 0.0, 0.0, 0.0, repeated)
+        return Sampling(len(known), 0.0, 0.0, 0, 0.0, 0.0, 0.0, not_later)
     period, duration = float(np.median(steps)), float(times[-1] - times[0])
     gaps, k = steps > GAP * period, int(np.argmax(steps))
     lost = float(np.sum(steps[gaps] - period))
     return Sampling(
-        len(known), float(times[0]), duration, 1.0 / period, int(np.sum(gaps)), float(steps[k]),
-        float(times[k] - times[0]), lost / duration, repeated,
+        len(known), duration, 1.0 / period, int(np.sum(gaps)), float(steps[k]),
+        float(times[k] - times[0]), lost / duration, not_later,
     )  # fmt: skip
 
 

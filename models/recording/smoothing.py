@@ -78,19 +78,18 @@ def smoothing_for(cutoff_hz: float | None, period_s: float) -> Smoothing:
     return Smoothing(*(min(stage * cutoff_hz, highest) for stage in (SIGNALS, REGRESSORS)))
 
 
-def lowpass(values: Array, cutoff_hz: float, period_s: float) -> Array:
+def lowpass(values: Array, cutoff_hz: float, period_s: float, order: int = LOWPASS_ORDER) -> Array:
     """Zero-phase low-pass of values (N, ...): a Butterworth filter forward and backward.
 
     The ends are continued by 15 samples, or by as many as a shorter piece of a recording has.
     """
-    padding = min(3 * (LOWPASS_ORDER + 1), len(values) - 1)
-    return np.asarray(
-        scipy.signal.sosfiltfilt(_sections(cutoff_hz, period_s), values, axis=0, padlen=padding)
-    )
+    padding = min(3 * (order + 1), len(values) - 1)
+    sections = _sections(cutoff_hz, period_s, order)
+    return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0, padlen=padding))
 
 
 @lru_cache(maxsize=64)
-def _sections(cutoff_hz: float, period_s: float) -> Array:
+def _sections(cutoff_hz: float, period_s: float, order: int) -> Array:
     """The filter; designing it takes as long as filtering a few thousand samples."""
-    sections = scipy.signal.butter(LOWPASS_ORDER, cutoff_hz, fs=1.0 / period_s, output="sos")
+    sections = scipy.signal.butter(order, cutoff_hz, fs=1.0 / period_s, output="sos")
     return np.asarray(sections, dtype=np.float64)

@@ -6,14 +6,13 @@ import os
 import re
 import warnings
 from array import array
-from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 from textwrap import shorten
-from typing import Annotated, Any, NamedTuple, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from annotated_types import Ge
@@ -36,19 +35,14 @@ MISSING = frozenset(
      "null", "none", "nil", "-", "--", "---", "?", "missing", "1.#qnan", "-1.#ind", "1.#ind",
      "#value!", "#div/0!", "#num!", "#null!", "#ref!", "#name?")
 )  # fmt: skip
-TITLE = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?P<unit>[^\[\]()]*)[\])]")
+TITLE = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?!\d+[\])])(?P<unit>[^\[\]()]*)[\])]")
 NO_UNITS = {"nodim": "", "bool": "", "enum": "", "timestamp": "s"}  # of gliders
+# The place of a cell in its file, such as "line 7", and its text, None where there is no text.
+Cell: TypeAlias = Callable[[int, str], tuple[str, str | None]]
 
 
-class FileCell(NamedTuple):
-    """A cell as it is written in its file, for messages; `text` is None where there is no text."""
-
-    place: str  # such as "line 7"
-    text: str | None
-
-
-def _row(row: int, column: str) -> FileCell:
-    return FileCell(f"row {row + 1}", None)
+def _row(row: int, column: str) -> tuple[str, None]:
+    return f"row {row + 1}", None
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,19 +58,21 @@ class Source:
     path: Path
     columns: dict[str, Values]  # (N,) each
     units: dict[str, str] = field(default_factory=dict)
-    written: dict[str, str] = field(default_factory=dict)  # titles, where they differ from names
-    repeated: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # title: its columns
+    titles: Mapping[str, str] = field(default_factory=dict)  # as written, where names differ
     left_out: tuple[str, ...] = ()  # what of the file was left out, and why
-    cell: Callable[[int, str], FileCell] = _row  # a cell of the file, by row and column
+    cell: Cell = _row  # a cell of the file, by row and column
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
 
+    def title(self, name: str) -> str:
+        """The title of a column as it is written in the file."""
+        return self.titles.get(name, name)
+
     def find(self, name: str) -> str | None:
         """The column of a name, which may be written as in the header; None if there is none."""
-        if name in self.columns:
-            return name
-        return next((plain for plain, full in self.written.items() if full == name), None)
+        titled = [plain for plain, title in self.titles.items() if title == name]
+        return name if name in self.columns else titled[0] if len(titled) == 1 else None
 
     def numbers(self, name: str, *, gaps: bool = False) -> Array:
         """The column `name` as numbers, shape (N,); `gaps` allows NaN, for empty cells.
@@ -96,23 +92,27 @@ class Source:
             missing = np.isnan(parsed)
         wrong = ~(np.abs(parsed) < MAX_NUMBER) & ~(missing & gaps)
         if np.any(wrong):
-            row = int(np.argmax(wrong))
-            place, text = self.cell(row, column)
-            text = str(values[row]) if text is None else text
-            got = repr(shorten(text, 40, placeholder="...")) if text.strip() else "an empty cell"
-            raise RecordingError(
-                f"{self.path}, column {name}, {place}: got {got}, expected a finite number"
-            )
+            raise self.refused(int(np.argmax(wrong)), name)
         return parsed
+
+    def refused(self, row: int, name: str, expected: str = "a finite number") -> RecordingError:
+        """What is raised of a cell of a column `name` that is not what is expected."""
+        column = self.find(name) or next(iter(self.columns))
+        place, text = self.cell(row, column)
+        text = str(self.columns[column][row]) if text is None else text
+        got = repr(shorten(text, 40, placeholder="...")) if text.strip() else "an empty cell"
+        return RecordingError(
+            f"{self.path}, column {name}, {place}: got {got}, expected {expected}"
+        )
 
     def absent(self, name: str) -> RecordingError:
         """What is raised where there is no column `name`, or several have that title."""
-        got = f"no column {name!r}, expected it among"
-        names = [self.written.get(plain, plain) for plain in self.columns]
-        if name in self.repeated:
-            names = list(self.repeated[name])
-            got = f"{len(names)} columns are titled {name!r}, expected one of"
-        return RecordingError(f"{self.path}: {got} {_listing(names)}")
+        alike = [plain for plain, title in self.titles.items() if title == name]
+        if alike:
+            got = f"{len(alike)} columns are titled {name!r}, expected one of"
+            return RecordingError(f"{self.path}: {got} {_listing(alike)}")
+        known = _listing(map(self.title, self.columns))
+        return RecordingError(f"{self.path}: no column {name!r}, expected it among {known}")
 
 
 def _listing(names: Iterable[str]) -> str:
@@ -120,20 +120,15 @@ def _listing(names: Iterable[str]) -> str:
 
 
 def table_source(
-    source: str,
-    path: Path,
-    titles: Sequence[str],
-    columns: Sequence[Values],
-    units: Sequence[str] = (),
-    reasons: Sequence[str] = (),
-    left_out: Sequence[str] = (),
-    cell: Callable[[int, int], FileCell] | None = None,
-) -> Source:
+    source: str, path: Path, titles: Sequence[str], columns: Sequence[Values],
+    units: Sequence[str] = (), reasons: Sequence[str] = (), left_out: Sequence[str] = (),
+    cell: Callable[[int, int], tuple[str, str | None]] | None = None,
+) -> Source:  # fmt: skip
     """A table as a source: names, units and repeated titles of its columns.
 
     `t [s]` is the column `t` in `s`, a column without title is c1, c2 ... Columns whose names
-    differ by the unit only keep their titles. Columns of one title are one if their cells are
-    equal, else `x.1`, `x.2` ...
+    differ by the unit only keep their titles. Of columns of one title with equal cells one is kept,
+    others are `x.1`, `x.2` ...
 
     Args:
         source: its name.
@@ -143,39 +138,36 @@ def table_source(
         cell: a cell of the file by row and number of the column.
     """
     titles = [title.strip() or f"c{i + 1}" for i, title in enumerate(titles)]
-    matches = [TITLE.fullmatch(title) for title in titles]
-    plain = [m["name"] if m else title for m, title in zip(matches, titles, strict=True)]
-    places: dict[str, list[int]] = defaultdict(list)
+    groups: dict[str, list[int]] = {}
+    twice = dict[str, None]()
     for i, title in enumerate(titles):
-        places[title].append(i)
-    alike = Counter(plain[own[0]] for own in places.values())
-    names: dict[int, str] = {}
-    repeated: dict[str, tuple[str, ...]] = {}
-    twice = []
-    for title, own in places.items():
-        first, others = columns[own[0]], [columns[i] for i in own[1:]]
-        if all(_equal(first, other) for other in others):
-            names[own[0]] = plain[own[0]] if alike[plain[own[0]]] == 1 else title
-            said = f"column {title}: stands {len(own)} times, with equal cells"
-            twice += [said] if others else []
+        group = groups.setdefault(title, [])
+        if any(_equal(columns[i], columns[j]) for j in group):
+            said = f"column {title}: stands {titles.count(title)} times, with equal cells"
+            twice[said] = None
         else:
-            free = (name for i in count(1) if (name := f"{title}.{i}") not in places)
-            repeated[title] = tuple(islice(free, len(own)))
-            names |= dict(zip(own, repeated[title], strict=True))
+            group.append(i)
+    matches = {title: TITLE.fullmatch(title) for title in groups}
+    plain = {title: match["name"] if match else title for title, match in matches.items()}
+    names: dict[int, str] = {}
+    for title, (first, *others) in groups.items():
+        if others:
+            free = (name for k in count(1) if (name := f"{title}.{k}") not in groups)
+            names |= dict(zip((first, *others), free, strict=False))
+        else:
+            alone = list(plain.values()).count(plain[title]) == 1
+            names[first] = plain[title] if alone else title
     names = dict(sorted(names.items()))
-    lines = [f"column {name}: {reasons[i]}" for i, name in names.items() if reasons and reasons[i]]
     known: dict[str, str] = {}
     for i, name in names.items():
-        match = matches[i]
+        match = matches[titles[i]]
         unit = (units[i].strip("[]() ") if units else "") or (match["unit"] if match else "")
         known |= {name: unit} if (unit := NO_UNITS.get(unit.strip(), unit.strip())) else {}
     numbers = {name: i for i, name in names.items()}
+    lines = [f"column {name}: {reasons[i]}" for i, name in names.items() if reasons and reasons[i]]
     return Source(
-        source, path,
-        {name: columns[i] for i, name in names.items()},
-        known,
-        {name: titles[i] for i, name in names.items() if titles[i] not in (name, *repeated)},
-        repeated,
+        source, path, {name: columns[i] for i, name in names.items()}, known,
+        {name: titles[i] for i, name in names.items() if titles[i] != name},
         (*left_out, *lines, *twice),
         _row if cell is None else lambda row, column: cell(row, numbers[column]),
     )  # fmt: skip
@@ -261,20 +253,22 @@ class Rows:
     def add(self, values: Iterable[tuple[str, Any]]) -> None:
         """Add a message: its numbers and texts (str) by name."""
         for name, value in values:
-            text = isinstance(value, str)
-            cells = self.cells.setdefault(name, [] if text else array("d"))
-            cells.extend(["" if text else np.nan] * (self.count - len(cells)))
+            cells = self.cells.setdefault(name, [] if isinstance(value, str) else array("d"))
+            cells.extend([_nothing(cells)] * (self.count - len(cells)))
             cells.append(value)
         self.count += 1
 
     def columns(self) -> dict[str, Values]:
         """All columns, shape (N,) each."""
-        return {
-            name: np.array([*cells, *[""] * (self.count - len(cells))], dtype=np.object_)
-            if isinstance(cells, list)
-            else np.append(cells, np.full(self.count - len(cells), np.nan))
-            for name, cells in self.cells.items()
-        }
+        result = {}
+        for name, cells in self.cells.items():
+            cells.extend([_nothing(cells)] * (self.count - len(cells)))
+            result[name] = np.array(cells, dtype=object if isinstance(cells, list) else float)
+        return result
+
+
+def _nothing(cells: object) -> str | float:
+    return "" if isinstance(cells, list) else np.nan
 
 
 @dataclass(frozen=True)

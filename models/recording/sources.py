@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -40,17 +41,17 @@ FORMATS: dict[str, FileFormat] = {
         ("dat", ".dat .txt .asc .dba .log", "text.read"),
         ("excel", ".xlsx .xlsm", "tables.read_excel", "a workbook of Excel (.xlsx)", "openpyxl",
          "excel", rb"PK\x03\x04"),
-        ("netcdf", ".nc .nc4 .cdf", "arrays.read_netcdf", "a netCDF file", "xarray", "netcdf",
+        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "a netCDF file", "xarray", "netcdf",
          rb"CDF[\x01\x02\x05]|\x89HDF"),
-        ("ardupilot", ".bin .tlog", "autopilot.read_ardupilot", "a log of ArduPilot", "pymavlink",
-         "ardupilot", rb"\xa3\x95|FMT, ?128,|.{8}[\xfd\xfe].{5,}"),
+        ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "a log of ArduPilot", "pymavlink",
+         "ardupilot", rb"\xa3\x95|.{8}[\xfd\xfe].{5,}"),
         ("nmea", ".nmea .nma", "nmea.read", "sentences of NMEA 0183 with a time", "pynmea2",
          "nmea", NMEA),
         ("parquet", ".parquet .pq", "tables.read_parquet", "a Parquet file", None, "", rb"PAR1"),
-        ("mat", ".mat", "arrays.read_matlab", "a MATLAB file", None, "", rb"MATLAB "),
-        ("rosbag", ".bag .db3 .mcap", "ros_bag.read", "a bag of ROS 1 or ROS 2, or an MCAP file",
+        ("mat", ".mat", "tables.read_matlab", "a MATLAB file", None, "", rb"MATLAB "),
+        ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "a bag of ROS or an MCAP file",
          "rosbags", "ros", rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
-        ("ulog", ".ulg .ulog", "autopilot.read_ulog", "a ULog file", "pyulog", "ulog",
+        ("ulog", ".ulg .ulog", "messages.read_ulog", "a ULog file", "pyulog", "ulog",
          rb"ULog\x01"),
     )
 }  # fmt: skip
@@ -60,11 +61,25 @@ ANY = (".csv", ".txt", ".dat", ".log", ".asc", ".bin")  # suffixes of files of a
 
 
 def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
-    """Read a file, or all files of a folder, as sources by name.
+    """Read a file, or all files of a folder, as sources by name; the last ones are kept.
 
     Raises RecordingError if a file cannot be read, ConfigurationError for a format that is not
     known or whose package is not installed.
     """
+    try:
+        files = [*map(Path, options.messages), path, *(path.rglob("*") if path.is_dir() else ())]
+        stats = [file.stat() for file in files if file.exists()]
+    except (OSError, ValueError):
+        stats = []
+    known = _sources(path, options, tuple((s.st_mtime_ns, s.st_size, s.st_ino) for s in stats))
+    return dict(known)
+
+
+@lru_cache(maxsize=1)
+def _sources(
+    path: Path, options: ReadOptions, stamp: tuple[tuple[int, ...], ...]
+) -> dict[str, Source]:
+    """Those of a file in one state of it: what checks a recording reads it several times."""
     if options.format not in (None, *FORMATS):
         raise ConfigurationError(
             f"excitation.format: got {options.format!r}, expected one of {', '.join(FORMATS)}"

@@ -1,6 +1,7 @@
 """Units of recorded columns: as a map, a file or a title states them, and their factor to SI."""
 
 import re
+from collections import defaultdict
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -21,6 +22,7 @@ SI = {
     "position": POSE_UNIT, "velocity": VELOCITY_UNIT, "acceleration": ACCELERATION_UNIT,
     "force": FORCE_UNIT, "actual_force": FORCE_UNIT, "wind": {"speed": "m/s", "direction": "rad"},
     "ground": {"speed": "m/s", "course": "rad"}, "water": {"speed": "m/s"},
+    "current": {"north": "m/s", "east": "m/s"}, "air": {"surge": "m/s", "sway": "m/s"},
     "geodetic": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
 }  # fmt: skip
 # As instruments write them, where pint means something else or nothing.
@@ -32,35 +34,26 @@ SPELLINGS = {
     "°/min": "deg/min", "meters": "m", "metres": "m", "epoch": "s", "timestamp": "s",
 }  # fmt: skip
 # The last words of a title, in lower case; of several units the first of the quantity counts.
-TITLES: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("deg", "degs", "degree", "degrees"), ("deg",)),
-    **dict.fromkeys(("deg_s", "dps", "deg_per_s", "deg_sec", "deg_p_s", "degps"), ("deg/s",)),
-    **dict.fromkeys(("deg_min", "deg_per_min", "deg_p_min"), ("deg/min",)),
-    **dict.fromkeys(("rad", "radians"), ("rad",)),
-    **dict.fromkeys(("rad_s", "rad_per_s", "rad_sec", "rad_p_s", "radps"), ("rad/s",)),
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), ("m",)),
-    **dict.fromkeys(("kt", "kts", "knot", "knots"), ("knot",)),
-    **dict.fromkeys(("m_s", "mps", "m_per_s", "m_sec", "m_p_s"), ("m/s",)),
-    **dict.fromkeys(("km_h", "kmh", "kph", "km_per_h"), ("km/h",)),
-    **dict.fromkeys(("m_s2", "mps2", "m_per_s2", "ms2"), ("m/s^2",)),
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), ("s",)),
-    **dict.fromkeys(("msec", "millis", "milliseconds"), ("ms",)),
-    **dict.fromkeys(("us", "usec", "micros", "microseconds"), ("us",)),
-    **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), ("ns",)),
-    **dict.fromkeys(("pct", "percent"), ("percent",)),
-    **dict.fromkeys(("ft", "feet"), ("ft",)),
-    **dict.fromkeys(("n", "newton", "newtons"), ("N",)),
-    **dict.fromkeys(("nm", "n_m"), ("N*m",)),
-    "degs2": ("deg/s^2",), "cm": ("cm",), "mm": ("mm",), "km": ("km",), "kn": ("knot", "kN"),
-    "ms": ("m/s", "ms"), "knm": ("kN*m",), "k_n": ("kN",), "k_nm": ("kN*m",),
-    "rpm": ("rpm",), "rps": (TURNS,), "hz": (TURNS,),
-    "min": ("min",), "hours": ("h",), "days": ("day",),
-}  # fmt: skip
+TITLES = defaultdict[str, list[str]](list)
+for _unit, _words in {
+    "deg": "deg degs degree degrees", "deg/min": "deg_min deg_per_min deg_p_min",
+    "deg/s": "deg_s dps deg_per_s deg_sec deg_p_s degps", "deg/s^2": "degs2",
+    "rad": "rad radians", "rad/s": "rad_s rad_per_s rad_sec rad_p_s radps",
+    "m": "m meter meters metre metres", "cm": "cm", "mm": "mm", "km": "km", "ft": "ft feet",
+    "knot": "kt kts knot knots kn", "km/h": "km_h kmh kph km_per_h",
+    "m/s": "m_s mps m_per_s m_sec m_p_s ms", "m/s^2": "m_s2 mps2 m_per_s2 ms2",
+    "s": "s sec secs second seconds", "ms": "msec millis milliseconds ms",
+    "us": "us usec micros microseconds", "ns": "ns nsec nanos nanoseconds", "min": "min",
+    "h": "hours", "day": "days", "percent": "pct percent", "N": "n newton newtons",
+    "N*m": "nm n_m", "kN": "kn k_n", "kN*m": "knm k_nm", "rpm": "rpm", TURNS: "rps hz",
+}.items():  # fmt: skip
+    for _word in _words.split():
+        TITLES[_word].append(_unit)
 SHAFTS = {"rpm": "rpm", "rps": TURNS}  # that may stand anywhere in the title of an input
 WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[^A-Za-z0-9]+")  # between the words of a title
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=512)
 def factor(unit: str, target: str) -> float:
     """The factor on a number in `unit` that gives it in `target`; raises ConfigurationError."""
     target = SPELLINGS.get(target, target)
@@ -74,19 +67,20 @@ def factor(unit: str, target: str) -> float:
         ) from error
 
 
-def is_known(unit: str, target: str) -> bool:
-    """Whether a unit is one of the kind of `target`."""
-    try:
-        factor(unit, target)
-    except ConfigurationError:
-        return False
-    return True
+def target_of(unit: str, targets: Sequence[str]) -> str | None:
+    """The first of some units of which `unit` is a kind; None: of none."""
+    for target in targets:
+        try:
+            factor(unit, target)
+        except ConfigurationError:
+            continue
+        return target
+    return None
 
 
 def input_factor(unit: str) -> float:
     """The factor of an input of a vessel: angles in rad, speeds of shafts in 1/s, others in SI."""
-    target = next((target for target in INPUTS if is_known(unit, target)), None)
-    if target is None:
+    if (target := target_of(unit, INPUTS)) is None:
         raise ConfigurationError(
             f"unit: got {unit!r}, expected that of an angle, a shaft speed or a force, or a number"
         )
@@ -117,10 +111,9 @@ def unit_in_title(title: str, targets: Sequence[str]) -> str | None:
     """The unit that the last words of a title spell, if it is of the kind of one of `targets`."""
     words = words_of(re.sub(r"\W*_\d+$", "", title))  # without the number of a device
     for count in (3, 2, 1):
-        if len(words) > count:
-            for unit in TITLES.get("_".join(words[-count:]), ()):
-                if any(is_known(unit, target) for target in targets):
-                    return unit
+        for unit in TITLES.get("_".join(words[-count:]), ()) if len(words) > count else ():
+            if target_of(unit, targets) is not None:
+                return unit
     if TURNS in targets:
         bare = (word.rstrip("0123456789") for word in words)
         return next((SHAFTS[word] for word in bare if word in SHAFTS), None)

@@ -12,7 +12,7 @@ from seatrial.models.notation import DOFS, accelerations_of, poses_of, velocitie
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.joining import UNIFORMITY
 from seatrial.models.recording.preprocessing import central_difference
-from seatrial.models.recording.recorded_file import MeasuredRecording
+from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import GAP, attitude_of, blocks, half
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
@@ -69,7 +69,7 @@ class Recording(recordings.Recording):
         own = {f"excitation.{name}": value for name, value in options_.items()}
         words = [f"vessel={text_of(vessel)}", "excitation=recording", *overrides_of(own)]
         config = in_process.composed([*words, f"excitation.path={text_of(path)}"]).config
-        reader = build_as(MeasuredRecording, config["excitation"], "excitation")  # type: ignore[type-abstract]
+        reader = build_as(RecordedFile, config["excitation"], "excitation")
         dofs = build_as(VesselParameters, config["vessel"], "vessel").dofs
         reader.check(dofs)
         return cls.of(reader.read(dofs))

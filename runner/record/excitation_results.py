@@ -15,7 +15,7 @@ from seatrial.models.excitation.information import Persistence
 from seatrial.models.excitation.mix import Mix
 from seatrial.models.planning.planner import PlannedPath
 from seatrial.models.recording.preprocessing import quality_checks
-from seatrial.models.recording.recorded_file import MeasuredRecording
+from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.runner.record.rows import Metric, Results, Series, metric
 
@@ -23,19 +23,16 @@ if TYPE_CHECKING:
     from seatrial.runner.closed_loop import ExcitationData
 
 
-STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
-
-
-def column_statistics(excitation: MeasuredRecording) -> list[Diagnostic]:
+def column_statistics(excitation: RecordedFile) -> list[Diagnostic]:
     """Compute descriptive statistics of each recorded column in the window; i is the column."""
     return [
-        Diagnostic(f"statistic_{name}", "all", getattr(column, name), i=i, label=column.name)
-        for i, column in enumerate(excitation.describe())
-        for name in STATISTICS
+        Diagnostic(f"statistic_{name}", "all", value, i=i, label=column)
+        for i, (column, values) in enumerate(excitation.describe().items())
+        for name, value in values.items()
     ]
 
 
-def outlier_counts(excitation: MeasuredRecording, dofs: tuple[str, ...]) -> list[Diagnostic]:
+def outlier_counts(excitation: RecordedFile, dofs: tuple[str, ...]) -> list[Diagnostic]:
     """Count the outliers of each column in use, by the outlier rule of the file."""
     counts = excitation.outlier_counts(dofs)
     return [

@@ -1,5 +1,6 @@
 """Recordings as Parquet: through the command line, and back to the bit."""
 
+import json
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -10,8 +11,9 @@ from pyarrow import parquet
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sources import ReadOptions, read_sources
-from seatrial.models.recording.stored import read_recording, stored_metadata, write_recording
+from seatrial.models.vessel.kinematics import wrap
 from seatrial.runner.__main__ import main
+from seatrial.runner.data_convert import write_recording
 from seatrial.runner.recording_map import read_map, reader_of
 from tests.data import DATA
 
@@ -31,32 +33,33 @@ def assert_same(one: Recording, other: Recording) -> None:
 
 
 def everything(n: int = 30) -> Recording:
-    """A recording with every field, of numbers that text would not keep."""
+    """A recording in two pieces with all that is measured, of numbers that text would not keep."""
     rng = np.random.default_rng(8)
 
     def columns(k: int) -> np.ndarray:
         return rng.normal(size=(n, k)) * 10.0 ** rng.integers(-300, 20, (n, k))
 
+    attitude = np.cumsum(rng.uniform(-0.5, 0.5, (n, 3)), axis=0)
+    attitude[0] = wrap(attitude[0])  # as every recording that was read begins
+    eta = np.column_stack([columns(2), attitude[:, 2]])
+    t = np.arange(n) * 0.1 + 1e-9 + np.repeat([0.0, 7.0], n // 2)
     return Recording(
-        PLANAR, np.arange(n) * 0.1 + 1e-9, columns(3), columns(3), columns(3), columns(3),
-        columns(3), columns(3), columns(3), columns(2), True, columns(2), columns(2),
-        ("delta", "n"), columns(1), ("propeller.thrust",), np.repeat([0, 1], n // 2),
-        ("a.csv", "b.csv"),
+        PLANAR, t, eta, columns(3), columns(3), columns(3), attitude, None, columns(3), columns(2),
+        False, columns(2), columns(2), ("delta", "output[0]"), columns(1), ("propeller.thrust",),
     )  # fmt: skip
 
 
 def test_every_field_comes_back_to_the_bit(tmp_path: Path) -> None:
     recording, path = everything(), tmp_path / "a.parquet"
-    write_recording(recording, path, {"map": {"time": "t"}})
-    assert_same(recording, read_recording(path))
-    assert stored_metadata(path)["map"] == {"time": "t"}
+    write_recording(recording, path, {})
+    assert_same(recording, reader_of(path, {}).read(PLANAR))
     bare = replace(
-        recording, tau_filtered=None, tau_actual=None, wind=None, without_lag=False, inputs=None,
-        commands=None, input_names=(), file=None, file_names=(),
+        recording, tau=np.zeros_like(recording.tau), tau_actual=None, wind=None, commands=None,
+        loads=None, load_names=(),
     )  # fmt: skip
     write_recording(bare, tmp_path / "b.parquet", {})
-    assert_same(bare, read_recording(tmp_path / "b.parquet"))
-    part = read_recording(path, ("surge", "yaw"))
+    assert_same(bare, reader_of(tmp_path / "b.parquet", {}).read(PLANAR))
+    part = reader_of(path, {}).read(("surge", "yaw"))
     np.testing.assert_array_equal(part.nu, recording.nu[:, [0, 2]])
     (source,) = read_sources(path, ReadOptions()).values()  # and by any other program, with units
     assert source.units["u_dot"] == "m/s^2"
@@ -92,9 +95,13 @@ def test_a_converted_recording_is_the_mapped_one(
     assert "surge, sway, yaw" in capfd.readouterr().out
     mapped = reader_of(boat, read_map(Path("map.yaml"))).read(PLANAR)
     assert_same(mapped, reader_of(Path("out.parquet"), {}).read(PLANAR))
-    known = stored_metadata(Path("out.parquet"))
-    assert list(known["sha256"]) == [boat.name]  # type: ignore[call-overload]
-    units = {field.name: field.metadata[b"unit"] for field in parquet.read_schema("out.parquet")}
+    assert run(monkeypatch, "data", "check", "out.parquet") == 0
+    assert "no problem" in capfd.readouterr().out
+    schema = parquet.read_schema("out.parquet")
+    known = json.loads(schema.metadata[b"seatrial"])
+    assert list(known["sha256"]) == [str(boat)]
+    assert known["read_by"]["columns"]["time"] == {"column": "original_timestamp", "unit": "ms"}
+    units = {field.name: field.metadata[b"unit"] for field in schema}
     assert (units["t"], units["psi"], units["tau_yaw"]) == (b"s", b"rad", b"Nm")
     for wrong, message in (
         (words, "out.parquet: exists already, expected a new file"),

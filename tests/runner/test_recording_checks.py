@@ -8,15 +8,11 @@ import pandas as pd
 import pytest
 import yaml
 
-from seatrial.models.recording.column_map import Column
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import sampling
-from seatrial.models.recording.sources import ReadOptions, read_sources
-from seatrial.models.recording.times import seconds
 from seatrial.runner import data_commands
 from seatrial.runner.recording_map import options_of, reader_of
-from seatrial.runner.recording_offsets import offset_of, signals
 from seatrial.runner.recording_report import _advice
 from tests.data import DATA
 from tests.runner.command import Command
@@ -85,12 +81,6 @@ def test_a_folder_of_topics_is_mapped_and_examined(
     if name == "nlp1":
         assert "navigation/nav_estimate: 442 rows in 490 s, 0.937 Hz, 15 gaps" in shown
     assert "<svg" in html.read_text()
-    assert "Clocks of the sources" in html.read_text()
-    clocks = shown.partition("Clocks of the sources")[2].partition("Ranges")[0]
-    offsets = {line.split()[0]: float(line.split()[1]) for line in clocks.splitlines()[2:-1]}
-    step = {"nlp1": 1.07, "qp1": 0.161}[name]  # [s] of the estimate, which is the recording itself
-    assert abs(offsets["navigation/nav_estimate"]) < 0.1 * step
-    assert "vectorVS330/fix" in offsets
 
 
 def test_a_source_whose_ordinary_steps_count_as_gaps() -> None:
@@ -106,51 +96,6 @@ def test_a_source_whose_ordinary_steps_count_as_gaps() -> None:
     )
     even = replace(recording, t=0.1 * np.arange(len(t)))
     assert not any("max_gap_s" in line for line in _advice({"pose": slow}, even))
-
-
-@pytest.mark.data
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("qp1", {}),
-        ("nlp1", {}),
-        pytest.param("nlp1", {"max_gap_s": 3.0}, marks=pytest.mark.slow),
-        pytest.param("nlp1", {"resample_hz": 0.94}, marks=pytest.mark.slow),
-    ],
-)
-def test_offset_of_a_clock_is_recovered_within_a_sample(
-    name: str, options: dict[str, object]
-) -> None:
-    """GNSS against the navigation, 0 to 500 ms put in; the latter in gaps, too, and at 0.94 Hz."""
-    folder = DATA / "milliampere" / name
-    sources = read_sources(folder, ReadOptions())
-    nav = "navigation/nav_estimate:"
-    columns: dict[str, object] = {
-        "time": "time", "resample_hz": 6, "at_gap": "split",
-        "orientation": {part: f"{nav}pose_orientation_{part}" for part in "wxyz"},
-        "position": {"surge": f"{nav}pose_position_x", "sway": f"{nav}pose_position_y"},
-        "velocity": {"yaw": f"{nav}twist_angular_z"},
-        "force": {dof: f"tau_actual:wrench_{name}" for dof, name in
-                  zip(PLANAR, ("force_x", "force_y", "torque_z"), strict=True)},
-        **options,
-    }  # fmt: skip
-    recording = mapped(folder, columns).read(PLANAR)
-    start = min(seconds(source, Column("time"))[0] for source in sources.values())
-    signs = ["x", "y", "psi"]
-    for topic in ("vectorVS330/fix", "vectorVS330/heading"):
-        t = seconds(sources[topic], Column("time")) - start
-        for column, values in signals(sources[topic]).items():
-            own = offset_of("", column, t, values, recording, recording.eta, signs)
-            if own is None:
-                continue
-            for delay in np.random.default_rng(7).uniform(0.0, 0.5, 20):
-                later = offset_of("", column, t + delay, values, recording, recording.eta, signs)
-                assert later is not None
-                recovered = later.seconds - own.seconds
-                assert recovered == pytest.approx(delay, abs=recording.period_s)
-            break
-        else:
-            pytest.fail(f"no offset of {topic}")
 
 
 BELUGA = ("vessel=beluga_diagonal", "excitation=recording", "identifier=none")

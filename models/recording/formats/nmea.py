@@ -10,24 +10,19 @@ import numpy as np
 from pynmea2 import NMEASentence, TalkerSentence
 
 from seatrial.models.recording.formats.text import column_of_cells, decoded
-from seatrial.models.recording.source import Contents, ReadOptions, Rows, Source, Values, check_size
+from seatrial.models.recording.source import Contents, ReadOptions, Rows, Source, check_size
 
 DAY = 86400.0  # [s]
 SENTENCE = re.compile(
     r"([$!])(P[A-Z0-9]{3,}|[A-Z]{2}[A-Z0-9]{3}),([^*$!\r\n\"]*)(?:\*([0-9A-Fa-f]{2}))?"
 )
 # Stamps of loggers: date-times, seconds of a tag block, clocks, a number of seconds.
-STAMPS = tuple(
-    re.compile(pattern)
-    for pattern in (
-        r"(\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ]+\d?\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?)",
-        r"\\[^\\]*\bc:(\d{9,})",
-        r"(\d?\d:\d\d:\d\d(?:[.,]\d+)?)",
-        r"(?:^|[\s,;\[(])(\d+(?:\.\d+)?)(?=[\s,;:\])\"]|$)",
-    )
+STAMP = re.compile(
+    r"(\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ]+\d?\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?)"
+    r"|\\[^\\]*\bc:(\d{9,})|(\d?\d:\d\d:\d\d(?:[.,]\d+)?)"
+    r"|(?:^|[\s,;\[(])(\d+(?:\.\d+)?)(?=[\s,;:\])\"]|$)"
 )
-# Sentences that the package does not know.
-FIELDS = {"THS": ("heading", "status"), "HSC": ("heading_true", "true", "heading_mag", "magnetic")}
+THS = ("heading", "status")  # a sentence that the package does not know
 UNITS = {  # of fields, by how their names begin or end, the longest that fits
     "knot": "spd_over_grnd _kts _knots _kn lon_water_spd trans_water_spd lon_grnd_spd "
     "trans_grnd_spd",
@@ -37,11 +32,10 @@ UNITS = {  # of fields, by how their names begin or end, the longest that fits
     "direction_true direction_magnetic wind_angle latitude longitude rsa_ deg_t deg_m deg_r",
     "deg/min": "rate_of_turn",
     "m": "depth offset altitude geo_sep depth_meters std_dev",
-    "ft": "depth_feet",
-    "fathom": "depth_fathoms",
 }
 UNIT_OF = {name: unit for unit, names in UNITS.items() for name in names.split()}
 LETTERS = {"N": "knot", "K": "km/h", "M": "m/s", "D": "deg", "R": "rpm", "C": "degC", "P": "Pa"}
+Key = tuple[str, str]  # sentence type and talker
 
 
 def read(path: Path, options: ReadOptions) -> Contents:
@@ -49,10 +43,8 @@ def read(path: Path, options: ReadOptions) -> Contents:
     data, said = decoded(path, options.text.encoding)
     lines = data.decode().splitlines()
     check_size(path, 8 * len(lines))
-    tables: dict[tuple[str, str], Rows] = defaultdict(Rows)
-    units: dict[tuple[str, str], dict[str, str]] = defaultdict(dict)
-    stamps: dict[tuple[str, str], list[str]] = defaultdict(list)
-    lost: Counter[str] = Counter()
+    tables, units = defaultdict[Key, Rows](Rows), defaultdict[Key, dict[str, str]](dict)
+    stamps, lost = defaultdict[Key, list[str]](list), Counter[str]()
     days = (_day(raw) for *_, raw, _ in _sentences(lines, Counter()))
     day, clock = next((d for d in days if d is not None), 0.0), np.nan
     for kind, talker, raw, beside in _sentences(lines, lost):
@@ -63,7 +55,7 @@ def read(path: Path, options: ReadOptions) -> Contents:
             elif clock - day - seconds > DAY / 2.0:  # past midnight
                 day += DAY
             clock = day + seconds
-        stamp = next((found[1] for p in STAMPS if (found := p.search(beside))), "")
+        stamp = next((text for found in STAMP.findall(beside) for text in found if text), "")
         if raw.get("status") == "V":
             lost[f"{kind} of status V (not valid)"] += 1
         elif not stamp and np.isnan(clock):
@@ -80,27 +72,25 @@ def read(path: Path, options: ReadOptions) -> Contents:
             elif kind == "RPM":  # of a shaft or an engine, and its number
                 kind += f"/{raw.get('source', '')}{raw.get('engine_no', '')}"
                 known = {"speed": "rpm", "pitch": "percent"}
-            tables[kind, talker].add([("time", clock), *_positions(raw).items()])
+            tables[kind, talker].add([("time", clock), *_fields(raw).items()])
             units[kind, talker] |= known
-            stamps[kind, talker].append(stamp)
-    left_out = (*said, *(f"{count} sentences {reason}" for reason, count in lost.items()))
+            stamps[kind, talker].append(stamp.replace(",", "."))
+    left_out = [*said, *(f"{count} sentences {reason}" for reason, count in lost.items())]
     stamped = any(any(own) for own in stamps.values())
-    talkers = Counter(kind for kind, _ in tables)
-    sources: list[Source] = []
+    talkers, sources = Counter(kind for kind, _ in tables), list[Source]()
     for (kind, talker), rows in tables.items():
-        columns = rows.columns()
-        for name, cells in columns.items():
-            if cells.dtype == np.object_ and name not in ("timestamp", "datestamp"):
-                columns[name], _ = column_of_cells(cells.tolist())
-        known = {"time": "s"} | units[kind, talker]
+        columns, known = rows.columns(), {"time": "s"} | units[kind, talker]
         if stamped:
-            columns["time"], known["time"] = _times(stamps[kind, talker])
-        for name in columns.keys() - known.keys():
-            fits = [key for key in UNIT_OF if name.startswith(key) or name.endswith(key)]
-            if fits and columns[name].dtype != np.object_:
-                known[name] = UNIT_OF[max(fits, key=len)]
+            columns["time"], known["time"] = np.array(stamps[kind, talker], dtype=object), ""
         name = kind if talkers[kind] == 1 else f"{kind}/{talker}"
-        known = {name: unit for name, unit in known.items() if unit}
+        for title, cells in columns.items():
+            if cells.dtype == np.object_ and title not in ("timestamp", "datestamp"):
+                columns[title], reason = column_of_cells(cells.tolist())
+                left_out += [f"{name}:{title}: {reason}"] if reason else []
+            fits = [key for key in UNIT_OF if title.startswith(key) or title.endswith(key)]
+            if fits and columns[title].dtype != np.object_:
+                known.setdefault(title, UNIT_OF[max(fits, key=len)])
+        known = {title: unit for title, unit in known.items() if unit}
         sources.append(Source(name, path, columns, known))
     return sources, left_out
 
@@ -122,10 +112,10 @@ def _sentences(
                 talker, kind = ("", tag) if tag.startswith("P") else (tag[:-3], tag[-3:])
                 cells = [cell.strip() for cell in body.split(",")]
                 fields = getattr(TalkerSentence.sentence_types.get(kind), "fields", ())
-                names = FIELDS.get(kind) or [each[1] for each in fields]
-                names = names or [f"c{i + 1}" for i in range(len(cells))]
+                names = THS if kind == "THS" else [each[1] for each in fields]
                 if kind == "XDR":  # as many as there are transducers
                     names = [str(i) for i in range(len(cells))]
+                names = names or [f"c{i + 1}" for i in range(len(cells))]
                 yield kind, talker, dict(zip(names, cells, strict=False)), beside
 
 
@@ -139,7 +129,7 @@ def _day(raw: dict[str, str]) -> float | None:
     return date.replace(tzinfo=UTC).timestamp() if date else None
 
 
-def _positions(raw: dict[str, str]) -> dict[str, str]:
+def _fields(raw: dict[str, str]) -> dict[str, str]:
     """The fields of a sentence, with latitude and longitude in degrees."""
     fields = {name: cell for name, cell in raw.items() if cell and name not in ("lat", "lon")}
     for short, name in (("lat", "latitude"), ("lon", "longitude")):
@@ -148,15 +138,3 @@ def _positions(raw: dict[str, str]) -> dict[str, str]:
             angle = float(degrees[1] or 0) + float(degrees[2]) / 60.0
             fields[name] = repr(-angle if side in "SW" else angle)
     return fields
-
-
-def _times(stamps: list[str]) -> tuple[Values, str]:
-    """The stamps of a logger as a column and its unit: numbers, date-times, or clocks in s."""
-    times, _ = column_of_cells([stamp.replace(",", ".") for stamp in stamps])
-    if times.dtype != np.object_:
-        return times, "s" if ":" in stamps[0] else ""
-    if "-" in stamps[0] or "/" in stamps[0]:
-        return times, ""
-    clocks = [t.split(":") if t.count(":") == 2 else ["nan"] * 3 for t in times]
-    parts = np.array(clocks, dtype=np.float64)
-    return np.unwrap(parts @ [3600.0, 60.0, 1.0], period=DAY), "s"

@@ -1,19 +1,40 @@
-"""Files of tables: workbooks of Excel, a source a sheet, and Parquet files."""
+"""Tables and arrays: Excel, a source a sheet, Parquet, MATLAB 5 and 7.3 (HDF5), and netCDF."""
 
 import csv
 import io
+import re
+import struct
+import zlib
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import date, time
+from importlib.util import find_spec
 from pathlib import Path
+from textwrap import shorten
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import scipy
 from pyarrow import compute as pc
 from pyarrow import parquet
 
-from seatrial.models.errors import RecordingError
+from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.formats.text import table
-from seatrial.models.recording.source import Contents, ReadOptions, Values, check_size, table_source
+from seatrial.models.recording.source import (
+    MOST_ELEMENTS,
+    Contents,
+    ReadOptions,
+    Source,
+    Values,
+    check_size,
+    table_source,
+)
+
+COMPRESSED = 15  # type of an element of a v5 file
+HDF5 = b"\x89HDF\r\n\x1a\n"
+NUMERIC = ("double", "single", "logical", "cell", "struct", "char")  # and int8 ... uint64
 
 
 def read_excel(path: Path, options: ReadOptions) -> Contents:
@@ -72,3 +93,165 @@ def _column(column: pa.ChunkedArray) -> Values | None:
     if pa.types.is_primitive(kind) or pa.types.is_null(kind) or pa.types.is_decimal(kind):
         return np.array(pc.cast(column, "float64", safe=False).to_numpy(), dtype=np.float64)
     return None
+
+
+def read_matlab(path: Path, options: ReadOptions) -> Contents:
+    """The variables of a MATLAB file."""
+    with path.open("rb") as file:
+        head = file.read(520)
+    variables: dict[str, object] = {}
+    if HDF5 in (head[:8], head[512:]):
+        if find_spec("h5py") is None:
+            raise ConfigurationError(
+                f"{path}: is a MATLAB 7.3 file: h5py is not installed: pip install 'seatrial[mat]'"
+            )
+        import h5py
+
+        with h5py.File(path, "r") as stored:
+            sizes: list[int] = []
+            stored.visititems(lambda _, item: sizes.append(getattr(item, "size", 0) or 0))
+            check_size(path, sum(sizes))
+            variables = {n: _plain(v, stored) for n, v in stored.items() if n[0] != "#"}
+    else:
+        with path.open("rb") as file:  # how large its compressed variables say they are
+            order = "<" if file.read(128)[126:] == b"IM" else ">"
+            total, end = 0, 128
+            while len(tag := file.read(8)) == 8:
+                kind, length = struct.unpack(f"{order}2I", tag)
+                end += 8 + length
+                if kind == COMPRESSED:
+                    start = zlib.decompressobj().decompress(file.read(min(length, 1024)), 8)
+                    total += struct.unpack(f"{order}2I", start)[1]
+                file.seek(end)
+        check_size(path, total // 8)
+        read = scipy.io.loadmat(path, struct_as_record=False, squeeze_me=True)
+        for name, value in read.items():
+            if isinstance(value, scipy.io.matlab.MatlabOpaque):  # its own name is lost
+                name = value["s0"].item().decode()
+            if not name.startswith("__"):
+                variables[name] = _plain(value)
+    leaves = [leaf for name, value in variables.items() for leaf in _leaves("", name, value)]
+    return _sources(path, leaves, {})
+
+
+def read_netcdf(path: Path, options: ReadOptions) -> Contents:
+    """The variables of a file, a source a dimension, times as date-times."""
+    import xarray as xr
+
+    leaves: list[tuple[str, str, object]] = []
+    units: dict[str, str] = {}
+    with xr.open_dataset(path, decode_timedelta=False) as stored:
+        check_size(path, sum(variable.size for variable in stored.variables.values()))
+        for key, variable in stored.variables.items():
+            values = np.atleast_1d(variable.values)
+            if values.dtype.kind in "MOSU":  # date-times, also of other calendars, and text
+                texts = values.astype("datetime64[us]" if values.dtype.kind == "M" else "U")
+                values = texts.astype("U").astype(object)
+                values[values == "NaT"] = ""
+            elif unit := str(variable.attrs.get("units", "")):  # by UDUNITS: m s-1, degrees_north
+                unit = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", unit)
+                units[str(key)] = re.sub(r"^degrees?_?(north|east|[NE])?$", "deg", unit)
+            long = {str(name): size for name, size in variable.sizes.items() if size > 1}
+            leaves.append((max(long, key=lambda name: long[name], default=""), str(key), values))
+    if len({group for group, _, _ in leaves if group}) == 1:
+        leaves = [("", key, values) for _, key, values in leaves]
+    return _sources(path, leaves, units)
+
+
+def _sources(
+    path: Path, leaves: list[tuple[str, str, object]], units: Mapping[str, str]
+) -> Contents:
+    """Vectors and matrices with a row or column a sample, by source and name, as sources.
+
+    Those of equal length share a clock: the variables of a file, and the fields of one struct.
+    Columns of a matrix are named `name[0]`, `name[1]` ...; what is neither is named as left out.
+    """
+    groups: dict[tuple[str, int], dict[str, Values]] = defaultdict(dict)
+    lost: dict[str, list[str]] = defaultdict(list)
+    check_size(path, sum(value.size for *_, value in leaves if isinstance(value, np.ndarray)))
+    for top, name, value in leaves:
+        values = np.squeeze(value) if isinstance(value, np.ndarray) else np.zeros(())
+        text = values.dtype == np.object_
+        values = values if text else values.astype(np.float64)
+        if values.ndim == 1 and len(values) > 1:
+            groups[top, len(values)][name] = values
+        elif values.ndim == 2 and min(values.shape) <= MOST_ELEMENTS and not text:
+            rows = values.T if values.shape[0] > values.shape[1] else values
+            groups[top, rows.shape[1]] |= {f"{name}[{i}]": row for i, row in enumerate(rows)}
+        else:
+            shape = " x ".join(map(str, values.shape))
+            kind = "single values" if values.size <= 1 else f"arrays of {shape}"
+            kind = kind if isinstance(value, np.ndarray) else str(value)
+            lost[kind].append(f"{top}.{name}" if top else name)
+    sources: dict[str, Source] = {}
+    for (top, size), columns in sorted(groups.items(), key=lambda item: -len(item[1])):
+        name = top or path.stem
+        name = f"{name}/{size}" if name in sources else name
+        known = {column: units[column] for column in columns if column in units}
+        sources[name] = Source(name, path, columns, known)
+    return list(sources.values()), [
+        f"{shorten(', '.join(names), 200, placeholder=' ...')}: {kind}, no columns"
+        for kind, names in lost.items()
+    ]
+
+
+def _leaves(top: str, name: str, value: object) -> Iterator[tuple[str, str, object]]:
+    """The arrays of a variable by source and name: a struct and each cell is a source.
+
+    Cells or structs of single numbers are the rows of one source.
+    """
+    if isinstance(value, dict):
+        for field, inner in value.items():
+            place = (top, f"{name}.{field}") if top and name else (top or name, field)
+            yield from _leaves(place[0], place[1], inner)
+    elif isinstance(value, list):
+        base = "/".join(part for part in (top, *name.split(".")) if part)
+        rows = [list(_leaves("", "", element)) for element in value]
+        single = [
+            {n: v.item() for _, n, v in row if isinstance(v, np.ndarray) and v.size == 1}
+            for row in rows
+        ]
+        if len(rows) > 1 and list(map(len, single)) == list(map(len, rows)):
+            for field in dict.fromkeys(key for found in single for key in found):
+                yield base, field or base, np.array([found.get(field, np.nan) for found in single])
+            return
+        for number, element in enumerate(value, 1):
+            own = "" if isinstance(element, dict | list) else base.rpartition("/")[2]
+            yield from _leaves(f"{base}/{number}", own, element)
+    else:
+        yield top, name, value
+
+
+def _plain(value: Any, stored: Any = None) -> object:
+    """A variable as dictionaries, lists and arrays; a text says what else it is.
+
+    Args:
+        value: as scipy reads it, or a part of the HDF5 file `stored`.
+    """
+    if stored is None:
+        if isinstance(value, scipy.io.matlab.MatlabOpaque):
+            return f"objects of class {value['s2'].item().decode()}"
+        if isinstance(value, scipy.io.matlab.mat_struct):
+            return {field: _plain(getattr(value, field)) for field in value._fieldnames}
+        array = np.asarray(value)
+        if array.dtype == np.object_:
+            return [_plain(element) for element in array.ravel()]
+        other = "text" if array.dtype.kind in "US" else f"values of {array.dtype.name}"
+        return array if array.dtype.kind in "biuf" else other
+    kind = value.attrs.get("MATLAB_class", b"double").decode()
+    if "MATLAB_object_decode" in value.attrs or not (kind in NUMERIC or "int" in kind):
+        return f"objects of class {kind}"
+    if hasattr(value, "items"):
+        fields = {name: _plain(inner, stored) for name, inner in value.items()}
+        cells = all("MATLAB_class" in value[name].attrs for name in fields)
+        sizes = {len(f) if isinstance(f, list) and not cells else 0 for f in fields.values()}
+        if len(sizes) == 1 and (size := sizes.pop()):  # an array of structs
+            return [{k: v[i] for k, v in fields.items()} for i in range(size)]  # type: ignore[index]
+        return fields
+    if kind == "char":
+        return "text"
+    if value.dtype.hasobject:
+        return [_plain(stored[reference], stored) for reference in value[()].T.ravel()]
+    if "MATLAB_empty" in value.attrs:
+        return "empty arrays"
+    return value[()] if value.dtype.kind in "biuf" else f"values of {value.dtype}"

@@ -1,4 +1,4 @@
-"""Text files: CSV with any separator, columns between white space, long tables, InfluxDB."""
+"""Text files: CSV with any separator, columns between white space, exports of InfluxDB."""
 
 import csv
 import io
@@ -22,7 +22,6 @@ from seatrial.models.recording.source import (
     MISSING,
     NUMBER,
     Contents,
-    FileCell,
     ReadOptions,
     Source,
     TextOptions,
@@ -39,17 +38,14 @@ LONGEST_LINE = 10**6  # bytes
 WHITE = re.compile(rb"[ \t\v\f]+")
 DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4}|\d\d?:\d\d", re.ASCII)
 SIZES = {"1", "2", "4", "8"}  # bytes of the columns of a glider, in a line below the units
-# Titles of a long table, a row a value, in small letters; the first that is there counts.
-VALUE = ("value", "val")
-FIELD = ("field", "name", "variable", "parameter", "signal", "channel", "key", "sensor")
-TIME = ("time", "timestamp", "datetime", "date", "utc", "ts", "t")
+INFLUX = ("_time", "_field", "_value")  # a table with a row a value
 
 
 def read(path: Path, options: ReadOptions) -> Contents:
     """The columns of a text file; raises RecordingError if it cannot be read as a table."""
     data, left_out = decoded(path, options.text.encoding)
     parts = [data]
-    if re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE):  # of InfluxDB
+    if re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE):
         # Annotations or an empty line end a table; lines keep their numbers.
         tables: dict[bytes, list[bytes]] = {}
         lines: list[bytes] | None = None
@@ -106,12 +102,12 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
         head = [(line, [*row, ""] if len(row) == usual - 1 else row) for line, row in head]
     decimal = text.decimal or "."
     if text.decimal is None and separator != ",":
-        found = [cell for _, row in head for cell in row]
-        commas = sum("," in cell and _is_number(cell, ",") for cell in found)
-        decimal = "," if commas > sum("." in cell and _is_number(cell) for cell in found) else "."
-    start, header = _header([row for _, row in head], decimal, white)
-    if text.header_lines is not None:
-        start, header = 0, text.header_lines
+        cells = [cell for _, row in head for cell in row]
+        counts = [sum(mark in c and _is_number(c, mark) for c in cells) for mark in ",."]
+        decimal = "," if counts[0] > counts[1] else "."
+    start, header = 0, text.header_lines
+    if header is None:
+        start, header = _header([row for _, row in head], decimal, white)
     before = start + header
     if len(head) <= before:
         raise RecordingError(f"{path}: got a header and no rows, expected samples below it")
@@ -123,35 +119,28 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
         raise RecordingError(
             f"{path}: got {width} columns, expected {len(text.names)} as in excitation.text.names"
         )
-    for words in (_cut(commented, separator), commented.split()):
+    for words in (next(csv.reader([commented], delimiter=separator), []), commented.split()):
         if not titles and len(words) == width and not any(map(_is_number, words)):
             titles = [words]
-    line = head[before - 1][0] if before else 0
-    data, left_out = _without_headers(data, [place for place, _ in head[start:before]], line)
-    columns: list[Values] = []
-    reasons: list[str] = []
+    line, repeats = head[before - 1][0] if before else 0, 0
+    above = data.split(b"\n", line)[:line]
+    top = sum(map(len, above)) + line
+    for title in (above[number - 1].rstrip(b"\r") for number, _ in head[start:before]):
+        if title and data.find(b"\n" + title, top - 1) >= 0:
+            # a logger that starts again writes its header again
+            again = rb"(?m)^" + re.escape(title) + rb"(?=\r?$)"
+            below, number = re.subn(again, b"", data[top:])
+            data, repeats = data[:top] + below, repeats + number
     names = text.names or (titles[0] if titles else [""] * width)
     units = titles[1] if len(titles) > 1 and len(titles[1]) == width else [""] * width
-    texts = 0
-    for place, cells in enumerate(_cells(path, data, separator, width, line, before)):
-        cells = pc.utf8_trim_whitespace(cells.combine_chunks())
-        values, reason = column_of_cells(cells, decimal)
-        texts += len(set(map(id, values))) if values.dtype == np.object_ else 0
-        check_size(path, 8 * texts)  # different texts take more memory than numbers
-        # of a glider: degrees and minutes, DDMM.mm
-        if units[place].strip() in ("lat", "lon") and values.dtype != np.object_:
-            whole = np.trunc(values / 100.0)
-            values = whole + (values - 100.0 * whole) / 60.0
-            values[np.abs(values) > 180.0] = np.nan  # where it had no position
-            units[place], reason = "deg", "degrees and minutes, read as degrees"
-        columns.append(values)
-        reasons.append(reason)
+    columns, reasons = _columns(path, data, (separator, decimal), units, line, before)
 
-    def cell(row: int, place: int) -> FileCell:
+    def cell(row: int, place: int) -> tuple[str, str]:
         line, cells = next(islice(_rows(path, data, separator), before + row, None))
-        return FileCell(f"line {line}", cells[place])
+        return f"line {line}", cells[place]
 
-    return table_source(name or path.stem, path, names, columns, units, reasons, left_out, cell)
+    said = [f"{repeats} lines that repeat the header"] if repeats else []
+    return table_source(name or path.stem, path, names, columns, units, reasons, said, cell)
 
 
 def _plain(path: Path, data: bytes, text: TextOptions) -> tuple[bytes, str, str, bool]:
@@ -176,18 +165,6 @@ def _plain(path: Path, data: bytes, text: TextOptions) -> tuple[bytes, str, str,
     return b"\n".join(WHITE.sub(b"\t", line.strip()) for line in lines), commented, "\t", True
 
 
-def _without_headers(data: bytes, places: Sequence[int], line: int) -> tuple[bytes, list[str]]:
-    """The text without headers below the first: a logger that starts again writes it again."""
-    top, repeats = b"\n".join(data.split(b"\n", line)[:line]), 0
-    for place in places:
-        again = b"\n" + data.split(b"\n", place)[place - 1].rstrip(b"\r")
-        if len(again) > 1 and data.find(again, len(top)) >= 0:
-            found_again = re.compile(re.escape(again) + rb"(?=\r?\n)")
-            rest, number = found_again.subn(b"\n", data[len(top) :])
-            data, repeats = top + rest, repeats + number
-    return data, [f"{repeats} lines that repeat the header"] if repeats else []
-
-
 def _rows(path: Path, data: bytes, separator: str) -> Iterator[tuple[int, list[str]]]:
     """The line number on which each row ends, and its cells; blank lines are skipped."""
     lines = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8", newline="")
@@ -204,29 +181,17 @@ def _is_number(cell: str, decimal: str = ".") -> bool:
     return bool(NUMBER.fullmatch(cell.strip().replace(decimal, ".")))
 
 
-def _is_empty(cell: str) -> bool:
-    return cell.strip().lower() in MISSING
-
-
-def _cut(line: str, separator: str) -> list[str]:
-    try:
-        return next(csv.reader([line], delimiter=separator), [])
-    except csv.Error:
-        return []
-
-
 def _separator(data: bytes) -> str:
     """The separator that cuts most lines into equally many cells; " " for white space."""
     lines = [line for line in data[:65536].decode(errors="replace").split("\n") if line.strip()]
     lines = lines[:SAMPLE_LINES]
-    most = {
-        mark: max((n for size, n in counts.items() if size > 1), default=0)
-        for mark in SEPARATORS
-        for counts in (Counter(len(_cut(line, mark)) for line in lines),)
-    }
+    most = {}
+    for mark in SEPARATORS:
+        counts = Counter(line.count(mark) for line in lines if mark in line)
+        most[mark] = max(counts.values(), default=0)
     best = max(most, key=lambda mark: most[mark])
     words = [line.split() for line in lines]
-    numbers = [row for row in words if all(_is_number(cell) or _is_empty(cell) for cell in row)]
+    numbers = [row for row in words if all(_is_number(c) or c.lower() in MISSING for c in row)]
     return " " if 2 * most[best] < len(lines) and numbers and len(numbers[0]) > 1 else best
 
 
@@ -238,16 +203,14 @@ def _header(rows: list[list[str]], decimal: str, white: bool) -> tuple[int, int]
     """
     first = len(rows)
     for place, row in enumerate(rows):
-        filled = [cell.strip() for cell in row if not _is_empty(cell)]
+        filled = [cell.strip() for cell in row if cell.strip().lower() not in MISSING]
         sampled = [_is_number(cell, decimal) or bool(DATE.match(cell)) for cell in filled]
         sizes = place > 1 and len(row) == len(rows[place - 1]) > 1 and set(filled) <= SIZES
         if (all(sampled) if white else any(sampled)) and not sizes:
             first = place
             break
-    if first == 0:
-        return 0, 0
-    if first == len(rows):
-        return 0, 1
+    if first in (0, len(rows)):
+        return 0, min(first, 1)
     width = len(rows[first])
     starts = [
         place
@@ -259,10 +222,13 @@ def _header(rows: list[list[str]], decimal: str, white: bool) -> tuple[int, int]
     return starts[0], first - starts[0] if first - starts[0] <= MOST_HEADER_LINES else 1
 
 
-def _cells(
-    path: Path, data: bytes, separator: str, width: int, lines_before: int, rows_before: int
-) -> list[pa.ChunkedArray]:
-    """The columns below the header, as text."""
+def _columns(
+    path: Path, data: bytes, marks: tuple[str, str], units: list[str], lines_before: int,
+    rows_before: int,
+) -> tuple[list[Values], list[str]]:  # fmt: skip
+    """The columns below the header, and what is left out of each; `units` of some are changed."""
+    separator, decimal = marks
+    width = len(units)
     check_size(path, (data.count(b"\n") + 1) * width)
     names = [str(place) for place in range(width)]
     try:
@@ -285,8 +251,20 @@ def _cells(
                 ) from error
         reason = shorten(str(error), 600)
         raise RecordingError(f"{path}: {reason}, expected comma-separated values") from error
-    columns: list[pa.ChunkedArray] = cells.columns
-    return columns
+    columns, reasons, texts = list[Values](), list[str](), 0
+    for place, column in enumerate(cells.columns):
+        values, reason = column_of_cells(pc.utf8_trim_whitespace(column.combine_chunks()), decimal)
+        texts += len(set(map(id, values))) if values.dtype == np.object_ else 0
+        check_size(path, 8 * texts)  # different texts take more memory than numbers
+        # of a glider: degrees and minutes, DDMM.mm, more than 180 degrees where it had no position
+        if units[place].strip() in ("lat", "lon") and values.dtype != np.object_:
+            whole = np.trunc(values / 100.0)
+            values = whole + (values - 100.0 * whole) / 60.0
+            values[np.abs(values) > 180.0] = np.nan
+            units[place], reason = "deg", "degrees and minutes, read as degrees"
+        columns.append(values)
+        reasons.append(reason)
+    return columns, reasons
 
 
 def column_of_cells(cells: pa.Array | Sequence[str], decimal: str = ".") -> tuple[Values, str]:
@@ -298,11 +276,12 @@ def column_of_cells(cells: pa.Array | Sequence[str], decimal: str = ".") -> tupl
     try:
         values = np.array(written.cast("float64").to_numpy(zero_copy_only=False))
         if np.all((np.abs(values) < MAX_NUMBER) | np.isnan(values)):
-            counts = pc.value_counts(pc.filter(cells, missing)).to_pylist()
+            words = pc.value_counts(pc.filter(cells, missing)).to_pylist()
+            counts = {word["values"]: word["counts"] for word in words}
             said = [
-                f"{word['counts']} of {len(cells)} cells are {word['values']}"
-                for word in counts
-                if word["values"].lower().strip("+-") not in ("", "nan") or "-" in word["values"]
+                f"{number} of {len(cells)} cells are {word}"
+                for word, number in counts.items()
+                if word.lower().strip("+-") not in ("", "nan") or "-" in word
             ]
             return values, ", ".join(said) + ": missing values" if said else ""
         reason = ""
@@ -317,39 +296,40 @@ def column_of_cells(cells: pa.Array | Sequence[str], decimal: str = ".") -> tupl
 
 
 def _wide(source: Source) -> list[Source]:
-    """The sources of a long table, with a row a value: names that share their times are one.
-
-    Other columns of text, such as the measurement and the tags of InfluxDB, tell sources apart.
-    """
-    titles = {name.lower().strip("_"): name for name in reversed(source.columns)}
-    value, name, time = (
-        next((titles[word] for word in words if word in titles), "")
-        for words in (VALUE, FIELD, TIME)
-    )
-    fields = source.columns.get(name, np.zeros(0))
-    if not (value and time) or fields.dtype != np.object_ or len(set(fields)) == len(source):
+    """The sources of a long table of InfluxDB: one for each measurement and its tags."""
+    if not set(INFLUX) <= set(source.columns):
         return [source]
-    others = [column for column in source.columns if column not in (value, name, time)]
+    frame = pd.DataFrame(source.columns)
+    texts = {name for name, values in source.columns.items() if values.dtype == np.object_}
+    others = [name for name in frame if name not in INFLUX]
     tags = [
-        column
-        for column in others
-        if (values := source.columns[column]).dtype == np.object_
-        and column.strip("_") not in ("start", "stop", "result")
-        and (column == "_measurement" or len(set(values)) > 1)
-    ]
-    frame = pd.DataFrame({key: source.columns[key] for key in (*tags, name)})
-    wide: dict[tuple[object, ...], Source] = {}
-    for key, rows in frame.groupby([*tags, name], sort=False).indices.items():
-        *of, field = map(str, key if isinstance(key, tuple) else (key,))
-        times, values = source.columns[time][rows], source.columns[value][rows]
-        if values.dtype == np.object_:
-            values, _ = column_of_cells(values.tolist())
-        units = {time: source.units[time]} if time in source.units else {}
-        base = "/".join(of) or source.name
-        same = wide.setdefault((base, *times), Source(base, source.path, {time: times}, units))
-        same.columns[field] = values
-    left_out = [line for line in source.left_out if not line.startswith(f"column {value}:")]
-    if lost := [column for column in others if column not in tags]:
+        name
+        for name in others
+        if name in texts and name not in ("_start", "_stop", "result")
+        and (name == "_measurement" or frame[name].nunique() > 1)
+    ]  # fmt: skip
+    if "_time" in texts:
+        times = pd.to_datetime(frame["_time"], format="ISO8601", utc=True, errors="coerce")
+        frame["_time"] = (times - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
+    told = "column _value:" if "_value" in texts else " "  # below, by field
+    left_out = [line for line in source.left_out if not line.startswith(told)]
+    if timeless := int(frame["_time"].isna().sum()):
+        left_out.append(f"{timeless} values have no time")
+    if again := int(frame.duplicated([*tags, *INFLUX[:2]]).sum()):
+        left_out.append(f"{again} values at times that repeat")
+    if lost := [name for name in others if name not in tags]:
         left_out.append(f"columns {', '.join(lost)}: not of the values of this long table")
-    first, *further = wide.values()
-    return [replace(first, left_out=tuple(left_out)), *further]
+    result = []
+    for key, rows in frame.groupby(tags) if tags else [((), frame)]:
+        wide = rows.drop_duplicates(list(INFLUX[:2]))
+        wide = wide.pivot(index="_time", columns="_field", values="_value")
+        columns: dict[str, Values] = {"_time": wide.index.to_numpy()}
+        for name, values in wide.items():
+            columns[str(name)] = values.to_numpy()
+            if "_value" in texts:
+                cells = values.fillna("").astype(str).to_list()
+                columns[str(name)], reason = column_of_cells(cells)
+                left_out += [f"{name}: {reason}"] if reason else []
+        name = "/".join(map(str, key if isinstance(key, tuple) else (key,))) or source.name
+        result.append(Source(name, source.path, columns, {"_time": "s"}))
+    return [replace(result[0], left_out=tuple(left_out)), *result[1:]]

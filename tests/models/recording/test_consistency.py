@@ -189,6 +189,23 @@ def test_delay_is_recovered_within_a_sample(seconds: float) -> None:
     assert consistency(shifted).lag_s == pytest.approx(seconds, abs=0.2 * recording.period_s)
 
 
+@pytest.mark.parametrize("seconds", [0.0, 0.3])
+def test_a_delay_is_found_where_pieces_are_missing(tmp_path: Path, seconds: float) -> None:
+    """Two gaps, of 20 s and of 61.7 s: nothing is shifted, filtered or compared across them."""
+    known = motion()
+    t = known.t
+    table = dict(zip(("north", "east", "psi"), known.eta.T, strict=True))
+    late = [np.interp(t - seconds, t, column) for column in known.nu.T]
+    table |= dict(zip("uvr", late, strict=True))
+    there = ((t < 100.0) | (t >= 120.0)) & ((t < 250.0) | (t >= 311.7))
+    path = tmp_path / "log.csv"
+    pd.DataFrame({"t": t, "n": 1.0, **table})[there].to_csv(path, index=False)
+    found = examined(path, at_gap="split")
+    assert len(found.recording.pieces()) == 3
+    assert found.result.lag_s == pytest.approx(seconds, abs=0.2 * known.period_s)
+    assert [problem.kind for problem in found.problems] == (["clock"] if seconds else [])
+
+
 def test_velocity_of_something_else_is_not_trusted() -> None:
     recording = motion()
     rng = np.random.default_rng(1)

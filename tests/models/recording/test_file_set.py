@@ -73,11 +73,12 @@ def test_nothing_is_differentiated_over_a_gap_of_a_file(tmp_path: Path) -> None:
 def test_training_and_test_files_and_the_window_before_a_free_run(runs: Path) -> None:
     excitation = reader(train=files(runs, "run0", "run1"), test=files(runs, "run2"), initial_s=2.0)
     recording = excitation.read(("surge",))
-    split = excitation.split_of(recording)
+    split = excitation.split(recording.t, recording.file)
     assert np.flatnonzero(split.train).tolist() == list(range(110))
     assert np.flatnonzero(split.test).tolist() == list(range(130, 180))
     excitation = reader(train=files(runs, "run0", "run1"), train_fraction=0.8)
-    split = excitation.split_of(excitation.read(("surge",)))
+    recording = excitation.read(("surge",))
+    split = excitation.split(recording.t, recording.file)
     assert np.flatnonzero(split.test).tolist() == [*range(40, 50), *range(98, 110)]
 
 
@@ -108,7 +109,8 @@ def test_more_files_than_folds_are_put_together_whole(count: int) -> None:
 def refusal(expected: type[Exception], **options: Any) -> str:
     def split() -> None:
         excitation = reader(**options)
-        excitation.split_of(excitation.read(("surge",)))
+        recording = excitation.read(("surge",))
+        excitation.split(recording.t, recording.file)
 
     with pytest.raises(expected) as caught:
         split()

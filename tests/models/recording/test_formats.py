@@ -255,8 +255,12 @@ def test_a_format_by_option_and_one_that_is_not_known(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("suffix", "package", "extra"),
     [
-        ("mcap", "rosbags", "ros"), ("ulg", "pyulog", "ulog"), ("xlsx", "openpyxl", "excel"),
-        ("nc", "xarray", "netcdf"), ("bin", "pymavlink", "ardupilot"), ("nmea", "pynmea2", "nmea"),
+        ("mcap", "rosbags", "ros"),
+        ("ulg", "pyulog", "ulog"),
+        ("xlsx", "openpyxl", "excel"),
+        ("nc", "xarray", "netcdf"),
+        ("bin", "pymavlink", "ardupilot"),
+        ("nmea", "pynmea2", "nmea"),
     ],
 )
 def test_a_package_that_is_not_installed(
@@ -310,11 +314,15 @@ def test_words_that_mean_missing(tmp_path: Path, word: str) -> None:
     assert source.left_out == (f"column u: 1 of 3 cells are {word}: missing values",)
 
 
-def test_long_tables_and_exports_of_influxdb(tmp_path: Path) -> None:
-    long = "time,name,value\n" + "".join(f"{i},{n},{i}\n" for i in range(5) for n in "uv")
-    source = one(file(tmp_path, "long.csv", long))
-    assert list(source.columns) == ["time", "u", "v"]
-    np.testing.assert_array_equal(source.columns["v"], np.arange(5.0))
+def test_exports_of_influxdb(tmp_path: Path) -> None:
+    """Written by pandas, with a missing value, and by its own command, with annotations."""
+    rows = [(f"2024-05-22T15:30:0{i}Z", n, "N/A" if i == 3 else i) for n in "uv" for i in range(5)]
+    table = pd.DataFrame(rows, columns=["_time", "_field", "_value"])
+    table.to_csv(tmp_path / "a.csv")
+    source = one(tmp_path / "a.csv")
+    assert list(source.columns) == ["_time", "u", "v"]
+    np.testing.assert_array_equal(source.columns["v"], [0.0, 1.0, 2.0, np.nan, 4.0])
+    assert "column _value: 2 of 10 cells are N/A: missing values" in source.left_out
     head = "#datatype,string,long,dateTime:RFC3339,{},string,string\n#default,_result,,,,,\n"
     titles = ",result,table,_time,_value,_field,_measurement\n"
     export = head.format("double") + titles

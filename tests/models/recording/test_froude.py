@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.stored import read_recording, write_recording
 from seatrial.models.recording.units import froude_factor
 from seatrial.runner import recording_map
 from seatrial.runner.config import build_as
+from seatrial.runner.data_convert import write_recording
 from tests.models.recording.test_file_set import CONF
 
 DOFS = ("surge", "sway", "yaw")
@@ -117,6 +117,6 @@ def test_loads_are_stored_with_the_recording(tmp_path: Path) -> None:
     content = mapped(tmp_path / "m.yaml", MAP)
     recording = reader(path=str(written(tmp_path / "m.csv", MODEL)), map=str(content)).read(DOFS)
     write_recording(recording, tmp_path / "m.parquet", {})
-    stored = read_recording(tmp_path / "m.parquet")
+    stored = recording_map.reader_of(tmp_path / "m.parquet", {}).read(DOFS)
     assert stored.load_names == recording.load_names
     np.testing.assert_array_equal(loads(stored), loads(recording))

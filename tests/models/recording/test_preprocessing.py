@@ -1,8 +1,5 @@
 """Preprocessing against laws, closed forms and scipy's rotations; velocity against position."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,7 +10,6 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.preprocessing import (
     Differentiation,
     central_difference,
-    describe,
     interpolated,
     outliers,
     quality_checks,
@@ -21,11 +17,9 @@ from seatrial.models.recording.preprocessing import (
     without_sign_flips,
 )
 from seatrial.models.recording.recording import Recording, attitude_of
-from seatrial.models.recording.sources import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
 from seatrial.models.vessel.thruster import AzimuthThrusters
-from tests.data import DATA
 
 PLANAR = ("surge", "sway", "yaw")
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -246,26 +240,3 @@ def test_wrong_sign_and_drift_are_seen() -> None:
     assert yaw.unit == "rad"
     assert yaw.maximum == pytest.approx(0.6)
     np.testing.assert_allclose(yaw.error, -0.01 * biased.t, atol=1e-12)  # measured - calculated
-
-
-def printed(path: Path) -> dict[str, list[str]]:
-    """Rows of a table of Hoyer's thesis: name -> N, mean, std, median, min, max as printed."""
-    rows = {}
-    for line in path.read_text().splitlines():
-        if re.match(r"\w[\w\\]* *&", line):
-            name, *cells = line.removesuffix("\\\\").replace("\\_", "_").split("&")
-            rows[name.strip()] = [cell.strip() for cell in cells]
-    return rows
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("name", ["surge-1", "sway-1", "heave-1", "random-1"])
-def test_statistics_equal_the_thesis_to_two_decimals(name: str) -> None:
-    beluga = DATA / "beluga"
-    table = printed(beluga / "thesis_stats_tex" / f"{name}.tex")
-    assert len(table) == 18
-    (source,) = read_sources(beluga / f"{name}.csv", ReadOptions()).values()
-    found = describe({column: source.numbers(column) for column in table})
-    for one in found:
-        values = (one.count, one.mean, one.std, one.median, one.minimum, one.maximum)
-        assert [f"{value:.2f}" for value in values] == table[one.name], one.name

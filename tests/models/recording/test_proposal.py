@@ -1,6 +1,7 @@
 """Columns are recognised by their titles as loggers of many kinds write them."""
 # ruff: noqa: E501
 
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,14 @@ import pytest
 import yaml
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.proposal import Proposal, propose
+from seatrial.models.recording.diagnosis import doubts
+from seatrial.models.recording.proposal import Proposal, _angle_unit, _speed_unit, propose
 from seatrial.models.recording.source import Source, TextArray
 from seatrial.models.vessel.basis import Array
+from seatrial.runner.recording_map import options_of, reader_of
 
 DEG = "57.29578"
+PERIOD = 0.1
 LOGGERS = yaml.safe_load(Path(__file__).with_name("loggers.yaml").read_text(encoding="utf-8"))
 
 
@@ -61,12 +65,21 @@ def _said(titles: str, wanted: tuple[str, ...] = (), **units: str) -> Proposal:
 
 def test_inputs_have_the_names_of_the_vessel() -> None:
     acting = "psi=psi; RPM=n*60; Helm=delta; rudder_cmd=T; tau_x=X; thr_left=T; thr_right=pwm"
-    assert _said(acting, ("delta", "n")).map["inputs"] == {"delta": "Helm", "n": {"column": "RPM", "unit": "rpm"}}
+    assert _said(acting, ("delta", "n")).map["inputs"] == {
+        "delta": "Helm",
+        "n": {"column": "RPM", "unit": "rpm"},
+    }
     assert "force" not in _said(acting, ("delta", "n")).map
-    assert _said(acting, ("pwm_1", "pwm_2")).map["inputs"] == {"pwm_1": "thr_left", "pwm_2": "thr_right"}
+    assert _said(acting, ("pwm_1", "pwm_2")).map["inputs"] == {
+        "pwm_1": "thr_left",
+        "pwm_2": "thr_right",
+    }
     both = _said("psi=psi; n_prop=n; delta_rudder=delta", ("n", "delta")).map
     assert both["inputs"] == {"n": "n_prop", "delta": "delta_rudder"}
-    assert _said("psi=psi; n_2=n; n_1=T", ("n_1", "n_2")).map["inputs"] == {"n_1": "n_1", "n_2": "n_2"}
+    assert _said("psi=psi; n_2=n; n_1=T", ("n_1", "n_2")).map["inputs"] == {
+        "n_1": "n_1",
+        "n_2": "n_2",
+    }
     (question,) = _said("psi=psi; n_2=n; n_1=T", ("n",)).questions
     assert "which column is the input n of the vessel? (n_2, n_1)" in question
     (question,) = _said("psi=psi; delta=delta", ("delta", "n")).questions
@@ -88,7 +101,9 @@ def test_inputs_have_the_names_of_the_vessel() -> None:
 )  # fmt: skip
 def test_what_the_range_makes_doubtful_is_asked(titles: str, question: str) -> None:
     proposal = _said(titles)
-    assert any(question in line for line in proposal.questions)
+    columns = reader_of(Path("log.csv"), options_of(deepcopy(proposal.map))).columns
+    lines = doubts(_sources(f"log: t=t; x=x; y=y; {titles}"), columns).values()
+    assert any(question in line for line in (*proposal.questions, *lines))
     assert "0.0174" not in str(proposal.map)
 
 
@@ -101,7 +116,9 @@ def test_units_of_the_header_are_not_repeated_and_count_for_those_beside() -> No
 
 
 def test_course_is_no_heading_and_what_is_left_out_is_named() -> None:
-    sources = _sources("log: t=t; lat=lat; lon=lon; COG=cog; SOG=sog; STW=stw; note=0; engine_temp=T")
+    sources = _sources(
+        "log: t=t; lat=lat; lon=lon; COG=cog; SOG=sog; STW=stw; note=0; engine_temp=T"
+    )
     columns = dict(sources["log"].columns)
     columns["SOG"] = np.where(np.arange(len(columns["SOG"])) < 3, np.nan, columns["SOG"])
     columns["state"] = np.array(["on"] * len(columns["SOG"]), dtype=np.object_)
@@ -115,8 +132,8 @@ def test_course_is_no_heading_and_what_is_left_out_is_named() -> None:
 
 @pytest.mark.parametrize(
     ("title", "line"),
-    [("t", "t in s (no unit is stated)"), ("TimeUS", "TimeUS in us (title)"),
-     ("elapsed", "elapsed_time in ms (header)"), ("stamp", "stamp in ms (by its numbers)")],
+    [("t", "t in s (no unit is stated)"), ("TimeUS", "TimeUS in us (the title)"),
+     ("elapsed", "elapsed_time in ms (the file)"), ("stamp", "stamp in ms (by its numbers)")],
 )  # fmt: skip
 def test_where_the_time_is_known_from(title: str, line: str) -> None:
     name = "elapsed_time" if title == "elapsed" else title
@@ -132,3 +149,50 @@ def test_cells_that_are_missing_are_counted() -> None:
     proposal = propose(sources)
     assert proposal.map["position"] == {"surge": "x", "sway": "y", "yaw": "psi"}
     assert any("x (3 of 3000)" in line for line in proposal.left_out)
+
+
+def _zigzag(sway: float = -1.5) -> dict[str, Array]:
+    """A ship of first order in a zig-zag: T r' + r = K delta, and v = `sway` r."""
+    t = PERIOD * np.arange(3000)
+    delta = np.radians(10.0) * np.clip(8.0 * np.sin(0.08 * t), -1.0, 1.0)
+    r = np.zeros_like(t)
+    for k in range(len(t) - 1):
+        r[k + 1] = r[k] + PERIOD * (0.12 * delta[k] - r[k]) / 6.0
+    psi = np.concatenate([[0.0], np.cumsum(0.5 * PERIOD * (r[1:] + r[:-1]))]) + 0.4
+    u, v = 2.0 + 0.0 * t - 5.0 * r**2, sway * r
+    rates = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+    x, y = (np.concatenate([[0.0], np.cumsum(0.5 * PERIOD * (d[1:] + d[:-1]))]) for d in rates)
+    return {"t": t, "x": x, "y": y, "psi": psi, "u": u, "v": v, "r": r, "delta": delta,
+            "n": np.full_like(t, 3.0), "dx": rates[0], "dy": rates[1]}  # fmt: skip
+
+
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_unit_of_a_heading_by_the_course(unit: str, turned: bool) -> None:
+    """Also where it counts the other way, and not where the path says nothing of it."""
+    known = _zigzag()
+    heading = known["psi"] * (180.0 / np.pi if unit == "deg" else 1.0) * (-1.0 if turned else 1.0)
+    path = (known["t"], known["x"] + 1j * known["y"])
+    assert _angle_unit(path, known["t"], heading) == unit
+    noise = 0.3 * np.random.default_rng(2).standard_normal((2, len(heading)))
+    assert _angle_unit((path[0], path[1] + noise[0] + 1j * noise[1]), path[0], heading) == unit
+    still = (known["t"], np.zeros_like(path[1]))
+    assert _angle_unit(still, known["t"], heading) is None
+
+
+def test_the_unit_of_the_heading_of_a_long_recording() -> None:
+    """Many turns in every hundredth of it."""
+    t = 0.05 * np.arange(200_000)
+    psi = np.cumsum(0.05 * 0.06 * np.sin(0.05 * t))
+    x, y = np.cumsum(0.1 * np.cos(psi)), np.cumsum(0.1 * np.sin(psi))
+    assert _angle_unit((t, x + 1j * y), t, np.degrees(psi)) == "deg"
+    assert _speed_unit((t, x + 1j * y), t, 2.0 * 3.6 + 0.0 * t) == "km/h"
+
+
+@pytest.mark.parametrize(("unit", "size"), [("m/s", 1.0), ("knot", 1.943844), ("km/h", 3.6)])
+def test_the_unit_of_a_speed_by_the_path(unit: str, size: float) -> None:
+    known = _zigzag()
+    path = (known["t"], known["x"] + 1j * known["y"])
+    speed = np.hypot(known["dx"], known["dy"])
+    assert _speed_unit(path, known["t"], size * speed) == unit
+    assert _speed_unit(path, known["t"], 2.9 * speed) is None
