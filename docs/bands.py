@@ -22,7 +22,7 @@ import numpy as np
 from docs.coverage import trial_of
 from docs.pages.markdown import table
 from seatrial.models.errors import SeatrialError
-from seatrial.models.identification.model_error import bands, calibrated
+from seatrial.models.identification.calibration import bands, calibrated
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.validation import prediction
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED, DIAGNOSTIC

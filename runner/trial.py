@@ -17,8 +17,8 @@ from seatrial.models.diagnostics import TRAINING_TIME, Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged, RecordingError
 from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Mission
+from seatrial.models.identification.calibration import NO_MODEL_ERROR, calibrated
 from seatrial.models.identification.fallback import identified as protected
-from seatrial.models.identification.model_error import NO_MODEL_ERROR, calibrated
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
     MIN_SAMPLES,
@@ -250,12 +250,8 @@ def _run(trial: Trial, seeds: Streams) -> Results:
     sheets = manoeuvre_results.manoeuvre_results(trial, models, identified)
     results = Results(
         metrics=[
-            *validation,
-            *predicted.metrics,
-            *unreached(excited),
-            *mix.metrics,
-            *user_defined,
-            *sheets.metrics,
+            *validation, *predicted.metrics, *unreached(excited),
+            *mix.metrics, *user_defined, *sheets.metrics,
         ],
         coefficients=[
             *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
@@ -281,7 +277,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
             *mix.series,
         ],
         note=skipped(trial),
-    )
+    )  # fmt: skip
     if isinstance(trial.excitation, RecordedFile):
         results = with_quality(results, trial.excitation, excited.recording)
     if results.note:
@@ -480,9 +476,8 @@ def deploy(
         assert isinstance(excitation, Mission)
         mission = evaluation.mission(excitation)
     metrics, series = list(results.metrics), list(results.series)
-    diagnostics = list(results.diagnostics)
+    diagnostics, coefficients = list(results.diagnostics), list(results.coefficients)
     failure: Diverged | None = None
-    coefficients = list(results.coefficients)
     models: dict[str, Vessel | StateSpace] = {"nominal": nominal}
     if identified is not None:
         models["identified"] = controlled(controller, identified)

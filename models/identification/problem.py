@@ -3,12 +3,13 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE, Diagnostic
 from seatrial.models.errors import ConfigurationError, PartError, RecordingError
+from seatrial.models.identification.model_error import ModelError
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import FORCES, Recording
 from seatrial.models.returned import checked_array, name_of
@@ -18,9 +19,6 @@ from seatrial.models.vessel.basis import NEEDED, Array, Term, each_product_once,
 from seatrial.models.vessel.derivatives import DOWN
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-
-if TYPE_CHECKING:
-    from seatrial.models.identification.model_error import ModelError
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +74,7 @@ class Identified:
     device_errors: Mapping[str, float] = field(default_factory=dict)  # standard errors, by label
     spread: Spread | None = None  # None: not estimated
     fold_models: tuple[Vessel, ...] = ()  # each identified without one fold of the training part
-    model_error: "ModelError | None" = None  # None: not calibrated
+    model_error: ModelError | None = None  # None: not calibrated
 
     def draws(self, count: int, share: float = 1.0) -> Iterator[Vessel]:
         """Models drawn from the spread, always by the same random numbers; none without one.

@@ -21,7 +21,7 @@ import numpy as np
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged, IdentificationError, RecordingError
 from seatrial.models.excitation.helm import SteeredMission
-from seatrial.models.identification.model_error import (
+from seatrial.models.identification.calibration import (
     drawn_runs,
     nearby_runs,
     squared_accelerations,

@@ -15,7 +15,7 @@ import numpy as np
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.identification.model_error import squared_accelerations
+from seatrial.models.identification.calibration import squared_accelerations
 from seatrial.models.identification.problem import Identified
 from seatrial.models.recording.recording import attitude_of
 from seatrial.runner.closed_loop import SimulatedMission, Streams, prepare, wind_in_body

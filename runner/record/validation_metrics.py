@@ -7,7 +7,7 @@ import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.model_error import bands
+from seatrial.models.identification.calibration import bands
 from seatrial.models.identification.problem import Identified, Problem, lack_of_fit, reference_force
 from seatrial.models.identification.validation import (
     HORIZONS,

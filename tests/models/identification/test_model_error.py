@@ -6,20 +6,18 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification import model_error
-from seatrial.models.identification.free_parameters import free_parameters
-from seatrial.models.identification.model_error import (
-    CORRELATION_S,
+from seatrial.models.identification import calibration
+from seatrial.models.identification.calibration import (
     GROUPS,
     NO_MODEL_ERROR,
-    ModelError,
     bands,
     calibrated,
     folded,
-    gauss_markov,
     nearby_runs,
     weighted_quantile,
 )
+from seatrial.models.identification.free_parameters import free_parameters
+from seatrial.models.identification.model_error import CORRELATION_S, ModelError, gauss_markov
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.validation import Prediction, prediction
@@ -207,7 +205,7 @@ def test_of_a_long_recording_the_beginning_of_each_block_is_used(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     own, _ = excited(*SURGE, "disturbance=noise")
-    monkeypatch.setattr(model_error, "MOST_SAMPLES", 500)
+    monkeypatch.setattr(calibration, "MOST_SAMPLES", 500)
     training, fold = folded(own.training)
     assert list(np.bincount(fold)) == [100] * GROUPS
     begins = [float(own.training.t[split.test][0]) for split in own.training.folds(GROUPS)]

@@ -1,0 +1,378 @@
+"""Calibration of the model error: how far a model is from what it was not fitted to.
+
+What the data leave open of the parameters does not contain that the model has the wrong terms. So
+parts of the training recording (files, or blocks of a single one) are left out in turn, and models
+that were identified without them run freely over them. Their errors e calibrate a distribution
+
+    p ~ N(p_hat, ((C^-1 - P) / kappa^2 + P)^-1)        the parameters,
+    a_k = phi a_(k-1) + sqrt(1 - phi^2) w_k,  phi = exp(-h / T),  T = 2 s,
+    nu_dot = f(nu, p) + lambda sqrt((m^2 + rho^2) / 2) a   an acceleration on every axis,
+
+with C the covariance of the parameters, P the precision of a prior within it (the data alone count
+less: they hold the wrong terms), w standard normal, rho^2 = (M^-1 tau)^2 + (M^-1 F(nu))^2 the
+accelerations by inputs and by the hull along the run, and m^2 the mean of rho^2 over the training
+part. The noise of the measurement is that of the starting state and of what is compared.
+kappa^2 and lambda maximise the likelihood of e by Student's t with four degrees of freedom (one bad
+file must not decide), files weighted alike; then k, the .90 quantile of |e| / (1.645 s), scales all
+deviations s. Their size is that of runs which deviate by DEVIATION_SHARE of it (`manoeuvre_sheet`).
+
+Both shares are apart: standard errors of coefficients are those of the data alone.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.special import ndtri
+
+from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
+from seatrial.models.identification.free_run import Course, deviations
+from seatrial.models.identification.model_error import ModelError
+from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.validation import Prediction, bounded_course, predicted_by
+from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.recording.smoothing import noise_floor
+from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
+
+NO_MODEL_ERROR = "no_model_error"  # the diagnostic, whose label is the reason
+GROUPS = 5  # of files, or blocks, that are left out in turn
+KAPPA2 = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+FREEDOM = 4.0  # of Student's t
+LEVEL = 0.9  # at which k makes the deviations right
+DRAWS = 40  # runs by which deviations are found
+LEAST_DRAWS, MOST_STEPS = 10, 2_000_000  # for a long recording; samples of all runs
+LAMBDA = (1e-4, 10.0)
+TRIED = 0.1  # lambda of the runs that show what an acceleration does; the deviations are linear
+MOST_SAMPLES = 20_000  # of the training part
+MOST_ROWS = 10_000  # of the likelihood: neighbouring errors are nearly equal
+LEAST_DEVIATION = 1e-9  # over that of the motion
+MOST_DIVERGED = 0.1  # of the drawn runs
+UNUSABLE = (ConfigurationError, IdentificationError, RecordingError)
+
+
+def squared_accelerations(
+    model: Vessel, nu: Array, attitude: Array, acting: Array, wind: Array | None
+) -> Array:
+    """Squares of the accelerations by what acts and by the hull, rho^2.
+
+    Args:
+        model: the model whose forces they are.
+        nu: body velocity, shape (N, n_dof) [m/s, rad/s].
+        attitude: (phi, theta, psi), shape (N, 3) [rad].
+        acting: forces (N, n_dof) [N, Nm], or the inputs (N, n_inputs) of a vessel that has them.
+        wind: velocity of the air in body axes, shape (N, 2) [m/s]; None: still air.
+
+    Returns:
+        (M^-1 tau)^2 + (M^-1 F(nu))^2, shape (N, n_dof) [(m/s^2)^2, (rad/s^2)^2].
+    """
+    still = np.zeros_like(nu)
+    hull = replace(model, devices={}).forward(still, nu, attitude, wind)
+    if model.inputs:
+        whole = model.forward(still, nu, attitude, wind, acting)
+    else:
+        whole = model.forward(acting, nu, attitude, wind)
+    return np.asarray(hull**2 + (whole - hull) ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class NearbyRuns:
+    """The free run of a model over a recording, and runs that deviate a little from it."""
+
+    own: Prediction
+    model: Vessel
+    recording: Recording
+
+    @cached_property
+    def rho2(self) -> Array:
+        """rho^2 (N, n_dof) along the model's own run."""
+        n = len(self.recording.dofs)
+        motion = self.own.motion_of(self.own.free_run[0])
+        return self.squares(motion[:, n:], attitude_of(self.recording.dofs, motion[:, :n]))
+
+    @property
+    def shape_of_starts(self) -> tuple[int, int]:
+        """Number of starts, and of the poses and velocities of each."""
+        return int(np.count_nonzero(self.own.course.restart)), self.own.course.measured.shape[1]
+
+    def squares(self, nu: Array, attitude: Array) -> Array:
+        """rho^2 (N, n_dof) of any motion under what acts in the recording."""
+        acting = self.own.course.acting[:, 0]
+        return squared_accelerations(self.model, nu, attitude, acting, self.recording.wind)
+
+    def under(self, accelerations: Array, offset: Array | None = None) -> Course:
+        """The course with accelerations (N, n_dof), and an offset of the starts if there is one."""
+        course = self.own.course if offset is None else self.own.course.with_offset(offset)
+        return course._replace(weather=course.weather._replace(process=accelerations))
+
+    def variance(self, runs: Iterable[Prediction]) -> Array:
+        """Mean square (N, 2 n_dof) of the deviations of runs, which are DEVIATION_SHARE of it.
+
+        A run that diverges is left out; infinite where more than MOST_DIVERGED do, or the own one.
+        """
+        if self.own.free_run[1]:
+            return np.full_like(self.own.course.measured, np.inf)
+        states, count, diverged = self.own.free_run[0], 0, 0
+        total = np.zeros_like(self.own.course.measured)
+        for run in runs:
+            reached, limited = run.free_run
+            if limited:
+                diverged += 1
+                continue
+            total += deviations(self.own.course.kinematics, states, reached) ** 2
+            count += 1
+        if not count or diverged > MOST_DIVERGED * (count + diverged):
+            return np.full_like(self.own.course.measured, np.inf)
+        return total / (count * DEVIATION_SHARE**2)
+
+
+def nearby_runs(
+    model: Vessel, recording: Recording, thruster: SecondOrderLag | None
+) -> NearbyRuns:
+    """The runs near that of a model over a recording; raises the errors of `prediction`."""
+    course = bounded_course(recording, thruster, None, None, model.attitude)
+    return NearbyRuns(predicted_by(model, course), model, recording)
+
+
+def drawn_runs(
+    identified: Identified, runs: NearbyRuns, count: int = DRAWS
+) -> Iterator[Prediction]:
+    """Draw predictions from the distribution, always by the same random numbers.
+
+    Args:
+        identified: the result; without a model error its parameters alone are drawn.
+        runs: those near its own run, `nearby_runs(identified.model, ...)`.
+        count: number of draws.
+
+    Yields:
+        Predictions that deviate by DEVIATION_SHARE of what was drawn; none without a distribution.
+        A drawn model that cannot be simulated is left out.
+    """
+    error, shape = identified.model_error, runs.shape_of_starts
+    models = identified.draws(count, DEVIATION_SHARE)
+    if identified.spread is None:
+        models = iter([identified.model] * (0 if error is None else count))
+
+    def course(i: int) -> Course:
+        if error is None:
+            return runs.own.course
+        rng = np.random.default_rng(i)
+        start = error.scale * error.noise * rng.standard_normal(shape)
+        drawn = error.accelerations(runs.rho2, runs.own.course.step_s, rng)
+        return runs.under(DEVIATION_SHARE * drawn, DEVIATION_SHARE * start)
+
+    return predictable((model, course(i)) for i, model in enumerate(models))
+
+
+def predictable(cases: Iterable[tuple[Vessel, Course]]) -> Iterator[Prediction]:
+    """Predictions of courses by those of the models that can be simulated."""
+    for model, course in cases:
+        try:
+            yield predicted_by(model, course)
+        except IdentificationError:
+            continue
+
+
+def bands(
+    identified: Identified, recording: Recording, thruster: SecondOrderLag | None
+) -> Array | None:
+    """Standard deviation of measured minus predicted pose and velocity in the free run.
+
+    Args:
+        identified: the result; without a model error the deviation is by its parameters alone.
+        recording: what is predicted, N samples.
+        thruster: the thruster lag, if it is known.
+
+    Returns:
+        Shape (N, 2 n_dof), SI units; of attitudes in six degrees of freedom that of a rotation
+        vector. None without a distribution; infinite where the run or the drawn ones diverge.
+
+    Raises:
+        IdentificationError: the model cannot be simulated (`prediction`).
+    """
+    error = identified.model_error
+    if error is None and identified.spread is None:
+        return None
+    runs = nearby_runs(identified.model, recording, thruster)
+    count = int(np.clip(MOST_STEPS // len(recording), LEAST_DRAWS, DRAWS))
+    variance = runs.variance(drawn_runs(identified, runs, count))
+    if error is not None:
+        variance += (error.scale * error.noise) ** 2
+    return np.asarray(np.sqrt(variance))
+
+
+def calibrated(identifier: Identifier, problem: Problem, identified: Identified) -> Identified:
+    """The result with its model error, or with the reason why there is none.
+
+    Args:
+        identifier: identifies the folds, unless the result holds their models.
+        problem: of which only the training part is used.
+        identified: the result; without a distribution and models of folds it stays as it is.
+
+    Returns:
+        The result with `model_error` and its diagnostics, or with the diagnostic NO_MODEL_ERROR.
+    """
+    if identified.spread is None and not identified.fold_models:
+        return identified
+    try:
+        error = _calibrate(identifier, problem, identified)
+    except UNUSABLE as reason:
+        diagnostic = Diagnostic(NO_MODEL_ERROR, "all", 1.0, label=str(reason))
+        return replace(identified, diagnostics=(*identified.diagnostics, diagnostic))
+    diagnostics = (*identified.diagnostics, *error.diagnostics(problem.nominal.dofs))
+    return replace(identified, model_error=error, diagnostics=diagnostics)
+
+
+def _calibrate(identifier: Identifier, problem: Problem, identified: Identified) -> ModelError:
+    training, fold = folded(problem.training, len(identified.fold_models))
+    models = identified.fold_models or fold_models(identifier, problem, training, fold)
+    runs = nearby_runs(identified.model, training, problem.thruster)
+    if runs.own.free_run[1]:
+        raise IdentificationError("its free run diverges over the training part")
+    restart = runs.own.course.restart | (np.diff(fold, prepend=-1) != 0)
+    runs = replace(runs, own=Prediction(runs.own.plant, runs.own.course._replace(restart=restart)))
+    errors = left_out_errors(runs, models, fold)
+    kept = np.all(np.isfinite(errors), axis=1) & ~restart
+    if not np.any(kept):
+        raise IdentificationError("every model diverges over what was left out of its training")
+    rows = np.flatnonzero(kept)[:: max(int(np.sum(kept)) // MOST_ROWS, 1)]
+    noise = measured_noise(training)
+    mean_square = np.mean(runs.squares(training.nu, training.attitude), axis=0)
+    trial = ModelError(1.0, TRIED, 1.0, mean_square, noise)
+    fixed = _starts(runs, trial)[rows] + noise**2
+    fixed += (LEAST_DEVIATION * np.std(runs.own.course.measured, axis=0)) ** 2
+    by_force = _accelerated(runs, trial)[rows] / TRIED**2
+    if not np.all(np.isfinite(fixed + by_force)):
+        raise IdentificationError("runs that begin or are accelerated a little apart diverge")
+    number = fold if training.file is None else training.file
+    weight = 1.0 / np.bincount(number[rows])[number[rows]]
+    best = (np.inf, 1.0, 0.0, fixed)
+    for kappa2, variance in _by_kappa2(identified, runs):
+        known = variance[rows] + fixed
+        if not np.all(np.isfinite(known)):  # drawn models diverge, and will the more with more
+            break
+        loss, force = _best_force(errors[rows], known, by_force, weight)
+        if loss >= best[0]:  # there is one minimum
+            break
+        best = loss, kappa2, force, known
+    loss, kappa2, force, known = best
+    if not np.isfinite(loss):
+        raise IdentificationError("models drawn from its distribution diverge")
+    ratio = np.abs(errors[rows]) / (ndtri(0.5 + 0.5 * LEVEL) * np.sqrt(known + force**2 * by_force))
+    scale = weighted_quantile(ratio.ravel(), np.repeat(weight, ratio.shape[1]), LEVEL)
+    share = float(np.sum(kept)) / float(np.sum(~restart))
+    return ModelError(kappa2, force, scale, mean_square, noise, share)
+
+
+def folded(training: Recording, carried: int = 0) -> tuple[Recording, NDArray[np.int64]]:
+    """The first samples of each file or block, at most MOST_SAMPLES of all, and their folds (N,).
+
+    Folds are those of `carried` models that are known already. Else they are GROUPS of files by
+    turns, so that none is all of the small motions or all of the large ones of a series, or blocks
+    of a single recording.
+    """
+    part, fold = np.zeros(len(training), dtype=np.int64), np.zeros(len(training), dtype=np.int64)
+    for k, split in enumerate(training.folds(carried or GROUPS)):
+        part[split.test] = fold[split.test] = k
+    if training.file is not None and training.file[0] != training.file[-1]:
+        part = np.unique(training.file, return_inverse=True)[1]
+        fold = fold if carried else part % GROUPS
+    number = np.arange(len(part)) - np.searchsorted(part, part)  # from the beginning of its part
+    kept = number < MOST_SAMPLES // (part[-1] + 1)
+    return training.part(kept), fold[kept]
+
+
+def fold_models(
+    identifier: Identifier, problem: Problem, training: Recording, fold: NDArray[np.int64]
+) -> tuple[Vessel, ...]:
+    """The models identified without each fold; raises the errors of the identifier."""
+    identifier, models = identifier.without_bootstrap(), []
+    for k in range(int(np.max(fold)) + 1):
+        part = training.part(fold != k)
+        known = replace(problem, training=part, validation=part, compared=True)
+        models.append(identifier.identify(known, np.random.default_rng(0)).model)
+    return tuple(models)
+
+
+def left_out_errors(
+    runs: NearbyRuns, models: Sequence[Vessel], fold: NDArray[np.int64]
+) -> Array:
+    """Predicted minus measured (N, 2 n_dof), each fold by the model without it; NaN: diverged."""
+    errors = np.full_like(runs.own.course.measured, np.nan)
+    for k, model in enumerate(models):
+        try:
+            predicted = predicted_by(model, runs.own.course)
+        except IdentificationError:
+            continue
+        found, limited = predicted.deviations()
+        if limited:
+            found[predicted.lost()] = np.nan
+        errors[fold == k] = found[fold == k]
+    return errors
+
+
+def measured_noise(recording: Recording) -> Array:
+    """Standard deviation (2 n_dof,) of the white noise of the measured pose and velocity."""
+    pose = noise_floor(recording.eta, recording.piece_starts, recording.period_s)
+    return np.concatenate([pose.deviation, recording.noise.deviation])
+
+
+def _starts(runs: NearbyRuns, error: ModelError) -> Array:
+    """Variance (N, 2 n_dof) by the noise of the starting states."""
+    course = runs.own.course
+    normals = (np.random.default_rng(i).standard_normal(runs.shape_of_starts) for i in range(DRAWS))
+    return runs.variance(
+        Prediction(runs.own.plant, course.with_offset(DEVIATION_SHARE * error.noise * each))
+        for each in normals
+    )
+
+
+def _accelerated(runs: NearbyRuns, error: ModelError) -> Array:
+    """Variance (N, 2 n_dof) by the accelerations."""
+    rho2, step_s = runs.rho2, runs.own.course.step_s
+    paths = (error.accelerations(rho2, step_s, np.random.default_rng(i)) for i in range(DRAWS))
+    return runs.variance(
+        Prediction(runs.own.plant, runs.under(DEVIATION_SHARE * path)) for path in paths
+    )
+
+
+def _by_kappa2(identified: Identified, runs: NearbyRuns) -> Iterator[tuple[float, Array]]:
+    """Variance (N, 2 n_dof) by the parameters for each kappa^2."""
+    spread, course = identified.spread, runs.own.course
+    if spread is None:
+        yield 1.0, np.zeros_like(course.measured)
+        return
+    for kappa2 in KAPPA2:
+        rng = np.random.default_rng(0)
+        models = (spread.draw(identified, rng, DEVIATION_SHARE, kappa2) for _ in range(DRAWS))
+        yield kappa2, runs.variance(predictable((model, course) for model in models))
+
+
+def _best_force(e: Array, known: Array, by_force: Array, weight: Array) -> tuple[float, float]:
+    """The least loss by Student's t, and the lambda that has it.
+
+    Errors e (n, k), their variances without acceleration and with a lambda of one, weights (n,).
+    """
+
+    def loss(force: float) -> float:
+        variance = known + force**2 * by_force
+        each = np.log(variance) + (FREEDOM + 1.0) * np.log1p(e**2 / (FREEDOM * variance))
+        return float(np.sum(weight @ each))
+
+    low, high = np.log(LAMBDA)
+    found = minimize_scalar(lambda x: loss(np.exp(x)), bounds=(low, high), method="bounded")
+    force = float(np.exp(found.x))
+    return min((loss(0.0), 0.0), (loss(force), force))
+
+
+def weighted_quantile(values: Array, weights: Array, level: float) -> float:
+    """The least value (n,) at which the weights of the smaller ones reach `level` of the sum."""
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(reached, level * reached[-1])])
