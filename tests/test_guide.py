@@ -114,11 +114,20 @@ COMMANDED = {
 
 def test_the_pages_with_commands_are_found() -> None:
     known = {"README.md", "docs/published.md", "docs/explanation/plsr.md", "docs/howto/weather.md"}
-    assert known <= set(COMMANDED)
+    assert known | FIRST_PAGES <= set(COMMANDED)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", COMMANDED)
+# What a newcomer reads first; the commands of the other pages take minutes.
+FIRST_PAGES = {
+    "README.md", "docs/index.md", "docs/howto/compare.md", "docs/howto/recordings.md",
+    "docs/howto/sweeps.md", "docs/tutorials/first_trial.md", "docs/tutorials/own_recording.md",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=pytest.mark.slow if name in FIRST_PAGES else pytest.mark.nightly)
+    for name in COMMANDED
+])  # fmt: skip
 def test_commands_of_a_page(name: str, tmp_path: Path) -> None:
     """What a new user does: the commands of a page, in an empty folder."""
     if missing := check(COMMANDED[name].read_text(), Folder(tmp_path)):

@@ -41,7 +41,7 @@ def test_the_committed_outputs_name_no_machine(path: Path) -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "path",
     [

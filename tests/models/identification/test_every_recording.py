@@ -1,12 +1,11 @@
 """Identifiers on vessels and a measured recording: it works, or says why it cannot.
 
-Each identifier has two vessels and each vessel an identifier; `make nightly` has them all. The
+Every identifier with every vessel, in `make nightly`. The
 recordings are the Beluga's; for another vessel they are only columns of numbers. Small options:
 what is found is the business of the other tests.
 """
 
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -50,20 +49,8 @@ def recorded(vessel: str, identifier: str, *more: str):
     )  # fmt: skip
 
 
-def pairs() -> list[Any]:
-    """Every identifier with every vessel by force, for these recordings have no inputs.
-
-    Of the product, which is nightly, the pairs i, i and i, i + 7 of the two lists are slow.
-    """
-    turns = [(i + k, name) for i, name in enumerate(IDENTIFIERS) for k in (0, 7)]
-    few = {(FORCED[i % len(FORCED)], name) for i, name in turns}
-    return [
-        pytest.param(*pair, marks=pytest.mark.slow if pair in few else pytest.mark.nightly)
-        for pair in product(FORCED, IDENTIFIERS)
-    ]
-
-
-@pytest.mark.parametrize(("vessel", "identifier"), pairs())
+@pytest.mark.nightly
+@pytest.mark.parametrize(("vessel", "identifier"), product(FORCED, IDENTIFIERS))
 def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
     if identifier == "sparse":
         pytest.importorskip("pysindy", reason="no pysindy: pip install -e '.[rivals]'")

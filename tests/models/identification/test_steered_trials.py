@@ -28,7 +28,7 @@ def nominal_errors(model: Vessel, truth: Vessel) -> np.ndarray:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(3))
 def test_abkowitz_by_instruments_turns_as_the_ship(seed: int) -> None:
     """Tactical diameter within 2 % of the truth, where the nominal one misses it by 10 %."""
@@ -43,7 +43,7 @@ def test_abkowitz_by_instruments_turns_as_the_ship(seed: int) -> None:
         )  # it says more than the nominal model
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_abkowitz_by_auto_turns_as_the_ship_and_says_how_well() -> None:
     """Its intervals are of one covariance: at most 2 % to each side, not 4."""
     truth = vessel("kvlcc2")
@@ -53,7 +53,7 @@ def test_abkowitz_by_auto_turns_as_the_ship_and_says_how_well() -> None:
         assert found.high - found.low < 0.04
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(3))
 def test_mmg_by_joint_least_squares_turns_as_the_ship(seed: int) -> None:
     """From zig-zags alone: no turning circle is among the trials."""
