@@ -91,7 +91,9 @@ class LeastSquares(ResidualOptions):
         result = replace(result, diagnostics=diagnostics + result.diagnostics)
         return finished(self, problem, lag, samples, result)
 
-    def regression(self, problem: Problem, samples: Samples, rng: np.random.Generator) -> Identified:
+    def regression(
+        self, problem: Problem, samples: Samples, rng: np.random.Generator
+    ) -> Identified:
         """The residual table of the regression alone."""
         dofs = problem.nominal.dofs
         fitted, penalty_diagnostics = self.solve(samples, dofs)
