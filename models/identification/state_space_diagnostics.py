@@ -248,9 +248,9 @@ def feedback_p_value(record: Record, J: int) -> float:
     blocks = [Window(after.u, 0, J), Window(e.y[:, noisy], 0, J), Window(after.u, J, 1)]
     a, b, r = (window.width for window in blocks)
     left = len(rows) - a - b
-    if b == 0 or left < r:
+    if b == 0 or left < 1:
         return 1.0
-    R = compressed(blocks, rows)[:, -r:]
+    R = compressed(blocks, rows, 1)[:, -r:]
     explained, rest = np.sum(R[a : a + b] ** 2, axis=0), np.sum(R[a + b :] ** 2, axis=0)
     random = rest > NOISE_FREE**2 * np.sum(R**2, axis=0)  # not a function of its own past
     ratio = explained[random] / b / (rest[random] / left)

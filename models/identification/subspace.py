@@ -91,15 +91,14 @@ def hankel(blocks: list[Window], rows: Codes) -> Array:
     ])  # fmt: skip
 
 
-def compressed(blocks: list[Window], rows: Codes) -> Array:
+def compressed(blocks: list[Window], rows: Codes, fewest: int) -> Array:
     """R of the Hankel matrices, of which only some rows are in memory at a time.
 
-    Raises IdentificationError when there are too few windows.
+    Raises IdentificationError unless there are at least as many windows as the `fewest`.
     """
-    width = sum(block.width for block in blocks)
-    if len(rows) < width:
+    if len(rows) < fewest:
         raise IdentificationError(
-            f"got {len(rows)} windows of data, expected at least {width}: "
+            f"got {len(rows)} windows of data, expected at least {fewest}: "
             f"use a longer recording, a shorter period, or smaller L and J"
         )
     return triangle(hankel(blocks, rows[turn]) for turn in turns(len(rows)))
@@ -110,7 +109,8 @@ def projected(known: list[Window], ahead: Window, rows: Codes) -> Array:
 
     Raises IdentificationError when the inputs, the first window, are not persistently exciting.
     """
-    R, inputs = compressed([*known, ahead], rows).T, known[0].width
+    blocks, inputs = [*known, ahead], known[0].width
+    R = compressed(blocks, rows, sum(block.width for block in blocks)).T
     excitation = np.linalg.svd(R[:inputs, :inputs], compute_uv=False)
     if excitation[-1] < EXCITED * excitation[0]:
         raise IdentificationError(
@@ -129,7 +129,7 @@ def explained_by_past(record: Record, J: int, feedthrough: bool) -> tuple[Record
     past = [Window(record.u, 0, J), Window(record.y, 0, J)]
     past += [Window(record.u, J, 1)] if feedthrough else []
     count = sum(window.width for window in past)
-    R = compressed([*past, Window(record.y, J, 1)], record.starts(J + 1))
+    R = compressed([*past, Window(record.y, J, 1)], record.starts(J + 1), count + 1)
     coefficients = np.linalg.lstsq(R[:, :count], R[:, count:], rcond=1e-12)[0]
     every = record._replace(times=np.arange(len(record.y))).starts(J + 1)
     parts = [hankel(past, every[turn]) @ coefficients for turn in turns(len(every))]
