@@ -504,11 +504,10 @@ def deploy(
             versions = numbered("adaptive", (model for _, model, _ in sailed.adapter.versions))
             coefficients += coefficient_rows.table_coefficients(versions)
             diagnostics += sailed.adapter.diagnostics()
-        warnings = deployment_metrics.losses(sailed, name)
+        for warning in (warnings := deployment_metrics.losses(sailed, name)):
+            log.warning(warning)
         diagnostics += deployment_metrics.warning_rows(warnings)
         diagnostics += deployment_metrics.loop_diagnostics(sailed, name)
-        for warning in warnings:
-            log.warning(warning)
     complete = Results(metrics, coefficients, diagnostics, series, note=results.note)
     if failure is not None:
         raise TrialDiverged(failure, complete)

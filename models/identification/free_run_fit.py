@@ -35,7 +35,7 @@ from seatrial.models.identification.predictor import Predictor, states_of
 from seatrial.models.identification.residual import ResidualOptions
 from seatrial.models.identification.structured import Structure, inflation
 from seatrial.models.identification.uncertainty import long_run_share, parameter_covariance
-from seatrial.models.identification.validation import bounded_course
+from seatrial.models.identification.validation import bounded_course, restart_length
 from seatrial.models.notation import DOFS, velocities_of
 from seatrial.models.packs import WIDTH
 from seatrial.models.recording.recording import Recording
@@ -359,11 +359,11 @@ def refined_by_segments(
         prior: standard deviation of a parameter over its size.
     """
     deviation = prior * model.size
+    whole_s = options.segment_s or restart_length(model.free.nominal, recording)
 
     def stages() -> Iterable[Stage]:
         for length, effort in ((FIRST_LENGTH, QUICK), (1.0, USUAL)):
-            assert options.segment_s is not None
-            duration_s = length * options.segment_s
+            duration_s = length * whole_s
             predictor = segments(recording, model.free, lag, options.force, duration_s)
             yield Stage(over_segments(predictor, deviation), effort)
 

@@ -40,7 +40,6 @@ from seatrial.models.identification.problem import (
     lack_of_fit,
     reference_force,
 )
-from seatrial.models.identification.validation import restart_length
 from seatrial.models.notation import DOFS, PLANAR, poses_of
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import DROP_S, Recording
@@ -193,8 +192,7 @@ class ResidualOptions(Identifier):
         """Identify the residual table, with the alternative that predicts best if there are any."""
         if alternatives := self.alternatives(problem):
             return best_of(alternatives, CrossValidation(problem, force=self.force), rng)
-        length = self.segment_s or restart_length(problem.nominal, problem.training)
-        return replace(self, segment_s=length).estimated(problem, rng)
+        return self.estimated(problem, rng)
 
     @abstractmethod
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
