@@ -45,7 +45,6 @@ CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
 BLOCK, REGULAR = 100, 80  # samples among which jumps are looked for, and those that are none
 JUMP = 10.0  # times the largest second difference of these
 STRAIGHT_LINE = 1e-6  # of the typical step: smaller second differences are those of a straight line
-LEAST_ENERGY = 0.05  # of the largest, below which an overlap says nothing of a lag
 ALMOST_ONE = 0.999  # correlations above it are equal
 
 
@@ -360,8 +359,8 @@ def lag(
 ) -> float:
     """By how many samples `observed` (N, k) is behind `expected` (N, k), to a fraction of one.
 
-    The peak of the sum of the cross-correlations of the columns, which must agree in sign, each
-    normalised by the energy of what overlaps; a parabola through its three largest values.
+    The peak of the sum of the normalised cross-correlations of the columns, which must agree in
+    sign; a parabola through its three largest values.
 
     Args:
         observed: signals in pieces.
@@ -373,20 +372,12 @@ def lag(
     if len(shifts) < 3 or most >= len(observed):
         return 0.0
     apart = np.repeat(np.asarray(joints, dtype=np.int64), most)
-    signals = (observed - np.mean(observed, axis=0), expected - np.mean(expected, axis=0))
-    a, b, known = (
-        np.insert(x, apart, 0.0, axis=0) for x in (*signals, np.ones((len(observed), 1)))
-    )
+    a, b = (np.insert(x - np.mean(x, axis=0), apart, 0.0, axis=0) for x in (observed, expected))
+    size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
     n = 1 << (2 * len(a) - 1).bit_length()
-
-    def shifted(x: Array, y: Array) -> Array:  # the sums of x[t + s] y[t] over t
-        spectrum = np.fft.rfft(x, n, axis=0) * np.conj(np.fft.rfft(y, n, axis=0))
-        return np.asarray(np.fft.irfft(spectrum, n, axis=0)[shifts])
-
-    energy = np.maximum(shifted(a * a, known) * shifted(known, b * b), 0.0)
-    moves = energy > LEAST_ENERGY * np.max(energy, axis=0)
-    values = np.divide(shifted(a, b), np.sqrt(energy), out=np.zeros_like(energy), where=moves)
-    sums = np.sum(values, axis=1)
+    spectrum = np.fft.rfft(a, n, axis=0) * np.conj(np.fft.rfft(b, n, axis=0))
+    values = np.fft.irfft(spectrum, n, axis=0)[shifts]  # the sums of a[t + s] b[t] over t
+    sums = np.sum(np.divide(values, size, out=np.zeros_like(values), where=size > 0.0), axis=1)
     peak = int(np.argmax(sums))
     if peak in (0, len(sums) - 1):
         return float(shifts[peak])

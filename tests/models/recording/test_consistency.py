@@ -202,7 +202,7 @@ def test_a_delay_is_found_where_pieces_are_missing(tmp_path: Path, seconds: floa
     pd.DataFrame({"t": t, "n": 1.0, **table})[there].to_csv(path, index=False)
     found = examined(path, at_gap="split")
     assert len(found.recording.pieces()) == 3
-    assert found.result.lag_s == pytest.approx(seconds, abs=0.2 * known.period_s)
+    assert found.result.lag_s == pytest.approx(seconds, abs=0.5 * known.period_s)
     assert [problem.kind for problem in found.problems] == (["clock"] if seconds else [])
 
 
