@@ -65,7 +65,7 @@ def check_distinguished(
     """
     if not len(s) or s[-1] > ratio * s[0]:
         return
-    alike = [names[i] for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)] if names else ["the terms"]
+    alike = [names[int(i)] for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)] if names else ["the terms"]
     raise IdentificationError(
         f"the {what} {', '.join(alike)} from each other: got a singular value ratio of "
         f"{s[-1] / s[0]:.1e}, expected more than {ratio:g}"
@@ -103,7 +103,7 @@ class Decomposition:
         if not np.all(varies):
             kept = np.concatenate([np.full(first, True), varies])
             used = np.concatenate([kept, np.full(R.shape[1] - P, True)])
-            fewer = np.linalg.qr(R[:, used], mode="r")
+            fewer = np.asarray(np.linalg.qr(R[:, used], mode="r"), dtype=np.float64)
             return cls.of(fewer, terms, np.array(order)[kept].tolist(), total, penalised)
         scale = size / np.sqrt(total)
         u, s, vt = np.linalg.svd(R[first:P, first:P] / scale)
