@@ -65,7 +65,8 @@ def check_distinguished(
     """
     if not len(s) or s[-1] > ratio * s[0]:
         return
-    alike = [names[int(i)] for i in np.flatnonzero(np.abs(vt[-1]) > 0.1)] if names else ["the terms"]
+    found = np.flatnonzero(np.abs(vt[-1]) > 0.1)
+    alike = [names[int(i)] for i in found] if names else ["the terms"]
     raise IdentificationError(
         f"the {what} {', '.join(alike)} from each other: got a singular value ratio of "
         f"{s[-1] / s[0]:.1e}, expected more than {ratio:g}"
