@@ -16,9 +16,10 @@ from seatrial.runner.interface.displayed_table import Table
 if TYPE_CHECKING:  # what is slow to import
     import pandas as pd
 
+    from seatrial.models.excitation import missions, setpoints
     from seatrial.models.identification import free_run, validation
     from seatrial.models.recording.recording import Recording
-    from seatrial.models.simulation import loop, playback
+    from seatrial.models.simulation import loop, registry
     from seatrial.models.vessel import parameters as vessels
     from seatrial.models.vessel.basis import Array
     from seatrial.models.vessel.table import Vessel as Coefficients
@@ -31,14 +32,17 @@ else:
     import lazy_loader
 
     pd = lazy_loader.load("pandas")
-    free_run, validation, loop, playback, vessels, weather, config, in_process = (
-        lazy_loader.load(f"seatrial.{name}", suppress_warning=True)
+    free_run, validation, missions, setpoints, loop, registry, vessels, weather = (
+        lazy_loader.load(f"seatrial.models.{name}", suppress_warning=True)
         for name in (
-            *(f"models.identification.{n}" for n in ("free_run", "validation")),
-            *(f"models.simulation.{n}" for n in ("loop", "playback")),
-            *("models.vessel.parameters", "models.weather.weather"),
-            *("runner.config", "runner.in_process"),
+            *("identification.free_run", "identification.validation", "excitation.missions"),
+            *("excitation.setpoints", "simulation.loop", "simulation.registry"),
+            *("vessel.parameters", "weather.weather"),
         )
+    )
+    config, in_process = (
+        lazy_loader.load(f"seatrial.runner.{name}", suppress_warning=True)
+        for name in ("config", "in_process")
     )
 
 
@@ -134,11 +138,10 @@ class Model:
             np.zeros(n_dof) if values is None else _vector(values, self.dofs)
             for values in (pose, velocity)
         )
-        adrift = playback.Adrift()
         voyage = loop.sail(
             self.parameters.plant(self.table), weather.Weather(still, still, still, still),
-            (adrift, np.zeros(1)), adrift, (playback.Playback(commands), np.zeros(1)),
-            start, period_s, min(step_s, period_s), start_nu,
+            (registry.Timetable(still), np.zeros(1)), setpoints.StepTable(1.0),
+            missions.open_loop(), start, period_s, min(step_s, period_s), start_nu, added=commands,
         )  # fmt: skip
         return _frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu, commands)
 
