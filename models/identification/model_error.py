@@ -207,7 +207,7 @@ def drawn_runs(
         runs: those near its own run, `nearby_runs(identified.model, ...)`.
         count: number of draws.
 
-    Yields:
+    Returns:
         Predictions that deviate by DEVIATION_SHARE of what was drawn; none without a distribution.
         A drawn model that cannot be simulated is left out.
     """
