@@ -247,7 +247,6 @@ def _run(trial: Trial, seeds: Streams) -> Results:
     models = {"nominal": problem.nominal, "identified": identified.model}
     if excited.truth is not None:
         models["plant"] = excited.truth
-    user_defined = own_metrics.validation_rows(trial.metrics, problem.validation, models)
     mix = excitation_results.mix_results(trial.excitation, excited)
     sheets = manoeuvre_results.manoeuvre_results(trial, models, identified)
     results = Results(
@@ -256,7 +255,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
             *predicted.metrics,
             *unreached(excited),
             *mix.metrics,
-            *user_defined,
+            *own_metrics.validation_rows(trial.metrics, problem.validation, models),
             *sheets.metrics,
         ],
         coefficients=[
@@ -468,8 +467,7 @@ def deploy(
 
     Both are simulated in the same weather; an identified model that is withheld is None. With
     `update`, a third simulation adapts the nominal model. `true` is the model of the plant, if that
-    is not the scaled nominal one. Returns `results` with those of the deployment added; raises
-    TrialDiverged.
+    is not the scaled nominal one. Returns `results` with these added; raises TrialDiverged.
     """
     controller, evaluation, excitation = trial.controller, trial.evaluation, trial.excitation
     assert controller is not None
@@ -480,9 +478,8 @@ def deploy(
         assert isinstance(excitation, Mission)
         mission = evaluation.mission(excitation)
     metrics, series = list(results.metrics), list(results.series)
-    diagnostics = list(results.diagnostics)
+    diagnostics, coefficients = list(results.diagnostics), list(results.coefficients)
     failure: Diverged | None = None
-    coefficients = list(results.coefficients)
     models: dict[str, Vessel | StateSpace] = {"nominal": nominal}
     if identified is not None:
         models["identified"] = controlled(controller, identified)
