@@ -245,13 +245,16 @@ def _run(trial: Trial, seeds: Streams) -> Results:
     models = {"nominal": problem.nominal, "identified": identified.model}
     if excited.truth is not None:
         models["plant"] = excited.truth
-    user_defined = own_metrics.validation_rows(trial.metrics, problem.validation, models)
     mix = excitation_results.mix_results(trial.excitation, excited)
     sheets = manoeuvre_results.manoeuvre_results(trial, models, identified)
     results = Results(
         metrics=[
-            *validation, *predicted.metrics, *unreached(excited),
-            *mix.metrics, *user_defined, *sheets.metrics,
+            *validation,
+            *predicted.metrics,
+            *unreached(excited),
+            *mix.metrics,
+            *own_metrics.validation_rows(trial.metrics, problem.validation, models),
+            *sheets.metrics,
         ],
         coefficients=[
             *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
@@ -277,7 +280,7 @@ def _run(trial: Trial, seeds: Streams) -> Results:
             *mix.series,
         ],
         note=skipped(trial),
-    )  # fmt: skip
+    )
     if isinstance(trial.excitation, RecordedFile):
         results = with_quality(results, trial.excitation, excited.recording)
     if results.note:
@@ -464,8 +467,7 @@ def deploy(
 
     Both are simulated in the same weather; an identified model that is withheld is None. With
     `update`, a third simulation adapts the nominal model. `true` is the model of the plant, if that
-    is not the scaled nominal one. Returns `results` with those of the deployment added; raises
-    TrialDiverged.
+    is not the scaled nominal one. Returns `results` with these added; raises TrialDiverged.
     """
     controller, evaluation, excitation = trial.controller, trial.evaluation, trial.excitation
     assert controller is not None

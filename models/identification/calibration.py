@@ -53,6 +53,7 @@ TRIED = 0.1  # lambda of the runs that show what an acceleration does; the devia
 MOST_SAMPLES = 20_000  # of the training part
 MOST_ROWS = 10_000  # of the likelihood: neighbouring errors are nearly equal
 LEAST_DEVIATION = 1e-9  # over that of the motion
+STILL = 1e-12  # [m, rad, m/s, rad/s] of an axis that does not move at all
 MOST_DIVERGED = 0.1  # of the drawn runs
 UNUSABLE = (ConfigurationError, IdentificationError, RecordingError)
 
@@ -150,7 +151,7 @@ def drawn_runs(
         runs: those near its own run, `nearby_runs(identified.model, ...)`.
         count: number of draws.
 
-    Yields:
+    Returns:
         Predictions that deviate by DEVIATION_SHARE of what was drawn; none without a distribution.
         A drawn model that cannot be simulated is left out.
     """
@@ -246,7 +247,7 @@ def _calibrate(identifier: Identifier, problem: Problem, identified: Identified)
     mean_square = np.mean(runs.squares(training.nu, training.attitude), axis=0)
     trial = ModelError(1.0, TRIED, 1.0, mean_square, noise)
     fixed = _starts(runs, trial)[rows] + noise**2
-    fixed += (LEAST_DEVIATION * np.std(runs.own.course.measured, axis=0)) ** 2
+    fixed += (LEAST_DEVIATION * np.std(runs.own.course.measured, axis=0)) ** 2 + STILL**2
     by_force = _accelerated(runs, trial)[rows] / TRIED**2
     if not np.all(np.isfinite(fixed + by_force)):
         raise IdentificationError("runs that begin or are accelerated a little apart diverge")
