@@ -462,7 +462,8 @@ def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
             least, most = float(np.nanmin(values)), float(np.nanmax(values))
             jumps = bearing and np.any(np.abs(np.abs(np.diff(values)) - 360.0) < 36.0)
             spans = f"{spec.name} ranges from {least:.4g} to {most:.4g}"
-            large = LARGE.get(of, LARGE_BEARING if bearing else np.inf)
+            large = LARGE_BEARING if bearing else np.inf
+            large = LARGE.get(of, large) if bearing or kind == "inputs" else large
             if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
                 pulse = f"{{column: {spec.name}, neutral: 1500, full: 1900}}"
                 line = f"is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"

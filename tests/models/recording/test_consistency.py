@@ -151,7 +151,9 @@ def test_mutilated_recordings_are_named_with_their_cures(tmp_path: Path, name: s
 @pytest.mark.data
 def test_recordings_as_they_are_have_no_problem() -> None:
     for name in RECORDINGS:
-        assert found(BELUGA / f"{name}.csv") == (), name
+        known = recorded(BELUGA / f"{name}.csv").examine(ALL)
+        assert known is not None
+        assert (known.problems, known.questions) == ((), ()), name
 
 
 def motion(n: int = 4000, period: float = 0.1) -> Recording:
