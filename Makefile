@@ -70,11 +70,14 @@ demo: $(VENV)/demo.stamp
 SEEDS := 20
 COVERAGE_SEEDS := 100
 TRIAL_SEEDS := 20
-IDENTIFIERS := none,auto,robust,ls,ridge,iv,sparse,gaussian_process,output_error
-ORDERS := plsr,surface_plsr
-BELUGA := random-1 surge-1 sway-1 heave-1
+# All of conf/identifier but a program of the user's, and the search of the thesis, which takes hours.
+NOT_COMPARED := command nsga2_thesis
 COMMA := ,
 SPACE := $(subst ,, )
+ORDERS := plsr,surface_plsr
+IDENTIFIERS := $(subst $(SPACE),$(COMMA),$(strip $(filter-out $(NOT_COMPARED) $(subst $(COMMA),$(SPACE),$(ORDERS)),\
+    $(basename $(notdir $(wildcard conf/identifier/*.yaml))))))
+BELUGA := random-1 surge-1 sway-1 heave-1
 RECORDINGS = $(subst $(SPACE),$(COMMA),$(BELUGA:%=$$SEATRIAL_DATA/beluga/%.csv))
 define ROBUSTNESS
 $(BIN)/python -m runner -m --variant identifier=$(IDENTIFIERS) \
