@@ -76,11 +76,6 @@ def knees(front: Array) -> NDArray[np.int64]:
         useful = gain > 0.0
         if np.any(useful):
             mu[i] = np.min(sacrifice[useful] / gain[useful])
-    return _upper_outliers(mu)
-
-
-def _upper_outliers(mu: Array) -> NDArray[np.int64]:
-    """Indices of the values far above the mean; NaN values are ignored."""
     finite = np.flatnonzero(np.isfinite(mu))
     if len(finite) < 2 or np.ptp(mu[finite]) == 0.0:
         return np.zeros(0, dtype=np.int64)

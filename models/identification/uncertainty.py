@@ -14,22 +14,8 @@ manoeuvres: with three turns in a training lap it gives half of the true standar
 residuals are resampled with the same regressors, and the model is fitted again.
 
 That bandwidth is of one correlation time. White noise upon a slow disturbance has two: neighbouring
-residuals are hardly correlated, yet distant ones are. `long_run_share` shows it, and the sums over
-whole clusters of samples allow for it, Liang and Zeger (1986), Biometrika 73, 13-22:
-
-    clustered    var = sum_c (sum_(i in c) g_i e_i)^2  C / (C - 1),    C clusters, e.g. segments
-
-The spread of parameters that were refined by free runs over segments.
-
-With J the weighted derivatives, the initial velocities projected out, P the prior's precision and
-e the weighted residuals, p_hat - p = H^-1 J' e with H = J'J + P. Where e has a slow part, such as
-that of a wind that was measured with noise or of terms that the model lacks, residuals may depend
-on each other throughout a segment.
-
-The standard errors are the largest of what is known of each parameter. For models that are drawn
-they will not do: coefficients of a ship are strongly correlated, and different factors on their
-deviations, with correlations that are not theirs, are far larger in what all of them predict. There
-one covariance is taken as a whole.
+residuals are hardly correlated, yet distant ones are. `long_run_share` shows it, and a wide
+bandwidth allows for it (`enlargement`).
 """
 
 from collections.abc import Callable
