@@ -21,11 +21,12 @@ SIZES = [10**3, 10**4, 10**5, 10**6]
 LONG_S = 60.0
 TIMEOUT_S = 900.0
 LINEAR = 1.1  # slope asked of those that must be linear
-MUST = ("ls", "plsr", "dsr")
+MUST = ("ls", "ridge", "iv", "sparse", "plsr", "surface_plsr", "dsr")
 IDENTIFIERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "ls": ("ls", ()),
     "ridge": ("ridge", ()),
     "iv": ("iv", ()),
+    "sparse": ("sparse", ()),
     "plsr": ("plsr", ()),
     "plsr, no errors": ("plsr", ("identifier.bootstrap=null",)),
     "surface_plsr": ("surface_plsr", ()),
@@ -35,7 +36,7 @@ IDENTIFIERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "output_error": ("output_error", ()),
     "nsga2": ("nsga2", ()),
 }
-ALL = ("ls", "ridge", "iv", "plsr", "plsr, no errors", "dsr")  # to the last size, however long
+ALL = (*MUST, "plsr, no errors")  # to the last size, however long
 
 
 def child(file: Path, name: str, overrides: tuple[str, ...]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from seatrial.models.identification.residual import ResidualOptions
 from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.vessel import basis
 
@@ -32,6 +33,22 @@ def test_least_squares_keeps_the_errors_of_the_estimate(lap, identifier, rng) ->
         identifier("ls", inertia_factor=factor).identify(problem, rng) for factor in (None, 5.0)
     )
     np.testing.assert_array_equal(free.std_error, moved.std_error)
+
+
+def test_the_regressors_are_evaluated_once(lap, identifier, rng, monkeypatch) -> None:
+    """For the estimate and the constraints; the ferry's terms are among those of the basis."""
+    calls: list[int] = []
+    evaluated = ResidualOptions.samples
+
+    def counted(*arguments, **options):
+        calls.append(1)
+        return evaluated(*arguments, **options)
+
+    monkeypatch.setattr(ResidualOptions, "samples", counted)
+    for basis_of_terms in ("full", "physical"):
+        calls.clear()
+        identifier("ls", basis=basis_of_terms).identify(lap("noise", 0).problem, rng)
+        assert len(calls) == 1
 
 
 def test_the_recording_decides_about_the_wind(lap, identifier, rng) -> None:
