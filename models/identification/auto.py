@@ -75,11 +75,6 @@ class Auto(Identifier):
             raise ConfigurationError("candidates: got none, expected at least one identifier")
         check_force(self.force)
 
-    @property
-    def protected(self) -> bool:
-        """The candidates are."""
-        return False
-
     def needs(self) -> Needs:
         """The force of the simulation."""
         return Needs(self.force, thruster_lag=self.force == "filtered")

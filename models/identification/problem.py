@@ -115,8 +115,11 @@ class Identifier(ABC):
 
     @property
     def protected(self) -> bool:
-        """Whether axes that free runs predict worse keep their nominal equation (`fallback`)."""
-        return True
+        """Whether axes that free runs predict worse keep their nominal equation (`fallback`).
+
+        An identifier of the user's is taken at its word.
+        """
+        return False
 
     @abstractmethod
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:

@@ -94,7 +94,7 @@ def test_turning_circles_are_predicted_and_measured(
             assert row["error [%]"] == pytest.approx(error)
             assert 0.0 < abs(error) < 15.0
             assert row["low"] < row["identified model"] < row["high"]
-            assert row["high"] - row["low"] < 0.3 * row["measured"]
+            assert row["low"] < row["measured"] < row["high"]  # the error of the model is in it
         assert rows[f"tc_{angle:g}.dat", "helm"]["measured"] == pytest.approx(angle, abs=0.1)
 
 

@@ -18,11 +18,6 @@ class Pushed(Identifier):
 
     damping: float  # [kg/s]
 
-    @property
-    def protected(self) -> bool:
-        """It keeps its equations, whatever they predict."""
-        return False
-
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         theta = 0.5 * problem.nominal.theta
         theta[problem.nominal.terms.index(term("u")), 0] = self.damping

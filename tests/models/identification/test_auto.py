@@ -230,11 +230,9 @@ def test_none_returns_the_nominal_model(calm, identifier, rng) -> None:
     assert found.residual.terms == ()
 
 
+@pytest.mark.nightly
 @pytest.mark.data
-@pytest.mark.parametrize("vessel", [
-    pytest.param("beluga_linear", marks=pytest.mark.slow),
-    *(pytest.param(f"beluga_{kind}", marks=pytest.mark.nightly) for kind in ("diagonal", "full")),
-])  # fmt: skip
+@pytest.mark.parametrize("vessel", ["beluga_linear", "beluga_diagonal", "beluga_full"])
 def test_every_axis_of_random_1_is_predicted_better_than_without(vessel: str) -> None:
     trial = composed(
         f"vessel={vessel}", "identifier=auto", "controller=none", "evaluation=none",
