@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.diagnosis import doubts
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.recording.diagnosis import FAULTS, doubts
 from seatrial.models.recording.proposal import Proposal, propose
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
@@ -49,7 +49,6 @@ app.command()(convert)
 app.command()(get)
 LINE_WIDTH = 120  # letters of a line that goes to a file
 MOST_ROUNDS = 3  # in which what the check finds is put into a proposed map
-FAULTS = (ConfigurationError, RecordingError)
 
 
 def main(words: Sequence[str]) -> int:

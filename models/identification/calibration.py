@@ -29,7 +29,8 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ndtri
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.cross_validation import UNUSABLE
 from seatrial.models.identification.free_run import Course, deviations
 from seatrial.models.identification.model_error import ModelError
 from seatrial.models.identification.problem import Identified, Identifier, Problem
@@ -55,7 +56,6 @@ MOST_ROWS = 10_000  # of the likelihood: neighbouring errors are nearly equal
 LEAST_DEVIATION = 1e-9  # over that of the motion
 STILL = 1e-12  # [m, rad, m/s, rad/s] of an axis that does not move at all
 MOST_DIVERGED = 0.1  # of the drawn runs
-UNUSABLE = (ConfigurationError, IdentificationError, RecordingError)
 
 
 def squared_accelerations(

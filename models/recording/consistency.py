@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.preprocessing import central_difference
-from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.recording import MIN_PIECE, Recording
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import frame_of_angles, turned
@@ -39,7 +39,6 @@ SURE = 0.5  # correlation of an axis whose scale is known
 LEAST_TRUSTED = 0.3  # correlation of an excited axis below which a trial refuses a recording
 SAME_SCALE = 1.39  # scales within this factor of one are nearer to it than to the knot
 CERTAIN = 3.0  # standard errors that make a difference of two correlations
-MIN_PIECE = 30  # samples of a piece that is filtered
 EXCITED_VARIANCE = 10.0  # variance of an excited signal, in that of its noise below the cut-off
 CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
 BLOCK, REGULAR = 100, 80  # samples among which jumps are looked for, and those that are none

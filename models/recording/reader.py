@@ -22,7 +22,7 @@ from seatrial.models.recording import units
 from seatrial.models.recording.column_map import KINDS, QUATERNION, Column, ColumnMap, Frames
 from seatrial.models.recording.joining import AtGap, Channel, TimeGrid, join_channels
 from seatrial.models.recording.preprocessing import interpolated, outliers, without_sign_flips
-from seatrial.models.recording.recording import GAP, Mask, piece_edges
+from seatrial.models.recording.recording import GAP, MIN_PIECE, Mask, piece_edges
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, is_later, seconds
@@ -41,7 +41,6 @@ BRIDGED = 2.5  # sample times that joining fills at any rate
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
-MIN_PIECE = 30  # samples of a piece that is filtered
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 # Numbers that loggers write where there is none, if nothing else is near.
 SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
