@@ -20,7 +20,14 @@ from seatrial.runner.compare.pivot import (
 )
 from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.selection import Selection, TableRequest, gather
-from seatrial.runner.compare.statistics import RELATIVE_ROUNDING, PairedTest, loss, summary
+from seatrial.runner.compare.statistics import (
+    RELATIVE_ROUNDING,
+    PairedTest,
+    Sample,
+    equal,
+    loss,
+    summary,
+)
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.vocabulary import UNFINISHED
 
@@ -42,8 +49,13 @@ INFEASIBLE_NOTE = (
 TEST_NOTE = (
     "× is the ratio of means to {} with all else equal, over pairs of the same seed (of scores the"
     " difference, + or -); p is that of the two-sided Wilcoxon signed-rank test over at least five"
-    " pairs (not corrected for multiple comparisons); won is the number of pairs in which it is"
-    " better"
+    " pairs, after Holm's correction over the {} tests of this table; r is its effect size, from 1"
+    " (better in every pair) to -1; won is the number of pairs in which it is better, of all pairs,"
+    " lost ones included"
+)
+BOLD_NOTE = (
+    "bold: the best under equal circumstances, over equal seeds, of the cells that lost no run; means"
+    " that differ by less than 1e-6 of their size or the resolution of the metric are equal"
 )
 ESTIMATE_NOTE = (
     "se of the estimate: an interval of this identifier is one of its estimate, not of the"
@@ -103,9 +115,16 @@ class _Writer:
             place: summary(cell.sample, request.statistics, request.interval)
             for place, cell in table.cells.items()
         }
-        self.location = {place: self._location(cell) for place, cell in table.cells.items()}
-        losses = {place: self._loss(place, value) for place, value in self.location.items()}
-        self.best = best_cells(table, losses, selection.likeness)
+        self.location = {
+            place: self._location(cell.sample) for place, cell in table.cells.items()
+        }
+        self.best = best_cells(
+            table,
+            lambda place, sample: self._loss(place, self._location(sample)),
+            self._resolution,
+            selection.likeness,
+            self._is_baseline,
+        )
 
     def grid(self) -> TextTable:
         """Return the table; it has a column of units if the rows have different units."""
@@ -127,13 +146,11 @@ class _Writer:
         """Return the displayed name of a factor: the name of a coefficient is its term."""
         return "term" if factor == "metric" and self.request.of_coefficients else factor
 
-    def _location(self, cell: PivotCell) -> float:
-        """Return the value that represents a cell: the median if shown without the mean."""
-        if not cell.observed:
-            return math.nan
+    def _location(self, sample: Sample) -> float:
+        """Return the value that represents a sample: the median if shown without the mean."""
         shown = self.request.statistics
         median = "median" in shown and "mean" not in shown
-        return summary(cell.sample, ["median" if median else "mean"]).popitem()[1]
+        return summary(sample, ["median" if median else "mean"]).popitem()[1]
 
     def _loss(self, place: Place, value: float) -> float:
         """Return the loss of a value; for a coefficient the distance from the true value."""
@@ -141,6 +158,12 @@ class _Writer:
             return abs(value - _truth(self.table.cells[place]))
         better = definition_of(self._metric(place)).better
         return math.nan if better is None else float(loss(np.array(value), better))
+
+    def _resolution(self, place: Place) -> float:
+        """Return the difference below which two losses are equal."""
+        if self.request.of_coefficients:
+            return 0.0
+        return definition_of(self._metric(place)).resolution
 
     def _metric(self, place: Place) -> str:
         """Return the metric of a cell."""
@@ -159,10 +182,10 @@ class _Writer:
             text += _uncertainty_text(cell, self.request.digits, self._of_estimate(cell))
         if place in self.tests:
             text += "\n" + _test_text(
-                self.tests[place], len(cell.observed), self.request.digits,
+                self.tests[place], len(cell.by_seed), self.request.digits,
                 definition_of(self._metric(place)).score,
             )  # fmt: skip
-        elif self._is_baseline(place) and cell.observed:
+        elif self._is_baseline(cell):
             text += "\nbaseline"
         value = self.location[place]
         return GridCell(text, place in self.best, None if math.isnan(value) else value)
@@ -187,21 +210,20 @@ class _Writer:
             [(INFEASIBLE, INFEASIBLE_NOTE)] if deployed & self.selection.infeasible else []
         )
 
-    def _is_baseline(self, place: Place) -> bool:
+    def _is_baseline(self, cell: PivotCell) -> bool:
         """Return whether the numbers of a cell are the baseline's."""
-        observed = self.table.cells[place].observed
         levels = self.request.baseline.items()
-        return bool(levels) and all(
-            o.level(name) == level for o in observed for name, level in levels
+        return bool(levels and cell.observed) and all(
+            o.level(name) == level for o in cell.observed for name, level in levels
         )
 
     def _unit(self, row: Key | None = None, column: Key | None = None) -> str:
         """Return the unit of a row, a column or the whole table; MIXED if there are several."""
         units = {
-            unit_text(observation.unit)
+            unit_text(unit)
             for (left, top), cell in self.table.cells.items()
             if row in (None, left) and column in (None, top)
-            for observation in cell.observed
+            for unit in cell.units
         }
         return units.pop() if len(units) == 1 else (MIXED if units else "")
 
@@ -224,6 +246,8 @@ class _Writer:
 
     def _qualifications(self) -> list[str]:
         notes = []
+        if self.best:
+            notes.append(BOLD_NOTE)
         if self.selection.split:
             notes.append(
                 f"split by {', '.join(self.selection.split)}, in which runs of one cell differ"
@@ -239,7 +263,8 @@ class _Writer:
         notes += sorted({definition_of(name).note for name in shown} - {""})
         notes += [note for _, note in self._flaws(self.table.cells.values())]
         if self.tests:
-            notes.append(TEST_NOTE.format(_baseline_text(self.request)))
+            tested = sum(not math.isnan(test.p_value) for test in self.tests.values())
+            notes.append(TEST_NOTE.format(_baseline_text(self.request), tested))
         if any(map(self._of_estimate, self.table.cells.values())):
             notes.append(ESTIMATE_NOTE)
         diverged = sum(cell.diverged for cell in self.table.cells.values())
@@ -271,15 +296,16 @@ class _Writer:
         for factor in self.request.own_factors:
             if factor != "stage" or not self.request.of_coefficients:
                 record.setdefault(self._name(factor), self.selection.fixed.get(factor))
-        record["unit"] = " ".join(sorted({observation.unit for observation in cell.observed}))
+        record["unit"] = " ".join(sorted(cell.units))
         record |= self.figures[place]
         if self.request.of_coefficients:
             record["std_error"], record["true_value"] = _std_error(cell), _truth(cell)
             record["interval_of_estimate"] = self._of_estimate(cell)
-        record["n"] = len(cell.observed)
+        record["n"] = len(cell.by_seed)
         for status in UNFINISHED:
             record[status] = cell.unfinished.get(status, 0)
         record["without_value"] = cell.without
+        record["not_applicable"] = cell.not_applicable
         record["diverged_predictions"] = cell.diverged
         record["held_s"] = None if math.isnan(cell.held_s) else cell.held_s
         record["deterministic"] = cell.deterministic
@@ -298,8 +324,11 @@ class _Writer:
             "ratio": test.ratio if test else None,
             "difference": test.difference if test else None,
             "p_value": test.p_value if test else None,
+            "p_holm": test.p_holm if test else None,
+            "effect": test.effect if test else None,
             "wins": test.wins if test else None,
             "pairs": test.pairs if test else None,
+            "lost_pairs": test.lost if test else None,
         }
 
 
@@ -336,18 +365,21 @@ def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> 
 
 
 def _counts_text(cell: PivotCell, request: TableRequest) -> str:
-    """Return ` (n=18, 2 failed)`; missing runs are shown with any choice of statistics."""
+    """Return ` (n=18, 2 failed)`; what is missing is shown with any choice of statistics."""
     counts = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
     if cell.diverged:
         held = "" if math.isnan(cell.held_s) else f", held {number_text(cell.held_s, 2)} s"
         counts.append(f"{cell.diverged} diverged in prediction{held}")
     if cell.without:
         counts.append(f"{cell.without} without value")
-    if "n" in request.statistics and cell.observed:
-        once = cell.deterministic and len(cell.observed) == 1
-        counts.insert(0, "deterministic" if once else f"n={len(cell.observed)}")
+    if cell.not_applicable:
+        counts.append(f"{cell.not_applicable} not applicable")
+    if cell.uneven:
+        counts.append(f"{cell.uneven} seed{'s'[: cell.uneven != 1]} without all levels")
+    if cell.observed and ("n" in request.statistics or counts):
+        counts.insert(0, "deterministic" if cell.deterministic else f"n={len(cell.by_seed)}")
         sample = cell.sample
-        if sample.size > 1 and np.ptp(sample) <= RELATIVE_ROUNDING * np.max(np.abs(sample)):
+        if sample.size > 1 and np.all(equal(sample, float(sample[0]))):
             counts[0] += ", all equal"
     return f" ({', '.join(counts)})" if counts else ""
 
@@ -380,13 +412,13 @@ def _truth(cell: PivotCell) -> float:
 def _test_text(test: PairedTest, n: int, digits: int, is_score: bool) -> str:
     if not test.pairs:
         return "no counterpart"
-    p_value = f"p {test.p_value:.2g}"
-    if math.isnan(test.p_value):
+    p_value = f"p {test.p_holm:.2g}, r {number_text(test.effect, 2)}"
+    if math.isnan(test.p_holm):
         p_value = f"{test.pairs} pair{'s'[: test.pairs != 1]}"
     ratio = "× –" if math.isnan(test.ratio) else f"× {number_text(test.ratio, 3)}"
     if is_score:
         ratio = ("+" if test.difference >= 0.0 else "") + number_text(test.difference, 3)
-    won = "" if test.wins is None else f", won {test.wins}/{test.pairs}"
+    won = "" if test.wins is None else f", won {test.wins}/{test.pairs + test.lost}"
     own = f" (mean {number_text(test.mean, digits)} of the pairs)" if test.pairs != n else ""
     return f"{ratio}, {p_value}{won}{own}"
 

@@ -11,6 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import cached_property
+from math import fsum
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import OWN_FACTORS, Observation, Queries, StoredRun
@@ -187,15 +188,31 @@ class Counterparts:
         """Return whether a number belongs to the baseline."""
         return all(observation.level(name) == level for name, level in self._baseline.items())
 
-    def pairs(self, observations: Iterable[Observation]) -> list[tuple[float, float]]:
-        """Return the values of numbers beside those of their counterparts."""
-        pairs: dict[Hashable, tuple[float, float]] = {}
+    def pairs(self, observations: Iterable[Observation]) -> dict[str | None, tuple[float, float]]:
+        """Return numbers beside those of their counterparts, averaged within each seed.
+
+        None is the seed of pairs that depend on none.
+        """
+        pairs: dict[str | None, dict[Hashable, tuple[float, float]]] = defaultdict(dict)
         for observation in observations:
             for reference in self._of(observation):
                 if observation.value is not None and reference.value is not None:
-                    experiments = map(self._likeness.experiment, (observation, reference))
-                    pairs[tuple(experiments)] = (observation.value, reference.value)
-        return list(pairs.values())
+                    experiments = tuple(map(self._likeness.experiment, (observation, reference)))
+                    seed = self._likeness.seed(observation) or self._likeness.seed(reference)
+                    pairs[seed][experiments] = observation.value, reference.value
+        return {
+            seed: (fsum(own for own, _ in both) / len(both), fsum(r for _, r in both) / len(both))
+            for seed, by_experiment in pairs.items()
+            for both in [by_experiment.values()]
+        }
+
+    def seeds(self, observations: Iterable[Observation]) -> set[str | None]:
+        """Return the seeds of the baseline's numbers under the circumstances of some numbers."""
+        return {
+            self._likeness.seed(reference)
+            for o in observations
+            for reference in self._alike(o, self._references.get(self._shared(o), []))
+        }
 
     def _shared(self, observation: Observation) -> Hashable:
         """Return what a number and its counterpart have in common, except the seed."""

@@ -2,13 +2,14 @@
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from seatrial.runner.compare.likeness import Counterparts, Likeness, within
 from seatrial.runner.compare.results import (
+    COEFFICIENT_STAGE,
     FINISHED,
     OWN_FACTORS,
     POOLED,
@@ -16,9 +17,9 @@ from seatrial.runner.compare.results import (
     StoredRun,
     ordered,
 )
-from seatrial.runner.compare.statistics import RELATIVE_ROUNDING, PairedTest, Sample, paired_test
+from seatrial.runner.compare.statistics import PairedTest, Sample, equal, holm, paired_test
 from seatrial.runner.record.catalogue import HORIZONS, definition_of
-from seatrial.runner.vocabulary import DOF_ORDER, LOST, MODELS
+from seatrial.runner.vocabulary import DOF_ORDER, MODELS
 
 Key = tuple[str, ...]
 Place = tuple[Key, Key]
@@ -31,29 +32,42 @@ COMPARED = ("identifier", "controller", "update")
 class PivotCell:
     """The content of one cell.
 
-    `observed` are the finite values, one for each experiment; `unfinished` counts the unfinished
-    runs by status, `diverged` the validations of finished runs that diverged, `without` the other
-    finished runs that lack this number, and `flagged` the runs below the true model, which fit lag
-    or feedback instead of the vessel. `deterministic` says that no number depends on a seed.
+    `observed` are the finite values, one for each experiment, and `by_seed` the values that the
+    statistics are of: the average over the levels that a cell pools, for each seed that has them
+    all; None is the seed of numbers that do not depend on one. `uneven` counts the other seeds.
+    `unfinished` counts the unfinished runs by status, `diverged` the validations of finished runs
+    that diverged, `without` the other finished runs whose number has no value, `not_applicable`
+    those whose method has no such number, and `flagged` the runs below the true model, which fit
+    lag or feedback instead of the vessel. `lost_seeds` are those of the experiments without a
+    value, and `units` those of all numbers, with or without a value.
     """
 
     observed: Sequence[Observation] = ()
+    by_seed: Mapping[str | None, float] = field(default_factory=dict)
     unfinished: Mapping[str, int] = field(default_factory=dict)
     without: int = 0
+    not_applicable: int = 0
     flagged: int = 0
     diverged: int = 0
     held_s: float = math.nan  # median time that the diverged free runs held
-    deterministic: bool = False
+    lost_seeds: frozenset[str] = frozenset()
+    units: frozenset[str] = frozenset()
+    uneven: int = 0
 
     @property
     def lost(self) -> bool:
-        """Whether an experiment of the cell failed or diverged."""
-        return self.diverged > 0 or any(self.unfinished.get(name, 0) for name in LOST)
+        """Whether an experiment of the cell, started or planned, has no value."""
+        return bool(self.lost_seeds)
+
+    @property
+    def deterministic(self) -> bool:
+        """Whether no number depends on a seed."""
+        return [*self.by_seed] == [None]
 
     @property
     def sample(self) -> Sample:
-        """The observed values, shape (n,)."""
-        return np.array([o.value for o in self.observed], dtype=np.float64)
+        """The values by seed, shape (n,)."""
+        return np.array([*self.by_seed.values()], dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -119,19 +133,49 @@ def _cell(
     diverged: Mapping[Prediction, float],
 ) -> PivotCell:
     finite = [o for o in observations if o.value is not None and np.isfinite(o.value)]
-    run_ids = {o.run.id for o in finite}
-    lost = [o for o in observations if o.run.id not in run_ids and prediction_of(o) in diverged]
-    run_ids |= {o.run.id for o in lost}
-    unfinished = Counter(run.status for run in runs if run.status != FINISHED)
-    without = sum(run.status == FINISHED and run.id not in run_ids for run in runs)
-    deterministic = bool(finite) and all(likeness.seed(o) is None for o in finite)
-    finite, lost = likeness.distinct(finite), likeness.distinct(lost)
-    flagged_ids = {o.run.id for o in finite if is_flagged(o, flagged)}
+    missing = {o.run.id: o for o in observations} | {o.run.id: None for o in finite}
+    without = [o for o in missing.values() if o is not None]
+    lost = [o for o in without if prediction_of(o) in diverged]
     held = [diverged[prediction_of(o)] for o in lost]
+    finite, without = likeness.distinct(finite), likeness.distinct(without)
+    unfinished = [run for run in runs if run.status != FINISHED]
+    by_seed, uneven = averaged(finite, likeness)
+    gone = [*unfinished, *(o.run for o in without)]
     return PivotCell(
-        finite, dict(unfinished), without, len(flagged_ids), len({o.run.id for o in lost}),
-        float(np.median(held)) if held else math.nan, deterministic,
-    )  # fmt: skip
+        finite,
+        by_seed,
+        dict(Counter(run.status for run in unfinished)),
+        without=len({o.run.id for o in without} - {o.run.id for o in lost}),
+        not_applicable=sum(run.status == FINISHED and run.id not in missing for run in runs),
+        flagged=len({o.run.id for o in finite if is_flagged(o, flagged)}),
+        diverged=len({o.run.id for o in without} & {o.run.id for o in lost}),
+        held_s=float(np.median(held)) if held else math.nan,
+        lost_seeds=frozenset(run.levels["seed"] for run in gone),
+        units=frozenset(o.unit for o in observations),
+        uneven=uneven,
+    )
+
+
+def averaged(
+    observations: Iterable[Observation], likeness: Likeness
+) -> tuple[dict[str | None, float], int]:
+    """Average numbers over their levels within each seed: levels are no replicates.
+
+    Returns:
+        The averages by seed, and the number of seeds left out because they lack a level.
+    """
+    levels: dict[Hashable, dict[str | None, float]] = defaultdict(dict)
+    for o in observations:
+        own = tuple(o.level(factor) for factor in OWN_FACTORS)
+        levels[likeness.number(o), own][likeness.seed(o)] = float(o.value or 0.0)
+    drawn = dict.fromkeys(seed for values in levels.values() for seed in values if seed is not None)
+    seeds: list[str | None] = [*drawn] or ([None] if levels else [])
+    whole = [s for s in seeds if all(s in values or None in values for values in levels.values())]
+    averages = {
+        seed: math.fsum(v[seed] if seed in v else v[None] for v in levels.values()) / len(levels)
+        for seed in whole
+    }
+    return averages, len(seeds) - len(whole)
 
 
 def prediction_of(observation: Observation) -> Prediction:
@@ -208,30 +252,69 @@ class _KeyOrder:
         return sorted(distinct, key=lambda key: [r[v] for r, v in zip(ranks, key, strict=True)])
 
 
-def best_cells(table: Pivot, loss: Mapping[Place, float], likeness: Likeness) -> set[Place]:
+def best_cells(
+    table: Pivot,
+    loss: Callable[[Place, Sample], float],
+    resolution: Callable[[Place], float],
+    likeness: Likeness,
+    is_baseline: Callable[[PivotCell], bool],
+) -> set[Place]:
     """Return the cells to set in bold: the best among those under equal circumstances.
 
-    `loss` is the number that cells are compared by: smaller is better, NaN excludes a cell. Cells
-    below the true model are excluded, because they do not fit the vessel, and so are cells that
-    lost an experiment, because the remaining ones are the easier ones.
+    Cells are compared over the same seeds: those of the baseline, without one those that most of
+    the cells have. A cell that lacks one of them is not best, nor is one that lost an experiment,
+    because the others are the easier ones, nor one below the true model, which does not fit the
+    vessel.
+
+    Args:
+        table: the cells.
+        loss: the number that a cell is compared by, of its values over those seeds, shape (n,);
+            smaller is better, NaN excludes it.
+        resolution: losses of a cell that differ by less are equal.
+        likeness: the circumstances.
+        is_baseline: whether a cell is the baseline.
     """
     groups: dict[Hashable, list[Place]] = defaultdict(list)
     for place, cell in table.cells.items():
         groups[_circumstances(table, place, cell, likeness)].append(place)
     best = set()
     for members in groups.values():
-        candidates = [key for key in members if np.isfinite(loss[key])]
-        candidates = [
-            key for key in candidates if not (table.cells[key].flagged or table.cells[key].lost)
-        ]
-        if len(members) > 1 and candidates:
-            lowest = min(loss[key] for key in candidates)
+        cells = {place: table.cells[place] for place in members}
+        seeds = reference_seeds(cells.values(), is_baseline)
+        losses = {
+            place: loss(place, np.array([*on_seeds(cell, seeds).values()]))
+            for place, cell in cells.items()
+            if cell.observed and not (cell.flagged or cell.lost or cell.uneven)
+            and (cell.deterministic or seeds <= cell.by_seed.keys())
+        }  # fmt: skip
+        finite = {place: value for place, value in losses.items() if np.isfinite(value)}
+        if len(members) > 1 and finite:
+            lowest = min(finite.values())
             best |= {
-                key
-                for key in candidates
-                if abs(loss[key] - lowest) <= RELATIVE_ROUNDING * abs(lowest)
+                place
+                for place, value in finite.items()
+                if equal(np.array([value]), lowest, resolution(place))[0]
             }
     return best
+
+
+def reference_seeds(
+    cells: Iterable[PivotCell], is_baseline: Callable[[PivotCell], bool]
+) -> frozenset[str]:
+    """Return the seeds that cells are compared over.
+
+    They are the seeds of the baseline, or those that more than half of the cells have.
+    """
+    drawn = [cell for cell in cells if cell.observed and not cell.deterministic]
+    reference = [cell for cell in drawn if is_baseline(cell)]
+    counts = Counter(seed for cell in reference or drawn for seed in cell.by_seed)
+    most = 0 if reference else len(drawn) / 2.0
+    return frozenset(seed for seed, n in counts.items() if seed is not None and n > most)
+
+
+def on_seeds(cell: PivotCell, seeds: frozenset[str]) -> Mapping[str | None, float]:
+    """Return the values of a cell over some seeds; a deterministic cell has every seed."""
+    return {seed: v for seed, v in cell.by_seed.items() if seed is None or seed in seeds}
 
 
 def _circumstances(table: Pivot, place: Place, cell: PivotCell, likeness: Likeness) -> Hashable:
@@ -273,10 +356,14 @@ def against_baseline(
         own = [o for o in cell.observed if not counterparts.is_reference(o)]
         if own:
             pairs = counterparts.pairs(own)
-            left, right = (
-                (np.array(side, dtype=np.float64) for side in zip(*pairs, strict=True))
-                if pairs
-                else (np.zeros(0), np.zeros(0))
-            )
-            tests[place] = paired_test(left, right, definition_of(own[0].name).better)
-    return tests
+            known = counterparts.seeds(own)
+            lost = {s for s in cell.lost_seeds - pairs.keys() if s in known or None in known}
+            left, right = np.array([*pairs.values()], dtype=np.float64).reshape(-1, 2).T
+            metric = definition_of(own[0].name)
+            resolution = 0.0 if own[0].stage == COEFFICIENT_STAGE else metric.resolution
+            tests[place] = paired_test(left, right, metric.better, resolution, len(lost))
+    adjusted = holm([test.p_value for test in tests.values()])
+    return {
+        place: replace(test, p_holm=p)
+        for (place, test), p in zip(tests.items(), adjusted, strict=True)
+    }

@@ -13,7 +13,7 @@ import numpy as np
 import scipy  # its subpackages are loaded at their first use
 from numpy.typing import NDArray
 
-from seatrial.runner.compare.statistics import LEAST_PAIRS, Sample
+from seatrial.runner.compare.statistics import Sample, equal, holm
 
 SIGNIFICANCE = 0.05
 Pair = tuple[int, int]
@@ -21,10 +21,7 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Mean ranks (n_entrants,), 1 is best, and the p-value of every pair after Holm's correction.
-
-    A p-value is NaN where fewer than LEAST_PAIRS cases tell the pair apart.
-    """
+    """Mean ranks (n_entrants,), 1 is best, and the p-value of every pair after Holm's correction."""
 
     mean_ranks: Sample
     p_values: dict[Pair, float]
@@ -66,27 +63,26 @@ def ranking(losses: Sample) -> Ranking:
     """
     if np.any(np.isnan(losses)):
         raise ValueError("losses: got NaN, expected numbers; inf for an entrant without a result")
-    ranks = np.array([scipy.stats.rankdata(row) for row in losses])
+    ranks = np.array([ranks_of(row) for row in losses])
     pairs = list(combinations(range(losses.shape[1]), 2))
     p_values = holm([_signed_rank(ranks[:, i] - ranks[:, j]) for i, j in pairs])
     return Ranking(ranks.mean(axis=0), dict(zip(pairs, p_values, strict=True)))
 
 
+def ranks_of(losses: Sample) -> Sample:
+    """Ranks (n,) of losses (n,), smallest first; losses that are equal share their mean rank."""
+    order = np.argsort(losses, kind="stable")
+    places = np.empty(len(losses))
+    apart = ~equal(losses[order][1:], losses[order][:-1])
+    places[order] = np.concatenate([[0], np.cumsum(apart)])
+    return np.asarray(scipy.stats.rankdata(places))
+
+
 def _signed_rank(differences: Sample) -> float:
-    if np.count_nonzero(differences) < LEAST_PAIRS:
-        return float("nan")
+    """Return the p-value; 1 without differences: entrants that are equal in every case."""
+    if not np.any(differences):
+        return 1.0
     return float(scipy.stats.wilcoxon(differences, zero_method="zsplit").pvalue)
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Adjust p-values so that a family of tests keeps its level. Holm (1979); NaN stays NaN."""
-    values = np.asarray(p_values, dtype=np.float64)
-    known = np.flatnonzero(~np.isnan(values))
-    adjusted, largest = np.full(len(values), np.nan), 0.0
-    for place, k in enumerate(known[np.argsort(values[known], kind="stable")]):
-        largest = max(largest, min((len(known) - place) * float(values[k]), 1.0))
-        adjusted[k] = largest
-    return adjusted.tolist()
 
 
 def critical_difference(entrants: int, cases: int, level: float = SIGNIFICANCE) -> float:

@@ -20,6 +20,7 @@ from seatrial.runner.record.catalogue import Better
 Sample = NDArray[np.float64]
 IntervalKind = Literal["t", "bootstrap"]
 RELATIVE_ROUNDING = 1e-9  # relative: smaller differences are rounding errors
+EQUAL = 1e-6  # relative: numbers that differ by less are equal in a comparison
 BOOTSTRAP_RESAMPLES = 10_000
 LEAST_PAIRS = 5  # below, no p-value of the signed-rank test is meaningful
 CONFIDENCE = 0.95  # probability that an interval covers the mean
@@ -112,9 +113,12 @@ class PairedTest:
     """Comparison of a cell with its baseline over their common seeds.
 
     `ratio` is the ratio of the means over the pairs, `wins` the number of pairs in which the cell
-    is better (None if the better direction is not known), `p_value` that of the two-sided Wilcoxon
-    signed-rank test (NaN with fewer than LEAST_PAIRS pairs that differ from each other, and without
-    differences). `mean` is that of the cell over the pairs.
+    is better (None if the better direction is not known), of the `pairs` and of the `lost` ones,
+    whose number the cell failed to give. `p_value` is that of the two-sided Wilcoxon signed-rank
+    test (NaN with fewer than LEAST_PAIRS pairs that differ from each other, and without
+    differences), `p_holm` the same after Holm's correction over the tests of a table. `effect` is
+    the matched-pairs rank-biserial correlation: 1 if the cell is better in every pair, -1 if it is
+    worse in every pair. `mean` is that of the cell over the pairs.
     """
 
     pairs: int
@@ -123,6 +127,17 @@ class PairedTest:
     p_value: float
     mean: float = math.nan
     difference: float = math.nan  # of the means over the pairs
+    effect: float = math.nan
+    lost: int = 0
+    p_holm: float = math.nan
+
+
+def equal(first: Sample, other: Sample | float, resolution: float = 0.0) -> NDArray[np.bool_]:
+    """Return where numbers (n,) differ by less than one part in a million or the resolution."""
+    size = np.maximum(np.abs(first), np.abs(other))
+    with np.errstate(invalid="ignore"):  # inf - inf
+        near = np.abs(first - other) <= np.maximum(EQUAL * size, resolution)
+    return np.asarray((first == other) | (near & np.isfinite(size)))
 
 
 def loss(values: Sample, better: Better) -> Sample:
@@ -137,22 +152,64 @@ def loss(values: Sample, better: Better) -> Sample:
     return values
 
 
-def paired_test(sample: Sample, baseline: Sample, better: Better = "lower") -> PairedTest:
+def paired_test(
+    sample: Sample,
+    baseline: Sample,
+    better: Better = "lower",
+    resolution: float = 0.0,
+    lost: int = 0,
+) -> PairedTest:
     """Compare two samples, shape (n,), whose i-th values have the same seed and choices.
 
-    `better` is `lower`, `higher`, a target value, or None. Raises ValueError for different lengths.
+    Args:
+        sample: the values of the cell, shape (n,).
+        baseline: those of the baseline, shape (n,).
+        better: `lower`, `higher`, a target value, or None.
+        resolution: values that differ by less are equal, in their unit.
+        lost: number of pairs whose value the cell failed to give.
+
+    Raises:
+        ValueError: for different lengths.
     """
     if sample.shape != baseline.shape:
         raise ValueError(f"pairs differ in length: {sample.shape} and {baseline.shape}")
     pairs = int(sample.size)
     if pairs == 0:
-        return PairedTest(0, None if better is None else 0, math.nan, math.nan)
+        return PairedTest(0, None if better is None else 0, math.nan, math.nan, lost=lost)
+    mean, baseline_mean = float(np.mean(sample)), float(np.mean(baseline))
     gain = loss(baseline, better) - loss(sample, better)
-    wins = None if better is None else int(np.sum(gain > 0.0))
-    baseline_mean = float(np.mean(baseline))
-    ratio = float(np.mean(sample)) / baseline_mean if baseline_mean != 0.0 else math.nan
+    gain[equal(sample, baseline, resolution)] = 0.0
     distinct = len({*zip(sample.tolist(), baseline.tolist(), strict=True)})
     tested = distinct >= LEAST_PAIRS and np.any(gain)
-    p_value = float(scipy.stats.wilcoxon(gain).pvalue) if tested else math.nan
-    mean = float(np.mean(sample))
-    return PairedTest(pairs, wins, ratio, p_value, mean, mean - baseline_mean)
+    return PairedTest(
+        pairs,
+        wins=None if better is None else int(np.sum(gain > 0.0)),
+        ratio=mean / baseline_mean if baseline_mean != 0.0 else math.nan,
+        p_value=float(scipy.stats.wilcoxon(gain).pvalue) if tested else math.nan,
+        mean=mean,
+        difference=mean - baseline_mean,
+        effect=rank_biserial(gain),
+        lost=lost,
+    )
+
+
+def rank_biserial(gain: Sample) -> float:
+    """Return the rank sum of the positive gains less that of the negative ones, over their sum.
+
+    The effect size of the signed-rank test. `gain` has shape (n,); 0 without differences. Kerby
+    (2014), The simple difference formula.
+    """
+    gain = gain[gain != 0.0]
+    ranks = scipy.stats.rankdata(np.abs(gain))
+    return float(np.sum(np.sign(gain) * ranks) / np.sum(ranks)) if gain.size else 0.0
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Adjust p-values so that a family of tests keeps its level. Holm (1979); NaN stays NaN."""
+    values = np.asarray(p_values, dtype=np.float64)
+    known = np.flatnonzero(~np.isnan(values))
+    adjusted, largest = np.full(len(values), np.nan), 0.0
+    for place, k in enumerate(known[np.argsort(values[known], kind="stable")]):
+        largest = max(largest, min((len(known) - place) * float(values[k]), 1.0))
+        adjusted[k] = largest
+    return adjusted.tolist()

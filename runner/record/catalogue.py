@@ -35,7 +35,8 @@ class Definition:
     in a report (by default the label), and `note` is printed under every table that shows it. A
     `wide` metric is a column of the view `metric_wide`; a metric with a `headline` is a column of
     `run_overview`, for that degree of freedom. A `score` has no
-    natural zero: it is compared by differences, not by ratios.
+    natural zero: it is compared by differences, not by ratios. Values that differ by less than the
+    `resolution`, in their unit, are equal in a comparison.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Definition:
     wide: bool = False
     headline: str = ""
     score: bool = False
+    resolution: float = 1e-6
 
     @property
     def heading(self) -> str:
@@ -157,6 +159,7 @@ METRICS = (
         "force_mse", VALIDATION, SQUARE_UNIT, "lower", "Force MSE",
         "mean square of the commanded force less the model's, on the held-out part",
         "Force residual on the held-out part", wide=True, headline="surge",
+        resolution=1e-12,
     ),
     Definition(
         "force_mae", VALIDATION, FORCE_UNIT, "lower", "Force MAE",
@@ -165,7 +168,7 @@ METRICS = (
     Definition(
         "force_mse_filtered", VALIDATION, SQUARE_UNIT, "lower", "Force MSE, filtered",
         "as force_mse, of the commanded force after the known thruster lag",
-        "Force residual, thruster lag taken into account", wide=True,
+        "Force residual, thruster lag taken into account", wide=True, resolution=1e-12,
     ),
     Definition(
         "force_mae_filtered", VALIDATION, FORCE_UNIT, "lower", "Force MAE, filtered",
@@ -193,7 +196,7 @@ METRICS = (
     ),
     Definition(
         "e_pos_mse", DEPLOYMENT, {"position": "m^2"}, "lower", "Position MSE",
-        "mean square distance from the reference position", wide=True,
+        "mean square distance from the reference position", wide=True, resolution=1e-12,
     ),
     Definition(
         "e_psi_mae", DEPLOYMENT, {"heading": "deg"}, "lower", "Heading MAE",
@@ -203,14 +206,17 @@ METRICS = (
     Definition(
         "e_psi_mse", DEPLOYMENT, {"heading": "deg^2"}, "lower", "Heading MSE",
         "mean square heading error, wrapped to (-180, 180] deg", wide=True,
+        resolution=1e-12,
     ),
     Definition(
         "nu_mse", DEPLOYMENT, VELOCITY_SQUARED, "lower", "Velocity MSE",
         "mean square error of the velocity against its reference", wide=True,
+        resolution=1e-12,
     ),
     Definition(
         "nu_dot_mse", DEPLOYMENT, ACCELERATION_SQUARED, "lower", "Acceleration MSE",
         "mean square error of the acceleration against its reference", wide=True,
+        resolution=1e-12,
     ),
     Definition(
         "tau_mean_abs", DEPLOYMENT, FORCE_UNIT, "lower", "Mean |force|",
@@ -237,7 +243,7 @@ METRICS = (
     ),
     Definition(
         "error_mse", DEPLOYMENT, _each(POSE_IN_DEGREES, "{}^2"), "lower", "Pose MSE",
-        "mean square error of the pose against its reference, by axis",
+        "mean square error of the pose against its reference, by axis", resolution=1e-12,
     ),
     Definition(
         "iae", DEPLOYMENT, _each(POSE_IN_DEGREES, "{} s"), "lower", "IAE",

@@ -155,7 +155,7 @@ def test_a_table_is_of_the_newest_sweep(logbook: LogbookWriter, results: Queries
     assert list(every.headers) == ["identifier", "vessel", "noise"]
     assert any("split by vessel" in note for note in every.notes)
     pooled = table(results, sweep="all", pool=["vessel"])
-    assert cells(pooled) == {("ls", "noise"): "13.50 ± 1.3 (n=4)"}
+    assert cells(pooled) == {("ls", "noise"): "13.50 ± 0.71 (n=2)"}
     with pytest.raises(ConfigurationError, match=r"--sweep: got 'third', expected all, a number"):
         table(results, sweep="third")
 

@@ -62,7 +62,13 @@ def test_a_better_entrant_is_first_and_alone_and_one_without_results_is_last() -
 
 def test_few_cases_tell_nothing() -> None:
     result = ranking(np.array([[1.0, 2.0]] * 4))
-    assert np.isnan(result.p_values[0, 1])
+    assert result.p_values[0, 1] == pytest.approx(0.125)  # two signs of four that are equal
+    assert result.best() == {0, 1}
+
+
+def test_losses_that_differ_by_rounding_share_their_rank() -> None:
+    result = ranking(np.array([[1.0, 1.0 + 1e-9, 2.0], [3.0 + 1e-9, 3.0, np.inf]] * 8))
+    np.testing.assert_array_equal(result.mean_ranks, [1.5, 1.5, 3.0])
     assert result.best() == {0, 1}
 
 

@@ -1,0 +1,156 @@
+"""Laws of a comparison: what counts, what is equal, what is best, and over which seeds."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import pytest
+
+from seatrial.runner.compare.cli import TableOptions
+from seatrial.runner.compare.comparison_table import comparison
+from seatrial.runner.compare.grid import TextTable
+from seatrial.runner.compare.results import Queries, open_results
+from seatrial.runner.compare.selection import request_of
+from seatrial.runner.database import LogbookWriter
+from tests.runner.compare import stored
+
+SEEDS = range(6)
+Values = Mapping[str, Sequence[float | None]]
+
+
+@pytest.fixture
+def results(logbook: LogbookWriter, tmp_path: Path) -> Iterator[Queries]:
+    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
+        yield opened
+
+
+@pytest.fixture
+def fill(logbook: LogbookWriter) -> Callable[[Values], None]:
+    """Store the tracking errors of identifiers by seed; None is a run that failed."""
+
+    def filled(values: Values) -> None:
+        for identifier, by_seed in values.items():
+            for seed, value in enumerate(by_seed):
+                begin = stored.start(identifier, "noise", seed)
+                if value is None:
+                    stored.fail(logbook, begin)
+                else:
+                    stored.finish(logbook, begin, [stored.tracking(value)], drawn=["noise"])
+
+    return filled
+
+
+def table(results: Queries, **options: object) -> TextTable:
+    return comparison(results, request_of(TableOptions(metric=["e_pos_mae"], **options)))  # type: ignore[arg-type]
+
+
+def record(grid: TextTable, **levels: str) -> Mapping[str, object]:
+    (found,) = [r for r in grid.as_records() if levels.items() <= r.items()]
+    return found
+
+
+def best(grid: TextTable) -> set[object]:
+    return {r["identifier"] for r in grid.as_records() if r["best"]}
+
+
+def test_a_survivor_is_never_best_and_its_lost_pairs_count_as_lost(
+    results: Queries, fill: Callable[[Values], None]
+) -> None:
+    survivor = [0.1, None, None, None, None, 0.2]
+    fill({"none": [1.0] * 6, "ls": [0.5] * 6, "plsr": survivor})
+    grid = table(results, baseline=["identifier=none"], statistic=["median"])
+    assert best(grid) == {"ls"}
+    lost = record(grid, identifier="plsr")
+    assert (lost["wins"], lost["pairs"], lost["lost_pairs"]) == (2, 2, 4)
+    text = {row[0].text: row[1].text for row in grid.rows}
+    assert text["plsr"].startswith("median 0.1500 (n=2, 4 failed)")  # the count beside the value
+    assert text["plsr"].endswith("won 2/6")
+
+
+def test_a_number_that_a_method_cannot_have_loses_nothing(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    for identifier in ("ls", "dsr"):
+        rows = [stored.tracking(1.0 + (identifier == "ls"))]
+        rows += [stored.force_mse(3.0)] * (identifier == "ls")
+        stored.finish(logbook, stored.start(identifier, "noise"), rows)
+    asked = TableOptions(metric=["force_mse"])
+    grid = comparison(results, request_of(asked))
+    (lacking,) = [r for r in grid.as_records() if r["identifier"] == "dsr"]
+    assert (lacking["not_applicable"], lacking["without_value"]) == (1, 0)
+    assert best(table(results)) == {"dsr"}
+
+
+def test_cells_are_compared_over_the_seeds_of_the_baseline(
+    results: Queries, fill: Callable[[Values], None]
+) -> None:
+    hard = [1.0, 1.0, 1.0, 1.0, 9.0, 9.0]  # the last two seeds are the hard ones
+    fill({"none": hard, "ls": [0.9, 0.9, 0.9, 0.9, 8.0, 8.0], "plsr": [0.95] * 4})
+    grid = table(results, baseline=["identifier=none"])
+    assert best(grid) == {"ls"}  # plsr has the smaller mean, of the easy seeds
+    assert best(table(results)) == {"ls"}  # without a baseline: the seeds that most cells have
+
+
+def test_further_seeds_of_a_cell_do_not_decide(
+    results: Queries, fill: Callable[[Values], None]
+) -> None:
+    fill({"none": [1.0] * 4, "ls": [0.5] * 4, "plsr": [0.6] * 4 + [0.0, 0.0]})
+    assert best(table(results, baseline=["identifier=none"])) == {"ls"}
+
+
+def test_a_difference_below_the_resolution_is_none(
+    results: Queries, fill: Callable[[Values], None]
+) -> None:
+    errors = [0.1 + 0.01 * seed for seed in SEEDS]
+    fill({"none": errors, "ls": [error - 3e-9 for error in errors]})
+    grid = table(results, baseline=["identifier=none"])
+    assert best(grid) == {"none", "ls"}
+    tied = record(grid, identifier="ls")
+    assert (tied["wins"], tied["effect"]) == (0, 0.0)
+    assert tied["p_value"] != tied["p_value"]  # nan: there is nothing to test
+
+
+def test_levels_that_are_pooled_are_no_replicates(logbook: LogbookWriter, results: Queries) -> None:
+    for seed in SEEDS:
+        for disturbance, level in (("wind", 1.0), ("noise", 2.0)):
+            for identifier, factor in (("none", 1.0), ("ls", 0.5)):
+                begin = stored.start(identifier, disturbance, seed)
+                row = stored.tracking(factor * (level + 0.1 * seed))
+                stored.finish(logbook, begin, [row], drawn=["noise"])
+    pooled = table(
+        results, columns="none", pool=["disturbance"], baseline=["identifier=none"]
+    )
+    own = record(pooled, identifier="ls")
+    assert (own["n"], own["pairs"], own["wins"]) == (6, 6, 6)
+    assert own["p_value"] == pytest.approx(2.0 / 2**6)  # of six signs, not of twelve
+    assert own["mean"] == pytest.approx(0.5 * (1.5 + 0.25))
+
+
+def test_seeds_that_lack_a_pooled_level_are_said(logbook: LogbookWriter, results: Queries) -> None:
+    for disturbance, seeds in (("wind", range(4)), ("noise", range(6))):
+        for seed in seeds:
+            begin = stored.start("ls", disturbance, seed)
+            stored.finish(logbook, begin, [stored.tracking(1.0)], drawn=["noise"])
+    grid = table(results, columns="none", pool=["disturbance"])
+    assert "n=4, all equal, 2 seeds without all levels" in grid.rows[0][1].text
+
+
+def test_p_values_of_a_table_are_corrected_for_their_number(
+    results: Queries, fill: Callable[[Values], None]
+) -> None:
+    worse = [1.0 + 0.1 * seed for seed in SEEDS]
+    fill({"none": worse, **{name: [0.5 * v for v in worse] for name in ("ls", "plsr", "iv")}})
+    grid = table(results, baseline=["identifier=none"])
+    own = record(grid, identifier="ls")
+    assert own["p_value"] == pytest.approx(2.0 / 2**6)
+    assert own["p_holm"] == pytest.approx(6.0 / 2**6)
+    assert own["effect"] == 1.0
+
+
+def test_a_metric_keeps_its_unit_when_every_value_is_missing(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    row = stored.tracking(float("nan"))
+    stored.finish(logbook, stored.start("ls", "noise"), [row])
+    grid = table(results)
+    assert "[m]" in grid.title
+    assert grid.rows[0][1].text == "– (1 without value)"
