@@ -189,6 +189,8 @@ class Planner:
             rerun=trial.rerun,
             labels=trial.sweep,
             kinds=tuple(map(intern, kinds(trial))),
+            choices=tuple(trial.names[group] for group in GROUPS),
+            seed=trial.seed,
         )
 
 
@@ -203,6 +205,18 @@ class PlannedTrial:
     rerun: bool
     labels: SweepLabels
     kinds: tuple[str, ...]  # of its parts, as `precompile` takes them
+    choices: tuple[str, ...]  # the option of each group, in the order of GROUPS
+    seed: int
+
+    @property
+    def row(self) -> dict[str, object]:
+        """The trial as a row of the table `planned`."""
+        choices = dict(zip(GROUPS, self.choices, strict=True))
+        overrides = list(self.overrides)
+        return {
+            "fingerprint": self.fingerprint, "choices": choices, "seed": self.seed,
+            "overrides": overrides,
+        }  # fmt: skip
 
     def __str__(self) -> str:
         return shown(self.overrides)

@@ -269,7 +269,7 @@ class SeatrialSweeper(Sweeper):
             self._run(accepted(plans), arguments, _factors(jobs))
 
     def _run(self, plans: Sequence[PlannedTrial], arguments: list[str], factors: list[str]) -> None:
-        with self.underway(plans[0], arguments, len(plans)) as sweep:
+        with self.underway(plans[0], arguments, len(plans), plans) as sweep:
             outcomes, remaining = finished_before(plans, sweep.logbook, sweep.job.sweep_id)
             launched = self._launch(remaining, sweep.job)
             status = sweep.logbook.sweep_status(sweep.job.sweep_id)
@@ -281,16 +281,23 @@ class SeatrialSweeper(Sweeper):
 
     @contextmanager
     def underway(
-        self, plan: PlannedTrial, arguments: Sequence[str], planned: int
+        self,
+        plan: PlannedTrial,
+        arguments: Sequence[str],
+        planned: int,
+        trials: Sequence[PlannedTrial] = (),
     ) -> Iterator["SweepUnderway"]:
         """Begin a sweep in the logbook of a plan, show its progress, and end it after the block.
+
+        `trials` are stored as planned; those of a search are not known before.
 
         On Ctrl-C its runs are marked as interrupted, after its workers have ended.
         """
         check(self._config.hydra.launcher)
         url, provenance = plan.database_url, self.session.provenance()
         with database.LogbookWriter.open(url, results_dir=plan.results_dir) as logbook:
-            sweep_id = begin_sweep(logbook, plan.labels, provenance, arguments, planned)
+            rows = [trial.row for trial in trials]
+            sweep_id = begin_sweep(logbook, plan.labels, provenance, arguments, planned, rows)
             self.session.sweep_id, self.session.logbook = sweep_id, (url, plan.results_dir)
             job = SweepJob(sweep_id, provenance)
             sweep = SweepUnderway(logbook, job, planned)
@@ -331,6 +338,7 @@ def begin_sweep(
     provenance: Provenance,
     arguments: Sequence[str],
     planned: int,
+    trials: Sequence[Mapping[str, object]] = (),
 ) -> int:
     """Store the start of a sweep with its labels, or the experiment's name; returns its id."""
     prefix = "experiment="
@@ -342,6 +350,7 @@ def begin_sweep(
         planned,
         tags=labels.tags,
         note=labels.note,
+        trials=trials,
     )
 
 

@@ -33,5 +33,6 @@ Ending = Literal["finished", "diverged", "failed"]  # of a run that has ended
 ENDINGS: tuple[Ending, ...] = get_args(Ending)
 IDENTIFIED_STD = "identified_std"  # ends the columns of the bands in the series `prediction`
 STATUSES = ("running", *ENDINGS, "interrupted")  # of a run; interrupted: its process was lost
-UNFINISHED = ("failed", "diverged", "running", "interrupted")
+NOT_STARTED = "not started"  # of a planned trial that has no run
+UNFINISHED = ("failed", "diverged", "running", "interrupted", NOT_STARTED)
 LOST = ("failed", "diverged", "interrupted")  # what `retry` runs again

@@ -20,7 +20,7 @@ from matplotlib.patches import Polygon
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import PlotRequest, subtitle, voyages
+from seatrial.runner.compare.plots.request import PlotRequest, of_identified, subtitle, voyages
 from seatrial.runner.compare.plots.style import largest_of
 from seatrial.runner.compare.plots.track import drawn_length, outline
 from seatrial.runner.compare.results import Queries
@@ -120,8 +120,7 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     notes = [note, "lines from the hull: thrust, relative to the largest or its limit"]
     if any(part.kind == "rudder" for parts in devices for part in parts):
         notes.append("rudder longer than it is")
-    if [*sails] == ["nominal"]:
-        notes.append("the identified model sails the same track")
+    notes += of_identified(results, run, whole)
     sheet, panels = style.panels(1, len(sails), INCHES, INCHES)
     moves = [
         _drawn(axes, name, series, parts, length)

@@ -41,11 +41,12 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
     """Write the page; raises LogbookError if the file cannot be written."""
     with drawn():
         chapters = [_chapter(results, board) for board in boards]
-        every = overall(boards)
-        run = [board for board in boards if board.entries]
         ranks = []
-        if len(run) > 1 and every.ranks is not None:
-            ranks = [picture(chart("All tasks", every), "Mean ranks over all tasks", "all-")]
+        for i, (group, every) in enumerate(overall(boards)):
+            if every.ranks is not None:
+                titles = "; ".join(board.task.title for board in group)
+                shown = picture(chart(titles, every), f"Mean ranks over {titles}", f"all-{i}-")
+                ranks.append(shown)
     own = [entry for board in boards for entry in _own(board)]
     page = render_page(
         "benchmark.html",

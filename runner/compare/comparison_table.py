@@ -29,7 +29,7 @@ from seatrial.runner.compare.statistics import (
     summary,
 )
 from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.vocabulary import UNFINISHED
+from seatrial.runner.vocabulary import NOT_STARTED, UNFINISHED
 
 EMPTY = "–"
 MARK = "†"
@@ -54,7 +54,7 @@ TEST_NOTE = (
     " lost ones included"
 )
 BOLD_NOTE = (
-    "bold: the best under equal circumstances, over equal seeds, of the cells that lost no run; means"
+    "bold: the best under equal circumstances, over equal seeds, of cells that lost no run; means"
     " that differ by less than 1e-6 of their size or the resolution of the metric are equal"
 )
 ESTIMATE_NOTE = (
@@ -239,7 +239,7 @@ class _Writer:
         factors = ("dof", "model") if self.request.of_coefficients else ("dof", "stage", "model")
         about = [with_unit(subject, "" if unit == MIXED else unit)]
         about += [fixed[name] for name in factors if name in fixed]
-        runs = len({run.id for run in self.selection.runs})
+        runs = len({run.id for run in self.selection.runs if run.status != NOT_STARTED})
         scope = f", {self.selection.scope}" if self.selection.scope else ""
         counted = f"{runs} run{'s'[: runs != 1]}{scope}"
         return f"{', '.join(about)}: {_statistics_text(self.request)}, {counted}"
@@ -303,7 +303,7 @@ class _Writer:
             record["interval_of_estimate"] = self._of_estimate(cell)
         record["n"] = len(cell.by_seed)
         for status in UNFINISHED:
-            record[status] = cell.unfinished.get(status, 0)
+            record[status.replace(" ", "_")] = cell.unfinished.get(status, 0)
         record["without_value"] = cell.without
         record["not_applicable"] = cell.not_applicable
         record["diverged_predictions"] = cell.diverged

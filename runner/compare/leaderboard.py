@@ -7,18 +7,20 @@ import numpy as np
 
 from seatrial.runner.compare.benchmark.boards import Board, overall
 from seatrial.runner.compare.benchmark.boards import boards as boards
-from seatrial.runner.compare.benchmark.entries import BenchmarkRun
+from seatrial.runner.compare.benchmark.entries import REFERENCES
 from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, interval, pooled
 from seatrial.runner.compare.grid import TableCell, TextTable, number_text, with_unit
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.invocation import trial_program
 
-COMPARED = ("auto", "none")  # entrants that the summary shows beside the first one
+COMPARED = ("auto", "none", *REFERENCES)  # entrants that the summary shows beside the first one
 SUMMARY = ("task", "cells", "first", "score", "90 %", "not significantly worse")
 BOLD = (
     "bold: not significantly worse than the first, by ranks, or where there are too few cells by a"
-    " paired bootstrap of the errors; mean_motion and persistence are left out"
+    " paired bootstrap of the errors, and none of its cells lost; mean_motion, persistence and"
+    " at_rest are left out"
 )
+NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first entrant"
 
 
 def grids(boards: Sequence[Board]) -> list[TextTable]:
@@ -35,11 +37,11 @@ def leaderboard(board: Board) -> TextTable:
     """
     task, ranked = board.task, board.ranked
     best = board.rivals() if board.entries else []
-    rows = [_row(board, name, name in best) for name in ranked.order()]
+    rows = [_row(board, name, name in best and not board.lost(name)) for name in ranked.order()]
     headers = ["entrant", "rank", "FIT [%]", "90 %", *(f"{dof} FIT" for dof in task.outputs)]
     headers += [f"NRMSE {seconds:g} s" for seconds in task.horizons_s]
-    if task.position_after_s is not None:
-        headers.append(f"{_position(board)} [m]")
+    if task.score != "free_run":
+        headers.append(_score_name(board))
     headers += [f"in {100.0 * BAND_LEVEL:.0f} % band [%]", "CRPS"]
     headers += ["manoeuvre [%]"] if _has_manoeuvres(board) else []
     headers += ["diverged", "parameters", "training [s]"]
@@ -63,7 +65,7 @@ def _has_manoeuvres(board: Board) -> bool:
 
 def _row(board: Board, name: str, best: bool) -> list[TableCell]:
     task, own = board.task, board.of(name)
-    good = [e.score for e in own if e.score is not None and math.isfinite(e.loss)]
+    good = [e.score for e in own if e.score is not None and math.isfinite(e.score.loss)]
     fits = 100.0 * (1.0 - pooled(good)) if good else np.full(len(task.outputs), np.nan)
     after = [
         _mean([float(np.mean(r.after[s])) for r in good if s in r.after]) for s in task.horizons_s
@@ -78,7 +80,7 @@ def _row(board: Board, name: str, best: bool) -> list[TableCell]:
         TableCell(interval_text(board, name)),
         *(_number(value, 3) for value in fits),
         *(_number(value, 2) for value in after),
-        *([_number(score(board, name), 3)] if task.position_after_s is not None else []),
+        *([_number(score(board, name), 3)] if task.score != "free_run" else []),
         _number(100.0 * _pooled_mean([c for r in good if (c := r.covered) is not None]), 3),
         _number(_pooled_mean([r.crps for r in good]), 2),
         *(_number(value, 2) for value in manoeuvre),
@@ -106,27 +108,31 @@ def _pooled_mean(parts: Sequence[Sample]) -> float:
     return float(np.mean(np.concatenate(parts))) if parts else math.nan
 
 
-def fit(own: Sequence[BenchmarkRun]) -> float:
-    """Mean FIT [%] over the outputs of the pooled free runs; NaN if all diverge."""
-    good = [e.score for e in own if e.score is not None and math.isfinite(e.loss)]
+def score(board: Board, name: str) -> float:
+    """What a task ranks an entrant by, over the cells that it did not lose; NaN if it lost all.
+
+    The mean FIT [%] over the outputs of the pooled predictions, or the error of the position [m].
+    """
+    own = board.of(name)
+    if board.task.score == "position":
+        return _mean([e.loss for e in own])
+    good = [e.judged for e in own if e.judged is not None and math.isfinite(e.loss)]
     return 100.0 * (1.0 - float(np.mean(pooled(good)))) if good else math.nan
 
 
-def score(board: Board, name: str) -> float:
-    """What a task ranks an entrant by: FIT [%], or the error of the position [m]."""
-    own = board.of(name)
-    return fit(own) if board.task.position_after_s is None else _mean([e.loss for e in own])
-
-
-def _position(board: Board) -> str:
-    return f"position error after {board.task.position_after_s:g} s"
+def _score_name(board: Board) -> str:
+    """What a task ranks by, with its unit."""
+    task = board.task
+    if task.score == "position":
+        return f"position error after {task.after_s:g} s [m]"
+    return "FIT [%]" if task.score == "free_run" else f"FIT after {task.after_s:g} s [%]"
 
 
 def interval_text(board: Board, name: str) -> str:
     """Return the 90 % interval of an entrant's FIT as `87 to 95`; a dash if all diverge."""
     own = board.of(name)
-    good = [e.score for e in own if e.score is not None and math.isfinite(e.loss)]
-    if not good:
+    good = [e.judged for e in own if e.judged is not None and math.isfinite(e.loss)]
+    if not good or board.task.score == "position":
         return "–"
     low, high = interval(good)
     return f"{100.0 * (1.0 - high):.0f} to {100.0 * (1.0 - low):.0f}"
@@ -162,19 +168,30 @@ def summary(boards: Sequence[Board]) -> TextTable:
     rows = []
     for board in (board for board in boards if board.entries):
         first, *others = board.rivals()
-        by_fit = board.task.position_after_s is None
-        title = board.task.title if by_fit else f"{board.task.title}: {_position(board)} [m]"
-        cells = [TableCell(title), TableCell(str(len(board.contest.losses))), TableCell(first)]
-        cells.append(_number(score(board, first), 3))
-        cells.append(TableCell(interval_text(board, first) if by_fit else "–"))
-        cells.append(TableCell(", ".join(others) or "–", prose=True))
-        for name in COMPARED:
-            cells.append(_number(score(board, name), 3, name in (first, *others)))
-        rows.append(cells)
+        own_score = "" if board.task.score == "free_run" else f": {_score_name(board)}"
+        skill = "" if board.has_skill(first) else " (no skill)"
+        rows.append([
+            TableCell(f"{board.task.title}{own_score}"),
+            TableCell(str(len(board.contest.losses))),
+            TableCell(f"{first}{skill}"),
+            _counted(board, first, False),
+            TableCell(interval_text(board, first)),
+            TableCell(", ".join(others) or "–", prose=True),
+            *(_counted(board, name, name in (first, *others)) for name in COMPARED),
+        ])  # fmt: skip
     notes = ["score: FIT [%] of the free runs, if the task names no other", BOLD]
-    ranks = overall(boards)
-    if ranks.ranks is not None and len(rows) > 1:
+    notes += [NO_SKILL] if any("(no skill)" in row[2].text for row in rows) else []
+    for group, ranks in overall(boards):
         order = ", ".join(f"{name} {ranks.mean_rank(name):.1f}" for name in ranks.order())
-        notes.append(f"mean ranks over {len(ranks.losses)} cases of all tasks: {order}")
+        titles = "; ".join(board.task.title for board in group)
+        notes.append(f"mean ranks over {len(ranks.losses)} cases of {titles}: {order}")
     headers = [*SUMMARY, *COMPARED]
     return TextTable("Benchmark", headers, rows, notes=notes)
+
+
+def _counted(board: Board, name: str, rival: bool) -> TableCell:
+    """The score of an entrant, with the number of its cells that it did not lose."""
+    cell, lost = _number(score(board, name), 3), board.lost(name)
+    own = len(board.of(name))
+    text = f"{cell.text} ({own - lost} of {own})" if lost else cell.text
+    return TableCell(text, rival and not lost, cell.sort)

@@ -21,7 +21,7 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Mean ranks (n_entrants,), 1 is best, and the p-value of every pair after Holm's correction."""
+    """Mean ranks (n_entrants,), 1 is best, and the p-value of every pair, by Holm's correction."""
 
     mean_ranks: Sample
     p_values: dict[Pair, float]

@@ -16,14 +16,29 @@ import sqlalchemy as sa
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.factors import ColumnNames, Expression, flat
-from seatrial.runner.compare.where import Among, Comparison, Condition, Joined, Not, OfSweeps, parse
+from seatrial.runner.compare.where import (
+    Among,
+    Comparison,
+    Condition,
+    Joined,
+    Not,
+    OfSweeps,
+    meets,
+    parse,
+)
 from seatrial.runner.database.engine import url_of
 from seatrial.runner.database.reader import LogbookReader
 from seatrial.runner.database.records import SweepSummary
-from seatrial.runner.database.tables import CoefficientRow, DiagnosticRow, MetricRow, SeriesRow
+from seatrial.runner.database.tables import (
+    CoefficientRow,
+    DiagnosticRow,
+    MetricRow,
+    PlannedRow,
+    SeriesRow,
+)
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.database.views import run_overview
-from seatrial.runner.vocabulary import FILE_FINDING, GROUPS
+from seatrial.runner.vocabulary import FILE_FINDING, GROUPS, NOT_STARTED
 
 # A *factor* groups runs into rows, columns or facets: a column of table `run`, a dotted key of the
 # configuration, or a property of the number itself (metric, stage, model, dof).
@@ -40,7 +55,7 @@ class StoredRun:
     """A stored run; `levels` are its choices, its seed and the requested factors, as text."""
 
     id: int
-    status: str  # running, finished, diverged, failed or interrupted
+    status: str  # running, finished, diverged, failed, interrupted or not started
     levels: Mapping[str, str] = field(repr=False)
     sweep: int | None = None
     experiment: str | None = None  # equal for runs that differ in nothing but the seed
@@ -216,6 +231,32 @@ class Queries:
         if not rows:
             raise ConfigurationError(self.why_none(condition))
         return rows
+
+    def not_started(
+        self, condition: Condition | None, factors: Sequence[str], runs: Sequence[StoredRun]
+    ) -> list[StoredRun]:
+        """Return the planned trials that meet the condition and have no run, with negative numbers.
+
+        A level that is not an option of the trial is that of all `runs`, if they have one in
+        common, else unknown; a trial that may not meet the condition is left out.
+        """
+        p = PlannedRow.__table__.c
+        started = sa.select(RUN.c.fingerprint).where(RUN.c.fingerprint == p.fingerprint).exists()
+        query = sa.select(p.sweep_id, p.fingerprint, p.choices, p.seed, p.overrides)
+        names = dict.fromkeys((*LABELS, *factors))
+        common = {name: {run.levels[name] for run in runs} for name in names}
+        shared = {name: levels.pop() for name, levels in common.items() if len(levels) == 1}
+        found: dict[str, StoredRun] = {}
+        for sweep, fingerprint, choices, seed, overrides in map(
+            tuple, self.reader.select(query.where(~started).order_by(p.sweep_id, p.fingerprint))
+        ):
+            pairs = (text.lstrip("+").partition("=") for text in overrides)
+            own = {key: value for key, _, value in pairs} | choices | {"seed": str(seed)}
+            if condition is not None and meets(condition, own.get, sweep) is not True:
+                continue
+            levels = {name: own.get(name, shared.get(name, "unknown")) for name in names}
+            found[fingerprint] = StoredRun(-1 - len(found), NOT_STARTED, levels, sweep)
+        return list(found.values())
 
     def metrics(
         self,

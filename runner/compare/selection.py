@@ -222,7 +222,7 @@ def _gathered(results: Queries, request: TableRequest) -> Selection:
         for name in DESIGN_FLAWS
     )
     return Selection(
-        runs,
+        [*runs, *results.not_started(condition, request.factors, runs)],
         shown,
         finished,
         frozenset((o.run.id, o.dof) for o in flags if o.name == BELOW_TRUE_MODEL and o.value),

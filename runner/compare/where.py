@@ -11,9 +11,11 @@ Parsing gives a tree of plain objects. Only two parts of it reach SQL: names tha
 known names, and values, which are bound as parameters (see `factors`).
 """
 
+import operator as op
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from seatrial.models.errors import ConfigurationError
 
@@ -28,6 +30,9 @@ OPERATORS = {
     ">": ">",
     ">=": ">=",
 }
+_ORDERINGS: dict[str, Callable[[Any, Any], bool]] = {
+    "<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge,
+}  # fmt: skip
 MAX_DEPTH = 50
 KEYWORDS = {"and", "or", "not", "in"}
 CONSTANTS: dict[str, Value] = {"true": True, "false": False, "null": None}
@@ -94,6 +99,39 @@ class Token:
     kind: str
     text: str
     position: int
+
+
+def meets(condition: Condition, level: Callable[[str], str | None], sweep: int) -> bool | None:
+    """Return whether a trial meets a condition; None if a name in it is not known of the trial.
+
+    `level` gives the level of a name, as text, or None; `sweep` is the number of its sweep.
+    """
+    match condition:
+        case OfSweeps(numbers=numbers):
+            return sweep in numbers
+        case Not(condition=inner):
+            known = meets(inner, level, sweep)
+            return None if known is None else not known
+        case Joined(by=by, conditions=parts):
+            each = [meets(part, level, sweep) for part in parts]
+            decides = by == "or"  # one part that is true decides `or`, one that is false `and`
+            return decides if decides in each else None if None in each else not decides
+        case Among(name=name, values=values):
+            own = level(name)
+            return None if own is None else bare_value(own) in values
+        case Comparison(name=name, operator=operator, value=value):
+            own = level(name)
+            return None if own is None else _compared(bare_value(own), operator, value)
+
+
+def _compared(own: Value, operator: str, value: Value) -> bool:
+    """Compare two values; numbers by size, and values of different types are unequal."""
+    if operator in ("=", "!="):
+        return (own == value) == (operator == "=")
+    numbers = isinstance(own, int | float) and isinstance(value, int | float)
+    if not (numbers or (isinstance(own, str) and isinstance(value, str))):
+        return False
+    return bool(_ORDERINGS[operator](own, value))
 
 
 def parse(text: str) -> Condition:

@@ -105,8 +105,12 @@ class LogbookWriter(LogbookReader):
         *,
         tags: Sequence[str] = (),
         note: str | None = None,
+        trials: Sequence[Mapping[str, object]] = (),
     ) -> int:
-        """Store the start of a sweep of `planned` trials; returns its id."""
+        """Store the start of a sweep of `planned` trials; returns its id.
+
+        `trials` are their rows of the table `planned`, where they are known before.
+        """
         row = {
             "name": plain(name),
             "command": plain(command),
@@ -118,7 +122,8 @@ class LogbookWriter(LogbookReader):
             "host": socket.gethostname(),
             "pid": os.getpid(),
         }
-        sweep_id = self._write(partial(_insert_sweep, row=row))
+        rows = [{**trial, "overrides": plain(trial["overrides"])} for trial in trials]
+        sweep_id = self._write(partial(_insert_sweep, row=row, trials=rows))
         self._remove_leftovers()
         return sweep_id
 
@@ -291,7 +296,9 @@ class LogbookWriter(LogbookReader):
             )
 
 
-def _insert_sweep(connection: Connection, row: Mapping[str, object]) -> int:
+def _insert_sweep(
+    connection: Connection, row: Mapping[str, object], trials: Sequence[Mapping[str, object]]
+) -> int:
     """Insert a sweep and return its id, also if the reply to an earlier insert was lost."""
     same = [getattr(tables.SweepRow, name) == row[name] for name in ("host", "pid", "started_at")]
     sweep_id = connection.scalar(select(tables.SweepRow.id).where(*same))
@@ -299,6 +306,9 @@ def _insert_sweep(connection: Connection, row: Mapping[str, object]) -> int:
         return sweep_id
     key = connection.execute(insert(tables.SweepRow).values(row)).inserted_primary_key
     assert key is not None
+    if trials:
+        planned = [{**trial, "sweep_id": key[0]} for trial in trials]
+        connection.execute(insert(tables.PlannedRow), planned)
     return int(key[0])
 
 

@@ -19,7 +19,7 @@ from seatrial.runner.database.checked_rows import DamagedCellError, read
 from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.records import LogbookDefect, SeriesFile, Verification
-from seatrial.runner.database.tables import Base, RunRow, SeriesRow
+from seatrial.runner.database.tables import Base, PlannedRow, RunRow, SeriesRow
 
 _CHUNK = 500  # ids in one statement
 _ROWS = 10_000  # in memory
@@ -152,7 +152,10 @@ def prunable(older_than: timedelta | None, statuses: Sequence[str]) -> list[Colu
 
 
 def delete_runs(connection: Connection, run_ids: Sequence[int]) -> tuple[int, list[str]]:
-    """Delete runs that are not running; returns their number and the paths of their files."""
+    """Delete runs that are not running; returns their number and the paths of their files.
+
+    Their trials are no longer planned: nobody waits for what was deleted.
+    """
     paths: list[str] = []
     deleted = 0
     for first in range(0, len(run_ids), _CHUNK):
@@ -160,6 +163,8 @@ def delete_runs(connection: Connection, run_ids: Sequence[int]) -> tuple[int, li
         ended = select(RunRow.id).where(RunRow.id.in_(ids), *prunable(None, ())).with_for_update()
         deleted_ids = connection.scalars(ended).all()
         paths += connection.scalars(select(SeriesRow.path).where(SeriesRow.run_id.in_(deleted_ids)))
+        gone = select(RunRow.fingerprint).where(RunRow.id.in_(deleted_ids))
+        connection.execute(delete(PlannedRow).where(PlannedRow.fingerprint.in_(gone)))
         connection.execute(delete(RunRow).where(RunRow.id.in_(deleted_ids)))
         deleted += len(deleted_ids)
     return deleted, paths

@@ -1,6 +1,7 @@
 """The tables of the logbook: one fact per row, with its unit.
 
     sweep --< run --< metric, coefficient, diagnostic, series
+    sweep --< planned            (its trials, whether or not they were started)
     sweep --< reuse >-- run      (runs of other sweeps that a sweep uses)
 
 Times are UTC, to the microsecond, without a zone in the column.
@@ -83,6 +84,20 @@ class SweepRow(Base):
     pid: Mapped[int]
     tags: Mapped[list[str] | None] = mapped_column(JSON(none_as_null=True))
     note: Mapped[str | None]
+
+
+class PlannedRow(Base):
+    """One trial that a sweep was to run; it never started if no run has its fingerprint."""
+
+    __tablename__ = "planned"
+
+    sweep_id: Mapped[int] = mapped_column(
+        ForeignKey("sweep.id", ondelete="CASCADE"), primary_key=True
+    )
+    fingerprint: Mapped[str] = mapped_column(String(64), primary_key=True, index=True)
+    choices: Mapped[dict[str, str]]  # the option of each group
+    seed: Mapped[int] = mapped_column(BigInteger)
+    overrides: Mapped[list[str]]
 
 
 class RunRow(Base):

@@ -4,6 +4,7 @@ The newest run of a cell counts. Cells without a run are not ranked; a task is r
 that all its entrants have run.
 """
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,11 +15,11 @@ import numpy as np
 from seatrial.runner import search_path
 from seatrial.runner.compare.benchmark.cells import cells, entrants_of
 from seatrial.runner.compare.benchmark.entries import REFERENCES, BenchmarkRun, entries, references
-from seatrial.runner.compare.benchmark.scores import chance
+from seatrial.runner.compare.benchmark.scores import AT_REST, chance
 from seatrial.runner.compare.benchmark.task import GROUP, Task, task_of
-from seatrial.runner.compare.ranking import SIGNIFICANCE, Ranking, holm, ranking
+from seatrial.runner.compare.ranking import SIGNIFICANCE, Ranking, ranking
 from seatrial.runner.compare.results import Queries
-from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.statistics import Sample, holm
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,19 +77,31 @@ class Board:
     def rivals(self) -> list[str]:
         """The first entrant of the contest, and those not significantly worse, in order.
 
-        Where there are too few cells for tests of ranks, by a paired bootstrap of the errors.
+        Where there are too few cells for tests of ranks, by a paired bootstrap of the errors, in
+        which an entrant that lost a cell differs from one that did not.
         """
         if self.contest.tested:
             return self.contest.best()
         first, *others = self.contest.order()
         own = {name: {_key(e): e for e in self.of(name)} for name in (first, *others)}
         common = [key for key in own[first] if all(key in entries for entries in own.values())]
-        scored = {
-            name: [score for key in common if (score := entries[key].judged)]
-            for name, entries in own.items()
-        }
-        values = holm([chance(scored[first], scored[name]) for name in others])
-        return [first, *(n for n, p in zip(others, values, strict=True) if not p < SIGNIFICANCE)]
+        values = holm([_chance([(own[first][key], own[n][key]) for key in common]) for n in others])
+        return [first, *(n for n, p in zip(others, values, strict=True) if p >= SIGNIFICANCE)]
+
+    def lost(self, entrant: str) -> int:
+        """Number of the cells of an entrant that failed or diverged."""
+        return sum(math.isinf(entry.loss) for entry in self.of(entrant))
+
+    def has_skill(self, entrant: str) -> bool:
+        """Whether an entrant identifies something, and is better than every trivial rival."""
+        trivial = [name for name in self.ranked.names if name in (*REFERENCES, "none")]
+        return entrant not in trivial and all(
+            self.mean_loss(entrant) < self.mean_loss(name) for name in trivial
+        )
+
+    def mean_loss(self, entrant: str) -> float:
+        """Mean loss over the cells that all entrants have run."""
+        return float(np.mean(self.ranked.losses[:, self.ranked.names.index(entrant)]))
 
     def of(self, entrant: str) -> list[BenchmarkRun]:
         """The entries of an entrant."""
@@ -112,6 +125,15 @@ def boards(
     return found
 
 
+def _chance(pairs: Sequence[tuple[BenchmarkRun, BenchmarkRun]]) -> float:
+    """Return the p-value of equal losses of two entrants in the same cells."""
+    if any(math.isinf(one.loss) for pair in pairs for one in pair):
+        both = all(math.isinf(first.loss) == math.isinf(other.loss) for first, other in pairs)
+        return float(both)
+    first, other = zip(*((a.judged, b.judged) for a, b in pairs), strict=True)
+    return chance(first, other)
+
+
 def _key(entry: BenchmarkRun) -> tuple[str, str, int]:
     """What is the same for all entrants of a cell."""
     return entry.cell.task, entry.cell.case, entry.cell.seed
@@ -126,22 +148,29 @@ def losses(own: Sequence[BenchmarkRun]) -> tuple[list[str], Sample]:
     return names, _table(names, by_cell.values())
 
 
-def overall(boards: Sequence[Board]) -> Ranked:
-    """Rank the entrants that all tasks have over the cases of all; the seeds of one count once.
+def overall(boards: Sequence[Board]) -> list[tuple[list[Board], Ranked]]:
+    """Rank the entrants of tasks with the same ones, over the cases of these tasks together.
 
     The loss in a case is the median over its seeds, since repeated trials of one case are no
-    independent data sets. Tasks that have not been run are left out.
+    independent data sets. Tasks that have not been run are left out, and so is a task whose
+    entrants no other one has: it has ranks of its own.
     """
-    run = [board for board in boards if board.entries]
-    names = list(dict.fromkeys(name for board in run for name in board.ranked.names))
-    names = [name for name in names if all(name in board.ranked.names for board in run)]
+    groups: dict[frozenset[str], list[Board]] = defaultdict(list)
+    for board in boards:
+        if board.entries:
+            groups[frozenset(board.ranked.names) - {AT_REST}].append(board)
+    return [(group, _ranked(group)) for group in groups.values() if len(group) > 1]
+
+
+def _ranked(group: Sequence[Board]) -> Ranked:
+    names = [name for name in group[0].ranked.names if name != AT_REST]
     rows = []
-    for board in run:
+    for board in group:
         for case in board.task.cases:
-            of_case = [entry for entry in board.entries if entry.cell.case == case]
             seeds: dict[str, list[float]] = defaultdict(list)
-            for entry in of_case:
-                seeds[entry.cell.entrant].append(entry.loss)
+            for entry in board.entries:
+                if entry.cell.case == case:
+                    seeds[entry.cell.entrant].append(entry.loss)
             rows.append({name: float(np.median(values)) for name, values in seeds.items()})
     return Ranked(names, _table(names, rows))
 

@@ -14,10 +14,12 @@ import sqlalchemy as sa
 from seatrial.runner.compare.benchmark.cells import BenchmarkTrial
 from seatrial.runner.compare.benchmark.manoeuvre_scores import Measure, measures
 from seatrial.runner.compare.benchmark.scores import (
+    AT_REST,
     MEAN_MOTION,
     PERSISTENCE,
     Score,
     position_score,
+    restart_score,
     score,
 )
 from seatrial.runner.compare.benchmark.task import Task
@@ -27,7 +29,7 @@ from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.record.rows import Coefficient, Series
 from seatrial.runner.vocabulary import DOFS, ENDINGS, TRAINING_TIME
 
-REFERENCES = (MEAN_MOTION, PERSISTENCE)
+REFERENCES = (MEAN_MOTION, PERSISTENCE, AT_REST)
 LABELS = ("results_dir=", "sweep.", "hydra", "database")  # options that change no result
 SPELLING = re.compile(r"[\s'\"]+")
 
@@ -43,21 +45,14 @@ class BenchmarkRun:
     training_s: float  # NaN if it is not stored
     error: str
     parameters: int  # that differ from the nominal ones
-    score: Score | None  # None: without a prediction
+    score: Score | None  # of the free run; None: without a prediction
     measures: tuple[Measure, ...] = ()
-    position: Score | None = None  # of the position after a time, for a task that ranks by it
+    judged: Score | None = None  # the score that ranks
 
     @property
     def loss(self) -> float:
-        """Error of the position, or mean NRMSE of the free run; inf if that diverges."""
+        """Error of the position, or mean NRMSE of the velocities; inf if they diverge."""
         return math.inf if self.judged is None else self.judged.loss
-
-    @property
-    def judged(self) -> Score | None:
-        """The score that ranks: of the position, unless the free run diverges or it has none."""
-        if self.score is None or self.position is None or math.isinf(self.score.loss):
-            return self.score
-        return self.position
 
 
 def entries(results: Queries, task: Task, listed: Iterable[BenchmarkTrial]) -> list[BenchmarkRun]:
@@ -85,11 +80,11 @@ def _normal(options: Iterable[str]) -> tuple[str, ...]:
 
 def _entry(results: Queries, task: Task, cell: BenchmarkTrial, row: Stored) -> BenchmarkRun:
     run, status, _, started, finished, error = row
-    result, found, position = None, tuple[Measure, ...](), None
+    result, found, judged = None, tuple[Measure, ...](), None
     if status == FINISHED:
         series = results.reader.series(run, "prediction")
         result = score(series, "identified", task.outputs, task.horizons_s)
-        position = _position(series, "identified", task)
+        judged = _judged(series, "identified", task, result)
         manoeuvre = task.cases[cell.case].manoeuvre
         if manoeuvre is not None:
             config = results.reader.run(run).config
@@ -98,14 +93,17 @@ def _entry(results: Queries, task: Task, cell: BenchmarkTrial, row: Stored) -> B
     return BenchmarkRun(
         cell, run, status, (finished - started).total_seconds() if finished else math.nan,
         _training_s(results, run), error or "", parameters(results.reader.coefficients(run)),
-        result, found, position,
+        result, found, judged,
     )  # fmt: skip
 
 
-def _position(series: Series, model: str, task: Task) -> Score | None:
-    if task.position_after_s is None:
-        return None
-    return position_score(series, model, task.position_after_s)
+def _judged(series: Series, model: str, task: Task, free_run: Score) -> Score:
+    """Return the score that a task ranks by."""
+    if task.score == "free_run" or task.after_s is None:
+        return free_run
+    if task.score == "position":
+        return position_score(series, model, task.after_s)
+    return restart_score(series, model, task.outputs, task.after_s)
 
 
 def _training_s(results: Queries, run: int) -> float:
@@ -130,7 +128,8 @@ def parameters(rows: Iterable[Coefficient]) -> int:
 
 
 def references(results: Queries, task: Task, own: Sequence[BenchmarkRun]) -> list[BenchmarkRun]:
-    """Return what the mean of the motion and a held velocity reach in the cells of `own`."""
+    """Return what the trivial rivals reach in the cells of `own`; one at rest has a position."""
+    names = [name for name in REFERENCES if name != AT_REST or task.score == "position"]
     done: dict[tuple[str, int], BenchmarkRun] = {}
     for entry in own:
         if entry.score is not None:
@@ -138,12 +137,12 @@ def references(results: Queries, task: Task, own: Sequence[BenchmarkRun]) -> lis
     found = []
     for entry in done.values():
         series = results.reader.series(entry.run, "prediction")
-        for name in REFERENCES:
+        for name in names:
             cell = replace(entry.cell, entrant=name)
-            result = score(series, name, task.outputs, task.horizons_s)
-            position = _position(series, name, task)
+            free_run = score(series, name, task.outputs, task.horizons_s)
+            judged = _judged(series, name, task, free_run)
             row = BenchmarkRun(
-                cell, entry.run, entry.status, 0.0, 0.0, "", 0, result, position=position
+                cell, entry.run, entry.status, 0.0, 0.0, "", 0, free_run, judged=judged
             )
             found.append(row)
     return found

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
+from numpy.typing import NDArray
 
 from seatrial.runner.compare.ranking import block_bootstrap
 from seatrial.runner.compare.statistics import Sample
@@ -27,6 +28,7 @@ from seatrial.runner.vocabulary import IDENTIFIED_STD
 
 PERSISTENCE = "persistence"  # the first measured velocity, held
 MEAN_MOTION = "mean_motion"  # the mean of the measured velocity
+AT_REST = "at_rest"  # the position that was measured before
 INTERVAL_LEVEL = 0.9
 BLOCK_S = 30.0
 BAND_LEVEL = 0.9
@@ -127,12 +129,16 @@ def _after(
     suffix = f"_{seconds:g}s"
     if model not in (PERSISTENCE, MEAN_MOTION):
         return _columns(series, [f"{name}_{model}{suffix}" for name in outputs])
-    ends = [values for name, values in series.columns.items() if name.endswith(suffix)]
-    none = ~np.any([~np.isnan(values) for values in ends], axis=0) if ends else slice(None)
     earlier = np.roll(measured, max(steps, 1), axis=0)
     values = earlier if model == PERSISTENCE else np.tile(measured.mean(axis=0), (len(measured), 1))
-    values[none] = np.nan
+    values[~_reached(series, seconds)] = np.nan
     return values
+
+
+def _reached(series: Series, seconds: float) -> NDArray[np.bool_]:
+    """Where (N,) the prediction of some model over this time ends."""
+    ends = [values for name, values in series.columns.items() if name.endswith(f"_{seconds:g}s")]
+    return np.any(np.isfinite(ends), axis=0) if ends else np.zeros(len(series.columns["t"]), bool)
 
 
 def _free_run(
@@ -210,30 +216,47 @@ def position_score(series: Series, model: str, seconds: float) -> Score:
 
     Its loss is their root mean square, inf without predictions.
     PERSISTENCE holds the measured velocity in NED, MEAN_MOTION moves by the mean of the measured
-    displacements; both where a prediction of the nominal model ends.
+    displacements, AT_REST not at all; all where a prediction of some model ends, and one that
+    lacks any of them scores inf.
     """
     measured = np.column_stack([series.columns[name] for name in POSITION])
     starts, period_s = series.columns["start"], float(np.median(np.diff(series.columns["t"])))
     steps = max(round(seconds / period_s), 1)
-    of = "nominal" if model in (PERSISTENCE, MEAN_MOTION) else model
-    ends = _predicted(series, of, seconds)
-    if ends is None or not np.any(reached := ~np.isnan(ends[:, 0])):
-        return Score(np.array([np.inf]), np.full((len(starts), 1), np.inf), starts, period_s, {})
-    before = np.roll(measured, steps, axis=0)
+    reached = _reached(series, seconds)
+    before, ends = np.roll(measured, steps, axis=0), _predicted(series, model, seconds)
     if model == PERSISTENCE:
         u, v, psi = (series.columns[name] for name in ("surge", "sway", "psi"))
         north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
         ends = before + seconds * np.roll(np.column_stack([north, east]), steps, axis=0)
     elif model == MEAN_MOTION:
         ends = before + np.mean((measured - before)[reached], axis=0)
-    distance = np.linalg.norm(ends - measured, axis=1)[reached, None]
+    elif model == AT_REST:
+        ends = before
+    distance = np.nan_to_num(np.linalg.norm(ends - measured, axis=1)[reached, None], nan=np.inf)
+    rms = np.sqrt(np.mean(distance**2, axis=0)) if len(distance) else np.array([np.inf])
+    return Score(rms, distance, _first(starts, reached), period_s, {})
+
+
+def restart_score(series: Series, model: str, outputs: Sequence[str], seconds: float) -> Score:
+    """Score the velocities `seconds` after every measured state, in the series `prediction`.
+
+    A model without these predictions scores inf, as one does whose predictions diverge.
+    """
+    measured = _columns(series, outputs)
+    starts, period_s = series.columns["start"], float(np.median(np.diff(series.columns["t"])))
+    spread, steps = np.std(measured, axis=0), round(seconds / period_s)
+    errors = (_after(series, model, outputs, measured, steps, seconds) - measured) / spread
+    reached = _reached(series, seconds)
+    own = np.nan_to_num(errors[reached], nan=np.inf, posinf=np.inf, neginf=np.inf)
+    nrmse = _nrmse(own, np.ones(len(outputs))) if len(own) else np.full(len(outputs), np.inf)
+    return Score(nrmse, own, _first(starts, reached), period_s, {})
+
+
+def _first(starts: Sample, reached: NDArray[np.bool_]) -> Sample:
+    """Which of the reached samples (n,) is the first one of its piece."""
     piece = np.cumsum(starts)[reached]
-    first = np.diff(piece, prepend=piece[0] - 1) != 0
-    return Score(np.sqrt(np.mean(distance**2, axis=0)), distance, first, period_s, {})
+    return np.asarray(np.diff(piece, prepend=-1) != 0, dtype=np.float64)
 
 
-def _predicted(series: Series, model: str, seconds: float) -> Sample | None:
-    names = [f"{name}_{model}_{seconds:g}s" for name in POSITION]
-    if any(name not in series.columns for name in names):
-        return None
-    return np.column_stack([series.columns[name] for name in names])
+def _predicted(series: Series, model: str, seconds: float) -> Sample:
+    return _columns(series, [f"{name}_{model}_{seconds:g}s" for name in POSITION])

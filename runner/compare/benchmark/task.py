@@ -23,6 +23,7 @@ VARIABLE = "SEATRIAL_DATA"
 DATA_FOLDER = Path("~/.local/share/seatrial")
 
 State = Literal["found", "damaged", "missing"]
+ScoreKind = Literal["free_run", "restarts", "position"]
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,9 @@ class Task:
     """A task; its trials have the options `trial` and those of a case and an entrant.
 
     `outputs` are the degrees of freedom whose velocities are scored, `horizons_s` [s] the times
-    over which predictions are scored beside the free run. The loss is that of the free run, or the
-    error of the position `position_after_s` [s] after a measured state. `entrants` are those of
-    this task alone.
+    over which predictions are scored beside the free run. The loss is that of `score`: of the free
+    run; of the velocities (`restarts`) or of the position `after_s` [s] after every measured state,
+    where free runs are chaotic. `entrants` are those of this task alone.
     """
 
     title: str
@@ -71,7 +72,8 @@ class Task:
     test_map: str | None = None  # of the files that are tested on, where it is another one
     seeds: int = 1
     horizons_s: tuple[float, ...] = (1.0, 10.0, 60.0)
-    position_after_s: float | None = None  # one of them: the entrants are ranked by its position
+    score: ScoreKind = "free_run"
+    after_s: float | None = None  # one of `horizons_s`
     entrants: dict[str, tuple[str, ...]] = field(default_factory=dict)
     without: tuple[str, ...] = ()  # entrants that cannot take part
 
@@ -81,9 +83,9 @@ class Task:
                 raise ConfigurationError(
                     f"outputs: got {dof!r}, expected some of {', '.join(DOF_ORDER)}"
                 )
-        if self.position_after_s not in (None, *self.horizons_s):
+        if self.score != "free_run" and self.after_s not in self.horizons_s:
             raise ConfigurationError(
-                f"position_after_s: got {self.position_after_s:g}, expected one of horizons_s: "
+                f"after_s: got {self.after_s}, expected one of horizons_s: "
                 f"{', '.join(f'{seconds:g}' for seconds in self.horizons_s)}"
             )
         if not self.cases:

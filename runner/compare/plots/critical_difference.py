@@ -24,8 +24,8 @@ from seatrial.runner.compare.results import Queries
 
 FIGURE = Figure(
     "critical_difference",
-    "Mean ranks of the benchmark's entrants, over all tasks and in each; bars join those that do"
-    " not differ significantly.",
+    "Mean ranks of the benchmark's entrants, in each task and over tasks with the same ones; bars"
+    " join those that do not differ significantly.",
     "runs of the command benchmark",
 )
 
@@ -39,14 +39,16 @@ NOTE = (
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure of all tasks, and one of each."""
+    """Draw one figure of each group of tasks with the same entrants, and one of each task."""
     own = [board for board in boards(results) if board.ranked.ranks is not None]
     if not own:
         raise ConfigurationError("plot critical_difference: no task of the benchmark has been run")
     drawn = [Drawing(f"critical_difference-{b.name}", chart(b.task.title, b.ranked)) for b in own]
-    every = overall(own)
-    if len(own) > 1 and every.ranks is not None:
-        drawn.insert(0, Drawing("critical_difference", chart("All tasks", every)))
+    for group, every in overall(own):
+        if every.ranks is not None:
+            titles = ", ".join(board.task.title for board in group)
+            names = "-".join(board.name for board in group)
+            drawn.insert(0, Drawing(f"critical_difference-{names}", chart(titles, every)))
     return drawn
 
 

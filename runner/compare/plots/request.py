@@ -278,6 +278,15 @@ def voyages(
     ]
 
 
+def of_identified(results: Queries, run: StoredRun, missions: Voyages) -> list[str]:
+    """Say why only the nominal model is drawn: the identified one sails alike, or did not sail."""
+    if list(missions) != ["nominal"]:
+        return []
+    if any(file.kind == f"{PREFIX}identified" for file in results.reader.series_files(run.id)):
+        return ["the identified model sails the same track"]
+    return [results.reader.run(run.id).note or "the identified model did not sail"]
+
+
 def distinct(series_of: Voyages) -> Voyages:
     """Leave out the voyage of the identified model if it is that of the nominal one.
 

@@ -12,7 +12,13 @@ from matplotlib.patches import Polygon
 
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.plots.request import PlotRequest, Voyages, subtitle, voyages
+from seatrial.runner.compare.plots.request import (
+    PlotRequest,
+    Voyages,
+    of_identified,
+    subtitle,
+    voyages,
+)
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     REFERENCE,
@@ -102,8 +108,7 @@ def _drawing(results: Queries, run: StoredRun, missions: Voyages) -> Drawing:
     notes = [f"{note}, at equal distances sailed"]
     if any(NORTH in series.columns for series in missions.values()):
         notes.append("arrows: direction and speed of the wind at the position of the tip")
-    if list(missions) == ["nominal"]:
-        notes.append("the identified model sails the same track")
+    notes += of_identified(results, run, missions)
     footnote(figure, notes)
     trim(figure)
     return Drawing(f"track-run-{run.id}", figure)

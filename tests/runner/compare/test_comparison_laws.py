@@ -11,6 +11,7 @@ from seatrial.runner.compare.grid import TextTable
 from seatrial.runner.compare.results import Queries, open_results
 from seatrial.runner.compare.selection import request_of
 from seatrial.runner.database import LogbookWriter
+from seatrial.runner.vocabulary import GROUPS
 from tests.runner.compare import stored
 
 SEEDS = range(6)
@@ -154,3 +155,29 @@ def test_a_metric_keeps_its_unit_when_every_value_is_missing(
     grid = table(results)
     assert "[m]" in grid.title
     assert grid.rows[0][1].text == "– (1 without value)"
+
+
+def test_planned_trials_that_never_started_count(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    begins = [stored.start("ls", "noise", seed) for seed in SEEDS]
+    planned = [
+        {
+            "fingerprint": begin.fingerprint,
+            "choices": {name: getattr(begin, name) for name in GROUPS},
+            "seed": begin.seed,
+            "overrides": begin.overrides,
+        }
+        for begin in begins
+    ]
+    sweep = logbook.begin_sweep("night", "command", [], len(planned), trials=planned)
+    for begin in begins[:4]:
+        stored.finish(logbook, begin, [stored.tracking(1.0)], sweep=sweep, drawn=["noise"])
+    assert table(results).rows[0][1].text == "1.000 ± 0 (n=4, all equal, 2 not started)"
+    part = table(results, where="seed<5 and identifier=ls")
+    assert part.rows[0][1].text == "1.000 ± 0 (n=4, all equal, 1 not started)"
+    logbook.prune([1])  # what is deleted is waited for by nobody
+    assert table(results).rows[0][1].text == "1.000 ± 0 (n=3, all equal, 2 not started)"
+    for begin in begins[4:]:  # of any sweep
+        stored.finish(logbook, begin, [stored.tracking(1.0)], drawn=["noise"])
+    assert table(results, sweep="night").rows[0][1].text == "1.000 ± 0 (n=3, all equal)"

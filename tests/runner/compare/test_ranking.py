@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.ranking import block_bootstrap, critical_difference, holm, ranking
+from seatrial.runner.compare.ranking import block_bootstrap, critical_difference, ranking
+from seatrial.runner.compare.statistics import holm
 
 # Area under the curve of four variants of C4.5 on 14 data sets, Demsar (2006), Table 6.
 # Its ranks of the last but one set are 4, 1, 2, 3: the tie there is one of rounding.

@@ -38,10 +38,10 @@ def test_a_logbook_of_another_schema_names_the_version_that_exports_it(
         refused(
             url, results_dir,
             rf"written by seatrial 0\.9\.1 \(commit 1a1a1a1a1a1a\) with schema {number}, expected"
-            r" schema 0003: install that version and run its 'seatrial-results export'$",
+            rf" schema {schema.SCHEMA}: install that version and run its 'seatrial-results export'",
         )  # fmt: skip
     change(url, "DELETE FROM seatrial_version")
-    refused(url, results_dir, "with schema unknown, expected schema 0003")
+    refused(url, results_dir, f"with schema unknown, expected schema {schema.SCHEMA}")
     change(url, *(f"DROP VIEW {name}" for name in views.NAMES))
     change(url, "ALTER TABLE run RENAME TO trial", "INSERT INTO seatrial_version VALUES ('4')")
     refused(url, results_dir, "written by seatrial of an unknown version with schema 4")
