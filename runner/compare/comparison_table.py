@@ -115,9 +115,7 @@ class _Writer:
             place: summary(cell.sample, request.statistics, request.interval)
             for place, cell in table.cells.items()
         }
-        self.location = {
-            place: self._location(cell.sample) for place, cell in table.cells.items()
-        }
+        self.location = {place: self._location(cell.sample) for place, cell in table.cells.items()}
         self.best = best_cells(
             table,
             lambda place, sample: self._loss(place, self._location(sample)),

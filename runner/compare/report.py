@@ -1,6 +1,5 @@
 """A self-contained HTML page on a set of runs: tables, figures, failures, provenance."""
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -9,10 +8,10 @@ from pathlib import Path
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError, PartError, RecordingError
-from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
+from seatrial.runner.compare.headlines import Headline, answers, headlines, in_words
 from seatrial.runner.compare.likeness import TooDifferentError
 from seatrial.runner.compare.manoeuvre_comparison import grid_of_sheet, newest_manoeuvres
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
@@ -24,28 +23,9 @@ from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import sheet
-from seatrial.runner.record.catalogue import METRICS, all_declared, definition_of
+from seatrial.runner.record.catalogue import METRICS, definition_of
 from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS
 
-# The metrics that have a table, and whether the table is unfolded at first.
-TABLES = {
-    "force_mse": True,
-    "force_mse_filtered": False,
-    "velocity_rmse_free_run": True,
-    "velocity_rmse_one_step": False,
-    "coefficient_error": False,
-    "e_pos_mae": True,
-    "e_psi_mae": True,
-    "error_mae": False,
-    "steady_state_error": False,
-    "tau_mean_abs": False,
-    "power_mean": False,
-    "iaew": False,
-}
-WORDS = {
-    **{"dof": "axis", "run_id": "run", "started_at": "started", "duration_s": "duration [s]"},
-    "below_true_model": "below the true model",
-}
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
 
 
@@ -85,8 +65,12 @@ def render_report(results: Queries, request: ReportRequest) -> str:
     ids = {run.sweep for run in runs}
     sweeps = [sweep for sweep in results.reader.sweeps() if sweep.id in ids]
     lost = [run.id for run in runs if run.status not in ("finished", "running")]
-    tables, refused = _tables(results, request, runs)
-    tables += _sheets(results, runs)
+    asked = TableRequest(
+        names=[], rows=(request.rows,), columns=(request.columns,),
+        where=request.where, sweep=request.sweep, tag=request.tag,
+    )  # fmt: skip
+    found, refused = headlines(results, runs, asked)
+    tables = [*_tables(found), *_sheets(results, runs)]
     pictures, trouble = _pictures(results, request)
     return render_page(
         "report.html",
@@ -98,6 +82,7 @@ def render_report(results: Queries, request: ReportRequest) -> str:
         varied=_varied(runs),
         sweeps=sweeps,
         settings=_settings(results, runs),
+        answers=[*answers(found[0])] if found else [],
         tables=tables,
         pictures=pictures,
         refused=refused,
@@ -133,50 +118,11 @@ def _settings(results: Queries, runs: Sequence[StoredRun]) -> Markup:
     return html_table(grid_of("", ("key", "value"), rows, labels=2))
 
 
-def _tables(
-    results: Queries, request: ReportRequest, runs: Sequence[StoredRun]
-) -> tuple[list[Section], list[str]]:
-    """Return the tables, and messages on those whose runs differ in too much."""
-    levels = {run.levels.get(request.rows) for run in runs}
-    baseline = {request.rows: "none"} if "none" in levels and len(levels) > 1 else {}
-    stored, sections, messages = results.metric_names(), [], []
-    for metric, shown in TABLES.items():
-        if metric not in stored:
-            continue
-        table_request = TableRequest(
-            names=[metric],
-            rows=(request.rows,),
-            columns=(request.columns,),
-            baseline=baseline,
-            where=request.where,
-            sweep=request.sweep,
-            tag=request.tag,
-        )
-        caption = definition_of(metric).heading
-        try:
-            grid = comparison(results, table_request)
-        except ConfigurationError as error:
-            messages.append(f"{caption}: {error}")
-            continue
-        if any(cell.sort is not None for row in grid.rows for cell in row):
-            sections.append(Section(caption, html_table(in_words(grid)), shown))
-    return sections, messages
-
-
-def in_words(grid: TextTable) -> TextTable:
-    """Return a table with the labels of metrics, and words for columns, instead of their keys."""
-    return replace(
-        grid,
-        title=_labelled(grid.title),
-        headers=[WORDS.get(header, header.replace("_", " ")) for header in grid.headers],
-        notes=[_labelled(note) for note in grid.notes],
-    )
-
-
-def _labelled(text: str) -> str:
-    """Return a text with the labels of the metrics that it names."""
-    labels = {definition.name: definition.label for definition in all_declared()}
-    return re.sub(r"\b[a-z]\w*_\w+\b", lambda name: labels.get(name[0], name[0]), text)
+def _tables(found: Sequence[Headline]) -> list[Section]:
+    return [
+        Section(definition_of(one.metric).heading, html_table(in_words(one.table)), one.shown)
+        for one in found
+    ]
 
 
 def _sheets(results: Queries, runs: Sequence[StoredRun]) -> list[Section]:

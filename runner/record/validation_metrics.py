@@ -143,9 +143,7 @@ def predictions(
     restart_s = restart_length(problem.nominal, problem.training)
     for model, table in models.items():
         try:
-            predictor = prediction(
-                table, problem.validation, problem.thruster, restart_s=restart_s
-            )
+            predictor = prediction(table, problem.validation, problem.thruster, restart_s=restart_s)
         except IdentificationError as error:
             label = f"{model} model: {error}"
             predicted.diagnostics.append(Diagnostic("no_prediction", "all", 1.0, label=label))

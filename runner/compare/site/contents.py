@@ -3,16 +3,14 @@
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import sqlalchemy as sa
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.compare.headlines import Headline, answers, headlines, in_words
 from seatrial.runner.compare.results import (
-    BELOW_TRUE_MODEL,
-    DESIGN_FLAWS,
     INTERVAL_OF_ESTIMATE,
     RUN,
     Observation,
@@ -20,17 +18,17 @@ from seatrial.runner.compare.results import (
     StoredRun,
 )
 from seatrial.runner.compare.runs import run_details
-from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
+from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.site.measures import StoredMeasures
 from seatrial.runner.compare.site.run_columns import Json, run_columns
-from seatrial.runner.compare.statistics import Sample, quantile_of_t
+from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.tables import Reuse
 from seatrial.runner.invocation import results_program
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Series
-from seatrial.runner.vocabulary import DOF_ORDER, LOST, MODELS
+from seatrial.runner.vocabulary import LOST
 
-QUANTILES = 200  # of Student's t that the page is told; it computes those beyond by a series
+MOST_SWEEPS = 50  # whose tables are written, the newest ones
 MOST_FAILURES = 500  # whose tracebacks the page is told, the newest ones
 PARETO = ("pareto_objective", "pareto_chosen")
 TRACK_SAMPLES = 600
@@ -56,21 +54,19 @@ def summary(results: Queries, database: str, measures: StoredMeasures, opened: i
         "runs": {**run_columns(results, runs), **_times(results, runs)} if runs else None,
         "sweeps": _sweeps(results, runs, places),
         "measures": measures.told(results),
-        "flags": _flags(results, runs, places),
-        "t": _quantiles(),
-        "orders": {"dof": DOF_ORDER, "model": MODELS},
+        "opening": tabled(results),
     }
+
+
+def tabled(results: Queries) -> list[int]:
+    """Return the sweeps whose tables are written, the newest ones."""
+    return [sweep.id for sweep in results.reader.sweeps()][-MOST_SWEEPS:]
 
 
 def all_runs(results: Queries) -> list[StoredRun]:
     """Return one attempt at every trial, oldest first; none for an empty logbook."""
     ((number,),) = results.reader.select(sa.select(sa.func.count()).select_from(RUN))
     return results.runs() if number else []
-
-
-@cache
-def _quantiles() -> Sequence[float]:
-    return [quantile_of_t(freedom) for freedom in range(1, QUANTILES + 1)]
 
 
 def progress(results: Queries) -> Json:
@@ -127,26 +123,30 @@ def _sweeps(results: Queries, runs: Sequence[StoredRun], places: Mapping[int, in
     ]
 
 
-def _flags(results: Queries, runs: Sequence[StoredRun], places: Mapping[int, int]) -> Json:
-    """Return which numbers a table marks or leaves out, as `selection` finds them."""
-    if not runs:
-        return {"below": [], "unsettled": [], "infeasible": [], "diverged": [], "covering": []}
-    flags = results.metrics(runs, (BELOW_TRUE_MODEL, *DESIGN_FLAWS, *DIVERGENCE))
-    flaws = [
-        [[places[o.run.id], o.model] for o in flags if o.name == name and (o.value or 0.0) >= 1.0]
-        for name in DESIGN_FLAWS
-    ]
+def tables(results: Queries, sweep: int | None) -> Json:
+    """Return the tables of a sweep, or of all runs, what the first one says, and their commands."""
+    selection = None if sweep is None else str(sweep)
+    condition, _ = results.selected(None, selection or "all")
+    runs = results.runs(condition)
+    found, refused = headlines(results, runs, TableRequest(names=[], sweep=selection or "all"))
     return {
-        "below": [
-            [places[o.run.id], o.dof] for o in flags if o.name == BELOW_TRUE_MODEL and o.value
-        ],
-        "unsettled": flaws[0],
-        "infeasible": flaws[1],
-        "diverged": [
-            [places[run], model, horizon, number(held)]
-            for (run, model, horizon), held in diverged_predictions(flags).items()
-        ],
-        "covering": sorted(places[run] for run in results.covering(runs)),
+        "answers": [*answers(found[0])] if found else [],
+        "refused": refused,
+        "tables": [_table(one) for one in found],
+    }
+
+
+def _table(one: Headline) -> Json:
+    shown = in_words(one.table)
+    return {
+        "caption": definition_of(one.metric).heading,
+        "shown": one.shown,
+        "command": one.command,
+        "title": shown.title,
+        "headers": shown.headers,
+        "labels": shown.labels,
+        "rows": [[[cell.text, cell.bold, cell.sort] for cell in row] for row in shown.rows],
+        "notes": shown.notes,
     }
 
 
@@ -162,18 +162,9 @@ def metric(results: Queries, name: str) -> list[Json]:
 
 
 def coefficient(results: Queries, term: str) -> list[Json]:
-    """Return the coefficients of one term as `metric` does, with standard errors and true values.
-
-    Both are None where they are not known.
-    """
+    """Return the coefficients of one term as `metric` does."""
     return [
-        {
-            **part,
-            "runs": [o.run.id for o in of_part],
-            "values": [number(o.value) for o in of_part],
-            "errors": [number(o.std_error) for o in of_part],
-            "truths": [number(o.true_value) for o in of_part],
-        }
+        {**part, "runs": [o.run.id for o in of_part], "values": [number(o.value) for o in of_part]}
         for part, of_part in _parts(results.coefficients(all_runs(results), terms=[term]))
     ]
 

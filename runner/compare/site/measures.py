@@ -64,10 +64,6 @@ def _metric(name: str, units: Units) -> Json:
         "name": name,
         "script": metric_script(name),
         "label": definition.label,
-        "formula": definition.formula,
-        "note": definition.note,
-        "better": definition.better,
-        "score": definition.score,
         "parts": _parts(units),
     }
 
@@ -78,10 +74,6 @@ def _coefficient(term: str, units: Units) -> Json:
         "term": term,
         "script": coefficient_script(term),
         "label": term,
-        "formula": "Coefficient of this term; se is its standard error",
-        "note": "",
-        "better": None,
-        "score": False,
         "parts": _parts(units),
     }
 

@@ -1,8 +1,4 @@
-"""The runs of a logbook in columns: their factors, and the circumstances of their numbers.
-
-The page decides by the rules of `likeness` what it may average over. It gets every name that can
-make two runs unlike, with one code for each experiment; names with equal codes share a column.
-"""
+"""The runs of a logbook in columns: their status, seed and factors, with one code a level."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,11 +6,10 @@ from dataclasses import dataclass
 
 import sqlalchemy as sa
 
-from seatrial.runner.compare.likeness import AFTER_VALIDATION, WITHOUT_IDENTIFIER, Likeness
+from seatrial.runner.compare.likeness import Likeness
 from seatrial.runner.compare.results import (
     MOST_VARIABLES,
     RUN,
-    Observation,
     Queries,
     StoredRun,
     level_text,
@@ -23,7 +18,6 @@ from seatrial.runner.compare.results import (
 from seatrial.runner.compare.where import NAME
 from seatrial.runner.vocabulary import GROUPS
 
-MISSING = -1
 MOST_KEYS = 200  # in one query
 Json = Mapping[str, object]
 
@@ -51,23 +45,19 @@ class Experiments:
 
 
 def run_columns(results: Queries, runs: Sequence[StoredRun]) -> Json:
-    """Return status, seed, streams and factors of runs, and the circumstances of their numbers."""
+    """Return status and factors of runs."""
     likeness = Likeness(results, runs)
     experiments = Experiments.of(runs, likeness)
-    drawn = [json.dumps(None if run.drawn is None else sorted(run.drawn)) for run in runs]
     return {
         "groups": GROUPS,
         "ids": [run.id for run in runs],
         "statuses": [run.status for run in runs],
-        "drawn": {"levels": list(dict.fromkeys(drawn)), "codes": _codes(drawn)},
         "experiments": experiments.of_run,
         "factors": [
             *(_run_factor(name, [r.levels[name] for r in runs]) for name in (*GROUPS, "seed")),
             _run_factor("code", [run.code or "none" for run in runs]),
             *_configured(results, experiments),
         ],
-        "circumstances": _circumstances(likeness, experiments),
-        "rules": {"after": AFTER_VALIDATION, "without_identifier": WITHOUT_IDENTIFIER},
     }
 
 
@@ -151,39 +141,3 @@ def _kind(value: object) -> str:
     if value is None:
         return "null"
     return "number" if isinstance(value, bool | int | float) else "text"
-
-
-def _circumstances(likeness: Likeness, experiments: Experiments) -> Json:
-    """Return the names that tell experiments apart, their columns, and their order by experiment.
-
-    A name is left out if all experiments have it with the same level.
-    """
-    facts = [
-        likeness.of(Observation(run, "deployment", "identified", "", "", None, ""))
-        for run in experiments.first
-    ]
-    columns: dict[tuple[int, ...], int] = {}
-    names: dict[str, int] = {}
-    for name in dict.fromkeys(name for one in facts for name in one):
-        codes = tuple(_codes([one.get(name) for one in facts]))
-        if codes and (len(set(codes)) > 1 or MISSING in codes):
-            names[name] = columns.setdefault(codes, len(columns))
-    shapes: dict[tuple[int, ...], int] = {}
-    places = {name: place for place, name in enumerate(names)}
-    shape_of = [
-        shapes.setdefault(tuple(places[name] for name in one if name in places), len(shapes))
-        for one in facts
-    ]
-    return {
-        "names": list(names),
-        "columns": list(columns),
-        "column_of": list(names.values()),
-        "shapes": list(shapes),
-        "shape_of": shape_of,
-    }
-
-
-def _codes(texts: Sequence[str | None]) -> list[int]:
-    """Return the place of each text among the distinct ones, MISSING for None."""
-    levels: dict[str, int] = {}
-    return [MISSING if text is None else levels.setdefault(text, len(levels)) for text in texts]

@@ -25,6 +25,11 @@ def _script(kind: str, name: str) -> str:
     return f"data/{kind}-{sha256(name.encode('utf-8', 'backslashreplace')).hexdigest()[:16]}.js"
 
 
+def tables_script(sweep: int | None) -> str:
+    """Return the name of the script of the tables of a sweep, None for all runs."""
+    return f"data/tables-{sweep or 'all'}.js"
+
+
 def run_script(run_id: int) -> str:
     """Return the name of the script of a run."""
     return f"data/run-{run_id}.js"

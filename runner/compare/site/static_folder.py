@@ -17,6 +17,7 @@ from seatrial.runner.compare.site.scripts import (
     metric_script,
     run_script,
     script_of,
+    tables_script,
 )
 
 INDEX = "index.html"
@@ -70,6 +71,9 @@ def _scripts(results: Queries, database: str, opened: int) -> Iterator[tuple[str
     yield SUMMARY, told
     yield PROGRESS, contents.progress(results)
     yield FAILURES, contents.failures(results)
+    if told["runs"]:
+        for sweep in (None, *contents.tabled(results)):
+            yield tables_script(sweep), contents.tables(results, sweep)
     for name in results.metric_names():
         yield metric_script(name), contents.metric(results, name)
     for term in results.terms():

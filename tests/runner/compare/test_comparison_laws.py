@@ -117,9 +117,7 @@ def test_levels_that_are_pooled_are_no_replicates(logbook: LogbookWriter, result
                 begin = stored.start(identifier, disturbance, seed)
                 row = stored.tracking(factor * (level + 0.1 * seed))
                 stored.finish(logbook, begin, [row], drawn=["noise"])
-    pooled = table(
-        results, columns="none", pool=["disturbance"], baseline=["identifier=none"]
-    )
+    pooled = table(results, columns="none", pool=["disturbance"], baseline=["identifier=none"])
     own = record(pooled, identifier="ls")
     assert (own["n"], own["pairs"], own["wins"]) == (6, 6, 6)
     assert own["p_value"] == pytest.approx(2.0 / 2**6)  # of six signs, not of twelve
@@ -157,9 +155,7 @@ def test_a_metric_keeps_its_unit_when_every_value_is_missing(
     assert grid.rows[0][1].text == "– (1 without value)"
 
 
-def test_planned_trials_that_never_started_count(
-    logbook: LogbookWriter, results: Queries
-) -> None:
+def test_planned_trials_that_never_started_count(logbook: LogbookWriter, results: Queries) -> None:
     begins = [stored.start("ls", "noise", seed) for seed in SEEDS]
     planned = [
         {

@@ -3,7 +3,7 @@
 const VIEWS = { table: "Table", runs: "Runs", overlay: "Overlay", failures: "Failures", run: "Run" };
 const DEFAULTS = {
   view: "table", sweep: "", tag: "", metric: "", stage: "", dof: "", model: "",
-  rows: "identifier", columns: "disturbance", baseline: "", sort: "", page: "0", runs: "",
+  sort: "", page: "0", runs: "",
   run: "", deployed: "identified",
 };
 

@@ -45,7 +45,6 @@ class Runs {
       experiment: columns.experiments[place],
       started: columns.started[place],
       duration: columns.duration[place],
-      drawn: JSON.parse(columns.drawn.levels[columns.drawn.codes[place]]),
     }));
     this.byId = new Map(this.all.map((run) => [run.id, run]));
   }

@@ -4,7 +4,6 @@ const SHOW = { table: tableView, runs: runsView, overlay: overlayView, failures:
 
 const page = {
   runs: null,
-  likeness: null,
   shownFilters: new Set(),
   filtersOpen: false,
   turn: 0,
@@ -12,7 +11,6 @@ const page = {
   // Take in the summary of the logbook.
   take(summary) {
     page.runs = new Runs(summary);
-    page.likeness = new Likeness(page.runs);
     for (const name of page.runs.offered()) {
       if (summary.runs.groups.includes(name)) page.shownFilters.add(name);
     }

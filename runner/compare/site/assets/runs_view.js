@@ -3,6 +3,31 @@
 const PER_PAGE = 100;
 const NUMERIC = ["value", "duration"];
 
+const PREFERRED = ["e_pos_mae", "velocity_rmse_free_run", "force_mse"];
+
+// The metric, stage, degree of freedom and model of a state; what it leaves open is chosen here.
+function measureOf(summary, state) {
+  const { measures } = summary;
+  if (!measures.length) return null;
+  const preferred = PREFERRED.map((name) => measures.find((one) => one.name === name)).find(Boolean);
+  const measure = measures.find((one) => one.name === state.metric) ?? preferred ?? measures[0];
+  const asked = [state.stage, state.model, state.dof];
+  const parts = measure.parts.filter((part) => asked.every((level, i) => !level || level === part[i]));
+  const [stage, model, dof, unit] = parts.find((part) => part[1] === "identified") ?? parts[0] ?? measure.parts[0];
+  return { measure, stage, model, dof, unit };
+}
+
+// The numbers of a metric for one stage, model and degree of freedom.
+async function numbersOf(page, chosen) {
+  const parts = await seatrial.load(chosen.measure.script);
+  const part = parts.find((one) =>
+    one.stage === chosen.stage && one.model === chosen.model && one.dof === chosen.dof);
+  return (part?.runs ?? []).flatMap((id, i) => {
+    const run = page.runs.byId.get(id);
+    return run ? [{ run, value: part.values[i] ?? NaN }] : [];
+  });
+}
+
 function chosenRuns(state) {
   return state.runs.split(",").filter(Boolean).map(Number);
 }
