@@ -87,7 +87,9 @@ def answers(headline: Headline) -> Iterator[str]:
 def _beaten(record: Mapping[str, Scalar]) -> str:
     """Return the words on the pairs of a record with its baseline; empty without any."""
     ratio, wins, pairs, lost = (record.get(n) for n in ("ratio", "wins", "pairs", "lost_pairs"))
-    if not (isinstance(ratio, float) and isinstance(pairs, int) and isinstance(lost, int)):
+    if not (
+        isinstance(ratio, float) and isinstance(pairs, int) and isinstance(lost, int) and pairs
+    ):
         return ""
     baseline = str(record["baseline"]).partition("=")[2]
     size = f"{number_text(1.0 / ratio, 2)} times less than" if 0.0 < ratio < 1.0 else "no less than"
