@@ -1,0 +1,75 @@
+"""Tables of random logbooks agree in every cell with a computation from the raw rows."""
+
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seatrial.runner.compare.cli import TableOptions
+from seatrial.runner.compare.comparison_table import comparison
+from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.selection import request_of
+from seatrial.runner.vocabulary import GROUPS
+from tests.audit.recomputed import frame, table
+from tests.runner.compare import stored
+
+SAME = {"value": "median", "ratio": "ratio", "p": "p_value", "p_holm": "p_holm"}
+EQUAL = {"n": "n", "wins": "wins", "pairs": "pairs", "lost_pairs": "lost_pairs", "best": "best"}
+
+
+def fill(folder: Path, draw: random.Random) -> None:
+    """One sweep of four identifiers in three weathers, with all that a night can do to it."""
+    with stored.logbook_at(folder) as logbook:
+        begins = [
+            stored.start(identifier, disturbance, seed)
+            for identifier in ("none", "ls", "plsr", "iv")
+            for disturbance in ("calm", "noise", "wind")
+            for seed in range(8 if disturbance != "calm" else 1)
+        ]
+        planned = [
+            {
+                "fingerprint": begin.fingerprint, "overrides": begin.overrides, "seed": begin.seed,
+                "choices": {name: getattr(begin, name) for name in GROUPS},
+            }
+            for begin in begins
+        ]  # fmt: skip
+        sweep = logbook.begin_sweep("night", "command", [], len(planned), trials=planned)
+        size = {name: draw.choice([0.3, 1.0, 1.0]) for name in ("none", "ls", "plsr", "iv")}
+        for begin in begins:
+            fate = draw.random()
+            if fate < 0.04:
+                continue
+            if fate < 0.08:
+                begun = logbook.begin_run(begin, sweep)
+                logbook.fail_run(begun.run_id, "failed", "ValueError", "broken", "Traceback")
+                continue
+            level = size[begin.identifier] * (1.0 + draw.choice([0.0, 1e-9, 0.2]) * begin.seed)
+            value = float("nan") if fate < 0.11 else level
+            metrics = [] if 0.11 < fate < 0.13 else [stored.tracking(value)]
+            streams = () if begin.disturbance == "calm" else ("noise",)
+            stored.finish(logbook, begin, metrics, drawn=streams, sweep=sweep)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_every_cell_of_a_random_table_follows_from_the_raw_rows(seed: int, tmp_path: Path) -> None:
+    fill(tmp_path, random.Random(seed))
+    expected = table(
+        frame(tmp_path / "results.db", "e_pos_mae", "position", 1),
+        "identifier", "disturbance", "none", "median",
+    )  # fmt: skip
+    asked = TableOptions(
+        metric=["e_pos_mae"], statistic=["median,n"], baseline=["identifier=none"], sweep="1"
+    )
+    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
+        records = comparison(results, request_of(asked)).as_records()
+    shown = {(r["identifier"], r["disturbance"]): r for r in records}
+    assert len(expected) >= 10
+    for cell in expected.to_dict("records"):
+        record = shown[cell["row"], cell["column"]]
+        for mine, theirs in SAME.items():
+            own, other = (float("nan") if v is None else v for v in (cell[mine], record[theirs]))
+            assert own == pytest.approx(other, rel=1e-9, nan_ok=True), (mine, cell, record)
+        for mine, theirs in EQUAL.items():
+            if not (record[theirs] is None and np.isnan(cell[mine])):
+                assert cell[mine] == record[theirs], (mine, cell, record)
