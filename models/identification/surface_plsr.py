@@ -5,8 +5,8 @@ the smallest |Theta_pre| is dropped and the model is fitted again, down to max(2
 30 terms these are 464 models per output. Their MSE on left-out data is the surface
 
     minimum       the (order, terms) of the least MSE
-    parsimonious  with the terms of the minimum, the smallest order within 10 % of its MSE
-    local_minima  the same with the terms of the minimum and of each local minimum of lower order
+    parsimonious  with the terms of the minimum, the smallest order within 10 % of the least MSE
+    local_minima  the same also with the terms of each local minimum of lower order
 
 The method can be repeated on the residual in stages, F2 = F1 + Theta Phi, eq. (3.26). A stage that
 does not lower the MSE adds no terms.
@@ -40,7 +40,7 @@ from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 
-PARSIMONY = 1.1  # largest MSE of the parsimonious order, relative to the least MSE
+PARSIMONY = 1.1  # largest MSE of the parsimonious order, relative to the least at the minimum
 RESOLUTION = 1e-12  # rounding of an MSE from moments, relative to the output's mean square
 MIN_COUNT = 2
 
@@ -126,7 +126,7 @@ def choose(pairs: list[Pair], moment: Array, beta: Array, selection: Rule) -> Ch
     errors = [orders_mse(pairs, beta, kept) for kept in terms]
     chosen = 0
     if selection != "minimum":
-        limit = PARSIMONY * min(np.min(each) for each in errors)
+        limit = PARSIMONY * np.min(errors[0])
         best, _, chosen = min(
             (int(order), float(each[order]), number)
             for number, each in enumerate(errors)
