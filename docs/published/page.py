@@ -2,16 +2,14 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from docs.published.figures import FIGURES
 from docs.published.printed import (
     BY_CONSTRUCTION,
     CALIBRATED,
@@ -27,20 +25,8 @@ from docs.published.printed import (
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import Scalar, TableCell, TextTable, number_text, with_unit
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
-from seatrial.runner.compare.plots.style import (
-    MUTED,
-    PALETTE,
-    REFERENCE,
-    drawn,
-    figure,
-    footnote,
-    headed,
-    marker_of,
-    panels,
-)
-from seatrial.runner.compare.plots.surface import COLOURS
-from seatrial.runner.compare.results import Queries, StoredDiagnostic
-from seatrial.runner.compare.where import OfSweeps
+from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
+from seatrial.runner.compare.results import Queries
 from seatrial.runner.search_path import CONF
 
 HEADERS = (
@@ -73,7 +59,6 @@ COMMON = {  # reasons that are the same for every figure with the verdict
 }
 ROW_INCH = 0.24  # height of a line of the figure [inch]
 MOST_ROWS = 60
-DECADES = 4.0  # range of the colours of an objective below its highest value
 
 
 # Tables.
@@ -296,98 +281,3 @@ def _ratios(judged: Sequence[Judged]) -> Figure | None:
     headed(chart, [axes], judged[0].printed.table)
     footnote(chart, ["bars: 95 % interval over several runs"])
     return chart
-
-
-# Figures of the sources, drawn from the diagnostics of the newest sweep of their experiments.
-
-
-def objective_figure(results: Queries, sweep: int) -> Figure:
-    """Hoyer (2021), Figure 7.20: an objective over two parameters, with its minimum and the truth.
-
-    There is a panel for each run. Diagnostics: `topology` (i, j), and `topology_first` (i) and
-    `topology_second` (j), the values of the parameters.
-    """
-    condition = OfSweeps((sweep,))
-    runs = results.runs(condition)
-    names = ("topology_first", "topology_second", "topology")
-    stored = results.diagnostics(runs, names, condition)
-    configs = results.configs_of([run.id for run in runs])
-    truths = {
-        (row.run.id, f"{row.dof}.{row.name}"): row.true_value
-        for row in results.coefficients(runs, condition)
-        if row.model == "identified" and row.true_value is not None
-    }
-    chart, axes = panels(-(-len(runs) // 2), 2, 4.7, 3.9)
-    for panel, run in zip(axes, runs, strict=False):
-        first, second, z = ([row for row in stored[run.id] if row.name == n] for n in names)
-        labels = first[0].label, second[0].label
-        truth = [truths[run.id, label] for label in labels if (run.id, label) in truths]
-        _objective_panel(panel, first, second, z, truth)
-        objective = configs[run.id]["identifier.objective"]
-        panel.set_title(f"{run.levels['excitation']}, {objective}", loc="left")
-        chart.colorbar(panel.collections[0], ax=panel, label="sum of the objectives", pad=0.02)
-    for panel in axes[len(runs) :]:
-        panel.remove()
-    headed(chart, axes[: len(runs)], "Objective over two parameters")
-    footnote(chart, ["colours: logarithmic, down to a ten-thousandth of the highest value"])
-    return chart
-
-
-def _objective_panel(
-    axes: Axes,
-    first: Sequence[StoredDiagnostic],
-    second: Sequence[StoredDiagnostic],
-    z: Sequence[StoredDiagnostic],
-    truth: Sequence[float],
-) -> None:
-    x, y = ([row.value for row in side] for side in (first, second))
-    heights = np.full((len(x), len(y)), np.nan)
-    for row in z:
-        heights[row.i, row.j] = row.value
-    high = float(np.nanmax(heights))
-    norm = LogNorm(max(high * 10.0**-DECADES, np.finfo(float).tiny), high)
-    axes.pcolormesh(
-        x, y, np.maximum(heights, norm.vmin or 0.0).T, norm=norm, cmap=COLOURS, shading="nearest",
-        rasterized=True,
-    )  # fmt: skip
-    i, j = np.unravel_index(int(np.nanargmin(heights)), heights.shape)
-    axes.plot(x[i], y[j], "o", mfc="none", mec="#D55E00", mew=2.0, ms=13, label="lowest")
-    if len(truth) == 2:
-        place = [truth[0]], [truth[1]]
-        axes.plot(*place, "*", color="black", mec="white", mew=0.6, ms=12, label="true values")
-    axes.set_xlabel(with_unit(str(first[0].label), first[0].unit))
-    axes.set_ylabel(with_unit(str(second[0].label), second[0].unit))
-    axes.grid(visible=False)
-
-
-def times_figure(results: Queries, sweep: int) -> Figure:
-    """Hoyer (2021), Figure 7.21: time of n predictions without JIT, with JIT, and many at once.
-
-    Diagnostics: `prediction_time` (i = n, label = way), which includes the compilation, and
-    `prediction_time_compiled`, which does not.
-    """
-    condition = OfSweeps((sweep,))
-    run = results.runs(condition)[-1]
-    lines = {"prediction_time": "-", "prediction_time_compiled": ":"}
-    rows = results.diagnostics([run], list(lines), condition)[run.id]
-    chart, (axes,) = panels(1, 1, 6.5, 4.2)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    for k, way in enumerate(dict.fromkeys(row.label for row in rows)):
-        for name, line in lines.items():
-            points = sorted((r.i, r.value) for r in rows if (r.name, r.label) == (name, way))
-            axes.plot(
-                *zip(*points, strict=True), color=PALETTE[k], marker=marker_of(k), linestyle=line,
-                label=way if line == "-" else None,
-            )  # fmt: skip
-    axes.set_xlabel("Number of predictions")
-    axes.set_ylabel("Time [s]")
-    headed(chart, [axes], "Time of predictions")
-    footnote(chart, ["solid: with compilation of the machine code; dotted: without"])
-    return chart
-
-
-FIGURES: Mapping[str, tuple[str, Callable[[Queries, int], Figure]]] = {
-    "hoyer_figure_7_20": ("An objective over two parameters", objective_figure),
-    "hoyer_figure_7_21": ("Time of n predictions", times_figure),
-}

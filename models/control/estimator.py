@@ -1,11 +1,13 @@
 """State estimation for the controllers: a Kalman filter, or the measured motion.
 
     correct   x_k = x-_k + M (y_k - C x-_k)
-    predict   x-_{k+1} = A x_k + B (u_k + d_k + b_k + a_k)
+    predict   x-_{k+1} = A x_k + B (u_k + d_k + b_k + a_k),    b-_{k+1} = exp(-h / T) b_k
 
 M is the gain of the filter; that of the predictor is K = A M. Bargouth (2022), (2.27)-(2.28),
 prints the second form and computes with the gain of the first. The disturbance d is known (wind).
-The bias b is estimated (`estimate_bias`) as a random walk in NED. The force a is what an
+The bias b is estimated (`estimate_bias`) as a process in NED of first order with time constant T,
+by default infinite, a random walk: with that of a slow current and a walk in yaw alone it is the
+current's moment, (2.9) with a time constant. The force a is what an
 excitation adds to the command: the filter knows it, but the controller does not counteract it.
 
 The state is stored in NED and transformed to the present body axes, in which the model holds.
@@ -23,6 +25,7 @@ from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.linear_design import DesignModel
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.simulation.voyage import Outlook
@@ -44,6 +47,7 @@ class Observer(NamedTuple):
     bias_gain: Array  # (r, m) [N/m, ...]
     start: Array  # (n, m)
     limits: Array  # (r,) [N, Nm]
+    bias_decay: float  # of the bias over one sample; 1: a random walk
     turning: bool
     measured: bool
     smooth: bool  # integral action on the estimated pose, which is unbiased if b is estimated
@@ -179,7 +183,10 @@ def _correct(observer: Observer, past: Memory, eta: Array) -> None:
 
 @lean_kernel
 def _predict(observer: Observer, past: Memory) -> None:
-    """x <- A x + B (u + d + b + a), in the body axes of the last sample, relative to its pose."""
+    """x <- A x + B (u + d + b + a), in the body axes of the last sample, relative to its pose.
+
+    Then b <- exp(-h / T) b.
+    """
     x, local, moved, force = past.x, observer.local, observer.moved, observer.force
     n, r = x.shape[0], past.command.shape[0]
     psi = heading(observer, x)
@@ -198,6 +205,8 @@ def _predict(observer: Observer, past: Memory) -> None:
     to_axes(observer.turning, -psi, moved, local)
     for i in range(n):
         x[i] = local[i] + (x[i] if observer.turning and i < 3 else 0.0)
+    for i in range(r):
+        past.bias[i] *= observer.bias_decay
 
 
 @lean_kernel
@@ -236,21 +245,40 @@ class Kalman:
 
     `process`: acceleration, constant over a sample [m/s^2, rad/s^2]. `measurement`: pose [m, rad].
     `bias_walk`: change of the unknown disturbance in one second [N, Nm], used if `estimate_bias`
-    is true. For an identified state-space model its identified gain is used instead.
+    is true; an axis with zero has no such disturbance. It grows without bound, or is a process of
+    first order with `bias_time_constant_s` T, whose standard deviation is then the walk times
+    sqrt(T / 2). For an identified state-space model its identified gain is used instead.
     """
 
     process: Annotated[tuple[float, ...], FromVessel("tuning.control.process")]
     measurement: Annotated[tuple[float, ...], FromVessel("tuning.control.measurement")]
-    bias_walk: Annotated[tuple[float, ...], FromVessel("tuning.control.bias_walk")]
+    bias_walk: Annotated[tuple[NotNegative, ...], FromVessel("tuning.control.bias_walk")]
     estimate_bias: bool
+    bias_time_constant_s: Positive | None = None  # None: a random walk
 
     def __post_init__(self) -> None:
-        for name in ("process", "measurement", "bias_walk"):
+        check_ranges(self)
+        for name in ("process", "measurement"):
             values = getattr(self, name)
             if len(values) != len(self.process) or min(values, default=0.0) <= 0.0:
                 raise ConfigurationError(
                     f"{name} must be {len(self.process)} positive numbers, got {list(values)}"
                 )
+        if len(self.bias_walk) != len(self.process) or max(self.bias_walk, default=0.0) <= 0.0:
+            raise ConfigurationError(
+                f"bias_walk must be {len(self.process)} numbers, one of them positive, "
+                f"got {list(self.bias_walk)}"
+            )
+
+    def bias_decay(self, period_s: float) -> float:
+        """Factor exp(-h / T) of the bias over one sample [s]; 1 for a random walk."""
+        return float(np.exp(-period_s / (self.bias_time_constant_s or np.inf)))
+
+    def bias_variance(self, limits: Array, period_s: float) -> Array:
+        """Variance that one sample [s] adds to the bias as a fraction of the limits, (r,)."""
+        T = self.bias_time_constant_s
+        time = period_s if T is None else -0.5 * T * np.expm1(-2.0 * period_s / T)
+        return np.asarray(np.square(np.array(self.bias_walk) / limits) * time)
 
     def gains(self, design: DesignModel) -> tuple[Array, Array]:
         """Filter gain M (n, m) and bias gain (r, m), the latter as a fraction of the limits."""
@@ -265,12 +293,16 @@ class Kalman:
         shock = np.vstack([0.5 * design.period_s**2 * np.eye(r), design.period_s * np.eye(r)])
         Q = shock @ np.diag(np.square(self.process)) @ shock.T
         if self.estimate_bias:
-            A = np.block([[A, model.B], [np.zeros((r, n)), np.eye(r)]])
-            C = np.hstack([C, np.zeros((len(C), r))])
-            walk = np.square(np.array(self.bias_walk) / design.limits) * design.period_s
-            Q = np.block([[Q, np.zeros((n, r))], [np.zeros((r, n)), np.diag(walk)]])
-        M = filter_gain(A, C, Q, np.diag(np.square(self.measurement)))
-        return M[:n], M[n:] if self.estimate_bias else np.zeros((r, len(C)))
+            drifts = np.flatnonzero(self.bias_walk)
+            b, decay = len(drifts), self.bias_decay(design.period_s)
+            A = np.block([[A, model.B[:, drifts]], [np.zeros((b, n)), decay * np.eye(b)]])
+            C = np.hstack([C, np.zeros((len(C), b))])
+            added = self.bias_variance(design.limits, design.period_s)[drifts]
+            Q = np.block([[Q, np.zeros((n, b))], [np.zeros((b, n)), np.diag(added)]])
+        M, bias = filter_gain(A, C, Q, np.diag(np.square(self.measurement))), np.zeros((r, len(C)))
+        if self.estimate_bias:
+            bias[drifts] = M[n:]
+        return M[:n], bias
 
     def _identified_gain(self, design: DesignModel) -> Array:
         """M of an identified model, from its predictor gain K = A M."""
@@ -330,9 +362,9 @@ def observer_of(design: DesignModel, kind: Estimator, kalman: Kalman) -> Observe
     return Observer(
         _contiguous(model.A), _contiguous(model.B / design.limits), _contiguous(model.C),
         _contiguous(M), _contiguous(design.limits[:, None] * bias), _contiguous(design.start()),
-        design.limits.copy(), design.turning, kind == "measured", kalman.estimate_bias, still,
-        north, east, z, np.zeros(len(still.codes)), np.zeros(m), np.zeros(n), np.zeros(n),
-        np.zeros(r),
+        design.limits.copy(), kalman.bias_decay(design.period_s), design.turning,
+        kind == "measured", kalman.estimate_bias, still, north, east, z,
+        np.zeros(len(still.codes)), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(r),
     )  # fmt: skip
 
 

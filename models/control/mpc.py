@@ -153,15 +153,13 @@ def _disturbance(mpc: MpcTable, past: Memory, psi: float, at: int) -> None:
     known_force(table, psi, velocity, mpc.outlook, k, True, mpc.known)
     to_axes(table.turning, psi, past.bias, mpc.tau)
     for j in range(r):
-        theta[at + j] = (mpc.known[j] + mpc.tau[j]) / limits[j]
-    for i in range(1, mpc.steps):
-        if mpc.winds:
+        mpc.last[j] = mpc.known[j]
+    for i in range(mpc.steps):
+        if i > 0 and mpc.winds:
             known_force(table, psi, velocity, mpc.outlook, k + i * mpc.every, False, mpc.last)
-            for j in range(r):
-                theta[at + i * r + j] = (mpc.last[j] + mpc.tau[j]) / limits[j]
-        else:
-            for j in range(r):
-                theta[at + i * r + j] = theta[at + j]
+        for j in range(r):
+            theta[at + i * r + j] = (mpc.last[j] + mpc.tau[j]) / limits[j]
+            mpc.tau[j] *= table.bias_decay
     if mpc.increments:
         for i in range(mpc.steps - 1, 0, -1):
             for j in range(r):

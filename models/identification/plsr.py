@@ -21,7 +21,7 @@ from seatrial.models.identification.kernel_pls import (
     output_moment,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
-from seatrial.models.identification.residual import CONSTANT, ResidualOptions, thruster_of
+from seatrial.models.identification.residual import CONSTANT, ResidualOptions, Samples, thruster_of
 from seatrial.models.identification.splits import Selection, left_out_mse, split
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
@@ -61,6 +61,10 @@ class PartialLeastSquares(ResidualOptions):
         terms = super().terms(nominal)
         return terms if CONSTANT in terms else (CONSTANT, *terms)
 
+    def columns(self, samples: Samples) -> Columns:
+        """Standardised columns of the samples."""
+        return columns(samples)
+
     def held_out(self, problem: Problem, z: Columns, lag: SecondOrderLag | None) -> Array:
         """Z of the validation part, for `selection: test`."""
         return z.like(self.samples(problem.validation, problem.nominal, lag))
@@ -98,7 +102,7 @@ class Plsr(PartialLeastSquares):
         """Identify the residual table of the chosen orders, with the MSE of every order."""
         lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
-        z = columns(samples)
+        z = self.columns(samples)
         held_out = self.held_out(problem, z, lag) if self.selection == "test" else None
         splits = split(self.selection, z.x, held_out, self.folds, rng, samples.file)
 
@@ -119,6 +123,7 @@ class Plsr(PartialLeastSquares):
         residual = Vessel("residual", problem.nominal.dofs, samples.terms, z.table(theta))
         errors = self.bootstrap_errors(z, lambda y: chosen(y)[0], samples.period_s, rng)
         diagnostics += order_diagnostics(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)
+        diagnostics += scaled_coefficients(z, theta, residual)
         result = Identified(problem.nominal + residual, residual, errors, diagnostics)
         return finished(self, problem, lag, samples, result)
 
@@ -145,3 +150,19 @@ def order_diagnostics(
         ]
         diagnostics.append(Diagnostic("selected_order", dof, float(chosen[k] + 1), label=selection))
     return tuple(diagnostics)
+
+
+def scaled_coefficients(z: Columns, theta: Array, residual: Vessel) -> tuple[Diagnostic, ...]:
+    """Theta_pre, the coefficients between scaled regressors and scaled outputs. Jervan, (3.11).
+
+    They have no unit, so their magnitudes say how much each term contributes to the output.
+    `theta` (1 + J, K) are the coefficients on Z of the table `residual`; terms that were dropped
+    are left out.
+    """
+    scaled = theta[1:] * z.beta[:, None]  # Z has unit variance, E has 1 / beta
+    return tuple(
+        Diagnostic("scaled_coefficient", dof, float(value), label=residual.terms[i].name)
+        for i, row in zip(z.terms, scaled, strict=True)
+        for dof, value in zip(residual.dofs, row, strict=True)
+        if value
+    )

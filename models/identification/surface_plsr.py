@@ -5,7 +5,8 @@ the smallest |Theta_pre| is dropped and the model is fitted again, down to max(2
 30 terms these are 464 models per output. Their MSE on left-out data is the surface
 
     minimum       the (order, terms) of the least MSE
-    parsimonious  with the terms of the minimum, the smallest order within 10 % of its MSE
+    parsimonious  with the terms of the minimum, the smallest order within 10 % of the least MSE
+    local_minima  the same also with the terms of each local minimum of lower order
 
 The method can be repeated on the residual in stages, F2 = F1 + Theta Phi, eq. (3.26). A stage that
 does not lower the MSE adds no terms.
@@ -16,6 +17,7 @@ from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from seatrial.models.compiled import kernel
@@ -25,13 +27,12 @@ from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.kernel_pls import (
     Columns,
     all_orders,
-    columns,
     covariances,
     mean_squares,
     output_moment,
     partial_least_squares,
 )
-from seatrial.models.identification.plsr import PartialLeastSquares
+from seatrial.models.identification.plsr import PartialLeastSquares, scaled_coefficients
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import Samples, thruster_of
 from seatrial.models.identification.splits import Pair, Selection, left_out_mse, part, split
@@ -39,7 +40,7 @@ from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 
-PARSIMONY = 1.1  # largest MSE of the parsimonious order, relative to the least MSE
+PARSIMONY = 1.1  # largest MSE of the parsimonious order, relative to the least at the minimum
 RESOLUTION = 1e-12  # rounding of an MSE from moments, relative to the output's mean square
 MIN_COUNT = 2
 
@@ -99,10 +100,14 @@ class Choice(NamedTuple):
     order_mse: Array  # of the orders on the kept terms
 
 
-def choose(pairs: list[Pair], moment: Array, beta: Array, parsimonious: bool) -> Choice:
+Rule = Literal["minimum", "parsimonious", "local_minima"]
+
+
+def choose(pairs: list[Pair], moment: Array, beta: Array, selection: Rule) -> Choice:
     """Choose order and terms of one output by the MSE on the left-out data of the pairs.
 
-    If no model is better than the empty one, order 0 and no terms are chosen.
+    If no model is better than the empty one, order 0 and no terms are chosen. Of candidates with
+    the same order the one with the least MSE is chosen.
     """
     n = len(beta)
     mse = left_out_mse(
@@ -113,14 +118,37 @@ def choose(pairs: list[Pair], moment: Array, beta: Array, parsimonious: bool) ->
     if empty_mse <= np.nanmin(mse):
         return Choice(0, np.zeros(0, dtype=np.int64), mse, np.zeros(0))
     best, count = least(mse, RESOLUTION * empty_mse)
-    kept = np.flatnonzero(whole_surface(moment, beta)[best, count, 1:, 0])
-    order_mse = left_out_mse(
+    places = [(best, count)]
+    if selection == "local_minima":
+        places += [place for place in local_minima(mse) if place[0] < best]
+    models = whole_surface(moment, beta)
+    terms = [np.flatnonzero(models[*place, 1:, 0]) for place in places]
+    errors = [orders_mse(pairs, beta, kept) for kept in terms]
+    chosen = 0
+    if selection != "minimum":
+        limit = PARSIMONY * np.min(errors[0])
+        best, _, chosen = min(
+            (int(order), float(each[order]), number)
+            for number, each in enumerate(errors)
+            for order in np.flatnonzero(each <= limit)[:1]
+        )
+    return Choice(best + 1, terms[chosen], mse, errors[chosen])
+
+
+def orders_mse(pairs: list[Pair], beta: Array, kept: NDArray[np.int64]) -> Array:
+    """MSE of one output on the left-out data, of every order with a subset of the terms."""
+    return left_out_mse(
         [(restrict(used, kept), restrict(left, kept)) for used, left in pairs],
         lambda used, left: mean_squares(left, all_orders(used, beta[kept], len(kept)))[..., 0],
     )
-    if parsimonious:
-        best = int(np.argmax(order_mse <= PARSIMONY * np.min(order_mse)))
-    return Choice(best + 1, kept, mse, order_mse)
+
+
+def local_minima(mse: Array) -> list[tuple[int, int]]:
+    """Indices (order - 1, terms - 1) of the models that are better than all their neighbours."""
+    padded = np.pad(np.where(np.isnan(mse), np.inf, mse), 1, constant_values=np.inf)
+    around = sliding_window_view(padded, (3, 3)).reshape(*mse.shape, 9)
+    lowest = np.all(mse[..., None] < np.delete(around, 4, axis=2), axis=2)
+    return [(int(order), int(count)) for order, count in np.argwhere(lowest)]
 
 
 def least(mse: Array, resolution: float) -> tuple[int, int]:
@@ -179,7 +207,7 @@ class SurfacePlsr(PartialLeastSquares):
     the number of stages. All bootstrap replicates have the same order and terms.
     """
 
-    selection: Literal["minimum", "parsimonious"]
+    selection: Rule
     validation: Selection
     stages: int
 
@@ -192,7 +220,7 @@ class SurfacePlsr(PartialLeastSquares):
         """Identify the residual table of all stages; the surfaces are diagnostics."""
         lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
-        z, dofs = columns(samples), problem.nominal.dofs
+        z, dofs = self.columns(samples), problem.nominal.dofs
         held_out = self.held_out(problem, z, lag) if self.validation == "test" else None
         splits = split(self.validation, z.x, held_out, self.folds, rng, samples.file)
         all_samples = part(z.x, slice(None))
@@ -213,6 +241,7 @@ class SurfacePlsr(PartialLeastSquares):
         tables = [Vessel("residual", dofs, samples.terms, z.table(part)) for part in sums]
         parts = [tables[0], *(b - a for a, b in pairwise(tables))]
         diagnostics += stage_diagnostics(samples, parts)
+        diagnostics += scaled_coefficients(z, sums[-1], tables[-1])
         errors = self.bootstrap_errors(z, theta, samples.period_s, rng)
         model = problem.nominal + tables[-1]
         result = Identified(model, tables[-1], errors, diagnostics, tuple(parts))
@@ -225,13 +254,12 @@ class SurfacePlsr(PartialLeastSquares):
         for fitted in before:
             pairs = [_residual_moments(fitted, z.beta, used, out) for used, out in pairs]
             moment, _ = _residual_moments(fitted, z.beta, moment, moment)
-        parsimonious = self.selection == "parsimonious"
         return [
             choose(
                 [(output_moment(u, z.n_x, k), output_moment(o, z.n_x, k)) for u, o in pairs],
                 output_moment(moment, z.n_x, k),
                 z.beta,
-                parsimonious,
+                self.selection,
             )
             for k in range(len(z.y_scale))
         ]

@@ -51,7 +51,12 @@ def heading_power(tau: Array, nu: Array) -> Array:
 
 def iaew(error: Array, power: Array, period_s: float) -> float:
     """Integral absolute error times work, at the end of the mission. (3.18)"""
-    return float(np.sum(np.abs(error)) * period_s * np.sum(power) * period_s)
+    return float(cumulative_iaew(error, power, period_s)[-1])
+
+
+def cumulative_iaew(error: Array, power: Array, period_s: float) -> Array:
+    """Integral absolute error times work from the start to every sample, shape (N,). (3.18)"""
+    return np.asarray(np.cumsum(np.abs(error)) * period_s * np.cumsum(power) * period_s)
 
 
 def relative_errors(value: Array, truth: Array) -> Array:

@@ -1,5 +1,6 @@
-"""Current: the velocity of the water over ground."""
+"""Current: the velocity of the water over ground, and its moment."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -10,7 +11,7 @@ from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.noise import first_order
-from seatrial.models.weather.weather import Stream
+from seatrial.models.weather.weather import Stream, Weather
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,9 @@ class Current(Stream):
     (Bargouth (2022), (2.7)-(2.8), with a time constant, since a random walk is unbounded);
     `white`, each component drawn uniformly from [0, max_m_s] at every sample, as in Bargouth's
     appendices (which use the unrealistic value 10 m/s). The speed is limited to `max_m_s`.
+
+    A `slow` current also has a yaw moment that does not follow from its velocity: a process of
+    the same form with zero mean, (2.9), of standard deviation `moment_deviation_nm`.
     """
 
     speed_m_s: Annotated[NotNegative, FromVessel("tuning.current.speed_m_s")]
@@ -31,6 +35,7 @@ class Current(Stream):
     ]
     time_constant_s: Positive  # of `slow`
     max_m_s: Positive
+    moment_deviation_nm: NotNegative = 0.0  # of `slow`
 
     air: ClassVar[bool] = False
 
@@ -39,6 +44,14 @@ class Current(Stream):
         if self.speed_m_s > self.max_m_s:
             raise ConfigurationError(
                 f"speed_m_s must not be above max_m_s = {self.max_m_s:g}, got {self.speed_m_s:g}"
+            )
+
+    def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
+        """Raise ConfigurationError for a yaw moment on a vessel that does not turn."""
+        if self.moment_deviation_nm and "yaw" not in dofs:
+            raise ConfigurationError(
+                f"disturbance.current.moment_deviation_nm: got {self.moment_deviation_nm:g}, "
+                f"expected 0 for a vessel that moves in {', '.join(dofs)}"
             )
 
     def realise(self, n: int, period_s: float, rng: np.random.Generator) -> Array:
@@ -55,3 +68,16 @@ class Current(Stream):
                 )
         speed = np.hypot(*velocity.T)[:, None]
         return np.asarray(velocity * np.minimum(1.0, self.max_m_s / np.maximum(speed, 1e-12)))
+
+    def added(
+        self, weather: Weather, dofs: Sequence[str], period_s: float, rng: np.random.Generator
+    ) -> Weather:
+        """The weather with this stream and its yaw moment, which is drawn after the velocity."""
+        weather = super().added(weather, dofs, period_s, rng)
+        if self.variation == "slow" and self.moment_deviation_nm:
+            force = weather.force_ned.copy()
+            force[:, list(dofs).index("yaw")] += first_order(
+                len(force), period_s, self.moment_deviation_nm, self.time_constant_s, rng
+            )
+            weather = weather._replace(force_ned=force)
+        return weather

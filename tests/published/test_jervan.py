@@ -1,13 +1,19 @@
 """Jervan (2020) from the configuration to the stored rows; prototype figures from the errata."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from docs.published.figures import force_error_figure, iaew_figure, scaled_coefficients_figure
 from docs.published.printed import read_folder
+from seatrial.runner.compare.results import Queries, open_results
 from seatrial.runner.record.coefficient_rows import vessel_of
 from seatrial.runner.record.rows import Results
+from tests.runner.compare import stored
 
 Run = Callable[..., Results]
 Values = Callable[..., dict[str, float]]
@@ -153,3 +159,82 @@ def test_the_experiment_is_the_same_trial(run: Run, metric: Values) -> None:
         assert found[dof] <= value
     byhand = run(*THESIS)
     assert found == metric(byhand, "force_mse")
+
+
+def drawn(
+    folder: Path, draw: Callable[[Queries, int], Figure], results: Results,
+    identifier: str, options: Mapping[str, object],
+) -> list[Axes]:  # fmt: skip
+    """The panels of a figure of the published page, of one stored run."""
+    with stored.logbook_at(folder) as logbook:
+        sweep = logbook.begin_sweep("mine", "python -m runner experiment=mine", [], 1)
+        run_id = logbook.begin_run(stored.start(identifier, config=options), sweep_id=sweep).run_id
+        logbook.finish_run(run_id, results)
+    with open_results(f"sqlite:///{folder}/results.db") as queries:
+        return draw(queries, sweep).axes
+
+
+def scaled(results: Results, dof: str) -> dict[str, float]:
+    """|Theta_pre| by term, the most influential first."""
+    found = [d for d in results.diagnostics if (d.name, d.dof) == ("scaled_coefficient", dof)]
+    sizes = {d.label: abs(d.value) for d in found if d.label is not None and d.value is not None}
+    return dict(sorted(sizes.items(), key=lambda each: -each[1]))
+
+
+def test_the_terms_that_matter_in_the_case_model(run: Run, tmp_path: Path) -> None:
+    """Figure 4.6: surge by u_dot and u, sway also by r, yaw by r_dot, r and a little by v."""
+    results = run("experiment=jervan_table_4_2", "identifier.selection=test")
+    most = {dof: list(scaled(results, dof))[:3] for dof in ("surge", "sway", "yaw")}
+    assert most["surge"][:2] == ["u_dot", "u"]
+    assert most["sway"] == ["v_dot", "v", "r"]
+    assert most["yaw"] == ["r_dot", "r", "v"]
+    options = {"identifier": {"selection": "test"}}
+    axes = drawn(tmp_path, scaled_coefficients_figure, results, "plsr", options)
+    assert [panel.get_title("left").split(",")[0] for panel in axes] == ["surge", "sway", "yaw"]
+    for panel in axes:
+        names = [tick.get_text() for tick in panel.get_xticklabels()]
+        heights = [bar.get_height() for bar in panel.patches]
+        expected = scaled(results, panel.get_title("left").split(",")[0])
+        assert dict(zip(names, heights, strict=True)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_terms_that_look_alike_and_high_powers(run: Run) -> None:
+    """Figures 4.14, 4.16 and 4.18."""
+    experiment = "experiment=jervan_figure_4_14"
+    alike = run(experiment, "identifier.basis=[u,v,r,'|u|','|v|','|r|']")
+    surge, sway = scaled(alike, "surge"), scaled(alike, "sway")
+    assert surge["u"] == pytest.approx(surge["|u|"], rel=0.05)  # it hardly moves backwards
+    assert sway["|v|"] < 0.1 * sway["v"]
+    powers = ",".join(f"'{dof}^{n}'" for n in range(2, 7) for dof in "uvr")
+    for identifier, low, high in (("plsr_unit_variance", 0.9, 2.0), ("plsr", 0.0, 0.35)):
+        results = run(experiment, f"identifier={identifier}", f"identifier.basis=[u,v,r,{powers}]")
+        found = scaled(results, "surge")
+        assert low < found["u^6"] / found["u"] < high
+
+
+def test_the_iaew_over_time_ends_at_the_metric(run: Run, metric: Values, tmp_path: Path) -> None:
+    """Figures 4.38 and 4.39; the curves never fall."""
+    results = run("experiment=jervan_table_4_12", "identifier=ls", "identifier.force=filtered")
+    options = {
+        "identifier": {"force": "filtered"}, "controller": {"thruster_lead": False},
+    }  # fmt: skip
+    panels = drawn(tmp_path, iaew_figure, results, "ls", options)
+    for panel, dof in zip(panels, ("position", "heading"), strict=True):
+        size = 1e6 if "MJ" in panel.get_ylabel() else 1e3 if "kJ" in panel.get_ylabel() else 1.0
+        for line, model in zip(panel.lines, ("nominal", "identified"), strict=True):
+            curve = size * np.asarray(line.get_ydata())
+            assert curve[-1] == pytest.approx(metric(results, "iaew", model)[dof], rel=1e-9)
+            assert np.all(np.diff(curve) >= 0.0)
+
+
+def test_the_error_is_about_as_large_as_an_unknown_force(run: Run, tmp_path: Path) -> None:
+    """Figure 4.47: "the mean of the error matches closely to the magnitude of the disturbance"."""
+    results = run(
+        "experiment=jervan_table_4_16", "identifier=plsr", "identifier.force=commanded",
+        "identifier.selection=test", "identifier.bootstrap=null",
+    )  # fmt: skip
+    (panel,) = drawn(tmp_path, force_error_figure, results, "plsr", {})
+    lines = {line.get_label(): np.asarray(line.get_ydata(), dtype=float) for line in panel.lines}
+    np.testing.assert_allclose(lines["|force|"], np.hypot(200.0, 100.0), rtol=1e-12)
+    assert np.mean(lines["|error|"]) == pytest.approx(np.hypot(200.0, 100.0), rel=0.15)
+    np.testing.assert_allclose(lines["mean of |error|"], np.mean(lines["|error|"]), rtol=1e-12)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from docs.published import __main__ as program
-from docs.published.page import objective_figure, times_figure
+from docs.published.figures import objective_figure, times_figure
 from docs.published.printed import COLUMNS, Printed, judged, read_folder, verdict_of
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError

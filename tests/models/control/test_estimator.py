@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from seatrial.models.control.estimator import Kalman, filter_gain, observer_of
+from seatrial.models.control.estimator import Kalman, estimate, filter_gain, memory, observer_of
 from seatrial.models.control.linear_design import design_model
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.weather.current import Current
+from seatrial.models.weather.disturbance import Disturbance
 from tests.models.control.sailing import (
     KALMAN,
     LIMITS,
@@ -135,10 +138,66 @@ def test_the_measured_state_is_used_as_it_is() -> None:
     np.testing.assert_allclose(state.x, [*log.eta[-1], *ned], atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["process", "measurement", "bias_walk"])
+MOMENT_NM, TIME_CONSTANT_S = 2e6, 60.0
+
+
+def innovations(kalman: Kalman, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Innovations in heading, their expected deviation, and errors of the moment, each over n s.
+
+    The vessel turns as the model of the filter says: a double integrator with white accelerations
+    and the yaw moment of a slow current.
+    """
+    rng = np.random.default_rng(4)
+    current = Current(0.0, 0.0, "slow", 0.0, TIME_CONSTANT_S, 1.0, MOMENT_NM)
+    moment = Disturbance(current=current).realise(n, PLANAR, rng, rng, 1.0).force_ned[:, 2]
+    acceleration = moment / 4.5e10 + KALMAN.process[2] * rng.standard_normal(n)
+    rate = np.concatenate([[0.0], np.cumsum(acceleration)])
+    heading = np.concatenate([[0.0], np.cumsum(rate[:-1] + 0.5 * acceleration)])
+    observer = observer_of(design_model(double_integrators(), LIMITS, 1.0), "kalman", kalman)
+    past, eta, rest = memory(6, 3, 3), np.zeros(3), np.zeros(3)
+    errors = np.zeros((n, 2))
+    for k in range(n):
+        eta[2] = heading[k] + KALMAN.measurement[2] * rng.standard_normal()
+        estimate(observer, past, eta, rest)
+        past.instant[0] += 1
+        errors[k] = observer.error[2], past.bias[2] - moment[k]
+    expected = np.linalg.inv(np.eye(3) - observer.C @ observer.M) * np.square(KALMAN.measurement)
+    return errors[:, 0], np.sqrt(expected[2, 2]), errors[:, 1]
+
+
+def test_the_moment_of_a_current_in_the_model_of_the_filter() -> None:
+    """With (2.9) in its model the filter is the optimal one: white innovations of known size."""
+    n, start = 40_000, 1000
+    walk = (0.0, 0.0, MOMENT_NM * np.sqrt(2.0 / TIME_CONSTANT_S))
+    moved = replace(
+        KALMAN, bias_walk=walk, estimate_bias=True, bias_time_constant_s=TIME_CONSTANT_S
+    )
+    found, deviation, error = (
+        part[start:] if np.ndim(part) else part for part in innovations(moved, n)
+    )
+    count = n - start
+    assert abs(np.mean(found)) < 4.0 * deviation / np.sqrt(count)
+    assert np.std(found) == pytest.approx(deviation, rel=4.0 / np.sqrt(2.0 * count))
+    for lag in (1, 2, 5, 10, 30, 60):
+        correlation = np.mean(found[:-lag] * found[lag:]) / np.mean(found**2)
+        assert abs(correlation) < 4.0 / np.sqrt(count)
+    assert abs(np.mean(error)) < 4.0 * np.std(error) * np.sqrt(2.0 * TIME_CONSTANT_S / count)
+    assert np.std(error) < 0.8 * MOMENT_NM
+    blind = innovations(KALMAN, n)[0][start:]
+    assert np.mean(blind[:-1] * blind[1:]) > 0.1 * np.mean(blind**2)
+
+
+@pytest.mark.parametrize("name", ["process", "measurement"])
 def test_deviations_must_be_positive(name: str) -> None:
     with pytest.raises(ConfigurationError, match=f"{name} must be 3 positive numbers"):
         replace(KALMAN, **{name: (1.0, 0.0, 1.0)})
+
+
+def test_a_walk_of_the_bias_along_no_axis_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="3 numbers, one of them positive"):
+        replace(KALMAN, bias_walk=(0.0, 0.0, 0.0))
+    with pytest.raises(ConfigurationError, match="bias_walk must not be negative"):
+        replace(KALMAN, bias_walk=(1.0, -1.0, 1.0))
 
 
 def test_what_does_not_fit_the_vessel_is_refused() -> None:

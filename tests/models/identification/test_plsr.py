@@ -49,7 +49,7 @@ def test_the_order_is_the_minimum_on_the_test_part(calm, thesis) -> None:
         assert sorted(mse) == list(range(1, 31))
         assert min(mse, key=mse.get) == order
         assert mse[int(order)] == pytest.approx(np.mean(rest[:, k] ** 2), rel=1e-9)
-    assert {f.label for f in thesis[1].diagnostics} == {"test"}
+        assert [f.label for f in diagnostics(thesis[1], "selected_order")] == ["test"] * 3
 
 
 @pytest.mark.parametrize("joint", [True, False])
@@ -69,6 +69,22 @@ def test_coefficients_equal_scikit_learn(calm, identifier, rng, joint) -> None:
         expected = peer.predict(x).reshape(len(x), -1)[:, k if joint else 0]
         scaled = (predicted[:, k] - samples.epsilon[:, k].mean()) / samples.epsilon[:, k].std()
         np.testing.assert_allclose(scaled, expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["plsr", "surface_plsr"])
+def test_scaled_coefficients_are_those_before_the_scales(calm, identifier, rng, name) -> None:
+    """Jervan (2020), (3.12): Theta = Theta_pre std Y / (beta std X), with beta of (4.8)."""
+    method, problem = identifier(name, force="commanded", bootstrap=None), calm.problem
+    found = method.identify(problem, rng)
+    samples = method.samples(problem.training, problem.nominal, problem.thruster)
+    names, dofs = [str(term) for term in samples.terms], problem.nominal.dofs
+    theta = np.zeros_like(found.residual.theta)
+    for f in diagnostics(found, "scaled_coefficient"):
+        i, k = names.index(f.label), dofs.index(f.dof)
+        scale = samples.terms[i].order * np.std(samples.phi[:, i])
+        theta[i, k] = f.value * np.std(samples.epsilon[:, k]) / scale
+    theta[0] = np.mean(samples.epsilon - samples.phi @ theta, axis=0)  # (3.13)
+    np.testing.assert_allclose(theta, found.residual.theta, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("selection", ["blocked", "rolling", "kfold"])

@@ -29,6 +29,21 @@ def test_power_and_iaew() -> None:
     assert metrics.iaew(np.array([1.0, -1.0]), np.array([2.0, 3.0]), 0.5) == pytest.approx(2.5)
 
 
+def test_the_curve_of_the_iaew_ends_at_its_value_and_has_its_slope() -> None:
+    """IAEW = E W: its derivative is |e| W + E P, of (3.18); constant e and P make it |e| P t^2."""
+    rng = np.random.default_rng(0)
+    t = H * np.arange(1, 2001)
+    error, power = np.sin(0.05 * t), 2.0 + np.cos(0.03 * t)
+    curve = metrics.cumulative_iaew(error, power, H)
+    assert curve[-1] == pytest.approx(metrics.iaew(error, power, H), rel=1e-12)
+    integrals = H * np.cumsum(np.abs(error)), H * np.cumsum(power)
+    slope = np.abs(error) * integrals[1] + integrals[0] * power
+    np.testing.assert_allclose(np.gradient(curve, H)[1:-1], slope[1:-1], rtol=0.02, atol=1.0)
+    constant = metrics.cumulative_iaew(np.full(2000, -3.0), np.full(2000, 5.0), H)
+    np.testing.assert_allclose(constant, 15.0 * t**2, rtol=1e-12)
+    assert np.all(np.diff(metrics.cumulative_iaew(rng.standard_normal(100), power[:100], H)) > 0.0)
+
+
 def test_relative_errors_leave_out_what_is_truly_zero() -> None:
     errors = metrics.relative_errors(np.array([1.1, 0.5]), np.array([1.0, 0.0]))
     assert errors[0] == pytest.approx(0.1)

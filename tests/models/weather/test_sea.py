@@ -34,6 +34,35 @@ def test_a_slow_current_varies_about_its_mean() -> None:
         assert np.corrcoef(column[:-60], column[60:])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.03)
 
 
+def test_the_yaw_moment_of_a_slow_current() -> None:
+    """(2.9) with a time constant: zero mean, its deviation and memory, beside the same stream."""
+    streams = [
+        Disturbance(current=Current(0.3, 0.0, "slow", 0.05, 60.0, 5.0, deviation)).realise(
+            400_000, PLANAR, rng(), rng(1), 1.0
+        )
+        for deviation in (0.0, 2e5)
+    ]
+    np.testing.assert_array_equal(streams[1].current_ned, streams[0].current_ned)
+    assert not np.any(streams[0].force_ned)
+    assert not np.any(streams[1].force_ned[:, :2])
+    moment = streams[1].force_ned[:, 2]
+    # the mean and the deviation of 400,000 / 120 independent values, to four standard errors
+    assert abs(np.mean(moment)) < 4.0 * 2e5 * np.sqrt(120.0 / len(moment))
+    assert np.std(moment) == pytest.approx(2e5, rel=4.0 * np.sqrt(0.5 * 60.0 / len(moment)))
+    for lag in (30, 60, 120):
+        correlation = np.corrcoef(moment[:-lag], moment[lag:])[0, 1]
+        assert correlation == pytest.approx(np.exp(-lag / 60.0), abs=0.04)
+    for velocity in streams[1].current_ned.T:
+        assert abs(np.corrcoef(velocity, moment)[0, 1]) < 0.07
+
+
+def test_a_yaw_moment_needs_a_vessel_that_turns() -> None:
+    current = Current(0.3, 0.0, "slow", 0.05, 60.0, 5.0, 2e5)
+    Disturbance(current=current).check(PLANAR)
+    with pytest.raises(ConfigurationError, match="moment_deviation_nm: got 200000, expected 0"):
+        Disturbance(current=current).check(("surge",))
+
+
 @pytest.mark.parametrize("variation", ["slow", "constant"])
 def test_a_current_stays_below_its_limit(variation: Any) -> None:
     velocity = Current(0.9, 0.0, variation, 0.5, 60.0, 1.0).realise(10_000, 1.0, rng())
@@ -96,7 +125,14 @@ def test_what_does_not_suit_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "changes", [{"speed_m_s": -1.0}, {"time_constant_s": 0.0}, {"max_m_s": 0.0}, {"speed_m_s": 2.0}]
+    "changes",
+    [
+        {"speed_m_s": -1.0},
+        {"time_constant_s": 0.0},
+        {"max_m_s": 0.0},
+        {"speed_m_s": 2.0},
+        {"moment_deviation_nm": -1.0},
+    ],
 )
 def test_wrong_currents_are_refused(changes: dict[str, float]) -> None:
     options: dict[str, Any] = {

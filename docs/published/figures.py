@@ -1,0 +1,229 @@
+"""Figures of the sources, drawn from the newest sweep of their experiments."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from seatrial.models.simulation import metrics
+from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.plots.style import (
+    MODEL_COLOURS,
+    PALETTE,
+    REFERENCE,
+    footnote,
+    headed,
+    largest_of,
+    marker_of,
+    panels,
+    prefixed,
+)
+from seatrial.runner.compare.plots.surface import COLOURS
+from seatrial.runner.compare.results import Queries, StoredDiagnostic
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.where import OfSweeps
+from seatrial.runner.record.rows import Series
+
+DECADES = 4.0  # range of the colours of an objective below its highest value
+MANY_TERMS = 20  # of one panel, which then has the width of the figure
+
+
+def objective_figure(results: Queries, sweep: int) -> Figure:
+    """Hoyer (2021), Figure 7.20: an objective over two parameters, with its minimum and the truth.
+
+    There is a panel for each run. Diagnostics: `topology` (i, j), and `topology_first` (i) and
+    `topology_second` (j), the values of the parameters.
+    """
+    condition = OfSweeps((sweep,))
+    runs = results.runs(condition)
+    names = ("topology_first", "topology_second", "topology")
+    stored = results.diagnostics(runs, names, condition)
+    configs = results.configs_of([run.id for run in runs])
+    truths = {
+        (row.run.id, f"{row.dof}.{row.name}"): row.true_value
+        for row in results.coefficients(runs, condition)
+        if row.model == "identified" and row.true_value is not None
+    }
+    chart, axes = panels(-(-len(runs) // 2), 2, 4.7, 3.9)
+    for panel, run in zip(axes, runs, strict=False):
+        first, second, z = ([row for row in stored[run.id] if row.name == n] for n in names)
+        labels = first[0].label, second[0].label
+        truth = [truths[run.id, label] for label in labels if (run.id, label) in truths]
+        _objective_panel(panel, first, second, z, truth)
+        objective = configs[run.id]["identifier.objective"]
+        panel.set_title(f"{run.levels['excitation']}, {objective}", loc="left")
+        chart.colorbar(panel.collections[0], ax=panel, label="sum of the objectives", pad=0.02)
+    for panel in axes[len(runs) :]:
+        panel.remove()
+    headed(chart, axes[: len(runs)], "Objective over two parameters")
+    footnote(chart, ["colours: logarithmic, down to a ten-thousandth of the highest value"])
+    return chart
+
+
+def _objective_panel(
+    axes: Axes,
+    first: Sequence[StoredDiagnostic],
+    second: Sequence[StoredDiagnostic],
+    z: Sequence[StoredDiagnostic],
+    truth: Sequence[float],
+) -> None:
+    x, y = ([row.value for row in side] for side in (first, second))
+    heights = np.full((len(x), len(y)), np.nan)
+    for row in z:
+        heights[row.i, row.j] = row.value
+    high = float(np.nanmax(heights))
+    norm = LogNorm(max(high * 10.0**-DECADES, np.finfo(float).tiny), high)
+    axes.pcolormesh(
+        x, y, np.maximum(heights, norm.vmin or 0.0).T, norm=norm, cmap=COLOURS, shading="nearest",
+        rasterized=True,
+    )  # fmt: skip
+    i, j = np.unravel_index(int(np.nanargmin(heights)), heights.shape)
+    axes.plot(x[i], y[j], "o", mfc="none", mec="#D55E00", mew=2.0, ms=13, label="lowest")
+    if len(truth) == 2:
+        place = [truth[0]], [truth[1]]
+        axes.plot(*place, "*", color="black", mec="white", mew=0.6, ms=12, label="true values")
+    axes.set_xlabel(with_unit(str(first[0].label), first[0].unit))
+    axes.set_ylabel(with_unit(str(second[0].label), second[0].unit))
+    axes.grid(visible=False)
+
+
+def times_figure(results: Queries, sweep: int) -> Figure:
+    """Hoyer (2021), Figure 7.21: time of n predictions without JIT, with JIT, and many at once.
+
+    Diagnostics: `prediction_time` (i = n, label = way), which includes the compilation, and
+    `prediction_time_compiled`, which does not.
+    """
+    condition = OfSweeps((sweep,))
+    run = results.runs(condition)[-1]
+    lines = {"prediction_time": "-", "prediction_time_compiled": ":"}
+    rows = results.diagnostics([run], list(lines), condition)[run.id]
+    chart, (axes,) = panels(1, 1, 6.5, 4.2)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for k, way in enumerate(dict.fromkeys(row.label for row in rows)):
+        for name, line in lines.items():
+            points = sorted((r.i, r.value) for r in rows if (r.name, r.label) == (name, way))
+            axes.plot(
+                *zip(*points, strict=True), color=PALETTE[k], marker=marker_of(k), linestyle=line,
+                label=way if line == "-" else None,
+            )  # fmt: skip
+    axes.set_xlabel("Number of predictions")
+    axes.set_ylabel("Time [s]")
+    headed(chart, [axes], "Time of predictions")
+    footnote(chart, ["solid: with compilation of the machine code; dotted: without"])
+    return chart
+
+
+def scaled_coefficients_figure(results: Queries, sweep: int) -> Figure:
+    """Jervan (2020), Figures 4.6, 4.14, 4.16, 4.18 and 4.20: |Theta_pre| of every term.
+
+    A row for each run whose orders were selected on the test half, as in the thesis; a panel for
+    each degree of freedom. Diagnostics: `scaled_coefficient` (dof, label) and `selected_order`.
+    """
+    condition = OfSweeps((sweep,))
+    runs = results.runs(condition)
+    configs = results.configs_of([run.id for run in runs])
+    runs = [run for run in runs if configs[run.id]["identifier.selection"] == "test"]
+    stored = results.diagnostics(runs, ("scaled_coefficient", "selected_order"), condition)
+    dofs = list(dict.fromkeys(row.dof for run in runs for row in stored[run.id]))
+    terms = max(sum(row.dof == dofs[0] for row in stored[run.id]) for run in runs)
+    abreast = len(dofs) if terms < MANY_TERMS else 1
+    width, rows_of = (3.2, len(runs)) if abreast > 1 else (8.0, len(runs) * len(dofs))
+    chart, axes = panels(rows_of, abreast, width, 2.6)
+    places = [(run, dof) for run in runs for dof in dofs]
+    for panel, (run, dof) in zip(axes, places, strict=True):
+        rows = [row for row in stored[run.id] if row.dof == dof]
+        (order,) = (row.value for row in rows if row.name == "selected_order")
+        bars = [row for row in rows if row.name == "scaled_coefficient"]
+        panel.bar(range(len(bars)), [abs(row.value) for row in bars], color=PALETTE[0])
+        panel.set_xticks(range(len(bars)), [str(row.label) for row in bars], rotation=90)
+        panel.set_title(f"{dof}, {run.levels['identifier']}, order {order:g}", loc="left")
+        panel.set_ylabel("|Theta_pre|" if dof == dofs[0] else "")
+        panel.grid(visible=False, axis="x")
+    headed(chart, axes, "Coefficients between scaled terms and scaled forces")
+    return chart
+
+
+def iaew_figure(results: Queries, sweep: int) -> Figure:
+    """Jervan (2020), Figures 4.38 and 4.39: error times work from the start, of pose and heading.
+
+    The curve without a model is that of the first run; the others are of the identified models.
+    """
+    runs = results.runs(OfSweeps((sweep,)))
+    configs = results.configs_of([run.id for run in runs])
+    curves = {"nominal model": _iaew(results, runs[0].id, "nominal")}
+    for run in runs:
+        lead = ", lead" if configs[run.id]["controller.thruster_lead"] else ""
+        name = f"{run.levels['identifier']}, {configs[run.id]['identifier.force']} force{lead}"
+        curves[name] = _iaew(results, run.id, "identified")
+    chart, axes = panels(1, 2, 4.6, 3.4)
+    colours = (MODEL_COLOURS["nominal"], PALETTE[0], *PALETTE[2:])
+    for panel, dof, error in zip(axes, ("position", "heading"), ("m", "rad"), strict=True):
+        unit, size = prefixed("J", largest_of([curve[dof] for curve in curves.values()]))
+        for colour, (label, curve) in zip(colours, curves.items(), strict=False):
+            panel.plot(curve["t"], curve[dof] / size, color=colour, label=label)
+        panel.set_title(dof, loc="left")
+        panel.set_xlabel("Time [s]")
+        panel.set_ylabel(with_unit("IAEW", f"{error} {unit} s"))
+        panel.set_ylim(bottom=0.0)
+        panel.margins(x=0)
+    headed(chart, axes, "Integral absolute error times work over time")
+    return chart
+
+
+def _iaew(results: Queries, run: int, model: str) -> dict[str, Sample]:
+    """Return the IAEW of a deployment over time [s], of position [m J s] and heading [rad J s]."""
+    columns = results.reader.series(run, f"deployment_{model}").columns
+    tau = np.column_stack([columns[f"tau_{dof}"] for dof in ("surge", "sway", "yaw")])
+    nu = np.column_stack([columns[name] for name in ("u", "v", "r")])
+    t, power = columns["t"], (metrics.position_power(tau, nu), metrics.heading_power(tau, nu))
+    return {
+        "t": t,
+        "position": metrics.cumulative_iaew(columns["e_pos"], power[0], t[1] - t[0]),
+        "heading": metrics.cumulative_iaew(columns["e_psi"], power[1], t[1] - t[0]),
+    }
+
+
+def force_error_figure(results: Queries, sweep: int) -> Figure:
+    """Jervan (2020), Figure 4.47: the error of the model beside an unknown constant force.
+
+    Both are magnitudes over surge and sway, on the test half; a panel for each run.
+    """
+    runs = results.runs(OfSweeps((sweep,)))
+    chart, axes = panels(len(runs), 1, 8.0, 2.3, share_x=True)
+    for panel, run in zip(axes, runs, strict=True):
+        series = results.reader.series(run.id, "residual")
+        force = _magnitude(results.reader.series(run.id, "recording"), "force_ned")
+        error, left = _magnitude(series, "residual_identified"), series.columns["train"] == 0
+        t, mean = series.columns["t"][left], float(np.mean(error[left]))
+        colour, label = MODEL_COLOURS["identified"], "mean of |error|"
+        panel.plot(t, error[left], color=colour, label="|error|", linewidth=0.9)
+        panel.axhline(mean, color=colour, linestyle="--", label=label)
+        panel.plot(t, force[left], color=REFERENCE, label="|force|")
+        title = f"mean of |error| {number_text(mean, 3)} N, |force| {number_text(force[-1], 3)} N"
+        panel.set_title(f"{run.levels['identifier']}: {title}", loc="left")
+        panel.set_ylabel("Force [N]")
+        panel.set_ylim(bottom=0.0)
+        panel.margins(x=0)
+    axes[-1].set_xlabel("Time [s]")
+    headed(chart, axes, "Error of the model and the constant force")
+    return chart
+
+
+def _magnitude(series: Series, name: str) -> Sample:
+    """Return the magnitude of a signal over surge and sway."""
+    return np.hypot(series.columns[f"{name}_surge"], series.columns[f"{name}_sway"])
+
+
+SCALED = "Coefficients between scaled terms and scaled forces"
+FIGURES: Mapping[str, tuple[str, Callable[[Queries, int], Figure]]] = {
+    "jervan_figure_4_14": (SCALED, scaled_coefficients_figure),
+    "jervan_table_4_2": (SCALED, scaled_coefficients_figure),
+    "jervan_table_4_5": (SCALED, scaled_coefficients_figure),
+    "jervan_table_4_12": ("Integral absolute error times work", iaew_figure),
+    "jervan_table_4_16": ("Error of the model and the constant force", force_error_figure),
+    "hoyer_figure_7_20": ("An objective over two parameters", objective_figure),
+    "hoyer_figure_7_21": ("Time of n predictions", times_figure),
+}
