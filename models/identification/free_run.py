@@ -15,7 +15,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from seatrial.models.compiled import kernel, lean_kernel
+from seatrial.models.compiled import INNER, kernel, lean_kernel
 from seatrial.models.elementary import where
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import ACCELERATIONS, poses_of
@@ -199,8 +199,10 @@ def predict(plant: PlantTable, course: Course, euler: bool, states: Array) -> fl
     eta, nu = np.empty(n_pose), np.empty(n_dof)
     for k in range(states.shape[0]):
         _follow(plant, course, k, euler, eta, nu, work)
-        states[k, :n_pose] = eta
-        states[k, n_pose:] = nu
+        for i in range(n_pose):
+            states[k, i] = eta[i]
+        for i in range(n_dof):
+            states[k, n_pose + i] = nu[i]
     limited: float = work.limited[0]
     return limited
 
@@ -277,7 +279,7 @@ def _error(measured: float, e: float, metric: int) -> float:
     return where(scale > 0.0, share, 0.0)  # type: ignore[no-any-return]
 
 
-@register_jitable
+@register_jitable(**INNER)
 def _aligned(rows: int) -> Array:
     """Zeros of shape (rows, WIDTH) with every row aligned to a cache line of 64 bytes."""
     buffer = np.zeros(rows * WIDTH + 8)
@@ -297,7 +299,7 @@ class _Lanes(NamedTuple):
     work: Scratch
 
 
-@register_jitable
+@register_jitable(**INNER)
 def _lanes(
     structure: PlantTable, n_entries: int, n_parameters: int, n_dof: int, n_pose: int
 ) -> _Lanes:
@@ -319,13 +321,18 @@ def _lanes(
     return _Lanes(entries, inverse, parameters, states, plant, as_packs(states), work)
 
 
-@register_jitable
+@register_jitable(**INNER)
 def _load(lanes: _Lanes, entries: Array, inverse: Array, parameters: Array, begin: int) -> int:
     """Take the candidates from number `begin` on; return how many there are."""
     size: int = min(WIDTH, inverse.shape[2] - begin)
-    lanes.entries[:, :size] = entries[:, begin : begin + size]
-    lanes.inverse[:, :, :size] = inverse[:, :, begin : begin + size]
-    lanes.parameters[:, :size] = parameters[:, begin : begin + size]
+    for m in range(size):  # assignments of slices would make numba compile the text of its error
+        for i in range(entries.shape[0]):
+            lanes.entries[i, m] = entries[i, begin + m]
+        for i in range(inverse.shape[0]):
+            for j in range(inverse.shape[1]):
+                lanes.inverse[i, j, m] = inverse[i, j, begin + m]
+        for i in range(parameters.shape[0]):
+            lanes.parameters[i, m] = parameters[i, begin + m]
     return size
 
 
@@ -350,7 +357,9 @@ def predict_many(
         for k in range(states.shape[1]):
             if course.restart[k]:
                 piece += 1
-                lanes.states[:, :size] = starts[piece, :, begin : begin + size]
+                for m in range(size):
+                    for i in range(n_state):
+                        lanes.states[i, m] = starts[piece, i, begin + m]
             else:
                 _follow(lanes.plant, course, k, euler, eta, nu, lanes.work)
             for m in range(size):

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import overload, register_jitable
 
-from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
+from seatrial.models.compiled import INNER, LEAN, lean_kernel, tuple_of
 from seatrial.models.elementary import angle_of, where
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, REST_M_S, Array, features_kernel
 from seatrial.models.vessel.devices.device import FORCES, MAX_DEVICES, WAKE, exert
@@ -77,13 +77,13 @@ class Scratch(NamedTuple):
     wake: Array  # what each device leaves for those behind it
 
 
-@register_jitable
+@register_jitable(**INNER)
 def scratch_size(n_terms: int, n_dof: int, n_pose: int) -> int:
     """Length of the array that holds the vectors of a work space."""
     return 2 * N_VARIABLES + n_terms + 4 + 5 * n_dof + 3 * n_pose + FORCES + WAKE * MAX_DEVICES
 
 
-@register_jitable
+@register_jitable(**INNER)
 def scratch_in(vectors: Array, matrices: Array, n_terms: int, n_dof: int, n_pose: int) -> Scratch:
     """Work space in two zero arrays of shapes (scratch_size,) and MATRICES.
 

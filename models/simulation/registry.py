@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from numba.extending import overload
 
-from seatrial.models.compiled import lean_kernel, tuple_of
+from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.vessel.basis import Array
 
 Parameters: TypeAlias = Any  # the named tuple that a step is registered for; compiled by its type
@@ -41,7 +41,7 @@ def control_step(
     CONTROLLERS[type(parameters)](parameters, state, eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb)
 
 
-@overload(control_step)
+@overload(control_step, jit_options=LEAN)
 def _control_step(
     parameters: Parameters, state: State, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
@@ -62,7 +62,7 @@ def guide_step(parameters: Parameters, state: Array, k: int, eta: Array, setpoin
     GUIDANCE[type(parameters)](parameters, state, k, eta, setpoint)
 
 
-@overload(guide_step)
+@overload(guide_step, jit_options=LEAN)
 def _guide_step(
     parameters: Parameters, state: State, k: int, eta: Array, setpoint: Array
 ) -> Callable[..., None]:
@@ -79,7 +79,7 @@ def reference_step(table: Parameters, state: Array, setpoint: Array) -> None:
     REFERENCES[type(table)](table, state, setpoint)
 
 
-@overload(reference_step)
+@overload(reference_step, jit_options=LEAN)
 def _reference_step(table: Parameters, state: State, setpoint: Array) -> Callable[..., None]:
     step = REFERENCES[tuple_of(table)]
 

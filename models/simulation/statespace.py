@@ -270,7 +270,7 @@ def _free(A: Array, C: Array, y: Array) -> None:
             for j in range(n):
                 for c in range(n):
                     following[i, c] += A[i, j] * x[j, c]
-        x[:] = following
+        x, following = following, x
 
 
 @kernel
@@ -285,7 +285,7 @@ def _simulate(A: Array, B: Array, C: Array, D: Array, x0: Array, u: Array, y: Ar
         following[:] = 0.0
         _add_product(A, x, following)
         _add_product(B, u[k], following)
-        x[:] = following
+        x, following = following, x
 
 
 @kernel
@@ -300,7 +300,8 @@ def _predict(
     predicted[:] = 0.0
     for k in range(n_rows):
         first = 0 if k == 0 else steps - 1
-        ahead[:] = x
+        for i in range(x.shape[0]):
+            ahead[i] = x[i]
         for i in range(min(steps, n_rows - k)):
             if i >= first:
                 _add_product(C, ahead, predicted[k + i])
@@ -308,7 +309,7 @@ def _predict(
             following[:] = 0.0
             _add_product(A, ahead, following)
             _add_product(B, u[k + i], following)
-            ahead[:] = following
+            ahead, following = following, ahead
         error[:] = 0.0
         _add_product(C, x, error)
         _add_product(D, u[k], error)
@@ -318,4 +319,4 @@ def _predict(
         for i in range(error.shape[0]):
             error[i] = y[k, i] - error[i]
         _add_product(K, error, following)
-        x[:] = following
+        x, following = following, x

@@ -99,7 +99,7 @@ def test_workers_on_an_empty_cache_compile_nothing(tmp_path: Path) -> None:
     out, err = process.communicate(timeout=1200)
     assert process.returncode == 0, err
     assert "4 finished" in out
-    assert err.count("compiling (first run on this machine)") == 1
+    assert err.count("compiling simulation.loop._sail (first time on this machine)") == 1
     compilations = [line.split() for line in notes.read_text().splitlines()]
     assert len(compilations) > 20
     assert {pid for pid, _ in compilations} == {str(process.pid)}
