@@ -1,6 +1,6 @@
 """What free runs over blocks left out predict worse than the nominal model does not stay."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,8 @@ from seatrial.models.identification import fallback
 from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.fallback import guarded, undivided
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
-from seatrial.models.identification.problem import Identified, Problem, choose_basis
+from seatrial.models.identification.problem import Identified, Identifier, Problem, choose_basis
+from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.table import Vessel
 from tests.models.conftest import configured
 
@@ -18,6 +19,17 @@ from tests.models.conftest import configured
 def identified(model: Vessel, nominal: Vessel) -> Identified:
     residual = model - nominal
     return Identified(model, residual, np.ones_like(residual.theta))
+
+
+@dataclass(frozen=True)
+class Given(Identifier):
+    """An identifier with protections that returns a given result."""
+
+    result: Identified
+    protected = True
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        return self.result
 
 
 def kept(result: Identified) -> list[str]:
@@ -66,6 +78,17 @@ def test_equations_that_belong_together_stay_or_go_together(calm) -> None:
         score = undivided(validation, [factor * calm.truth] * len(models))
         assert score.nominal_axes == (0, 1, 2)
         assert score.models == (nominal,) * len(models)
+
+
+def test_a_state_space_model_is_not_divided(calm, rng) -> None:
+    """The same table loses its yaw where its equations can be exchanged, and nothing where not."""
+    model, nominal = braked(calm.truth, 2, 2.5), calm.problem.nominal
+    linear = StateSpace(np.eye(1), np.eye(1), np.eye(1), np.eye(1), 1.0)
+    for space, lost in ((None, ["yaw"]), (linear, [])):
+        given = replace(identified(model, nominal), state_space=space, control_model=space)
+        found = fallback.identified(Given(given), calm.problem, rng)
+        assert kept(found) == lost
+        assert (found.control_model is linear) == (not lost)
 
 
 def test_equations_without_skill_go_together(constant) -> None:
