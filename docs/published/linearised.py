@@ -16,6 +16,7 @@ import numpy as np
 from seatrial.models import notation
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification.dsr import fit, model_diagnostics
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -24,9 +25,8 @@ from seatrial.models.identification.problem import (
     check_force,
     check_forces,
 )
-from seatrial.models.identification.sampled_data import Sampled, sampled
-from seatrial.models.identification.state_space_diagnostics import fit, model_diagnostics
-from seatrial.models.notation import PLANAR, POSE_UNIT
+from seatrial.models.identification.sampled_data import Sampled, forces_of, sampled
+from seatrial.models.notation import PLANAR, POSE_UNIT, poses_of
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.linearisation import gradient, linearise, operating_force
@@ -82,7 +82,8 @@ class Linearised(Identifier):
         if self.wind is not None and windy and not nominal.force_table().aerodynamic:
             table = table + self.wind.table(nominal.dofs)
         motion, still = parted(table)
-        data = sampled(held_out, self.force, still.terms, "body_pose", self.hold_s, np.inf)
+        inputs = (*forces_of(nominal.dofs), *(term.name for term in still.terms))
+        data = sampled(held_out, self.force, inputs, poses_of(nominal.dofs), self.hold_s)
         model = replace(sampled_model(motion, still, data.period_s), outputs=data.outputs)
         orders = {
             "spectral_radius": model.spectral_radius,
@@ -92,7 +93,7 @@ class Linearised(Identifier):
         }  # Bargouth (2022), section 4.3
         found = (
             *(Diagnostic(name, "all", float(value)) for name, value in orders.items()),
-            *model_diagnostics(model, 0, nominal.dofs),
+            *model_diagnostics(model, 0),
             *free_run_errors(model, data, held_out),
         )
         table = replace(table, name="identified")

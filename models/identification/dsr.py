@@ -2,8 +2,8 @@
 
 The output is the pose, the input is the force, held between the samples; `subspace` identifies the
 states of the model. The dynamics of a vessel depend on the heading in NED but not in body axes, so
-the default output is the pose in body axes: the sum of the measured increments R(psi)' delta eta
-(psi half-way), whose rate is the body velocity. Near one heading it is the rotated NED pose.
+the pose is in body axes: the sum of the measured increments R(psi)' delta eta (psi half-way), whose
+rate is the body velocity. Near one heading it is the rotated NED pose.
 
 Such a linear model has inertia and linear damping about the mean motion. Quadratic damping and
 Coriolis forces become noise, and a constant force biases all coefficients. `extra_terms` add such
@@ -12,6 +12,10 @@ forces as known inputs: the model stays linear in their coefficients.
 `inputs` and `outputs` are other quantities of the recording, such as the velocity in place of the
 pose. Such a model has no inertia or damping of its own: it is stored beside the nominal model.
 Bargouth (2022), section 3.7; Di Ruscio (2009).
+
+The fit is 100 (1 - |y - y_hat| / |y - mean y|) per cent. A biased model can predict one step nearly
+perfectly, because the predictor corrects it at every sample; predictions of ten steps and a free
+run from the first sample show the bias.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +26,7 @@ from annotated_types import Ge, Le
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.physical_form import PhysicalForm, physical_form
+from seatrial.models.identification.physical_form import physical_form
 from seatrial.models.identification.problem import (
     Identified,
     Identifier,
@@ -31,38 +35,27 @@ from seatrial.models.identification.problem import (
     check_forces,
 )
 from seatrial.models.identification.sampled_data import (
-    Output,
+    FORCE,
     Sampled,
     check_signals,
+    forces_of,
     is_further_input,
     moves,
     sampled,
     samples_in,
 )
-from seatrial.models.identification.state_space_diagnostics import (
-    NAMES,
-    Alternative,
-    axes_of,
-    fit_diagnostics,
-    model_diagnostics,
-    physical_diagnostics,
-    realisation_diagnostics,
-    select_variant,
-)
 from seatrial.models.identification.subspace import Realisation, identify_innovations
 from seatrial.models.identification.uncertainty import check_bootstrap
-from seatrial.models.identification.validation import RESTART_S, prediction
-from seatrial.models.notation import POSES, poses_of
+from seatrial.models.identification.validation import HIDES_BIAS, TEN
+from seatrial.models.identification.variant_selection import NAMES, Alternative, select_variant
+from seatrial.models.notation import ACCELERATIONS, DOFS, POSES, VELOCITIES, poses_of
 from seatrial.models.ranges import Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import Array, Codes, Term
-from seatrial.models.vessel.kinematics import rotation
+from seatrial.models.vessel.basis import Array, Codes
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-
-FORM_NEEDS = "all forces as the first inputs and the whole pose as output"
 
 
 @dataclass(frozen=True)
@@ -77,9 +70,9 @@ class Dsr(Identifier):
     are the nonlinear terms of the nominal model. `outputs` are poses (`x`) and terms (`u`,
     `u_dot`), None the whole pose.
 
-    `physical_form: optional` keeps the nominal model if there is no physical form, with the
-    reason as a diagnostic, and controls with the state-space model; `better` keeps the nominal
-    model also if it predicts restarts of 30 s of the training part better, and controls with it.
+    Without a physical form the nominal model is kept, with the reason as a diagnostic; it is also
+    that for control, where `physical_form: optional` takes the state-space model. `better` keeps it
+    also where the physical form predicts the training part worse (`fallback`).
     """
 
     L: Annotated[int, Ge(2), Le(1000)]
@@ -90,12 +83,10 @@ class Dsr(Identifier):
     stable: bool
     inputs: tuple[str, ...] | None
     outputs: tuple[str, ...] | None
-    output: Output
-    heading_span_deg: Positive  # of `output: pose`, which holds near one heading only
     force: Literal["commanded", "filtered", "actual"] | None
     extra_terms: tuple[str, ...] | Literal["physical"]  # further inputs beside the force
     period_s: Positive | None
-    physical_form: Literal["better", "required", "optional"]
+    physical_form: Literal["better", "optional"]
     condition_limit: Positive
     markov_parameters: Annotated[int, Ge(0), Le(10_000)]
     bootstrap: int | None
@@ -118,24 +109,24 @@ class Dsr(Identifier):
             )
         check_bootstrap(self.bootstrap, self.block_s)
 
+    @property
+    def protected(self) -> bool:
+        """Whether the nominal model is kept where the physical form predicts worse."""
+        return self.physical_form == "better"
+
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for unknown signals, a wrong order or an unknown force."""
         check_forces("dsr", nominal)
         check_signals(self.inputs, self.outputs, nominal)
         states = 2 * len(nominal.dofs)
-        if self._has_form(nominal.dofs):
-            if self.physical_form != "optional" and self.order not in (states, "physical", "gap"):
-                raise ConfigurationError(
-                    f"identifier.order: got {self.order}, but {nominal.name} has {states} states; "
-                    f"use order={states} or identifier.physical_form=optional"
-                )
-        elif self.physical_form == "required":
+        needs_states = self._has_form(nominal.dofs) and self.physical_form == "better"
+        if needs_states and self.order not in (states, "physical", "gap"):
             raise ConfigurationError(
-                f"identifier.physical_form: got required, but it needs {FORM_NEEDS}"
+                f"identifier.order: got {self.order}, but {nominal.name} has {states} states; "
+                f"use order={states} or identifier.physical_form=optional"
             )
-        outputs = self.outputs or poses_of(nominal.dofs)
-        order, most = self._order(nominal) or 1, self.L * len(outputs)
-        if order > most:
+        most = self.L * len(self._outputs(nominal.dofs))
+        if (order := self._order(nominal.dofs) or 1) > most:
             raise ConfigurationError(
                 f"identifier.order: got {order}, expected at most L x outputs = {most}"
             )
@@ -143,12 +134,6 @@ class Dsr(Identifier):
             raise ConfigurationError(
                 "identifier.force: got filtered, but the thruster lag is not known"
             )
-
-    def _has_form(self, dofs: tuple[str, ...]) -> bool:
-        """Whether the inputs begin with all forces and the outputs are the whole pose."""
-        forces = tuple(f"tau_{dof}" for dof in dofs)
-        begin = forces if self.inputs is None else self.inputs[: len(dofs)]
-        return begin == forces and self.outputs in (None, poses_of(dofs))
 
     def needs(self) -> Needs:
         """The force of the input."""
@@ -168,61 +153,68 @@ class Dsr(Identifier):
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the state-space model and the vessel of its physical form.
 
-        Raises IdentificationError when the data do not determine the model, or when it has no
-        physical form and that is required.
+        Raises IdentificationError when the data do not determine the model.
         """
         nominal, dofs = problem.nominal, problem.nominal.dofs
-        data = self._sampled(problem.training, nominal)
-        method, diagnostics = self._method(data, self._order(nominal))
-        realisation = self._realise(data, self._order(nominal), method)
-        model, errors, usable = realisation.model, None, self._has_form(dofs)
+        data, order = self._sampled(problem.training, nominal), self._order(dofs)
+        method, diagnostics = self._method(data, order)
+        realisation = self._realise(data, order, method)
         diagnostics += realisation_diagnostics(realisation)
+        model, vessel, errors = realisation.model, replace(nominal, name="identified"), None
+        usable = self._has_form(dofs)
         try:
-            form = self._form(model, data, problem)
-            model = _rotate_outputs(form.model, data.heading)
-            vessel = form.vessel("identified", dofs, data.extra)
-            diagnostics += physical_diagnostics(form, dofs)
-            errors = self._standard_errors(data, model.order, method, vessel - nominal, rng)
+            if not usable:
+                raise IdentificationError(
+                    "no physical form: it needs all forces as the first inputs and the whole pose "
+                    "as output"
+                )
+            form = physical_form(model, self.condition_limit)
         except IdentificationError as error:
-            if self.physical_form == "required":
-                raise
-            vessel = replace(nominal, name="identified")
             diagnostics.append(Diagnostic("physical_form", "all", 0.0, label=str(error)))
             usable = usable and self.physical_form == "optional"
-        axes, named = axes_of(model.outputs), self.outputs is not None
-        diagnostics += model_diagnostics(model, self.markov_parameters, axes, named)
-        held_out = self._sampled(problem.validation, nominal)
-        diagnostics += fit_diagnostics(model, held_out, axes, named)
+        else:
+            model, vessel = form.model, form.vessel("identified", dofs, data.extra)
+            diagnostics += form.diagnostics(dofs)
+            errors = self._standard_errors(data, model.order, method, vessel - nominal, rng)
+        named = self.outputs is not None
+        diagnostics += model_diagnostics(model, self.markov_parameters, named)
+        diagnostics += fit_diagnostics(model, self._sampled(problem.validation, nominal), named)
+        r = len(dofs)
+        forced = replace(model, B=model.B[:, :r], D=model.D[:, :r], inputs=model.inputs[:r])
         return Identified(
             vessel, vessel - nominal, errors, tuple(diagnostics), state_space=model,
-            control_model=_force_inputs_only(model, len(dofs)) if usable else None,
+            control_model=forced if usable else None,
         )  # fmt: skip
 
-    def _extra(self, nominal: Vessel) -> tuple[Term, ...]:
-        """The inputs that are not forces."""
-        listed = basis.terms(name for name in self.inputs or () if not name.startswith("tau_"))
-        if self.extra_terms != "physical":
-            further = basis.terms(self.extra_terms)
-        else:
-            further = tuple(t for t in nominal.terms if is_further_input(t) and moves(t))
-        return (*listed, *(term for term in further if term not in listed))
+    def _outputs(self, dofs: tuple[str, ...]) -> tuple[str, ...]:
+        """The outputs, by default the whole pose."""
+        return poses_of(dofs) if self.outputs is None else self.outputs
+
+    def _has_form(self, dofs: tuple[str, ...]) -> bool:
+        """Whether the inputs begin with all forces and the outputs are the whole pose."""
+        forces = forces_of(dofs)
+        begin = forces if self.inputs is None else self.inputs[: len(dofs)]
+        return begin == forces and self._outputs(dofs) == poses_of(dofs)
+
+    def _order(self, dofs: tuple[str, ...]) -> int | None:
+        """The number of states; None: by the gap of the singular values."""
+        if self.order == "physical":
+            return sum(1 + (name in poses_of(dofs)) for name in self._outputs(dofs))
+        return None if self.order == "gap" else self.order
 
     def _sampled(self, recording: Recording, nominal: Vessel) -> Sampled:
-        span, forces = np.radians(self.heading_span_deg), None
-        if self.inputs is not None:
-            named = [name for name in self.inputs if name.startswith("tau_")]
-            forces = tuple(name.removeprefix("tau_") for name in named)
-        extra = self._extra(nominal)
-        return sampled(
-            recording, self.force, extra, self.output, self.period_s, span, forces, self.outputs
-        )
-
-    def _order(self, nominal: Vessel) -> int | None:
-        if not isinstance(self.order, str):
-            return self.order
-        poses = poses_of(nominal.dofs)
-        outputs = poses if self.outputs is None else self.outputs
-        return None if self.order == "gap" else sum(1 + (name in poses) for name in outputs)
+        """The recording as inputs, the forces first and without repetitions, and outputs."""
+        own = forces_of(nominal.dofs) if self.inputs is None else self.inputs
+        forces = [name for name in own if name.startswith(FORCE)]
+        terms = basis.terms(name for name in own if name not in forces)
+        if self.extra_terms == "physical":
+            further = tuple(t for t in nominal.terms if is_further_input(t) and moves(t))
+        else:
+            further = basis.terms(self.extra_terms)
+        extra = dict.fromkeys((*terms, *further))
+        inputs = (*forces, *(term.name for term in extra))
+        outputs = self._outputs(nominal.dofs)
+        return sampled(recording, self.force, inputs, outputs, self.period_s)
 
     def _method(self, data: Sampled, order: int | None) -> tuple[Alternative, list[Diagnostic]]:
         """The variant and whether D is estimated, chosen by the data if there is a choice."""
@@ -250,20 +242,6 @@ class Dsr(Identifier):
         model = replace(realisation.model, inputs=data.inputs, outputs=data.outputs)
         return replace(realisation, model=model)
 
-    def _form(self, model: StateSpace, data: Sampled, problem: Problem) -> PhysicalForm:
-        """The physical form; raises IdentificationError with the reason that it is not used."""
-        dofs = problem.nominal.dofs
-        if not self._has_form(dofs):
-            raise IdentificationError(f"no physical form: it needs {FORM_NEEDS}")
-        form = self._physical(model, data)
-        if self.physical_form == "better":
-            check_better(form.vessel("identified", dofs, data.extra), problem)
-        return form
-
-    def _physical(self, model: StateSpace, data: Sampled) -> PhysicalForm:
-        """The physical form in body axes; a NED pose is first rotated to the mean heading."""
-        return physical_form(_rotate_outputs(model, -data.heading), self.condition_limit)
-
     def _standard_errors(
         self, data: Sampled, order: int, method: Alternative, residual: Vessel,
         rng: np.random.Generator,
@@ -277,7 +255,8 @@ class Dsr(Identifier):
         for _ in range(self.bootstrap):
             times = np.concatenate([blocks[i] for i in rng.integers(count, size=count)])
             try:
-                form = self._physical(self._realise(data, order, method, times).model, data)
+                model = self._realise(data, order, method, times).model
+                form = physical_form(model, self.condition_limit)
                 tables.append(form.vessel("replicate", residual.dofs, data.extra))
             except IdentificationError:
                 continue  # a replicate may not excite the vessel enough
@@ -288,47 +267,78 @@ class Dsr(Identifier):
         return errors
 
 
-def _force_inputs_only(model: StateSpace, count: int) -> StateSpace:
-    """The model with the first `count` inputs, the forces, alone, for a controller."""
-    B, D, inputs = model.B[:, :count], model.D[:, :count], model.inputs[:count]
-    return replace(model, B=B, D=D, inputs=inputs)
+def realisation_diagnostics(realisation: Realisation) -> list[Diagnostic]:
+    """Order, singular values, spectral radii, controllability and observability."""
+    model = realisation.model
+    quantities = {
+        "selected_order": model.order,
+        "spectral_radius": model.spectral_radius,
+        "predictor_radius": model.predictor_radius,
+        "gain_recomputed": realisation.gain_recomputed,
+        "poles_moved": realisation.poles_moved,
+        "controllable_order": model.controllable_order,
+        "observable_order": model.observable_order,
+    }
+    diagnostics = [Diagnostic(name, "all", float(value)) for name, value in quantities.items()]
+    values = enumerate(realisation.singular_values, start=1)
+    return diagnostics + [Diagnostic("singular_value", "all", float(v), i=i) for i, v in values]
 
 
-def _rotate_outputs(model: StateSpace, psi: float) -> StateSpace:
-    """The model with its first two outputs rotated by psi [rad] about the down axis."""
-    if psi == 0.0:
-        return model
-    R = np.eye(len(model.C))
-    R[:2, :2] = rotation(psi)[:2, :2]
-    K = None if model.K is None else model.K @ R.T
-    F = None if model.F is None else R @ model.F
-    return replace(model, C=R @ model.C, D=R @ model.D, K=K, F=F)
+def axes_of(model: StateSpace) -> tuple[str, ...]:
+    """The degree of freedom of every pose, velocity or acceleration; `all` for other outputs."""
+    axes: dict[str, str] = {}
+    for names in (POSES, VELOCITIES, ACCELERATIONS):
+        axes |= dict(zip(names, DOFS, strict=True))
+    return tuple(axes.get(name.removeprefix("body "), "all") for name in model.outputs)
 
 
-def check_better(vessel: Vessel, problem: Problem) -> None:
-    """Raise IdentificationError if the nominal model predicts the training part better.
+def model_diagnostics(model: StateSpace, lags: int, named: bool = False) -> list[Diagnostic]:
+    """The eigenvalues, and the Markov parameters up to a lag.
 
-    Predictions that restart every 30 s; the error is the mean NRMSE of the velocities.
+    For a Markov parameter i is the lag, j the input and dof the output, which the label names as
+    well if `named`; for an eigenvalue i is its number, the largest magnitude first.
     """
-    identified, nominal = (restart_error(one, problem) for one in (vessel, problem.nominal))
-    if not identified <= nominal or not np.isfinite(identified):
-        raise IdentificationError(
-            f"the nominal model is kept: over predictions of {RESTART_S:g} s of the training part "
-            f"the physical form has a velocity NRMSE of {identified:.3g}, the nominal model "
-            f"{nominal:.3g}"
-        )
+    axes, diagnostics = axes_of(model), list[Diagnostic]()
+    before = [f"{name} of " if named else "" for name in model.outputs]
+    for i, value in enumerate(model.eigenvalues, start=1):
+        diagnostics.append(Diagnostic("eigenvalue_real", "all", float(value.real), i=i))
+        diagnostics.append(Diagnostic("eigenvalue_imag", "all", float(value.imag), i=i))
+    for (lag, row, j), value in np.ndenumerate(model.markov(lags)):
+        label = before[row] + model.inputs[j]
+        diagnostics.append(Diagnostic("markov", axes[row], float(value), "", lag, j + 1, label))
+    return diagnostics
 
 
-def restart_error(vessel: Vessel, problem: Problem) -> float:
-    """Mean NRMSE of the velocities over 30 s predictions of the training part.
+def fit_diagnostics(model: StateSpace, held_out: Sampled, named: bool) -> list[Diagnostic]:
+    """One-step, ten-step and free-run fit [%] on held-out data, per output.
 
-    Infinite if they diverge or the vessel cannot be simulated.
+    The first state of every stretch is estimated from that stretch. If `named`, the label is the
+    name of the output.
     """
-    try:
-        course = prediction(vessel, problem.training, problem.thruster)
-    except IdentificationError:
-        return np.inf
-    ahead, moved = course.over("restarts"), course.mean_motion()
-    velocities = np.arange(len(moved)) >= len(vessel.dofs)
-    used = velocities & (moved > 0.0)
-    return np.inf if ahead.diverged else float(np.mean(ahead.rmse[used] / moved[used]))
+    predicted: dict[str, list[Array]] = {"one_step": [], "ten_step": [], "free_run": []}
+    for y, u in held_out.parts():
+        start = model.initial_state(y, u)
+        predicted["one_step"].append(model.predict(y, u, 1, start))
+        predicted["ten_step"].append(model.predict(y, u, TEN, start))
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may diverge
+            free = model.initial_state(y, u, free_run=True)
+            predicted["free_run"].append(model.simulate(u, free))
+    diagnostics = []
+    for name, rows in predicted.items():
+        label = HIDES_BIAS if name == "one_step" else None
+        fits = fit(held_out.y, np.vstack(rows)).tolist()
+        diagnostics += [
+            Diagnostic(f"fit_{name}", dof, value, "%", label=output if named else label)
+            for dof, output, value in zip(axes_of(model), model.outputs, fits, strict=True)
+        ]
+    return diagnostics
+
+
+def fit(y: Array, predicted: Array) -> Array:
+    """100 (1 - |y - y_hat| / |y - mean y|) [%] per column; 100 is perfect, 0 is the mean.
+
+    NaN where y does not vary.
+    """
+    error, spread = np.linalg.norm([y - predicted, y - y.mean(axis=0)], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(spread > 0.0, 100.0 * (1.0 - error / spread), np.nan)

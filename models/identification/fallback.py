@@ -64,14 +64,33 @@ def identified(identifier: Identifier, problem: Problem, rng: np.random.Generato
     identifier of the user returns is no model of it.
     """
     result = checked(identifier, identifier.identify(problem, rng), problem.nominal)
-    if not identifier.protected or result.state_space is not None:
+    if not identifier.protected:
         return result
     whole = WholeTraining(problem)
     if not whole.axes:
         return result
-    score = whole.score([result.model])
+    models = [result.model]
+    score = whole.score(models) if result.state_space is None else undivided(whole, models)
     result = held_to_nominal(result, score, problem)
     return with_skill(result, whole, score.errors, "the training part")
+
+
+def undivided(validation: CrossValidation, models: Sequence[Vessel]) -> Score:
+    """The score of models whose equations belong together, as those of a state-space model.
+
+    All are nominal where the models are worse as a whole, or where on an axis neither they nor the
+    nominal model beat the mean motion.
+    """
+    nominal, reference = validation.problem.nominal, validation.nominal
+    fallen = Score(reference, tuple(range(len(nominal.dofs))), (nominal,) * len(models))
+    try:
+        errors = validation.errors(models)
+    except UNUSABLE:  # the model cannot be simulated
+        return fallen
+    no_skill = np.any(np.minimum(errors.nrmse, reference.nrmse) > 1.0)
+    if no_skill or errors.worse(reference):
+        return fallen
+    return Score(errors, (), tuple(models))
 
 
 def held_to_nominal(result: Identified, score: Score, problem: Problem) -> Identified:
@@ -115,7 +134,10 @@ def guarded_by(
 def with_nominal_axes(
     result: Identified, nominal: Vessel, axes: Sequence[int], diagnostic: str
 ) -> Identified:
-    """A result with the nominal equations of some axes, each with a `diagnostic`."""
+    """A result with the nominal equations of some axes, each with a `diagnostic`.
+
+    A linear model for control, which has no nominal equations, is dropped.
+    """
     if not len(axes):
         return result
 
@@ -131,6 +153,7 @@ def with_nominal_axes(
         model=nominal + residual,
         residual=residual,
         std_error=None if result.std_error is None else without(result.std_error, np.nan),
+        control_model=None,
         device_errors={},
         spread=None if result.spread is None else HeldSpread(result.spread, nominal, tuple(axes)),
         diagnostics=tuple(dict.fromkeys((*result.diagnostics, *rows))),

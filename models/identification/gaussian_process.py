@@ -47,7 +47,6 @@ from seatrial.models.identification.residual import ResidualOptions, Samples, sm
 from seatrial.models.identification.structured import inflation
 from seatrial.models.notation import FORCE_UNIT, VELOCITIES, VELOCITY_UNIT
 from seatrial.models.ranges import Folds
-from seatrial.models.recording.recording import blocks
 from seatrial.models.recording.recording import blocks as blocks_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
@@ -116,11 +115,14 @@ class ProcessData:
         """
         step = -(-len(self.samples) // MAX_SAMPLES)
         file = self.samples.file
-        parts = blocks(len(self.samples.phi[::step]), folds, None if file is None else file[::step])
+        file = None if file is None else file[::step]
+        parts = blocks_of(len(self.samples.phi[::step]), folds, file)
         y = self.samples.epsilon[::step, k]
         K = prior.covariance(self.inducing, self.inducing)
         L = np.linalg.cholesky(K + JITTER * np.mean(np.diag(K)) * np.eye(len(K)))
-        process = scipy.linalg.solve_triangular(L, self._columns(prior, step).T, lower=True).T
+        chunks = np.array_split(self.inducing, max(len(self.inducing) // CHUNK, 1))
+        columns = [self.smooth(prior.covariance(self.nu, part))[::step] for part in chunks]
+        process = scipy.linalg.solve_triangular(L, np.hstack(columns).T, lower=True).T
         features = np.hstack([self.samples.phi[::step, base.rows] * base.size, process])
         noise, n = prior.noise * prior.size**2, len(base.rows)
         noise *= inflation((y - features @ regress(features, y, noise, ALL)[:, 0])[:, None])
@@ -135,11 +137,6 @@ class ProcessData:
             noise,
             1.0 - left_out / power if power > 0.0 else 0.0,
         )
-
-    def _columns(self, prior: Prior, step: int) -> Array:
-        """Covariance of every step-th sample with the inducing points, (n, m)."""
-        parts = np.array_split(self.inducing, max(len(self.inducing) // CHUNK, 1))
-        return np.hstack([self.smooth(prior.covariance(self.nu, p))[::step] for p in parts])
 
 
 def regress(features: Array, y: Array, noise: float, parts: Sequence[slice]) -> Array:
@@ -224,12 +221,6 @@ NOISES = (1e-8, 10.0)  # bounds of the noise's variance over that of the lack of
 POOR = 0.9  # R^2 of a projection below which it is warned about
 
 
-def cubic_terms(velocities: tuple[str, ...]) -> tuple[Term, ...]:
-    """All products of three velocities: u^3, u^2v, uvr."""
-    products = combinations_with_replacement(velocities, 3)
-    return basis.terms("".join(letters) for letters in products)
-
-
 @dataclass(frozen=True)
 class GaussianProcess(ResidualOptions):
     """The residual force as a Gaussian process, projected on the terms of the table.
@@ -249,7 +240,10 @@ class GaussianProcess(ResidualOptions):
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel, with the products of three velocities."""
         terms = super().terms(nominal)
-        more = cubic_terms(nominal.velocities) if self.cubic else ()
+        if not self.cubic:
+            return terms
+        products = combinations_with_replacement(nominal.velocities, 3)  # u^3, u^2v, uvr
+        more = basis.terms("".join(letters) for letters in products)
         return terms + tuple(term for term in more if term not in terms)
 
     def needs(self) -> Needs:
@@ -268,8 +262,8 @@ class GaussianProcess(ResidualOptions):
         tables, about = self._tables(data, problem.nominal)
         lagged = replace(problem, thruster=lag)
         blocks = CrossValidation(lagged, self.folds, self.segment_s, self.force)
-        models = {name: self._left_out(blocks, table[1:]) for name, table in tables.items()}
-        errors = {name: _error(blocks, own) for name, own in models.items()}
+        judged = {name: self._judged(blocks, table[1:]) for name, table in tables.items()}
+        errors = {name: error for name, (_, error) in judged.items()}
         for chosen in sorted(errors, key=lambda name: errors[name]):  # the simplest of equal ones
             try:
                 result = self._compiled(problem, lag, data.samples, tables[chosen][0])
@@ -277,7 +271,7 @@ class GaussianProcess(ResidualOptions):
                 diagnostics += (Diagnostic("rejected", "all", None, label=f"{chosen}: {error}"),)
             else:
                 break
-        if (own := models[chosen]) is not None:
+        if (own := judged[chosen][0]) is not None:
             result = guarded_by(own, blocks, result)
         diagnostics += (
             *about,
@@ -291,18 +285,24 @@ class GaussianProcess(ResidualOptions):
         warned = (*result.warnings, *poor)
         return replace(result, diagnostics=(*diagnostics, *result.diagnostics), warnings=warned)
 
-    def _left_out(self, blocks: CrossValidation, tables: Array) -> list[Vessel] | None:
-        """The models without each block, of tables (folds, n_terms, n_dof); None: none hold."""
-        quick, lag = replace(self, refinement="none"), blocks.problem.thruster
+    def _judged(
+        self, blocks: CrossValidation, tables: Array
+    ) -> tuple[list[Vessel] | None, float]:
+        """Models without each block, of tables (folds, n_terms, n_dof), and their NRMSE on it.
+
+        It is the mean of the axes, infinite where a model cannot be simulated, or (None) had.
+        """
+        quick, lag, models = replace(self, refinement="none"), blocks.problem.thruster, None
         try:
-            return [
+            models = [
                 quick._compiled(
                     problem, lag, quick.samples(problem.training, problem.nominal, lag), theta
                 ).model
                 for problem, theta in zip(blocks.problems, tables, strict=True)
             ]
-        except IdentificationError:  # the physical constraints cannot be met
-            return None
+            return models, float(np.sqrt(blocks.errors(models).error)) if blocks.axes else 0.0
+        except IdentificationError:  # such as physical constraints that cannot be met
+            return models, float("inf")
 
     def _compiled(
         self, problem: Problem, lag: SecondOrderLag | None, samples: Samples, theta: Array
@@ -409,16 +409,6 @@ def prior_diagnostics(prior: Prior, nominal: Vessel, k: int) -> tuple[Diagnostic
             for own, letter, length in zip(nominal.dofs, nominal.velocities, lengths, strict=True)
         ),
     )
-
-
-def _error(blocks: CrossValidation, models: list[Vessel] | None) -> float:
-    """NRMSE of models on the blocks, mean of the axes; infinite where they cannot be simulated."""
-    if not blocks.axes:
-        return 0.0
-    try:
-        return float("inf") if models is None else float(np.sqrt(blocks.errors(models).error))
-    except IdentificationError:
-        return float("inf")
 
 
 def projection_warnings(diagnostics: Sequence[Diagnostic]) -> tuple[str, ...]:

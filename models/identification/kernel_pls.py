@@ -9,10 +9,11 @@ beta is the number of variables multiplied in a term; (3.12) prints 2 for it. Al
 computed from the covariances E'E and E'F by the improved kernel algorithm of Dayal and MacGregor
 (1997), J. Chemometrics 11, 73-85, which deflates E'F only and gives the results of NIPALS.
 
-Covariances are stored as moment matrices Z'Z of Z = [1, X, Y], which are additive: those of a fold
-or of a bootstrap sample are sums of those of its blocks.
+Covariances are stored as moment matrices Z'Z of Z = [1, X, Y], which are additive: those of all
+samples, or of all but a block, are sums of those of the blocks.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -260,3 +261,58 @@ def mean_squares(moment: Array, theta: Array) -> Array:
     square = np.diag(moment)[n_x:]
     fitted = np.sum(theta * (normal @ theta - 2.0 * cross), axis=-2)
     return np.asarray(np.clip(square + fitted, 0.0, None) / moment[0, 0])
+
+
+Pair = tuple[Array, Array]  # moment matrices Z'Z of a training part and of what it leaves out
+
+
+class Block(NamedTuple):
+    """Regressors of consecutive samples, the constant first, and their X'X."""
+
+    rows: slice
+    x: Array
+    xx: Array
+
+    @classmethod
+    def of(cls, x: Array, rows: slice) -> "Block":
+        """Some rows of the regressors of all samples (N, 1 + J)."""
+        return cls(rows, x[rows], x[rows].T @ x[rows])
+
+    def moment(self, outputs: Array) -> Array:
+        """Z'Z of Z = [X, Y] for outputs of all samples (N, K)."""
+        y = outputs[self.rows]
+        xy = self.x.T @ y
+        n, k = xy.shape
+        moment = np.empty((n + k, n + k))  # np.block would take longer than the products
+        moment[:n, :n], moment[:n, n:] = self.xx, xy
+        moment[n:, :n], moment[n:, n:] = xy.T, y.T @ y
+        return moment
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """What models are judged on, for any outputs on the same regressors.
+
+    It is each of the `blocks`, which cover the training part, by a model of the others; or other
+    data, by a model of all of them.
+    """
+
+    blocks: tuple[Block, ...]
+    other: Array | None  # Z'Z of the other data
+
+    def moments(self, outputs: Array) -> list[Array]:
+        """Z'Z of every block, for outputs (N, K)."""
+        return [block.moment(outputs) for block in self.blocks]
+
+    def pairs(self, moments: list[Array]) -> list[Pair]:
+        """Moments of what a model is fitted to and of what it is judged on."""
+        if self.other is not None:
+            return [(np.asarray(sum(moments)), self.other)]
+        others = (moments[:k] + moments[k + 1 :] for k in range(len(moments)))
+        return [(np.asarray(sum(kept)), left) for kept, left in zip(others, moments, strict=True)]
+
+
+def left_out_mse(pairs: list[Pair], score: Callable[[Array, Array], Array]) -> Array:
+    """Mean squared error over all left-out samples; score(training, left out) gives one part's."""
+    sizes = np.array([left[0, 0] for _, left in pairs])
+    return np.asarray(np.tensordot(sizes / np.sum(sizes), [score(*pair) for pair in pairs], axes=1))

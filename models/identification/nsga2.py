@@ -1,31 +1,42 @@
 """Identification by multi-objective search. Hoyer (2021), chapter 6.
 
 Step 1: objectives between measured and predicted states, section 6.2.1. Step 2: their Pareto
-front by NSGA-II, section 6.2.2. Step 3: one point of the front, section 6.2.3: objectives are
-normalised to [0, 1] over the front; an objective in which the front has no extent is 0 for every
-point. Beyond the thesis, the fit of `output_error` can polish the chosen point, which also gives
-standard errors; the front itself has none. The result is the chosen point or what the polish has
-made of it, and nothing else.
+front, section 6.2.2, by pymoo's NSGA-II, Deb et al. (2002), in the unit cube of the bounds; a
+generation is evaluated in one call. It ends by the running performance metric, the change of the
+front per generation, Blank & Deb (2020b):
+
+    d z*_t   = max_i (z*_i(t-1) - z*_i(t)) / (z_nad_i(t) - z*_i(t))    Hoyer (3.9)
+    d znad_t = max_i (z_nad_i(t-1) - z_nad_i(t)) / (z_nad_i(t) - z*_i(t))
+    phi_t    = mean over the points of P_t of the distance to the nearest one of P_(t-1)
+
+with ideal point z*, nadir point z_nad, and objectives normalised by both at t. The search has
+converged when the magnitudes of all three are below a threshold for `window` generations, (3.10).
+
+Step 3: one point of the front, section 6.2.3: objectives are normalised to [0, 1] over the front;
+an objective in which the front has no extent is 0 for every point. Beyond the thesis, the fit of
+`output_error` can polish the chosen point, which also gives standard errors; the front itself has
+none. The result is the chosen point or what the polish has made of it, and nothing else.
 """
 
-from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
+from pymoo.algorithms.moo.nsga2 import NSGA2
+from pymoo.core.duplicate import DuplicateElimination
+from pymoo.core.problem import Problem as DesignProblem
+from pymoo.core.termination import NoTermination
+from pymoo.operators.crossover.sbx import SBX
+from pymoo.operators.mutation.pm import PM
+from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 from scipy.spatial import cKDTree
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.free_parameters import FreeParameters
-from seatrial.models.identification.multiobjective_search import (
-    Operators,
-    ParameterSpace,
-    RunningMetric,
-    SearchResult,
-    search,
-)
 from seatrial.models.identification.objectives import Metric, Objectives, objective_diagnostics
 from seatrial.models.identification.output_error import check_horizons, fit_through, model_of
 from seatrial.models.identification.predictor import PredictionOptions, active_bounds
@@ -35,9 +46,139 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
+RESOLUTION = 1e-12  # smallest extent of a front, relative to the objectives' scale
+CROSSOVER, ETA = 0.9, 15.0  # probability, and index of both operators: Hoyer (2021), Table 6.1
 RADIUS = 0.125  # of the neighbourhood in which trade-offs are compared, in normalised objectives
 KNEE_DEVIATIONS = 2.0  # standard deviations above the mean trade-off that make a knee
 Decision = Literal["knee", "ideal", "pseudo_weights"]
+
+
+class _Distinct(DuplicateElimination):  # type: ignore[misc]
+    """Equal individuals found by sorting: pymoo's distances of all pairs need 2 GB for 10,000."""
+
+    def _do(self, pop: Any, other: Any, is_duplicate: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        before = np.zeros((0, pop[0].X.size)) if other is None else other.get("X")
+        _, first = np.unique(np.vstack([before, pop.get("X")]), axis=0, return_index=True)
+        is_duplicate[:] = True
+        is_duplicate[first[first >= len(before)] - len(before)] = False
+        return is_duplicate
+
+
+class Change(NamedTuple):
+    """Change of a front over one generation, normalised."""
+
+    ideal: float
+    nadir: float
+    front: float
+
+
+@dataclass
+class RunningMetric:
+    """History of the changes of a front; scale (n_objectives,) is the size of each objective."""
+
+    scale: Array
+    window: int
+    threshold: float
+    changes: list[Change] = field(default_factory=list)
+    last: Array | None = None
+
+    def update(self, front: Array) -> None:
+        """Add the front of the next generation, shape (n, n_objectives)."""
+        if self.last is not None:
+            self.changes.append(change(self.last, front, RESOLUTION * self.scale))
+        self.last = front
+
+    @property
+    def converged(self) -> bool:
+        """Whether all changes of the last `window` generations are below the threshold.
+
+        A front of one point has no extent, so it never counts as converged.
+        """
+        recent = self.changes[-self.window :]
+        if self.last is None or len(self.last) < 2 or len(recent) < self.window:
+            return False
+        return max(map(max, recent)) < self.threshold
+
+
+def change(before: Array, after: Array, least: Array) -> Change:
+    """Change between the fronts (n, n_objectives) of two generations.
+
+    The extents are at least `least` (n_objectives,).
+    """
+    ideal, nadir = after.min(axis=0), after.max(axis=0)
+    extent = np.maximum(nadir - ideal, least)
+    distance = cKDTree((before - ideal) / extent).query((after - ideal) / extent)[0]
+    return Change(
+        float(np.max(np.abs(before.min(axis=0) - ideal) / extent)),
+        float(np.max(np.abs(before.max(axis=0) - nadir) / extent)),
+        float(np.mean(distance)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """The result of a search; the front has no duplicates and no dominated point."""
+
+    points: Array  # (n, m)
+    front: Array  # (n, n_objectives)
+    metric: RunningMetric
+    generations: int
+    reason: str  # why the search ended: running_metric, generations or floor
+
+
+def search(
+    evaluate: Callable[[Array], Array],
+    box: tuple[Array, Array],
+    floor: Array,
+    metric: RunningMetric,
+    population: int,
+    generations: int,
+    rng: np.random.Generator,
+) -> SearchResult:
+    """Search until the running metric converges, a point reaches the floor, or for `generations`.
+
+    `evaluate` gives the objectives (n, n_objectives) of design points (n, m), which lie in the
+    `box` of lower and upper bounds (m,). `floor` (n_objectives,) are the values of the objectives
+    that count as zero.
+    """
+    lower, upper = box
+    m = len(lower)
+
+    class Objectives(DesignProblem):  # type: ignore[misc]
+        def _evaluate(self, x: Array, out: dict[str, Array], *_: Any, **__: Any) -> None:
+            out["F"] = evaluate(lower + x * (upper - lower))
+
+    algorithm = NSGA2(
+        pop_size=population,
+        crossover=SBX(eta=ETA, prob=CROSSOVER),
+        mutation=PM(eta=ETA, prob=1.0, prob_var=1.0 / m),
+        eliminate_duplicates=_Distinct(),
+    )
+    problem, seed = Objectives(n_var=m, n_obj=len(floor), xl=0.0, xu=1.0), int(rng.integers(2**31))
+    algorithm.setup(problem, seed=seed, termination=NoTermination())
+    reason, generation = "generations", 0
+    units = front = np.zeros((0, 0))
+    while reason == "generations" and generation < generations and algorithm.has_next():
+        generation += 1
+        algorithm.next()
+        units, front = nondominated(algorithm.opt.get("X"), algorithm.opt.get("F"))
+        metric.update(front)
+        if np.any(np.all(front <= floor, axis=1)):
+            reason = "floor"
+        elif metric.converged:
+            reason = "running_metric"
+    return SearchResult(lower + units * (upper - lower), front, metric, generation, reason)
+
+
+def nondominated(units: Array, values: Array) -> tuple[Array, Array]:
+    """The non-dominated points without duplicates, sorted by the first objective.
+
+    units (n, m), values (n, n_objectives).
+    """
+    _, first = np.unique(values, axis=0, return_index=True)
+    best = NonDominatedSorting().do(values[first], only_non_dominated_front=True)
+    indices = first[np.sort(best)]
+    return units[indices], values[indices]
 
 
 def normalised(front: Array) -> Array:
@@ -115,26 +256,19 @@ class Nsga2(PredictionOptions):
     """Pareto front of the prediction errors, and one point of it.
 
     `objective` is the error of a state, `grouped` combines the states into two objectives. The
-    parameters in `log_scale` (`all` for every one whose bounds have one sign) have a logarithmic
-    scale. The population size is `population`, or (null) 10^m for m parameters, at most
-    `population_cap`. The search ends when the running metric stays below `threshold` for `window`
-    generations, after `generations`, or when all objectives of one point are below
-    `objective_floor` times the spread of the measured states. `mutation_probability` of each
-    parameter is by default 1/m. `decision` chooses the point, with `weights` of the objectives for
+    population size is `population`, or (null) 10^m for m parameters, at most `population_cap`. The
+    search ends when the running metric stays below `threshold` for `window` generations, after
+    `generations`, or when all objectives of one point are below `objective_floor` times the spread
+    of the measured states. `decision` chooses the point, with `weights` of the objectives for
     pseudo_weights. `polish: output_error` fits the free run from it, with the `polish_horizons`
     (samples) first.
     """
 
     objective: Metric
     grouped: bool
-    log_scale: tuple[str, ...]
     population: Annotated[int, Ge(4), Le(10_000)] | None
     population_cap: Annotated[int, Ge(4), Le(10_000)]
     generations: PositiveInt
-    crossover_eta: Positive
-    crossover_probability: float
-    mutation_eta: Positive
-    mutation_probability: float | None
     window: PositiveInt
     threshold: Positive
     objective_floor: NotNegative
@@ -145,28 +279,11 @@ class Nsga2(PredictionOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("crossover_probability", "mutation_probability"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 <= value <= 1.0:
-                raise ConfigurationError(f"{name} must lie in [0, 1], got {value}")
         check_horizons(self.polish_horizons)
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for missing bounds or a wrong number of weights."""
-        free = self.unknowns(nominal, windy=True)
-        self.check_bounded(free)
-        lower, upper = self.box(free)
-        for label in self.log_scale:
-            if label not in ("all", *free.labels):
-                raise ConfigurationError(
-                    f"identifier.log_scale: got {label!r}, expected all or some of "
-                    f"{', '.join(free.labels)}"
-                )
-            i = free.labels.index(label) if label in free.labels else None
-            if i is not None and not lower[i] * upper[i] > 0.0:
-                raise ConfigurationError(
-                    f"identifier.log_scale: the bounds of {label} must have one sign"
-                )
+        self.check_bounded(self.unknowns(nominal, windy=True))
         count = 2 if self.grouped else 2 * len(nominal.dofs)
         if self.weights is not None and len(self.weights) != count:
             raise ConfigurationError(
@@ -178,59 +295,30 @@ class Nsga2(PredictionOptions):
         self.check(problem.nominal, problem.thruster, measured=False)
         predictor = self.predictor(problem)
         free, objectives = predictor.free, Objectives(predictor, self.objective, self.grouped)
-        space = self._space(free, problem)
-        result = self._search(objectives, space, rng)
+        box, scale = self.box(free, problem.training), objectives.floor
+        metric = RunningMetric(scale, self.window, self.threshold)
+        population = self.population or min(10 ** min(len(free), 9), self.population_cap)
+        floor = self.objective_floor * scale
+        result = search(objectives, box, floor, metric, population, self.generations, rng)
         chosen, rule = choose(result.front, self.decision, self.weights)
         diagnostics = front_diagnostics(free, objectives, result)
         diagnostics.append(Diagnostic("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
         point = result.points[chosen]
         if self.polish is None:
-            bounds = active_bounds(free, point, (space.lower, space.upper))
+            bounds = active_bounds(free, point, box)
             model, residual = free.model(problem.nominal, point), free.residual(point)
             identified = Identified(model, residual, diagnostics=tuple(bounds))
         else:
             polished = fit_through(self, problem, point, self.polish_horizons, None, "estimated")
             identified = model_of(self, problem, polished)
             points = np.array([point, polished.parameters])
-            diagnostics += polish_diagnostics(objectives, points)
+            squares = Objectives(predictor, "mse", grouped=True)(points)
+            misfits = np.sqrt(np.mean(squares, axis=1)).tolist()  # of free runs, over the spread
+            for label, misfit in zip(("before", "after"), misfits, strict=True):
+                diagnostics.append(Diagnostic("polish_misfit", "all", misfit, label=label))
             point = points[1]
         diagnostics += objective_diagnostics(objectives, point)
         return replace(identified, diagnostics=(*diagnostics, *identified.diagnostics))
-
-    def _space(self, free: FreeParameters, problem: Problem) -> ParameterSpace:
-        """Bounds and scales of the search."""
-        lower, upper = self.box(free, problem.training)
-        one_sign = lower * upper > 0.0
-        listed = np.isin(free.labels, self.log_scale)
-        return ParameterSpace(lower, upper, one_sign if "all" in self.log_scale else listed)
-
-    def _search(
-        self, objectives: Objectives, space: ParameterSpace, rng: np.random.Generator
-    ) -> SearchResult:
-        m = len(space.lower)
-        size = self.population or min(10 ** min(m, 9), self.population_cap)
-        probability = 1.0 / m if self.mutation_probability is None else self.mutation_probability
-        operators = Operators(
-            size, self.crossover_eta, self.crossover_probability, self.mutation_eta, probability
-        )
-        scale = objectives.floor
-        metric = RunningMetric(scale, self.window, self.threshold)
-        floor = self.objective_floor * scale
-        return search(objectives, space, floor, metric, operators, self.generations, rng)
-
-
-def polish_diagnostics(objectives: Objectives, points: Array) -> list[Diagnostic]:
-    """The misfit of the chosen point and of what the polish has made of it, points (2, m).
-
-    It is the error of the free run from the measured state, root mean square over the spread of
-    each state.
-    """
-    squares = Objectives(objectives.predictor, "mse", grouped=True)(points)
-    before, after = np.sqrt(np.mean(squares, axis=1)).tolist()
-    return [
-        Diagnostic("polish_misfit", "all", before, label="before"),
-        Diagnostic("polish_misfit", "all", after, label="after"),
-    ]
 
 
 def front_diagnostics(

@@ -17,8 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import logm
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.notation import accelerations_of, velocities_of
+from seatrial.models.notation import FORCE_UNIT, POSE_UNIT, accelerations_of, velocities_of
 from seatrial.models.simulation.statespace import StateSpace, zero_order_hold
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
@@ -48,6 +49,21 @@ class PhysicalForm:
         linear_terms = basis.terms([*accelerations_of(dofs), *velocities_of(dofs), *restoring])
         linear = [self.inertia.T, self.damping.T, self.stiffness.T[tilting]]
         return Vessel(name, dofs, (*linear_terms, *extra), np.vstack([*linear, self.extra.T]))
+
+    def diagnostics(self, dofs: tuple[str, ...]) -> list[Diagnostic]:
+        """Condition of the transform, stiffness, and the delay of each pose behind its force."""
+        found = [
+            Diagnostic("physical_form", "all", 1.0),
+            Diagnostic("physical_condition", "all", self.condition),
+        ]
+        for dof, delay, row in zip(dofs, self.delay, self.stiffness, strict=True):
+            found.append(Diagnostic("delay", dof, float(delay), "s"))
+            for j, (other, stiffness) in enumerate(zip(dofs, row, strict=True), start=1):
+                unit = f"{FORCE_UNIT[dof]}/{POSE_UNIT[other]}"
+                found.append(
+                    Diagnostic("stiffness", dof, float(stiffness), unit, j=j, label=other)
+                )
+        return found
 
 
 def physical_form(model: StateSpace, condition_limit: float) -> PhysicalForm:

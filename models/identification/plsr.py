@@ -1,34 +1,43 @@
 """Partial least squares regression of the lack of fit. Jervan (2020), sections 3.3 and 4.5.
 
 The equations are in `kernel_pls`. The order of each degree of freedom has the least mean squared
-error on left-out data: inside the training part (`selection`) or, as in the thesis, on the
-held-out part itself (`selection: test`).
+error on left-out data, see `Selection`. Neighbouring samples are correlated, so blocks are left
+out, not single samples.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.kernel_pls import (
+    Block,
     Columns,
+    LeftOut,
     all_orders,
     columns,
+    left_out_mse,
     mean_squares,
     output_moment,
 )
 from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, Samples, thruster_of
-from seatrial.models.identification.splits import Selection, left_out_mse, split
 from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.ranges import Folds, PositiveInt
+from seatrial.models.recording.recording import blocks
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
+
+# Blocks, or files, of the training part; the held-out part itself, as in the thesis, whose error is
+# too optimistic.
+Selection = Literal["blocked", "test"]
 
 
 @dataclass(frozen=True)
@@ -61,13 +70,24 @@ class PartialLeastSquares(ResidualOptions):
         terms = super().terms(nominal)
         return terms if CONSTANT in terms else (CONSTANT, *terms)
 
-    def columns(self, samples: Samples) -> Columns:
-        """Standardised columns of the samples."""
-        return columns(samples)
+    def left_out(
+        self, selection: Selection, problem: Problem, lag: SecondOrderLag | None,
+        samples: Samples, z: Columns,
+    ) -> LeftOut:  # fmt: skip
+        """What the models of the training part, `samples` and their columns z, are judged on.
 
-    def held_out(self, problem: Problem, z: Columns, lag: SecondOrderLag | None) -> Array:
-        """Z of the validation part, for `selection: test`."""
-        return z.like(self.samples(problem.validation, problem.nominal, lag))
+        Raises IdentificationError when there are fewer than two samples per block.
+        """
+        if selection == "test":
+            held_out = z.like(self.samples(problem.validation, problem.nominal, lag))
+            return LeftOut((Block.of(z.x, slice(None)),), held_out.T @ held_out)
+        if len(z.z) < 2 * self.folds:
+            raise IdentificationError(
+                f"{selection} selection: got {len(z.z)} samples for {self.folds} folds, expected "
+                f"at least {2 * self.folds}"
+            )
+        parts = blocks(len(z.z), self.folds, samples.file)
+        return LeftOut(tuple(Block.of(z.x, rows) for rows in parts), None)
 
     def bootstrap_errors(
         self, z: Columns, theta: Callable[[Array], Array], period_s: float, rng: np.random.Generator
@@ -102,19 +122,16 @@ class Plsr(PartialLeastSquares):
         """Identify the residual table of the chosen orders, with the MSE of every order."""
         lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
-        z = self.columns(samples)
-        held_out = self.held_out(problem, z, lag) if self.selection == "test" else None
-        splits = split(self.selection, z.x, held_out, self.folds, rng, samples.file)
-
-        def order_mse(moments: list[Array]) -> Array:
-            return left_out_mse(
-                splits.pairs(moments), lambda kept, left: mean_squares(left, self.fit(kept, z))
-            )
+        z = columns(samples)
+        left_out = self.left_out(self.selection, problem, lag, samples, z)
 
         def chosen(outputs: Array) -> tuple[Array, Array]:
             """The coefficients of the best order, and the errors of every order."""
-            moments = splits.moments(outputs)
-            every, mse = self.fit(np.asarray(sum(moments)), z), order_mse(moments)
+            moments = left_out.moments(outputs)
+            every = self.fit(np.asarray(sum(moments)), z)
+            mse = left_out_mse(
+                left_out.pairs(moments), lambda used, left: mean_squares(left, self.fit(used, z))
+            )
             best = enumerate(np.argmin(mse, axis=0))
             return np.stack([every[a, :, k] for k, a in best], axis=1), mse
 

@@ -4,11 +4,10 @@ The output y_k is paired with the input that acts over [t_k, t_{k+1}).
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import ACCELERATIONS, DOFS, PLANAR, VELOCITIES, poses_of
 from seatrial.models.recording.recording import Recording, following
 from seatrial.models.vessel import basis
@@ -16,7 +15,7 @@ from seatrial.models.vessel.basis import AIR, Array, Codes, Term
 from seatrial.models.vessel.kinematics import in_body, spatial_reference_kernel
 from seatrial.models.vessel.table import Vessel
 
-Output = Literal["body_pose", "pose"]
+FORCE = "tau_"  # begins the name of an input that is a force, such as tau_surge
 UNEVEN = 1e-3  # of a period, by which the sample time of a measured recording may miss it
 
 
@@ -34,7 +33,6 @@ class Sampled:
     extra: tuple[Term, ...]  # the terms among the inputs
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    heading: float  # [rad] between the axes of the output and those of the body
     file: Codes | None = None  # (N,) number of the file, of a recording of several
 
     def parts(self) -> list[tuple[Array, Array]]:
@@ -48,50 +46,43 @@ def stretches(y: Array, u: Array, stretch: Codes) -> list[tuple[Array, Array]]:
     return list(zip(np.split(y, edges), np.split(u, edges), strict=True))
 
 
+def forces_of(dofs: tuple[str, ...]) -> tuple[str, ...]:
+    """The names of the forces in all degrees of freedom, as inputs."""
+    return tuple(FORCE + dof for dof in dofs)
+
+
 def sampled(
     recording: Recording,
     force: str | None,
-    extra: tuple[Term, ...],
-    output: Output,
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
     period_s: float | None,
-    span: float,
-    forces: tuple[str, ...] | None = None,
-    outputs: tuple[str, ...] | None = None,
 ) -> Sampled:
-    """Sample the pose, and the mean of the force and the `extra` terms over each period.
+    """Sample the outputs, and the mean of each input over a period.
 
-    `forces` are the degrees of freedom of the forces among the inputs, `outputs` poses (`x`) and
-    terms (`u`, `u_dot`); None is all forces, and the whole pose. `body_pose` sums increments in
-    body axes; `pose` is the NED pose, for which the heading must stay within `span` [rad] of its
-    mean. Raises IdentificationError otherwise, and ConfigurationError unless `period_s` is a
-    multiple of the sample time (None: the sample time).
+    `inputs` are forces (`tau_surge`) and terms, `outputs` poses (`x`) in body axes and terms (`u`,
+    `u_dot`). Raises ConfigurationError unless `period_s` is a multiple of the sample time (None:
+    the sample time).
     """
     count, dofs = samples_in(period_s, recording.period_s), recording.dofs
-    poses = poses_of(dofs)
-    turns = dofs in (PLANAR, DOFS)
-    forces = dofs if forces is None else forces
-    outputs = poses if outputs is None else outputs
-    psi = recording.attitude[:, 2] if turns else np.zeros(1)
-    if output == "pose" and set(outputs) & set(poses):
-        _check_heading(psi, span)
-    edges = np.flatnonzero(recording.piece_starts)[1:]
-    pieces = np.split(np.arange(len(recording)), edges)
+    forces = [name for name in inputs if name.startswith(FORCE)]
+    extra = basis.terms(name for name in inputs if name not in forces)
+    pieces = np.split(np.arange(len(recording)), np.flatnonzero(recording.piece_starts)[1:])
     whole = np.concatenate([piece[: len(piece) // count * count] for piece in pieces])
     rows = whole[::count]
     terms = basis.evaluate(extra, recording.variables())
     terms = 0.5 * (terms + following(terms))  # the mean over a sample, as of the force
-    columns = [dofs.index(dof) for dof in forces]
+    columns = [dofs.index(name.removeprefix(FORCE)) for name in forces]
     acting = np.hstack([recording.held_force(force)[:, 1][:, columns], terms])[whole]
-    body = output == "body_pose" and turns
+    poses = poses_of(dofs) if dofs in (PLANAR, DOFS) else ()  # elsewhere body axes are those of NED
     return Sampled(
-        y=_measured(recording, output, outputs)[rows],
+        y=_measured(recording, outputs)[rows],
         u=acting.reshape(len(rows), count, acting.shape[1]).mean(axis=1),
         stretch=np.cumsum(recording.piece_starts)[rows] - 1,
         period_s=count * recording.period_s,
         extra=extra,
-        inputs=(*(f"tau_{dof}" for dof in forces), *(term.name for term in extra)),
-        outputs=tuple(f"body {name}" if body and name in poses else name for name in outputs),
-        heading=float(np.mean(psi)) if output == "pose" else 0.0,
+        inputs=(*forces, *(term.name for term in extra)),
+        outputs=tuple(f"body {name}" if name in poses else name for name in outputs),
         file=None if recording.file is None else recording.file[rows],
     )
 
@@ -112,15 +103,12 @@ def samples_in(period_s: float | None, sample_time_s: float) -> int:
     return round(ratio)
 
 
-def _measured(recording: Recording, output: Output, names: tuple[str, ...]) -> Array:
+def _measured(recording: Recording, names: tuple[str, ...]) -> Array:
     """The named poses, each contiguous part from its own origin, and terms; shape (N, m)."""
     poses, columns = poses_of(recording.dofs), dict[str, Array]()
     if set(names) & set(poses):
         parts = np.split(recording.eta, np.flatnonzero(recording.piece_starts)[1:])
-        if output == "body_pose":
-            pose = np.vstack([body_pose(eta, recording.dofs) for eta in parts])
-        else:
-            pose = np.vstack([eta - eta[0] for eta in parts])
+        pose = np.vstack([body_pose(eta, recording.dofs) for eta in parts])
         columns |= dict(zip(poses, pose.T, strict=True))
     others = [name for name in names if name not in poses]
     values = basis.evaluate(basis.terms(others), recording.variables())
@@ -145,25 +133,15 @@ def body_pose(eta: Array, dofs: tuple[str, ...]) -> Array:
     return np.vstack([np.zeros(len(dofs)), np.cumsum(steps, axis=0)])
 
 
-def _check_heading(psi: Array, span: float) -> None:
-    turned = float(np.max(np.abs(psi - np.mean(psi))))
-    if turned > span:
-        raise IdentificationError(
-            f"a linear model of the NED pose holds near one heading only: the heading deviates by "
-            f"{np.degrees(turned):.0f} deg from its mean, expected at most {np.degrees(span):.0f}; "
-            f"use identifier.output=body_pose"
-        )
-
-
 def check_signals(
     inputs: tuple[str, ...] | None, outputs: tuple[str, ...] | None, nominal: Vessel
 ) -> None:
     """Raise ConfigurationError for a signal that a recording of the vessel does not have."""
-    own = {"inputs": tuple(f"tau_{dof}" for dof in nominal.dofs), "outputs": poses_of(nominal.dofs)}
+    own = {"inputs": forces_of(nominal.dofs), "outputs": poses_of(nominal.dofs)}
     known = {"1", *nominal.velocities, *nominal.accelerations, *basis.ATTITUDE, *AIR}
     for option, values in (("inputs", inputs), ("outputs", outputs)):
         for value in set(values or ()) - set(own[option]):
-            names = set() if value.startswith("tau_") else varying(value)
+            names = set() if value.startswith(FORCE) else varying(basis.term(value))
             if not names or not names <= known:
                 raise ConfigurationError(
                     f"identifier.{option}: got {value}, expected {', '.join(own[option])} or terms "
@@ -173,15 +151,15 @@ def check_signals(
 
 def is_further_input(term: Term) -> bool:
     """Whether a term can be an additional input: it varies and is not already in the model."""
-    names = varying(term.name)
+    names = varying(term)
     return bool(names) and not names & set(ACCELERATIONS) and term.name not in VELOCITIES
 
 
 def moves(term: Term) -> bool:
     """Whether a term contains a velocity; a term of the attitude alone is part of the stiffness."""
-    return bool(varying(term.name) & {*VELOCITIES, *AIR})
+    return bool(varying(term) & {*VELOCITIES, *AIR})
 
 
-def varying(name: str) -> set[str]:
+def varying(term: Term) -> set[str]:
     """The variables in a term, without the constant."""
-    return {basis.VARIABLES[code % basis.N_VARIABLES] for code in basis.term(name).codes if code}
+    return {basis.VARIABLES[code % basis.N_VARIABLES] for code in term.codes if code}

@@ -183,9 +183,12 @@ def identify_innovations(
         realisation = _identify_closed(record, L, J, order, stable)
     else:
         realisation = _identify_open(record, L, J, order, feedthrough, stable)
-    model = _with_noise_and_start(realisation.model, record)
-    model = replace(model, period_s=period_s).scaled(u_scale, y_scale)
-    return replace(realisation, model=model)
+    model, pairs = realisation.model, record.parts()
+    states = [model.initial_state(*pair) for pair in pairs]
+    errors = [y - model.predict(y, u, 1, x0) for (y, u), x0 in zip(pairs, states, strict=True)]
+    R = np.asarray(np.linalg.qr(np.vstack(errors), mode="r"), dtype=np.float64)
+    model = replace(model, F=R.T / np.sqrt(len(y)), x0=states[0], period_s=period_s)
+    return replace(realisation, model=model.scaled(u_scale, y_scale))
 
 
 def _scales(values: Array, what: str) -> Array:
@@ -242,15 +245,6 @@ def _innovation_inputs(e: Array) -> tuple[Array, Array]:
     size = np.sqrt(np.mean(e**2, axis=0))
     columns = np.flatnonzero(size > NOISE_FREE)
     return e[:, columns] / size[columns], np.eye(len(size))[columns] / size
-
-
-def _with_noise_and_start(model: StateSpace, record: Record) -> StateSpace:
-    """The model with F, the factor of its innovations' covariance, and the initial state x0."""
-    states = [model.initial_state(y, u) for y, u in record.parts()]
-    pairs = zip(record.parts(), states, strict=True)
-    errors = [y - model.predict(y, u, 1, state) for (y, u), state in pairs]
-    R = np.asarray(np.linalg.qr(np.vstack(errors), mode="r"), dtype=np.float64)
-    return replace(model, F=R.T / np.sqrt(len(record.y)), x0=states[0])
 
 
 def realise(Z: Array, m: int, order: int | None) -> tuple[Array, Array, Array]:
@@ -365,31 +359,28 @@ def input_matrices(
     B, D = (np.zeros((n, r)), np.zeros((m, r))) if known is None else (known.B, known.D)
     inputs, through = np.hstack([gain, B - gain @ D]), np.hstack([np.zeros((m, m)), D])
     observer = StateSpace(A - gain @ C, inputs, C, through, 1.0)
-    response = [observer.simulate(np.hstack(part)) for part in record.parts()]
-    R = triangle(_regressors(record, record.y - np.vstack(response), v, (A, C, gain), direct))
+    target = record.y - np.vstack([observer.simulate(np.hstack(part)) for part in record.parts()])
+    stretch, chosen = record.stretch - record.stretch[0], np.sort(record.times)
+    states, v = n * (int(stretch[-1]) + 1), np.ascontiguousarray(v)
+    x = np.zeros((n, n * p + (m * p if direct else 0) + states))
+
+    def rows() -> Iterator[Array]:
+        """The regressors and the target as last column, in blocks of rows."""
+        for turn in turns(len(v)):
+            phi = np.zeros((len(v[turn]), m, x.shape[1]))
+            _responses(observer.A, C, gain, v, stretch, direct, turn.start, x, phi)
+            among = slice(*np.searchsorted(chosen, [turn.start, turn.start + len(phi)]))
+            used = chosen[among] - turn.start
+            columns = phi[used].reshape(len(used) * m, -1)
+            yield np.column_stack([columns, target[turn][used].ravel()])
+
+    R = triangle(rows())
     size = np.linalg.norm(R[:, :-1], axis=0)
     size = np.where(size > 0.0, size, 1.0)
     solution = np.linalg.lstsq(R[:, :-1] / size, R[:, -1], rcond=DETERMINED)[0] / size
     n_direct = m * p if direct else 0
     D = solution[n * p : n * p + n_direct].reshape(-1, m).T if direct else np.zeros((m, p))
     return solution[: n * p].reshape(p, n).T, D
-
-
-def _regressors(
-    record: Record, target: Array, v: Array, model: tuple[Array, Array, Array], direct: bool
-) -> Iterator[Array]:
-    """The regressors of `input_matrices` and the target as last column, in blocks of rows."""
-    A, C, gain = model
-    n, m, p = len(A), len(C), v.shape[1]
-    stretch, chosen = record.stretch - record.stretch[0], np.sort(record.times)
-    v, states = np.ascontiguousarray(v), n * (int(stretch[-1]) + 1)
-    x = np.zeros((n, n * p + (m * p if direct else 0) + states))
-    for turn in turns(len(v)):
-        phi = np.zeros((len(v[turn]), m, x.shape[1]))
-        _responses(A - gain @ C, C, gain, v, stretch, direct, turn.start, x, phi)
-        among = slice(*np.searchsorted(chosen, [turn.start, turn.start + len(phi)]))
-        rows = chosen[among] - turn.start
-        yield np.column_stack([phi[rows].reshape(len(rows) * m, -1), target[turn][rows].ravel()])
 
 
 @kernel

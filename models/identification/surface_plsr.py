@@ -25,17 +25,22 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.kernel_pls import (
-    Columns,
+    Block,
+    Pair,
     all_orders,
     covariances,
+    left_out_mse,
     mean_squares,
     output_moment,
     partial_least_squares,
 )
-from seatrial.models.identification.plsr import PartialLeastSquares, scaled_coefficients
+from seatrial.models.identification.plsr import (
+    PartialLeastSquares,
+    Selection,
+    scaled_coefficients,
+)
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import Samples, thruster_of
-from seatrial.models.identification.splits import Pair, Selection, left_out_mse, part, split
 from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel, coefficient_unit
@@ -193,12 +198,6 @@ def fit_stages(moment: Array, beta: Array, stages: list[list[Choice]]) -> list[A
     return coefficients
 
 
-def _residual_moments(stage: list[Choice], beta: Array, used: Array, out: Array) -> Pair:
-    """Both moments for the residuals of a stage that is fitted to the first."""
-    (theta,) = fit_stages(used, beta, [stage])
-    return after(used, theta), after(out, theta)
-
-
 @dataclass(frozen=True)
 class SurfacePlsr(PartialLeastSquares):
     """PLSR of each degree of freedom alone, with order and terms from its surface.
@@ -220,17 +219,25 @@ class SurfacePlsr(PartialLeastSquares):
         """Identify the residual table of all stages; the surfaces are diagnostics."""
         lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
-        z, dofs = self.columns(samples), problem.nominal.dofs
-        held_out = self.held_out(problem, z, lag) if self.validation == "test" else None
-        splits = split(self.validation, z.x, held_out, self.folds, rng, samples.file)
-        all_samples = part(z.x, slice(None))
-        moment, pairs = all_samples.moment(z.y), splits.pairs(splits.moments(z.y))
-        stages: list[list[Choice]] = []
+        z, dofs = columns(samples), problem.nominal.dofs
+        left_out = self.left_out(self.validation, problem, lag, samples, z)
+        all_samples, stages = Block.of(z.x, slice(None)), list[list[Choice]]()
+        moment, pairs = all_samples.moment(z.y), left_out.pairs(left_out.moments(z.y))
+        rest = moment
         for stage in range(self.stages):
-            stages.append(self.stage(moment, z, pairs, stages))
+            choices = []
+            for k in range(len(dofs)):
+                own = [(output_moment(u, z.n_x, k), output_moment(o, z.n_x, k)) for u, o in pairs]
+                choices.append(choose(own, output_moment(rest, z.n_x, k), z.beta, self.selection))
+            stages.append(choices)
             diagnostics += surface_diagnostics(
-                stages[-1], z.y_scale**2, dofs, stage, self.validation
+                choices, z.y_scale**2, dofs, stage, self.validation
             )
+            (fitted,) = fit_stages(rest, z.beta, [choices])
+            rest = after(rest, fitted)
+            for i, (used, out) in enumerate(pairs):  # each fitted without what is left out
+                (fitted,) = fit_stages(used, z.beta, [choices])
+                pairs[i] = (after(used, fitted), after(out, fitted))
 
         def theta(outputs: Array) -> Array:
             return np.asarray(
@@ -246,23 +253,6 @@ class SurfacePlsr(PartialLeastSquares):
         model = problem.nominal + tables[-1]
         result = Identified(model, tables[-1], errors, diagnostics, tuple(parts))
         return finished(self, problem, lag, samples, result)
-
-    def stage(
-        self, moment: Array, z: Columns, pairs: list[Pair], before: list[list[Choice]]
-    ) -> list[Choice]:
-        """Choose the models of one stage; in every fold the stages before are fitted separately."""
-        for fitted in before:
-            pairs = [_residual_moments(fitted, z.beta, used, out) for used, out in pairs]
-            moment, _ = _residual_moments(fitted, z.beta, moment, moment)
-        return [
-            choose(
-                [(output_moment(u, z.n_x, k), output_moment(o, z.n_x, k)) for u, o in pairs],
-                output_moment(moment, z.n_x, k),
-                z.beta,
-                self.selection,
-            )
-            for k in range(len(z.y_scale))
-        ]
 
 
 def surface_diagnostics(

@@ -1,6 +1,6 @@
 """What free runs over blocks left out predict worse than the nominal model does not stay."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,9 +8,10 @@ import pytest
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification import fallback
 from seatrial.models.identification.cross_validation import CrossValidation
-from seatrial.models.identification.fallback import guarded
+from seatrial.models.identification.fallback import guarded, undivided
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
-from seatrial.models.identification.problem import Identified, Problem, choose_basis
+from seatrial.models.identification.problem import Identified, Identifier, Problem, choose_basis
+from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.table import Vessel
 from tests.models.conftest import configured
 
@@ -18,6 +19,17 @@ from tests.models.conftest import configured
 def identified(model: Vessel, nominal: Vessel) -> Identified:
     residual = model - nominal
     return Identified(model, residual, np.ones_like(residual.theta))
+
+
+@dataclass(frozen=True)
+class Given(Identifier):
+    """An identifier with protections that returns a given result."""
+
+    result: Identified
+    protected = True
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        return self.result
 
 
 def kept(result: Identified) -> list[str]:
@@ -52,6 +64,38 @@ def test_one_axis_that_is_worse_keeps_its_nominal_equation(calm) -> None:
     assert again.std_error is not None
     assert np.all(np.isnan(again.std_error[:, axis]))
     assert unphysical(again.model, nominal, calm.problem.training.nu) is None
+
+
+def test_equations_that_belong_together_stay_or_go_together(calm) -> None:
+    """One axis that is worse with a model that is better as a whole; then all further off."""
+    validation, nominal = CrossValidation(calm.problem), calm.problem.nominal
+    models = [braked(calm.truth, 2, 2.5)] * len(validation.blocks)
+    assert validation.score(models).nominal_axes == (2,)
+    score = undivided(validation, models)
+    assert score.nominal_axes == ()
+    assert score.models == tuple(models)
+    for factor in (5.0, -5.0):  # no mass can be negative
+        score = undivided(validation, [factor * calm.truth] * len(models))
+        assert score.nominal_axes == (0, 1, 2)
+        assert score.models == (nominal,) * len(models)
+
+
+def test_a_state_space_model_is_not_divided(calm, rng) -> None:
+    """The same table loses its yaw where its equations can be exchanged, and nothing where not."""
+    model, nominal = braked(calm.truth, 2, 2.5), calm.problem.nominal
+    linear = StateSpace(np.eye(1), np.eye(1), np.eye(1), np.eye(1), 1.0)
+    for space, lost in ((None, ["yaw"]), (linear, [])):
+        given = replace(identified(model, nominal), state_space=space, control_model=space)
+        found = fallback.identified(Given(given), calm.problem, rng)
+        assert kept(found) == lost
+        assert (found.control_model is linear) == (not lost)
+
+
+def test_equations_without_skill_go_together(constant) -> None:
+    """A constant force that neither model knows: no worse than the nominal one is not enough."""
+    validation = CrossValidation(constant.problem)
+    for model, lost in ((constant.problem.nominal, (0, 1, 2)), (constant.truth, ())):
+        assert undivided(validation, [model] * len(validation.blocks)).nominal_axes == lost
 
 
 def test_what_cannot_be_identified_without_a_block_is_not_trusted(calm) -> None:

@@ -5,7 +5,14 @@ import pytest
 from sklearn.cross_decomposition import PLSRegression
 from sklearn.datasets import load_linnerud
 
-from seatrial.models.identification.kernel_pls import all_orders, components
+from seatrial.models.identification.kernel_pls import (
+    Block,
+    LeftOut,
+    all_orders,
+    components,
+    left_out_mse,
+)
+from seatrial.models.recording.recording import blocks
 
 
 def nipals(E: np.ndarray, F: np.ndarray, orders: int) -> tuple[np.ndarray, ...]:
@@ -119,3 +126,24 @@ def test_a_fit_that_has_explained_everything_stops() -> None:
     found = components(x.T @ x, x.T @ x[:, :1], 6)
     assert np.all(np.isfinite(found.coefficients))
     np.testing.assert_allclose(x @ found.coefficients[-1], x[:, :1], atol=1e-6)
+
+
+def test_pairs_are_moments_of_the_rows() -> None:
+    """Each block is left out once; sums of the blocks' moments are those of the rows themselves."""
+    rng = np.random.default_rng(0)
+    z = np.column_stack([np.ones(61), rng.standard_normal((61, 4))])
+    rows = blocks(61, 3)
+    parts = tuple(Block.of(z[:, :3], block) for block in rows)
+    left_out = LeftOut(parts, None)
+    pairs = left_out.pairs(left_out.moments(z[:, 3:]))
+    for (used, left), block in zip(pairs, rows, strict=True):
+        kept = np.delete(z, np.arange(61)[block], axis=0)
+        np.testing.assert_allclose(used, kept.T @ kept)
+        np.testing.assert_allclose(left, z[block].T @ z[block])
+    lengths = np.array([len(z[block]) for block in rows])
+    sizes = left_out_mse(pairs, lambda _, left: left[0, :1])
+    assert sizes == pytest.approx(np.sum(lengths**2) / 61)
+    other = np.eye(5)
+    ((whole, judged),) = LeftOut(parts, other).pairs(left_out.moments(z[:, 3:]))
+    np.testing.assert_allclose(whole, z.T @ z)
+    assert judged is other

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seatrial.models.identification.state_space_diagnostics import (
+from seatrial.models.identification.subspace import Record
+from seatrial.models.identification.variant_selection import (
     FEEDBACK_P,
     feedback_p_value,
     select_variant,
 )
-from seatrial.models.identification.subspace import Record
 from seatrial.models.simulation.statespace import StateSpace
 from tests.models.identification.test_subspace import (
     closed_loop,

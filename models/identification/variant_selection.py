@@ -1,10 +1,4 @@
-"""Diagnostics of an identified state-space model, and its fit.
-
-The fit is 100 (1 - |y - y_hat| / |y - mean y|) per cent. A biased model can predict one step nearly
-perfectly, because the predictor corrects it at every sample; predictions of ten steps and a free
-run from the first sample show the bias.
-
-The variant of a subspace identification, and whether it has a direct term, from the data.
+"""The variant of a subspace identification, and whether it has a direct term, from the data.
 
 Each alternative is identified without one block at a time, and judged on that block. What it is
 judged by depends on whether the input depends on past outputs.
@@ -34,11 +28,8 @@ from scipy.stats import f as f_distribution
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.cross_validation import FoldErrors, one_standard_error_rule
-from seatrial.models.identification.physical_form import PhysicalForm
-from seatrial.models.identification.sampled_data import Sampled
 from seatrial.models.identification.subspace import (
     NOISE_FREE,
-    Realisation,
     Record,
     Variant,
     Window,
@@ -46,111 +37,9 @@ from seatrial.models.identification.subspace import (
     explained_by_past,
     identify_innovations,
 )
-from seatrial.models.identification.validation import HIDES_BIAS, TEN
-from seatrial.models.notation import ACCELERATIONS, DOFS, FORCE_UNIT, POSE_UNIT, POSES, VELOCITIES
 from seatrial.models.recording.recording import blocked_k_fold
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array, Codes
-
-
-def realisation_diagnostics(realisation: Realisation) -> list[Diagnostic]:
-    """Order, singular values, spectral radii, controllability and observability."""
-    model = realisation.model
-    quantities = {
-        "selected_order": model.order,
-        "spectral_radius": model.spectral_radius,
-        "predictor_radius": model.predictor_radius,
-        "gain_recomputed": realisation.gain_recomputed,
-        "poles_moved": realisation.poles_moved,
-        "controllable_order": model.controllable_order,
-        "observable_order": model.observable_order,
-    }
-    diagnostics = [Diagnostic(name, "all", float(value)) for name, value in quantities.items()]
-    values = enumerate(realisation.singular_values, start=1)
-    return diagnostics + [Diagnostic("singular_value", "all", float(v), i=i) for i, v in values]
-
-
-def axes_of(outputs: tuple[str, ...]) -> tuple[str, ...]:
-    """The degree of freedom of every pose, velocity or acceleration; `all` for other outputs."""
-    axes: dict[str, str] = {}
-    for names in (POSES, VELOCITIES, ACCELERATIONS):
-        axes |= dict(zip(names, DOFS, strict=True))
-    return tuple(axes.get(name.removeprefix("body "), "all") for name in outputs)
-
-
-def model_diagnostics(
-    model: StateSpace, lags: int, dofs: tuple[str, ...], named: bool = False
-) -> list[Diagnostic]:
-    """The eigenvalues, and the Markov parameters up to a lag.
-
-    For a Markov parameter i is the lag, j the input and dof the output, which the label names as
-    well if `named`; for an eigenvalue i is its number, the largest magnitude first.
-    """
-    before = [f"{name} of " if named else "" for name in model.outputs]
-    diagnostics = []
-    for i, value in enumerate(model.eigenvalues, start=1):
-        diagnostics.append(Diagnostic("eigenvalue_real", "all", float(value.real), i=i))
-        diagnostics.append(Diagnostic("eigenvalue_imag", "all", float(value.imag), i=i))
-    for lag, matrix in enumerate(model.markov(lags)):
-        diagnostics += [
-            Diagnostic(
-                "markov", dofs[row], float(value), "", lag, j + 1, before[row] + model.inputs[j]
-            )
-            for (row, j), value in np.ndenumerate(matrix)
-        ]
-    return diagnostics
-
-
-def physical_diagnostics(form: PhysicalForm, dofs: tuple[str, ...]) -> list[Diagnostic]:
-    """Condition of the transform, stiffness, and the delay of each pose behind its force."""
-    diagnostics = [Diagnostic("physical_form", "all", 1.0)]
-    diagnostics.append(Diagnostic("physical_condition", "all", form.condition))
-    for row, dof in enumerate(dofs):
-        diagnostics.append(Diagnostic("delay", dof, float(form.delay[row]), "s"))
-        for j, other in enumerate(dofs):
-            unit = f"{FORCE_UNIT[dof]}/{POSE_UNIT[other]}"
-            stiffness = float(form.stiffness[row, j])
-            diagnostics.append(Diagnostic("stiffness", dof, stiffness, unit, j=j + 1, label=other))
-    return diagnostics
-
-
-def fit_diagnostics(
-    model: StateSpace, held_out: Sampled, dofs: tuple[str, ...], named: bool = False
-) -> list[Diagnostic]:
-    """One-step, ten-step and free-run fit [%] on held-out data, per output.
-
-    The first state of every stretch is estimated from that stretch. If `named`, the label is the
-    name of the output.
-    """
-    predicted: dict[str, list[Array]] = {"one_step": [], "ten_step": [], "free_run": []}
-    for y, u in held_out.parts():
-        start = model.initial_state(y, u)
-        predicted["one_step"].append(model.predict(y, u, 1, start))
-        predicted["ten_step"].append(model.predict(y, u, TEN, start))
-        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may diverge
-            free = model.initial_state(y, u, free_run=True)
-            predicted["free_run"].append(model.simulate(u, free))
-    labels = {"one_step": HIDES_BIAS}
-    return [
-        Diagnostic(
-            f"fit_{name}", dof, float(value), "%", label=output if named else labels.get(name)
-        )
-        for name, rows in predicted.items()
-        for dof, output, value in zip(
-            dofs, model.outputs, fit(held_out.y, np.vstack(rows)), strict=True
-        )
-    ]
-
-
-def fit(y: Array, predicted: Array) -> Array:
-    """100 (1 - |y - y_hat| / |y - mean y|) [%] per column; 100 is perfect, 0 is the mean.
-
-    NaN where y does not vary.
-    """
-    error, spread = np.linalg.norm([y - predicted, y - y.mean(axis=0)], axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(spread > 0.0, 100.0 * (1.0 - error / spread), np.nan)
-
 
 VARIANT_FOLDS = 5
 MAX_SAMPLES = 20_000  # samples that the choice is made with: the first ones of a longer record
