@@ -28,17 +28,14 @@ from seatrial.models.identification.kernel_pls import (
     Block,
     Pair,
     all_orders,
+    columns,
     covariances,
     left_out_mse,
     mean_squares,
     output_moment,
     partial_least_squares,
 )
-from seatrial.models.identification.plsr import (
-    PartialLeastSquares,
-    Selection,
-    scaled_coefficients,
-)
+from seatrial.models.identification.plsr import PartialLeastSquares, Selection, scaled_coefficients
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import Samples, thruster_of
 from seatrial.models.notation import SQUARE_UNIT
