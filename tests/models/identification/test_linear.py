@@ -84,9 +84,7 @@ def test_the_unknowns_are_linear_in_the_targets_as_the_fit_says(
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.8])
-def test_covariances_in_pieces_are_those_of_the_whole(
-    rho: float, rng: np.random.Generator
-) -> None:
+def test_covariances_in_pieces_are_those_of_the_whole(rho: float, rng: np.random.Generator) -> None:
     from scipy.signal import lfilter
 
     columns = rng.standard_normal((1000, 3))

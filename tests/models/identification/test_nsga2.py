@@ -170,9 +170,7 @@ def test_the_polish_starts_from_the_decision_and_says_what_it_gained(
     """Nowhere else, also where the nominal model is the truth; its result is what is deployed."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
     problem = make.problem(truth, truth, signal("many_sine"), noise=0.05)
-    option = identifier(
-        "nsga2", bounds=QUADRATIC, population=8, generations=2, decision=decision
-    )
+    option = identifier("nsga2", bounds=QUADRATIC, population=8, generations=2, decision=decision)
     begun = []
 
     def fitted(options, problem, point, *rest):
