@@ -16,9 +16,7 @@ from seatrial.models.control.linear_design import design_model, every
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
-from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
-from seatrial.runner.record import deployment_metrics
 from seatrial.runner.record.rows import Results
 from tests.trials import composed
 
@@ -79,19 +77,6 @@ def test_the_source_s_options_fail_at_its_noise_and_it_shows() -> None:
     form = [d for d in results.diagnostics if d.name == "physical_form"]
     assert form[0].value == 0.0
     assert "which a sampled continuous model cannot have" in str(form[0].label)
-
-
-def test_the_sources_noise_has_a_mean_that_no_thruster_holds() -> None:
-    """rand * 0.03 m/s^2 pushes with half of that, times the mass: more than the limits."""
-    mean = "+disturbance.force={_target_: seatrial.models.weather.disturbance.ConstantForce, "
-    mean += f"north_n: {0.015 * 2.4e7}, east_n: {0.015 * 4e7}, moment_nm: 0}}"
-    short = ("excitation.length_s=6", "evaluation.duration_s=60", "controller=lqi")
-    one = composed(*EXPERIMENT, FULL_NOISE, mean, *short)
-    design = closed_loop.prepare(
-        one, closed_loop.Streams(0), one.vessel.nominal(), one.evaluation
-    ).design
-    assert design.infeasible.tolist() == [True, True, False]
-    assert len(deployment_metrics.design_warnings(design, "nominal")) == 2
 
 
 @pytest.mark.nightly

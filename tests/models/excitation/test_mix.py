@@ -15,7 +15,6 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.trial import check
-from tests.models.excitation.test_information import by_slsqp
 from tests.trials import composed
 
 PERIOD_S = 0.1
@@ -55,12 +54,6 @@ def sailed(design: Mix) -> Any:
         added=design.force(t, ("surge", "sway", "yaw"), rng),
     )  # fmt: skip
     return recording_of(voyage, weather)
-
-
-def test_the_design_is_optimal_for_the_ship() -> None:
-    design = mix().information
-    assert design.weights.gap <= 1e-6
-    np.testing.assert_allclose(design.weights.share, by_slsqp(design.gammas), atol=1e-4)
 
 
 def test_the_whole_mix_is_better_than_random_ones() -> None:

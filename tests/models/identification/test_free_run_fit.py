@@ -126,7 +126,7 @@ def test_short_segments_first_avoid_a_minimum_of_long_ones(identifier) -> None:
     assert errors[1] < 0.003
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_noisy_velocities_do_not_bias_the_inertia(lap, identifier) -> None:
     """Twelve seeds; a start at measured or smoothed velocities is off by one to two percent."""
     option = identifier("robust", disturbance="none")

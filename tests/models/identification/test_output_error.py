@@ -144,8 +144,7 @@ def test_eighteen_parameters_from_afar(identifier, make, shaken, start):
 
 
 @pytest.mark.parametrize(
-    "count",
-    [pytest.param(3, marks=pytest.mark.slow), pytest.param(30, marks=pytest.mark.nightly)],
+    "count", [pytest.param(3, marks=pytest.mark.slow), pytest.param(30, marks=pytest.mark.nightly)]
 )
 def test_eighteen_parameters_from_random_starts(identifier, make, shaken, count):
     """ERRATA, Hoyer 5: within 1 % on 30 of 30 starts by growing horizons."""
