@@ -3,7 +3,7 @@
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data (else
 # ../shared/data where it exists), which `make test` leaves alone.
 
-.PHONY: demo robustness coverage bands manoeuvring benchmark readme published bench docs gallery test test-data slow nightly nightly-tests ray abuse check clean help
+.PHONY: demo robustness coverage bands manoeuvring benchmark readme published bench docs gallery test test-data slow nightly nightly-tests ray abuse check ruff mypy imports clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -161,13 +161,16 @@ gallery: $(VENV)/docs.stamp
 test: $(VENV)/test.stamp
 	unset SEATRIAL_DATA; $(PYTEST) -m 'not (slow or nightly or data)'
 
+# Files without such a test are not even imported.
+MARKED = $(sort $(shell grep -rlE 'mark\.$(1)\b' --include='test_*.py' tests))
+
 test-data: $(VENV)/test.stamp
-	$(PYTEST) -m 'data and not (slow or nightly)'
+	$(PYTEST) -m 'data and not (slow or nightly)' $(call MARKED,data)
 
 # Long tests share little: a worker that has none left takes some of another's. pytest ends with 5
 # when no test is marked slow: that is no failure.
 slow: $(VENV)/test.stamp
-	$(PYTEST) --dist worksteal -m 'slow and not nightly' --timeout 1800 --durations 25 || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
+	$(PYTEST) --dist worksteal -m 'slow and not nightly' --timeout 1800 --durations 25 $(call MARKED,slow) || { code=$$?; [ $$code -eq 5 ] || exit $$code; }
 
 # What is a product of everything, or takes hours: all of it, also after the failure of a part.
 NIGHTLY := nightly-tests published robustness coverage bands bench ray
@@ -184,9 +187,16 @@ ray: $(RAY)/ray.stamp
 abuse: $(VENV)/test.stamp
 	$(BIN)/python -m pytest -p no:benchmark -m nightly --durations 25 tests/abuse
 
-check: $(VENV)/check.stamp
+# `make --jobs 2 check` has mypy and basedpyright side by side.
+check: ruff mypy imports
+
+ruff: $(VENV)/check.stamp
 	$(BIN)/python -m ruff check .
+
+mypy: $(VENV)/check.stamp
 	$(BIN)/python -m mypy --strict
+
+imports: $(VENV)/check.stamp
 	$(BIN)/basedpyright
 
 clean:

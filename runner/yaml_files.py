@@ -4,6 +4,7 @@
 run 17 in the logbook of the trial, as `seatrial-results model 17 --to yaml` writes it.
 """
 
+import copy
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database, export, vessel_options
+from seatrial.runner.search_path import CONF
 from seatrial.runner.vocabulary import Config
 
 GROUP = "vessel/"
@@ -58,6 +60,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
     """
 
     overrides: ClassVar[Sequence[str]] = ()  # of the command line, which say where the logbook is
+    _own: ClassVar[dict[str, ConfigResult]] = {}  # the program's files: a call loads them twice
 
     def __init__(self, provider: str, path: str) -> None:
         super().__init__(provider, path)
@@ -83,8 +86,11 @@ class FileConfigSource(file_config_source.FileConfigSource):
                 header=self._get_header_dict(""),
             )
         place = self._place(config_path)
+        loaded = self._own if place == config_path and Path(self.path) == CONF else {}
         try:
-            result = super().load_config(place)
+            if place not in loaded:
+                loaded[place] = super().load_config(place)
+            result = copy.deepcopy(loaded[place])  # Hydra takes the defaults list out of it
         except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
             file = Path(self.path) / self._normalize_file_name(place)
             mark = getattr(error, "problem_mark", None)

@@ -19,15 +19,15 @@ pytestmark = pytest.mark.skipif(MAKE is None, reason="make is not installed")
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
     """A folder with the Makefile, and a PATH with nothing but what it calls."""
+    tools = tmp_path / "here" / "tools"
+    tools.mkdir(parents=True)
     for name in ("Makefile", "pyproject.toml", *CONSTRAINTS):
-        shutil.copy(ROOT / name, tmp_path)
-    tools = tmp_path / "tools"
-    tools.mkdir()
+        shutil.copy(ROOT / name, tools.parent)
     for name in ("sh", "touch", "mkdir", "rm", "find"):
         found = shutil.which(name)
         assert found is not None
         (tools / name).symlink_to(found)
-    return tmp_path
+    return tools.parent
 
 
 def pretend_python(checkout: Path, name: str, version: str, venv: bool) -> None:
@@ -191,24 +191,16 @@ def test_robustness_keeps_runs_that_fail_and_skips_data_that_are_not_there(
 
 def test_the_suite_sees_no_outside_data_and_nothing_is_run_twice(checkout: Path) -> None:
     """`make test` is the same in every clone: it unsets the variable, and looks nowhere else."""
-    binaries = checkout / "here" / ".venv" / "bin"
-    binaries.mkdir(parents=True)
-    (checkout / "shared" / "data").mkdir(parents=True)
-    for name in ("Makefile", "pyproject.toml", *CONSTRAINTS):
-        shutil.copy(checkout / name, checkout / "here")
-    pretend_python(checkout, "stub", "3.11", venv=True)
-    script = (checkout / "tools" / "stub").read_text()
-    (binaries / "python").write_text(
-        script.replace('echo "stub $*"', 'echo "${SEATRIAL_DATA-unset} $*"')
-    )
-    (binaries / "python").chmod(0o755)
-    within = ("-C", str(checkout / "here"))
+    (checkout.parent / "shared" / "data").mkdir(parents=True)
+    script = set_up(checkout)
+    echo = 'echo "${SEATRIAL_DATA-unset} $*"'
+    script.write_text(script.read_text().replace('echo "stub $*"', echo))
     for asked_for in (("test", "SEATRIAL_DATA=/data"), ("test",), ("test-data",),
                       ("test-data", "SEATRIAL_DATA=/data")):  # fmt: skip
-        answer = make(checkout, *within, *asked_for)
+        answer = make(checkout, *asked_for)
         assert answer.returncode == 0, answer.stderr
     ran = re.findall(r"^(\S+) -m pytest .* -m (.*)$", asked(checkout), re.M)
-    beside = f"{checkout}/here/../shared/data"
+    beside = f"{checkout}/../shared/data"
     assert ran == [
         ("unset", "not (slow or nightly or data)"),
         ("unset", "not (slow or nightly or data)"),

@@ -43,7 +43,7 @@ def test_every_number_of_a_vessel_has_a_source() -> None:
         assert all(len(source) > 5 for source in vessel.sources.values()), name
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_tables_are_those_of_the_demo(tmp_path: Path) -> None:
     recipe = subprocess.run(
         ["make", "--dry-run", "demo"], cwd=ROOT, check=True, capture_output=True, text=True

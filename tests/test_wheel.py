@@ -143,9 +143,7 @@ def test_nothing_of_the_checkout_is_imported(binaries: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_plug_ins_need_no_fork(
-    binaries: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plug_ins_need_no_fork(binaries: Path, tmp_path: Path) -> None:
     """docs/howto/plugins.md in an empty folder, with what the wheel requires alone."""
 
     def said(program: str, *arguments: str | Path, folder: Path = tmp_path) -> str:
@@ -162,13 +160,6 @@ def test_plug_ins_need_no_fork(
     program = f"--variant=identifier=fit identifier.command=[{binaries}/python,fit.py]"
     out = said("seatrial", "-m", *surge, program, "--variant=identifier=my_fit")
     assert "2 runs: 2 finished" in out
-    monkeypatch.setenv("SEATRIAL_PLUGINS", "speeds,speed_figure")
-    sailed = ("excitation.interval_s=5", "identifier=none", "controller=pd_python")
-    said("seatrial", *sailed, "metrics=[{_target_: speeds.LargestSpeed}]")
-    table = ("--metric", "speed_max", "--sweep", "all", "--where", "controller=pd_python")
-    assert "speed_max [m/s]" in said("seatrial-results", "table", *table)
-    assert "speeds.png" in said("seatrial-results", "plot", "speeds")
-    monkeypatch.delenv("SEATRIAL_PLUGINS")
     empty = tmp_path / "empty"
     empty.mkdir()
     source = package(tmp_path)

@@ -103,7 +103,6 @@ BLOWS = (kill_all, kill_child, stop_all, kill_parent, stop_parent)
 @pytest.mark.parametrize(
     ("launcher", "server", "kills"),
     [
-        slow(TWO, False, 5),
         nightly(TWO, False, 20),
         nightly(TWO, True, 20),
         nightly((), False, 20),

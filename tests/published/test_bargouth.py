@@ -28,20 +28,6 @@ def test_lq_without_limits_takes_the_times_and_forces_that_are_told(
     assert mean("tau_max_abs", "yaw") == pytest.approx(6e6, rel=0.2)
 
 
-@pytest.mark.slow
-def test_three_formulations_of_predictive_control_are_one(
-    run: Callable[..., Results], metric: Metric
-) -> None:
-    """Section 4.5: standard, reduced and simple; a schedule cut short."""
-    common = ("experiment=bargouth_section_4_5", "evaluation.duration_s=240")
-    errors = [
-        metric(run(*common, f"controller=mpc_{name}"), "error_mae", "nominal")
-        for name in ("standard", "reduced", "condensed")
-    ]
-    for other in errors[1:]:
-        assert other == pytest.approx(errors[0], rel=1e-5)
-
-
 def test_with_the_printed_drag_the_linear_model_drifts_as_the_vessel_but_does_not_turn_so(
     run: Callable[..., Results],
 ) -> None:

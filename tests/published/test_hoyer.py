@@ -27,7 +27,7 @@ def test_the_printed_drag_pushes_backward_and_ours_does_not() -> None:
         assert bool(force[0, 0] * speed[0, 0] > 0.0) == takes
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("excitation", ["triple_ramp", "many_sine"])
 def test_the_search_finds_the_non_linear_model_on_every_seed(
     run: Callable[..., Results], excitation: str

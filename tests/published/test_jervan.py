@@ -44,12 +44,6 @@ def test_the_nominal_residual_is_the_printed_one(run: Run, metric: Values) -> No
         assert mse[dof] == pytest.approx(value, rel=1e-3)
 
 
-def test_no_identifier_leaves_the_model_as_it_was(run: Run, metric: Values) -> None:
-    results = run("identifier=none")
-    for name in ("force_mse", "e_pos_mae", "tau_mean_abs"):
-        assert metric(results, name, "nominal") == metric(results, name, "identified")
-
-
 def test_filtered_force_makes_least_squares_exact(run: Run) -> None:
     results = run("identifier=ls", "identifier.force=filtered")
     rows = [row for row in results.coefficients if row.model == "residual" and row.true_value]

@@ -11,7 +11,7 @@ LEAST_SQUARES = "identifier.instruments=none"
 INSTRUMENTS = "identifier.instruments=simulated"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(("wind", "measured"), [(0.2, "false"), (2.0, "true")])
 def test_instruments_forget_their_error_and_least_squares_does_not(
     run: Callable[..., Results], metric: Callable[..., dict[str, float]], wind: float, measured: str

@@ -112,7 +112,7 @@ def compare(seed: int) -> tuple[float, float]:
     return float(np.median(designed)), float(np.median(drawn))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_designed_mix_beats_random_ones_in_low_wind() -> None:
     """For at least 8 of 10 nominal models that are up to 20 % off in every coefficient."""
     found = np.array([compare(seed) for seed in range(10)])

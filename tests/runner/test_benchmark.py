@@ -1,9 +1,6 @@
 """The benchmark: tasks and their files, cells that are run once, and ranks from the logbook."""
 
-import os
 import re
-import signal
-import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,7 +14,6 @@ from seatrial.runner.compare.benchmark.task import GROUP, located, task_of
 from seatrial.runner.compare.grid import TableCell
 from seatrial.runner.compare.leaderboard import grids
 from seatrial.runner.compare.results import open_results
-from tests.runner.programs import ended, program, wait
 from tests.trials import composed
 
 TASKS = search_path.options(GROUP)
@@ -86,49 +82,11 @@ def test_cells_are_run_and_ranked(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert float(rows["mean_motion"][2].text) == pytest.approx(0.0, abs=1e-9)
 
 
-def runs(folder: Path) -> dict[str, int]:
-    """The number of finished runs of each identifier."""
-    query = "select identifier, count(*) from run where status = 'finished' group by identifier"
-    with sqlite3.connect(folder / "results" / "benchmark" / "results.db") as database:
-        return dict(database.execute(query).fetchall())
-
-
 def ranked_rows(folder: Path, *entrants: str) -> dict[str, Sequence[TableCell]]:
     """The rows of the table by entrant."""
     with open_results(str(folder / "results" / "benchmark" / "results.db")) as results:
         (grid,) = grids(boards(results, ["small"], entrants))
     return {row[0].text: row for row in grid.rows}
-
-
-@pytest.mark.slow
-def test_a_benchmark_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
-    small(tmp_path)
-    words = ("-m", "seatrial.runner", "benchmark", "--task", "small", "--launcher", "basic")
-    killed = program(*words, folder=tmp_path)
-    database = tmp_path / "results" / "benchmark" / "results.db"
-    query = "select id, finished_at from run where status = 'finished' order by id"
-
-    def done() -> list[tuple[object, ...]]:
-        if not database.exists():
-            return []
-        try:
-            with sqlite3.connect(f"file:{database}?mode=ro", uri=True, timeout=30.0) as opened:
-                return opened.execute(query).fetchall()
-        except sqlite3.OperationalError:  # the schema is not there yet
-            return []
-
-    wait(lambda: len(done()) >= 3 or killed.poll() is not None)
-    os.killpg(killed.pid, signal.SIGKILL)
-    ended(killed)
-    before = done()
-    assert 3 <= len(before) < 26
-    code, out, err = ended(program(*words, folder=tmp_path))
-    assert code == 0, err
-    assert done()[: len(before)] == before
-    assert runs(tmp_path) == {"none": 13, "ls": 13}
-    code, out, _ = ended(program(*words, folder=tmp_path))
-    assert code == 0
-    assert out.count("13 already in the logbook") == 2
 
 
 def test_an_entrant_that_cannot_take_part_says_so(

@@ -124,15 +124,6 @@ def test_a_diverged_trial_keeps_what_still_holds(seatrial: Command) -> None:
         assert len(logbook.metrics(1)) == 1
 
 
-def test_a_dry_run_runs_nothing(seatrial: Command) -> None:
-    fake = seatrial.pretend()
-    answer = seatrial("seed=3", "dry_run=true")
-    assert answer.code == 0
-    assert re.match(r"new +seed=3\n1 trial: 1 new; nothing was run\n", answer.out)
-    assert fake.ran == []
-    assert list(seatrial.folder.iterdir()) == []
-
-
 def test_full_error_keeps_the_traceback(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     from seatrial.models.errors import ConfigurationError
 
@@ -141,13 +132,6 @@ def test_full_error_keeps_the_traceback(seatrial: Command, monkeypatch: pytest.M
     with pytest.raises(ConfigurationError, match="seed must not be negative"):
         seatrial("seed=-1")
     assert os.environ["HYDRA_FULL_ERROR"] == "1"
-
-
-def test_the_environment_is_left_as_it_was(seatrial: Command) -> None:
-    seatrial.pretend()
-    before = dict(os.environ)
-    seatrial("-m", "seed=1,2")
-    assert dict(os.environ) == before
 
 
 def test_looking_around_imports_nothing_heavy(tmp_path: Path) -> None:

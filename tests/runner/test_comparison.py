@@ -99,24 +99,6 @@ def test_a_fit_by_prediction_wins_under_noise_and_one_step_would_not_have_shown_
     assert "hides bias" in shown
 
 
-def test_least_squares_stands_beside_nsga2_and_finds_the_same(folder: Path) -> None:
-    for disturbance in ("calm", "noise"):
-        values = {
-            identifier: rows(
-                folder,
-                "SELECT dof, term, value, std_error FROM coefficient JOIN run ON run.id = run_id "
-                f"WHERE model = 'identified' AND identifier = '{identifier}' "
-                f"AND disturbance = '{disturbance}' ORDER BY dof, term",
-            )
-            for identifier in ("output_error", "nsga2")
-        }
-        assert len(values["nsga2"]) > 20
-        for one, other in zip(values["output_error"], values["nsga2"], strict=True):
-            assert one[:2] == other[:2]
-            error = one[3] or 0.0
-            assert other[2] == pytest.approx(one[2], rel=1e-2, abs=max(0.1 * error, 1e-3))
-
-
 def test_every_coefficient_that_was_estimated_has_its_standard_error(folder: Path) -> None:
     """An equation without any is the nominal one, to which nothing better was found."""
     found = rows(

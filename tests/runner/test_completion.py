@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -66,9 +67,25 @@ def test_groups_and_options(seatrial: Command, monkeypatch: pytest.MonkeyPatch) 
     assert completed(seatrial, monkeypatch, "seatrial controller=pid_ff controller.h") == []
 
 
-def test_commands_figures_and_metrics(
+@pytest.fixture
+def answered(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+) -> Callable[..., list[str]]:
+    """What the program of the results answers a shell that completes its words, line by line."""
+
+    def answer(words: str, shell: str = "bash") -> list[str]:
+        for name, value in asked(words, shell).items():
+            monkeypatch.setenv(name, value)
+        with suppress(SystemExit):
+            run_results([])
+        said = capsys.readouterr()
+        assert said.err == ""
+        return said.out.strip().splitlines()
+
+    return answer
+
+
+def test_commands_figures_and_metrics(answered: Callable[..., list[str]]) -> None:
     for words, expected in (
         ("plo", {"plot"}),
         ("plot tra", {"track"}),
@@ -77,12 +94,7 @@ def test_commands_figures_and_metrics(
         ("table --statistic med", {"median"}),
         ("table --metric ", {metric.name for metric in all_declared()}),
     ):
-        for name, value in asked(words).items():
-            monkeypatch.setenv(name, value)
-        with suppress(SystemExit):
-            run_results([])
-        said = capsys.readouterr()
-        assert ({*said.out.split()}, said.err) == (expected, ""), words
+        assert {*answered(words)} == expected, words
 
 
 def asked(words: str, shell: str = "bash") -> dict[str, str]:
@@ -96,28 +108,21 @@ def asked(words: str, shell: str = "bash") -> dict[str, str]:
     }  # fmt: skip
 
 
-def asked_of_results(folder: Path, words: str, shell: str = "bash") -> list[str]:
-    """What the installed program answers in a folder."""
-    answer = run(folder, "seatrial-results", **asked(words, shell))
-    assert answer.stderr == ""
-    return answer.stdout.strip().splitlines()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("command", ["show", "model", "plot track --run"])
-def test_numbers_of_runs(home: Path, command: str) -> None:
-    assert asked_of_results(home, f"{command} ") == []  # there is no logbook yet
-    with stored.logbook_at(home / "results") as logbook:
+def test_numbers_of_runs(
+    answered: Callable[..., list[str]], command: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert answered(f"{command} ") == []  # there is no logbook yet
+    with stored.logbook_at(tmp_path / "results") as logbook:
         stored.fill_plain(logbook)
-    try:
-        assert asked_of_results(home, f"{command} ") == [str(i) for i in range(17, 0, -1)]
-        assert asked_of_results(home, f"{command} 17") == ["17"]
-        (line,) = asked_of_results(home, f"{command} 15", "fish")
-        assert line.split("\t") == ["15", "diverged, milliampere noise ls seed=2"]
-        (home / "results" / "results.db").write_bytes(b"not a database" * 100)
-        assert asked_of_results(home, f"{command} ") == []
-    finally:
-        shutil.rmtree(home / "results")
+    assert answered(f"{command} ") == [str(i) for i in range(17, 0, -1)]
+    assert answered(f"{command} 17") == ["17"]
+    (line,) = answered(f"{command} 15", "fish")
+    assert line.split("\t") == ["15", "diverged, milliampere noise ls seed=2"]
+    (tmp_path / "results" / "results.db").write_bytes(b"not a database" * 100)
+    assert answered(f"{command} ") == []
 
 
 LINE = "seatrial -m identifier=ls,pl"

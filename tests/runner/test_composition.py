@@ -95,7 +95,7 @@ def varied(job: Sequence[str], values: Sequence[tuple[int, str]]) -> list[list[s
     return jobs
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(overrides, min_size=1, max_size=4), st.lists(new_value, max_size=3))
 def test_jobs_that_share_are_those_of_hydra(

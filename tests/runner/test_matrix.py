@@ -20,7 +20,6 @@ from tests.models.simulation.test_every_combination import objects
 from tests.trials import composed, options
 
 ROWS = 20  # instants that are sailed
-KINDS = ("surge_linear", "milliampere", "kvlcc2", "mariner", "otter")
 EXCITATIONS = (
     "rudder_zigzag", "rudder_prbs", "input_prbs", "multisine", "many_sine", "prbs",
 )  # fmt: skip
@@ -75,14 +74,6 @@ def tried(vessel: str, pairs: Iterable[tuple[str, str]]) -> int:
             assert said, names
             assert "\n" not in said, names
     return ran
-
-
-@pytest.mark.slow
-def test_a_part_of_the_matrix() -> None:
-    """A third of the pairs, every controller and every evaluation among them."""
-    pairs = product(enumerate(options("controller")), enumerate(options("evaluation")))
-    third = [(one, other) for (i, one), (j, other) in pairs if (i + j) % 3 == 2]
-    assert sum(tried(vessel, third) for vessel in KINDS) > len(KINDS)
 
 
 @pytest.mark.nightly

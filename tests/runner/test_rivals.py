@@ -20,11 +20,6 @@ FREE_RUN = "SELECT model, value FROM metric WHERE name = 'velocity_rmse_free_run
             ("sparse", "identifier.algorithm=stlsq"), "calm", "selected_variables", 0.01,
             marks=PYSINDY,
         ),
-        pytest.param(
-            ("sparse", "identifier.algorithm=sr3"), "calm", "selected_variables", 0.01,
-            marks=PYSINDY,
-        ),
-        (("gaussian_process",), "calm", "projection_r2", 0.01),
         (("gaussian_process",), "noise", "projection_r2", 0.5),
     ],
 )  # fmt: skip

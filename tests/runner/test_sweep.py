@@ -122,6 +122,7 @@ def test_a_dry_run_lists_every_trial(seatrial: Command) -> None:
 def test_a_dry_run_of_any_spelling_runs_nothing(seatrial: Command, spelling: str) -> None:
     fake = seatrial.pretend()
     seatrial("-m", "seed=0,1", spelling)
+    seatrial("seed=3", spelling)
     assert fake.ran == list(seatrial.folder.iterdir()) == []
 
 

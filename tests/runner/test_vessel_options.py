@@ -48,7 +48,7 @@ def test_the_default_trial_of_an_own_vessel(vessel: str, own: Path, seatrial: Co
 
 
 MORE = (
-    pytest.param(name, marks=pytest.mark.slow)
+    pytest.param(name, marks=pytest.mark.nightly)
     for name in ("mpc_condensed", "mpc_integral", "mpc_reduced")
 )
 

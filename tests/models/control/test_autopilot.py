@@ -52,6 +52,14 @@ def autopilot(ship: VesselParameters, **options: object) -> Autopilot:
     )  # fmt: skip
 
 
+def predictive(ship: VesselParameters) -> SteeredMpc:
+    return SteeredMpc(
+        speed_m_s=SPEED, length_m=LENGTH, input_names=ship.input_names,
+        input_start=ship.input_start, input_rates=ship.input_rates, input_low=ship.input_low,
+        input_high=ship.input_high, input_lags=ship.input_lags,
+    )  # fmt: skip
+
+
 def steered(
     ship: VesselParameters, controller: Autopilot | SteeredMpc, heading: float, duration_s: float,
     moment: float = 0.0, ahead: float = 0.0, wind_up: bool = False,
@@ -234,12 +242,7 @@ def test_way_points_scale_with_the_ship() -> None:
 def test_predictive_control_of_an_unstable_ship(gain: float) -> None:
     """It settles, keeps the limits of helm and rate, and leaves no error under a moment."""
     ship = nomoto_ship(gain, -TIME_S)
-    limits = {"input_low": ship.input_low, "input_high": ship.input_high}
-    controller = SteeredMpc(
-        speed_m_s=SPEED, length_m=LENGTH, input_names=ship.input_names,
-        input_start=ship.input_start, input_rates=ship.input_rates, input_lags=ship.input_lags,
-        **limits,
-    )  # fmt: skip
+    controller = predictive(ship)
     (diagnostic,) = controller.diagnostics(ship.nominal(), PERIOD_S)
     assert diagnostic.value is not None
     assert diagnostic.value < 1.0
@@ -281,7 +284,7 @@ def overshoot(vessel: str, controller: str, bandwidth: float) -> float:
     return float(np.max(heading)) - 20.0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("vessel", ["kvlcc2", "mariner", "tanker", "frigate"])
 def test_predictive_control_overshoots_no_more_than_the_autopilot(vessel: str) -> None:
     """With the filter of the mission; with nearly a step it does not overshoot at all."""
@@ -297,12 +300,7 @@ def test_a_lag_of_the_helm_is_in_the_prediction() -> None:
         ship = nomoto_ship(GAIN, TIME_S)
         helm = replace(ship.inputs["delta"], time_constant_s=lag)
         ship = replace(ship, inputs={**ship.inputs, "delta": helm})
-        controller = SteeredMpc(
-            speed_m_s=SPEED, length_m=LENGTH, input_names=ship.input_names,
-            input_start=ship.input_start, input_rates=ship.input_rates, input_low=ship.input_low,
-            input_high=ship.input_high, input_lags=ship.input_lags,
-        )  # fmt: skip
-        log = steered(ship, controller, np.radians(20.0), 120.0).log
+        log = steered(ship, predictive(ship), np.radians(20.0), 120.0).log
         assert log.eta[-1, 2] == pytest.approx(np.radians(20.0), abs=np.radians(0.05))
         settled.append(np.degrees(np.max(log.eta[:, 2])) - 20.0)
     assert max(settled) < 0.2

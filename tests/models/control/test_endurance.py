@@ -33,8 +33,13 @@ def keep_station(controller: str, duration_s: float) -> SimulatedMission:
     return closed_loop.sail_mission(one, closed_loop.Streams(0), nominal, one.evaluation)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("controller", OPTIONS)
+@pytest.mark.parametrize(
+    "controller",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "lqi" else pytest.mark.nightly)
+        for name in OPTIONS
+    ],
+)
 def test_a_day_of_station_keeping_stays_bounded_without_growing(controller: str) -> None:
     keep_station(controller, 600.0)  # what is loaded and compiled once
     gc.collect()

@@ -171,16 +171,3 @@ def test_a_state_space_model_controls_without_knowing_its_state() -> None:
         a, _ = voyage(make, small, model=double_integrators(), plant=double_integrators())
         b, _ = voyage(make, small, model=hidden, plant=double_integrators())
         np.testing.assert_allclose(a.log.eta, b.log.eta, atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"limits": (1.0, 0.0, 1.0)}, "limits must be 3 numbers, positive"),
-        ({"error_weight": (1.0, 1.0)}, "error_weight must be 3 numbers"),
-        ({"input_weight": (1.0, 1.0, -1.0)}, "input_weight must be 3 numbers, positive"),
-    ],
-)
-def test_wrong_options_are_refused(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigurationError, match=message):
-        lqi(**changes)

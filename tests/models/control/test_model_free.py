@@ -16,9 +16,7 @@ from seatrial.models.control.linear_design import design_model, every
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
-from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
-from seatrial.runner.record import deployment_metrics
 from seatrial.runner.record.rows import Results
 from tests.trials import composed
 
@@ -66,7 +64,7 @@ def test_a_model_from_data_controls_nearly_as_well() -> None:
     assert np.all(ratios("mpc_integral", range(1)) <= 1.5)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("controller", ["lqi", "mpc_integral"])
 def test_over_ten_seeds(controller: str) -> None:
     assert np.all(np.median(ratios(controller, range(10)), axis=0) <= 1.5)
@@ -81,20 +79,7 @@ def test_the_source_s_options_fail_at_its_noise_and_it_shows() -> None:
     assert "which a sampled continuous model cannot have" in str(form[0].label)
 
 
-def test_the_sources_noise_has_a_mean_that_no_thruster_holds() -> None:
-    """rand * 0.03 m/s^2 pushes with half of that, times the mass: more than the limits."""
-    mean = "+disturbance.force={_target_: seatrial.models.weather.disturbance.ConstantForce, "
-    mean += f"north_n: {0.015 * 2.4e7}, east_n: {0.015 * 4e7}, moment_nm: 0}}"
-    short = ("excitation.length_s=6", "evaluation.duration_s=60", "controller=lqi")
-    one = composed(*EXPERIMENT, FULL_NOISE, mean, *short)
-    design = closed_loop.prepare(
-        one, closed_loop.Streams(0), one.vessel.nominal(), one.evaluation
-    ).design
-    assert design.infeasible.tolist() == [True, True, False]
-    assert len(deployment_metrics.design_warnings(design, "nominal")) == 2
-
-
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_at_the_sources_noise_it_is_its_options_that_fail() -> None:
     """Without a mean the noise alone is borne: L = 8 and J = 20 do as well as the true model.
 
@@ -115,7 +100,7 @@ def test_a_controller_faster_than_its_model_is_refused_before_any_work() -> None
     trials.check(composed(*EXPERIMENT, "controller=lqi", "controller.period_s=2"))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_its_options_are_worse_at_little_noise_too() -> None:
     printed = np.median(ratios("mpc_integral", range(3), *AS_PRINTED), axis=0)
     assert np.all(printed > 1.5)
@@ -126,25 +111,20 @@ def test_a_pid_takes_the_physical_form() -> None:
     assert np.all(errors(results, "identified") <= 1.5 * errors(results, "nominal"))
 
 
-SHORT_SEARCH = ["identifier.generations=5", "identifier.population_cap=100"]
-SLOW = [("output_error", []), ("nsga2", SHORT_SEARCH)]
+def product(controller: str, identifier: str, *more: str) -> Any:
+    return pytest.param(controller, identifier, *more, marks=pytest.mark.nightly)
 
 
 @pytest.mark.parametrize(
-    "controller", ["lqi", pytest.param("mpc_integral", marks=pytest.mark.slow)]
-)
-@pytest.mark.parametrize(
-    ("identifier", "more"),
+    ("controller", "identifier"),
     [
-        ("ls", ["identifier.basis=physical"]),
-        ("plsr", []),
-        ("ridge", []),
-        *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW),
+        *(("lqi", "ls"), ("mpc_integral", "plsr")),
+        *(product("mpc_integral", name) for name in ("ls", "ridge", "output_error")),
+        *(product("lqi", name) for name in ("plsr", "ridge", "output_error")),
     ],
 )
-def test_any_identified_table_serves_linear_control(
-    identifier: str, more: list[str], controller: str
-) -> None:
+def test_any_identified_table_serves_linear_control(controller: str, identifier: str) -> None:
+    more = ("identifier.basis=physical",) if identifier == "ls" else ()
     results = trials.run(
         composed(f"controller={controller}", f"identifier={identifier}", "disturbance=calm", *more)
     )

@@ -42,7 +42,6 @@ def figures(*options: str) -> dict[str, Array]:
 LQI = ("controller=lqi",)
 INTEGRAL = ("controller=mpc_integral",)
 WITHOUT = ("controller=mpc_integral", "controller.preview=none")
-CONDENSED = ("controller=mpc_condensed",)
 
 
 @pytest.mark.parametrize("options", [LQI, INTEGRAL, WITHOUT])
@@ -51,10 +50,6 @@ def test_integral_action_removes_what_is_constant(options: tuple[str, ...]) -> N
     assert np.all(found["steady_state_error"] < STEADY)
     assert np.all(found["failures"] == 0.0)
     assert np.all(found["spectral_radius"] < 1.0)
-
-
-def test_without_it_the_current_stays() -> None:
-    assert np.all(np.mean(figures(*CONDENSED)["steady_state_error"], axis=0) > STEADY)
 
 
 def test_a_preview_halves_the_error_and_is_the_gain() -> None:
@@ -69,39 +64,6 @@ def test_a_preview_halves_the_error_and_is_the_gain() -> None:
 def test_the_preview_moves_before_the_step() -> None:
     assert np.all(np.mean(figures(*INTEGRAL)["early_share"], axis=0) > 15.0)
     assert np.all(np.abs(np.mean(figures(*WITHOUT)["early_share"], axis=0)) < 1.0)
-
-
-def test_the_sources_limit_in_sway_is_found_infeasible_before_sailing() -> None:
-    one = composed(
-        "vessel=supply_vessel", "disturbance=wind", "disturbance.wind.speed_m_s=20",
-        "disturbance.wind.direction_deg=90", "evaluation=setpoints", "sample_time_s=1.0",
-        "integration_step_s=1.0", "controller=lqi", "controller.limits=[1e5, 1e5, 1e7]",
-        "evaluation.duration_s=20",
-    )  # fmt: skip
-    sailed = closed_loop.sail_mission(
-        one, closed_loop.Streams(0), one.vessel.nominal(), one.evaluation
-    )
-    found = deployment_metrics.design_metrics(sailed.design, "nominal")
-    flags = {m.dof: m.value for m in found if m.name == "infeasible_limits"}
-    assert flags == {"surge": 0.0, "sway": 1.0, "yaw": 0.0}
-    said = deployment_metrics.design_warnings(sailed.design, "x")
-    assert any("sway needs up to 2.16e+05 N" in line for line in said)
-
-
-def test_an_unstable_design_is_said_to_be_one() -> None:
-    one = composed(
-        "vessel=supply_vessel", "disturbance=calm", "evaluation=setpoints", "sample_time_s=1.0",
-        "integration_step_s=1.0", "controller=mpc_integral", "controller.horizon=10",
-        "controller.error_weight=[1e2, 1.0, 1e3]", "evaluation.duration_s=20",
-    )  # fmt: skip
-    sailed = closed_loop.sail_mission(
-        one, closed_loop.Streams(0), one.vessel.nominal(), one.evaluation
-    )
-    found = deployment_metrics.design_metrics(sailed.design, "x")
-    radius = next(m.value for m in found if m.name == "spectral_radius")
-    assert radius == pytest.approx(1.025, abs=5e-4)
-    said = deployment_metrics.design_warnings(sailed.design, "x")
-    assert any("spectral radius is 1.024" in line for line in said)
 
 
 @pytest.mark.parametrize("controller", ["lqi", "mpc_integral"])

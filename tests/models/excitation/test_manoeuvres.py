@@ -192,25 +192,3 @@ def test_every_excitation_takes_an_offset(excitation: str) -> None:
     mission = composed(f"excitation={excitation}", "excitation.offset={sway: 2000.0}").excitation
     with pytest.raises(ConfigurationError, match=r"sway.*the thrusters' 1000"):
         mission.check_limits({"sway": 1000.0}, 0.1)
-
-
-def test_an_offset_beside_way_points_pushes_the_vessel_aside() -> None:
-    _, free = sailed()
-    _, pushed = sailed("excitation.offset={sway: 60.0}")
-    np.testing.assert_allclose((pushed.log.tau - pushed.log.tau_fb)[:, 1].mean(), 60.0, atol=20.0)
-    assert np.max(np.abs(pushed.log.eta[:, :2] - free.log.eta[:, :2])) > 0.03
-
-
-@pytest.mark.parametrize("loop", ["open", "closed"])
-@pytest.mark.parametrize(
-    "signal", ["single_ramp", "triple_ramp", "single_sine", "many_sine", "prbs", "multisine"]
-)
-def test_every_signal_is_sailed_in_an_open_and_a_closed_loop(signal: str, loop: str) -> None:
-    trial, voyage = sailed(
-        "vessel=surge_nonlinear", f"excitation={signal}", f"excitation.loop={loop}",
-    )  # fmt: skip
-    assert np.any(voyage.log.tau_fb != 0.0) == (loop == "closed")
-    generator = Streams(0).generator("excitation")
-    signal_force = trial.excitation.force(voyage.t, ("surge",), generator)
-    if loop == "open":
-        np.testing.assert_array_equal(voyage.log.tau, signal_force)

@@ -1,12 +1,10 @@
 """The informative mix of the modulus ship: what is designed is what is sailed, along a plan too."""
 
-from collections import Counter
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-import shapely
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.information import log_det
@@ -17,7 +15,6 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.trial import check
-from tests.models.excitation.test_information import by_slsqp
 from tests.trials import composed
 
 PERIOD_S = 0.1
@@ -57,12 +54,6 @@ def sailed(design: Mix) -> Any:
         added=design.force(t, ("surge", "sway", "yaw"), rng),
     )  # fmt: skip
     return recording_of(voyage, weather)
-
-
-def test_the_design_is_optimal_for_the_ship() -> None:
-    design = mix().information
-    assert design.weights.gap <= 1e-6
-    np.testing.assert_allclose(design.weights.share, by_slsqp(design.gammas), atol=1e-4)
 
 
 def test_the_whole_mix_is_better_than_random_ones() -> None:
@@ -182,21 +173,6 @@ def voyage(asked: Any, model: Vessel) -> Voyage:
         mix.steering(asked.vessel.dofs, PERIOD_S), mix.start, PERIOD_S, 0.1,
         added=mix.force(t, asked.vessel.dofs, rng),
     )  # fmt: skip
-
-
-def test_the_plan_has_the_counts_of_the_mix_and_touches_nothing() -> None:
-    mix = routed().excitation
-    sailed = Counter(leg.name for leg in mix.plan.legs if leg.informative)
-    assert sailed == Counter({k: n for k, n in mix.counts.items() if n}) + Counter(mix.held_out)
-    assert sum(mix.counts.values()) == 6
-    track = shapely.LineString(mix.plan.poses[:, :2]).segmentize(0.02)
-    points = shapely.points(shapely.get_coordinates(track))
-    for one in mix.route.obstacles:
-        assert np.min(shapely.distance(shapely.Polygon(one), points)) >= 1.0
-    assert np.all(shapely.covers(shapely.Polygon(mix.route.area).buffer(-1.0), points))
-    np.testing.assert_allclose(mix.plan.poses[0], [5.0, 5.0, 0.0])
-    np.testing.assert_allclose(mix.plan.poses[-1, :2], [55.0, 35.0])
-    assert np.cos(mix.plan.poses[-1, 2] - np.radians(90.0)) == pytest.approx(1.0)
 
 
 def test_the_nominal_vessel_sails_its_plan() -> None:

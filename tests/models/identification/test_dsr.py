@@ -338,7 +338,7 @@ def test_a_measured_recording_gives_a_stable_model_no_worse_than_the_nominal_one
     assert form.value == 1.0 or found.control_model is None
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_standard_errors_are_the_spread_over_replications(identifier: Identifier) -> None:
     """Twenty noisy recordings of a linear vessel: bootstrap and spread within a factor of 2."""
     masses, reported = [], []

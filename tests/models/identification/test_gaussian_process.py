@@ -50,7 +50,7 @@ def test_calm_water_is_predicted_far_better_than_by_the_nominal_model(calm, fitt
     assert min(values(found, "projection_r2").values()) > 0.99
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.nightly) for k in (1, 2))])
 def test_noise_leaves_it_close_to_the_plant(lap, fitted, seed) -> None:
     noisy, found = lap("noise", seed), fitted("noise", seed)
     mine, none, plant = (

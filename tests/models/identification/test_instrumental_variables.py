@@ -360,7 +360,7 @@ def test_consistency_over_fifty_runs(wind: float, name: str) -> None:
         assert abs(last / first - 1.0) < 0.15
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", ["stationary", "hac"])
 def test_standard_errors_of_a_recording_are_the_spread(kind: str) -> None:
     """Over 40 recordings within a factor of 2, and 1.96 of them cover about 95 % of the errors."""

@@ -59,7 +59,7 @@ def test_linear_surge_with_a_population_of_100(identifier, make, signal, tau):
         assert found.std_error is None
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("tau", ["triple_ramp", "many_sine"])
 def test_quadratic_surge_with_a_population_of_1000(identifier, make, signal, tau):
     """|u|u, MAE, 60 generations, no polish: all three within 1 % on 10 of 10 seeds."""
@@ -234,7 +234,7 @@ def test_real_recording(identifier, make, surge_1, term):
     assert np.any(np.all(front < printed, axis=1))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("disturbance", ["calm", "noise", "constant"])
 def test_ferry(identifier, lap, disturbance):
     """22 parameters and more: its inertia after the polish."""

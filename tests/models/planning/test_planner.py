@@ -2,7 +2,6 @@
 
 from collections import Counter
 from heapq import heappop, heappush
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -223,11 +222,3 @@ def test_a_manoeuvre_that_cannot_be_got_to_is_named() -> None:
                  start=np.array([3.0, 3.0, 0.0]), goal=np.array([20.0, 3.0, 0.0]))  # fmt: skip
     with pytest.raises(ConfigurationError, match="loop fits only at places that cannot be reached"):
         plan(asked)
-
-
-def test_legs_are_joined() -> None:
-    found = plan(task({"zig": 1, "back": 1}, Waters(AREA, (QUAY,), 1.0)))
-    for before, after in pairwise(found.legs):
-        gap = np.abs(after.poses[0] - before.poses[-1])
-        assert np.hypot(gap[0], gap[1]) < 0.3
-        assert gap[2] < 0.1

@@ -46,19 +46,6 @@ def stream(seconds: float, velocity: Array = STREAM) -> Weather:
     return weather._replace(current_ned=np.tile(velocity, (len(weather.force_ned), 1)))
 
 
-def through_water(nu_dot: Array, nu: Array, psi: Array, current_ned: Array) -> tuple[Array, Array]:
-    """Acceleration and velocity through a stream that is constant in NED, planar, shape (N, 3).
-
-    nu_r = nu - nu_c and nu_r_dot = nu_dot + S(omega) nu_c; current_ned [m/s], shape (N, 2).
-    """
-    stream = in_body(current_ned, psi)
-    nu_r, nu_r_dot = nu.copy(), nu_dot.copy()
-    nu_r[:, :2] -= stream
-    nu_r_dot[:, 0] -= nu[:, 2] * stream[:, 1]
-    nu_r_dot[:, 1] += nu[:, 2] * stream[:, 0]
-    return nu_r_dot, nu_r
-
-
 def test_in_a_uniform_current_a_vessel_moves_as_in_still_water_seen_from_the_water(
     milliampere: Vessel,
 ) -> None:
@@ -94,29 +81,6 @@ def test_current_meets_a_surge_vessel_along_its_axis() -> None:
     voyage = push(vessel, weather, 200.0, np.zeros(1))
     exact = STREAM[0] * (1.0 - np.exp(-voyage.t / 3.0))
     np.testing.assert_allclose(voyage.log.nu[:, 0], exact, atol=1e-8)
-
-
-def test_the_log_equals_the_readable_equations_in_wind_and_current(milliampere: Vessel) -> None:
-    windage = Windage(4.2, 7.5, 5.0, 0.6, 0.8, 0.1, 1.23)
-    plant = 0.5 * milliampere + windage.table(PLANAR)
-    n = 600
-    rng = np.random.default_rng(4)
-    weather = still(60.0)._replace(
-        current_ned=0.1 * rng.normal(size=(n, 2)) + STREAM,
-        wind_ned=rng.normal(size=(n, 2)) + 6.0,
-        process=0.01 * rng.normal(size=(n, 3)),
-    )
-    force = np.array([60.0, -20.0, 30.0])
-    voyage = push(plant, weather, 60.0, force)
-    log, psi = voyage.log, voyage.log.eta[:, 2]
-    nu_r_dot, nu_r = through_water(log.nu_dot - weather.process, log.nu, psi, weather.current_ned)
-    attitude = np.zeros((n, 3))
-    attitude[:, 2] = psi
-    stream_in_body = in_body(weather.current_ned, psi)
-    wind = in_body(weather.wind_ned, psi) - stream_in_body
-    needed = plant.inverse(nu_r_dot, nu_r, attitude, wind)
-    acting = np.column_stack([in_body(np.tile(force[:2], (n, 1)), psi), np.full(n, force[2])])
-    np.testing.assert_allclose(needed, acting, atol=1e-8)
 
 
 def test_an_anemometer_sees_the_wind_in_body_axes(milliampere: Vessel) -> None:

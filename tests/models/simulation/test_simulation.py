@@ -99,40 +99,6 @@ def test_the_integrator_is_of_fourth_order(
     assert np.all(orders > 3.7)
 
 
-def test_a_vessel_without_damping_keeps_its_energy() -> None:
-    inertia = np.array([[2400.0, 0, 0], [0, 2500.0, 60.0], [0, 60.0, 5000.0]])
-    vessel = from_derivatives("free", PLANAR, inertia, {})
-    goal = np.array([5.0, 5.0, 2.0])
-    voyage = sail_timetable(vessel, goal, 8.0)
-    drift = _adrift(vessel, voyage.log.nu[-1], 60.0)
-    kept = 0.5 * np.einsum("ki,ij,kj->k", drift, inertia, drift)
-    assert kept[0] > 10.0  # it does move
-    np.testing.assert_allclose(kept, kept[0], rtol=1e-9)
-
-
-def _adrift(vessel: Vessel, nu: Array, seconds: float) -> Array:
-    """Velocities of a vessel that is let go, by RK4 of its readable forward dynamics."""
-    h, states = 0.05, [nu]
-    for _ in range(round(seconds / h)):
-        v = states[-1]
-        k1 = vessel.forward(np.zeros((1, 3)), v[None])[0]
-        k2 = vessel.forward(np.zeros((1, 3)), (v + h / 2 * k1)[None])[0]
-        k3 = vessel.forward(np.zeros((1, 3)), (v + h / 2 * k2)[None])[0]
-        k4 = vessel.forward(np.zeros((1, 3)), (v + h * k3)[None])[0]
-        states.append(v + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
-    return np.array(states)
-
-
-def test_energy_never_grows_without_force() -> None:
-    inertia = np.array([[2400.0, 0, 0], [0, 2500.0, 60.0], [0, 60.0, 5000.0]])
-    damping = {"X_u": -30.0, "X_|u|u": -100.0, "Y_v": -50.0, "Y_vvv": -20.0, "N_r": -100.0}
-    vessel = from_derivatives("damped", PLANAR, inertia, damping)
-    drift = _adrift(vessel, np.array([1.0, -0.5, 0.3]), 120.0)
-    energy = 0.5 * np.einsum("ki,ij,kj->k", drift, inertia, drift)
-    assert np.all(np.diff(energy) < 0.0)
-    assert energy[-1] < 0.1 * energy[0]
-
-
 def test_the_log_equals_the_readable_equations(milliampere: Vessel) -> None:
     lag = SecondOrderLag(2.0, 0.8)
     plant = 0.5 * milliampere

@@ -123,9 +123,15 @@ def test_the_share_of_forces_beyond_the_devices_is_counted() -> None:
     assert row.value == 0.5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("controller", ["pid_ff", "lqi"])
-@pytest.mark.parametrize("name", POSITIONED)
+@pytest.mark.parametrize(
+    ("name", "controller"),
+    [
+        pytest.param("milliampere_azimuths", "pid_ff", marks=pytest.mark.slow),
+        pytest.param("osv", "lqi", marks=pytest.mark.slow),
+        pytest.param("milliampere_azimuths", "lqi", marks=pytest.mark.nightly),
+        pytest.param("osv", "pid_ff", marks=pytest.mark.nightly),
+    ],
+)
 def test_station_is_kept_in_a_constant_force(name: str, controller: str) -> None:
     """Within a tenth of the length and five degrees at the end, by the devices alone."""
     trial = composed(

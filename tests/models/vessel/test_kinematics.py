@@ -25,13 +25,6 @@ def body_velocity(eta_dot: Array, psi: float) -> Array:
     return np.asarray(rotation(psi).T @ eta_dot, dtype=np.float64)
 
 
-def body_acceleration(eta_dot: Array, eta_ddot: Array, psi: float) -> Array:
-    """nu_dot = R' eta_ddot - r S R' eta_dot, the time derivative of `body_velocity`; shape (3,)."""
-    nu = body_velocity(eta_dot, psi)
-    turning = np.array([-nu[1], nu[0], 0.0]) * nu[2]
-    return np.asarray(rotation(psi).T @ eta_ddot - turning, dtype=np.float64)
-
-
 @given(angles)
 def test_rotations_are_orthogonal(psi: float) -> None:
     r = rotation(psi)
@@ -63,7 +56,6 @@ def test_body_reference_is_the_derivative_of_the_path(reference) -> None:  # typ
     eta_d, nu_d, nu_dot_d = np.empty(3), np.empty(3), np.empty(3)
     reference(True, np.column_stack([path(t), rate, acceleration]), eta_d, nu_d, nu_dot_d)
     np.testing.assert_allclose(nu_d, body_velocity(rate, path(t)[2]))
-    np.testing.assert_allclose(nu_dot_d, body_acceleration(rate, acceleration, path(t)[2]))
     ahead, behind = (
         body_velocity((path(s + h) - path(s - h)) / (2 * h), path(s)[2]) for s in (t + h, t - h)
     )

@@ -7,7 +7,6 @@ from hypothesis.extra.numpy import arrays
 
 from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.derivatives import from_derivatives
-from seatrial.models.weather.noise import ProcessNoise
 from seatrial.models.weather.wind import WindDerivatives
 from tests.trials import composed
 
@@ -45,11 +44,3 @@ def test_wind_has_a_relative_velocity_of_its_own(nu: np.ndarray, wind: np.ndarra
     ahead, aside = nu[:2] - wind
     expected = [0.03 * abs(ahead) * ahead, 0.09 * abs(aside) * aside, 0.01 * abs(aside) * aside]
     np.testing.assert_allclose(needed(table, nu, wind), expected, atol=1e-9)
-
-
-def test_process_noise_is_sized_by_the_ship() -> None:
-    process = composed("vessel=modulus_ship", "disturbance=process").disturbance.process
-    assert isinstance(process, ProcessNoise)
-    drawn = process.realise(20_000, np.random.default_rng(0))
-    np.testing.assert_allclose(drawn.std(axis=0), [0.005, 0.005, 0.01], rtol=0.03)
-    np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=2e-4)

@@ -16,6 +16,7 @@ from seatrial.models.vessel.devices.azimuth import Thruster
 from seatrial.models.vessel.devices.cross_flow import CrossFlow
 from seatrial.models.vessel.devices.device import Device, device_forces
 from seatrial.models.vessel.devices.fin import Fin
+from seatrial.models.vessel.devices.propeller import Propeller
 from seatrial.models.vessel.devices.surge_drag import SurgeDrag
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.steering import steady_speed
@@ -96,6 +97,22 @@ def test_thrust_falls_with_the_inflow_and_in_a_flow_across() -> None:
     across = forces(tunnel, speeds, n)
     np.testing.assert_allclose(across[:, 1], 90.0 * np.exp(-0.3 * speeds[:, 0] ** 2))
     np.testing.assert_allclose(across[:, 5], 2.0 * across[:, 1])
+
+
+@pytest.mark.parametrize(("v", "r", "c_2"), [(-0.3, 0.1, 1.6), (0.4, 0.02, 1.1), (0.0, -0.2, 1.1)])
+def test_the_wake_of_yasukawa_depends_on_the_side_of_the_drift(
+    v: float, r: float, c_2: float
+) -> None:
+    """(1 - w_P) / (1 - w_P0) = 1 + (1 - exp(-C_1 |beta_P|)) (C_2 - 1), beta_P = beta - x_P' r'."""
+    screw = Propeller(
+        0.2, 0.3, -0.28, -0.14, 0.4, 0.2, 7.0, C_1=2.0, C_2_plus=1.6, C_2_minus=1.1, wake="yasukawa"
+    )
+    u, n = 1.2, np.array([[10.0]])
+    beta = np.arctan2(-v, u) + 0.5 * r * 7.0 / np.hypot(u, v)
+    flow = (1.0 - 0.4) * (1.0 + (1.0 - np.exp(-2.0 * abs(beta))) * (c_2 - 1.0))
+    same = replace(screw, wake="exponential", C_1=0.0, w_P0=1.0 - flow)
+    nu = np.array([[u, v, r]])
+    np.testing.assert_allclose(forces(screw, nu, n), forces(same, nu, n), rtol=1e-12)
 
 
 def test_a_pwm_signal_has_a_dead_band_and_its_limits() -> None:

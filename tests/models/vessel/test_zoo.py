@@ -191,7 +191,7 @@ def test_a_vessel_without_force_comes_to_rest(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [STEERED[0], *(pytest.param(name, marks=pytest.mark.slow) for name in STEERED[1:])]
+    "name", [STEERED[0], *(pytest.param(name, marks=pytest.mark.nightly) for name in STEERED[1:])]
 )
 def test_a_steered_vessel_without_engine_comes_to_rest(name: str) -> None:
     """Within the time of 160 lengths; with the engine in the table it keeps or finds its speed."""

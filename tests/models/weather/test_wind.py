@@ -16,7 +16,6 @@ from seatrial.models.weather.wind import (
     NORSOK_BAND_HZ,
     Wind,
     Windage,
-    WindDerivatives,
     gust_spectrum,
     gusts,
 )
@@ -81,13 +80,6 @@ def test_at_rest_the_force_is_the_printed_one(psi: float, beta: float) -> None:
 def test_a_vessel_that_keeps_up_with_the_wind_feels_none() -> None:
     np.testing.assert_allclose(force_of(wind(), 0.0, (10.0, 0.0)), 0.0, atol=1e-9)
     np.testing.assert_allclose(force_of(wind(), 0.0, (20.0, 0.0)), -printed(10.0, 0.0), atol=1e-9)
-
-
-def test_a_modulus_model_of_the_wind_is_a_table_too() -> None:
-    modulus = WindDerivatives({"X_|u_q|u_q": -2.0, "N_|v_q|v_q": -0.5})
-    blowing = wind(windage=modulus, speed_m_s=3.0, direction_deg=90.0)
-    np.testing.assert_allclose(force_of(blowing, 0.0), [0.0, 0.0, 0.5 * 9.0], atol=1e-9)
-    np.testing.assert_allclose(force_of(blowing, np.pi / 2), [18.0, 0.0, 0.0], atol=1e-9)
 
 
 def test_the_wind_scale_is_the_printed_one() -> None:

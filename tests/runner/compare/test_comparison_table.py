@@ -216,21 +216,6 @@ def test_a_repeated_run_counts_once_by_its_latest_finish(tmp_path: Path) -> None
     assert shown == {("ls", "calm"): "20.00 (n=1)*", ("plsr", "calm"): "30.00 (n=1)"}
 
 
-def test_trials_that_share_a_seed_are_split_by_what_differs(tmp_path: Path) -> None:
-    with stored.logbook_at(tmp_path) as logbook:
-        for scale in (0.5, 0.7):
-            begin = stored.start("ls", config={"plant": {"scale": scale}})
-            stored.finish(logbook, begin, [stored.force_mse(scale)])
-    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
-        grid = table(results)
-        assert cells(grid) == {
-            ("ls", "0.5", "calm"): "0.5000 (n=1)",
-            ("ls", "0.7", "calm"): "0.7000 (n=1)",
-        }
-        assert any("split by plant.scale" in note for note in grid.notes)
-        assert not table(results, rows="plant.scale").notes
-
-
 REFUSED: tuple[tuple[dict[str, object], str], ...] = (
     ({"rows": "identifir"}, "'identifir' is not known; expected identifier"),
     ({"columns": "config"}, "'config' is not known"),

@@ -4,8 +4,6 @@ import csv
 import io
 import json
 import re
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -107,28 +105,3 @@ def test_numbers_beyond_a_column_are_just_not_there(
     (row,) = json.loads(out)
     cells = [row[name] for name in ("mean", "large", "bytes", "inf")]
     assert cells == [0, None, "(2 bytes) 00ff", None]
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
-        "run SET config = '{broken'", "run SET started_at = 'once'",
-        "run SET seed = 'many'", "run SET vessel = x'fffe'", "metric SET value = 'lots'",
-        "coefficient SET true_value = 'y'",
-    ],
-)  # fmt: skip
-def test_a_damaged_cell_is_one_line_and_verify_reports_it(
-    program: Program, tmp_path: Path, damage: str
-) -> None:
-    with stored.logbook_at(tmp_path) as logbook:
-        stored.fill_plain(logbook)
-    file, table = tmp_path / "results.db", damage.split()[0]
-    with closing(sqlite3.connect(file)) as connection, connection:
-        key = "id" if table == "run" else "run_id"
-        connection.execute(f"UPDATE {damage} WHERE {key} = 4")
-    code, out, err = program("verify", "--database", file)
-    assert (code, err) == (1, "")
-    assert table in out
-    code, out, err = program("export", tmp_path / "out", "--database", file)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "damaged" in err

@@ -154,6 +154,7 @@ def read_all(url: str) -> None:
         ("run SET config = '[1]'", "column config holds list"),
         ("run SET overrides = '{}'", "column overrides holds dict"),
         ("metric SET value = 'lots'", "column value holds str"),
+        ("coefficient SET true_value = 'y'", "column true_value holds str"),
     ],
 )
 def test_a_damaged_cell_is_told_by_readers_and_by_verify(
@@ -168,7 +169,10 @@ def test_a_damaged_cell_is_told_by_readers_and_by_verify(
         assert problem.where == f"table {table}"
         assert line in problem.what
         assert unchecked.what.startswith("series files were not checked")
-        read = {"run": lambda: reader.run(1), "metric": lambda: reader.metrics(1)}[table]
+        read = {
+            "run": lambda: reader.run(1), "metric": lambda: reader.metrics(1),
+            "coefficient": lambda: reader.coefficients(1),
+        }[table]  # fmt: skip
         for task in (read, lambda: reader.export(tmp_path / "out")):
             with pytest.raises(LogbookError, match=r"results\.db: ") as caught:
                 task()

@@ -73,13 +73,6 @@ def test_configurations_that_json_or_text_cannot_hold_are_stored_plainly(
     assert detail.traceback == "line 1\nline 2 \\x00"
 
 
-def test_a_run_that_diverged_keeps_what_still_holds(logbook: LogbookWriter) -> None:
-    run = logbook.begin_run(make_start()).run_id
-    logbook.fail_run(run, "diverged", "Diverged", "|r| at t = 3 s", None, make_results())
-    summary = logbook.run(run).summary
-    assert (summary.status, summary.error_type, summary.metrics) == ("diverged", "Diverged", 30)
-
-
 def test_results_and_status_land_together_or_not_at_all(logbook: LogbookWriter) -> None:
     run = logbook.begin_run(make_start()).run_id
     results = make_results()

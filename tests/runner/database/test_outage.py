@@ -5,6 +5,7 @@ import signal
 import sqlite3
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from threading import Timer
@@ -31,10 +32,14 @@ def server(postgres: Postgres) -> Iterator[Postgres]:
         postgres.come_back()
 
 
-def come_back_later(server: Postgres, seconds: float) -> Timer:
-    timer = Timer(seconds, server.come_back)
+@contextmanager
+def away(server: Postgres) -> Iterator[None]:
+    """The server leaves, and comes back while something waits for it."""
+    server.leave()
+    timer = Timer(1.5, server.come_back)
     timer.start()
-    return timer
+    yield
+    timer.join()
 
 
 @pytest.mark.slow
@@ -43,25 +48,16 @@ def test_who_writes_waits_for_the_server_and_goes_on(server: Postgres, results_d
     with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         sweep_id = logbook.begin_sweep("s", "c", [], 3)
         first = logbook.begin_run(make_start(1), sweep_id).run_id
-        server.leave()
-        timer = come_back_later(server, 1.5)
-        logbook.finish_run(first, make_results())
-        timer.join()
-        server.leave()
-        timer = come_back_later(server, 1.5)
-        begun = logbook.begin_run(make_start(2), sweep_id)
+        with away(server):
+            logbook.finish_run(first, make_results())
+        with away(server):
+            begun = logbook.begin_run(make_start(2), sweep_id)
         assert begun.state == "new"
-        timer.join()
         logbook.finish_run(begun.run_id, make_results())
-        server.leave()
-        timer = come_back_later(server, 1.5)
-        with LogbookWriter.open(url, results_dir=results_dir) as again:  # as each trial does
+        with away(server), LogbookWriter.open(url, results_dir=results_dir) as again:  # a trial
             assert again.begin_run(make_start(1), sweep_id).state == "finished"
-        timer.join()
-        server.leave()
-        timer = come_back_later(server, 1.5)
-        assert logbook.sweep_status(sweep_id).counts == {"finished": 2}
-        timer.join()
+        with away(server):
+            assert logbook.sweep_status(sweep_id).counts == {"finished": 2}
         logbook.end_sweep(sweep_id)
         assert logbook.verify().problems == []
         assert [run.metrics for run in logbook.runs()] == [30, 30]

@@ -1,6 +1,7 @@
 """Trials and sweeps from Python: the command line's own results, and nothing left behind."""
 
 import logging
+import os
 import shlex
 import sqlite3
 import sys
@@ -77,7 +78,7 @@ def test_nothing_of_hydra_is_left_behind(
     seatrial.pretend()
     plugins, path = dict(Plugins.instance().class_name_to_class), list(sys.path)
     handlers, level = logging.getLogger().handlers[:], logging.getLogger().level
-    config = HydraConfig.instance().cfg
+    config, environment = HydraConfig.instance().cfg, dict(os.environ)
     st.run(seed=1)
     st.sweep(["seed=1,2"], progress=False)
     with pytest.raises(st.ConfigurationError):
@@ -87,6 +88,8 @@ def test_nothing_of_hydra_is_left_behind(
     assert Plugins.instance().class_name_to_class == plugins
     assert (sys.path, Path.cwd()) == (path, tmp_path)
     assert (logging.getLogger().handlers, logging.getLogger().level) == (handlers, level)
+    seatrial("-m", "seed=1,2")
+    assert dict(os.environ) == environment
 
 
 def test_a_program_with_a_hydra_of_its_own_keeps_it(seatrial: Command) -> None:

@@ -70,6 +70,8 @@ def test_the_figure_is_that_of_the_shell(
         own = io.BytesIO()
         figure.savefig(own, format=file.suffix[1:], metadata=clean)
         assert own.getvalue() == file.read_bytes()
+    shown = vars(type(figure))["_repr_png_"](figure)  # what a notebook asks for
+    assert shown.startswith(b"\x89PNG")
 
 
 def test_figures_take_axes(sweep: st.Sweep, run: st.Run) -> None:

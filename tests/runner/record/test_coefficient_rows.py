@@ -9,34 +9,12 @@ from omegaconf import OmegaConf
 from seatrial.models.identification.problem import Identified
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner import closed_loop
 from seatrial.runner import trial as trials
 from seatrial.runner.database import LogbookReader, LogbookWriter
 from seatrial.runner.export.stored_model import read_model
-from seatrial.runner.record.coefficient_rows import state_space_coefficients, vessel_of
+from seatrial.runner.record.coefficient_rows import state_space_coefficients
 from tests.runner.database.samples import make_start
 from tests.trials import CONF, composed
-
-
-def test_a_stored_vessel_sails_the_same_track(tmp_path: Path) -> None:
-    trial = composed("identifier=plsr", "disturbance=noise", "seed=3")
-    results = trials.run(trial)
-    url = f"sqlite:///{tmp_path}/results.db"
-    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        begun = logbook.begin_run(make_start(3))
-        logbook.finish_run(begun.run_id, results)
-    with LogbookReader.read(url, results_dir=tmp_path) as reader:
-        for model in ("nominal", "identified"):
-            rows = [row for row in reader.coefficients(begun.run_id) if row.model == model]
-            vessel = vessel_of(rows, model)
-            voyage = closed_loop.sail_mission(
-                trial, closed_loop.Streams(trial.seed), vessel, trial.excitation
-            ).voyage
-            stored = reader.series(begun.run_id, f"deployment_{model}")
-            for column, name in enumerate(("x", "y", "psi")):
-                np.testing.assert_allclose(
-                    stored.columns[name], voyage.log.eta[:, column], atol=1e-9
-                )
 
 
 def test_identified_devices_are_stored_with_units_and_sail(tmp_path: Path) -> None:
