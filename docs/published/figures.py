@@ -140,7 +140,7 @@ def scaled_coefficients_figure(results: Queries, sweep: int) -> Figure:
         panel.bar(range(len(bars)), [abs(row.value) for row in bars], color=PALETTE[0])
         panel.set_xticks(range(len(bars)), [str(row.label) for row in bars], rotation=90)
         panel.set_title(f"{dof}, {run.levels['identifier']}, order {order:g}", loc="left")
-        panel.set_ylabel("|Theta_pre|" if dof == dofs[0] else "")
+        panel.set_ylabel("|Theta_pre|" if abreast == 1 or dof == dofs[0] else "")
         panel.grid(visible=False, axis="x")
     headed(chart, axes, "Coefficients between scaled terms and scaled forces")
     return chart
