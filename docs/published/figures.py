@@ -130,7 +130,7 @@ def scaled_coefficients_figure(results: Queries, sweep: int) -> Figure:
     dofs = list(dict.fromkeys(row.dof for run in runs for row in stored[run.id]))
     terms = max(sum(row.dof == dofs[0] for row in stored[run.id]) for run in runs)
     abreast = len(dofs) if terms < MANY_TERMS else 1
-    width, rows_of = (3.2, len(runs)) if abreast > 1 else (8.0, len(runs) * len(dofs))
+    width, rows_of = (3.9, len(runs)) if abreast > 1 else (8.0, len(runs) * len(dofs))
     chart, axes = panels(rows_of, abreast, width, 2.6)
     places = [(run, dof) for run in runs for dof in dofs]
     for panel, (run, dof) in zip(axes, places, strict=True):
@@ -140,7 +140,7 @@ def scaled_coefficients_figure(results: Queries, sweep: int) -> Figure:
         panel.bar(range(len(bars)), [abs(row.value) for row in bars], color=PALETTE[0])
         panel.set_xticks(range(len(bars)), [str(row.label) for row in bars], rotation=90)
         panel.set_title(f"{dof}, {run.levels['identifier']}, order {order:g}", loc="left")
-        panel.set_ylabel("|Theta_pre|" if dof == dofs[0] else "")
+        panel.set_ylabel("|Theta_pre|" if abreast == 1 or dof == dofs[0] else "")
         panel.grid(visible=False, axis="x")
     headed(chart, axes, "Coefficients between scaled terms and scaled forces")
     return chart

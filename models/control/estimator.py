@@ -5,10 +5,10 @@
 
 M is the gain of the filter; that of the predictor is K = A M. Bargouth (2022), (2.27)-(2.28),
 prints the second form and computes with the gain of the first. The disturbance d is known (wind).
-The bias b is estimated (`estimate_bias`) as a process in NED of first order with time constant T,
-by default infinite, a random walk: with that of a slow current and a walk in yaw alone it is the
-current's moment, (2.9) with a time constant. The force a is what an
-excitation adds to the command: the filter knows it, but the controller does not counteract it.
+The bias b is estimated (`estimate_bias`) in NED as a random walk, or as a process of first order
+with time constant T; in yaw alone it is then the moment of a slow current, (2.9). The force a is
+what an excitation adds to the command: the filter knows it, but the controller does not counteract
+it.
 
 The state is stored in NED and transformed to the present body axes, in which the model holds.
 Earlier measurements and commands are transformed as well, so that a force that is constant in NED

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.control.horizon import Solver
+from seatrial.models.control.mpc import write_parameters
 from seatrial.models.errors import ConfigurationError
 from tests.models.control.sailing import (
     INCREMENT_WEIGHT,
@@ -37,6 +38,20 @@ def test_the_compiled_step_is_the_problem_in_python(kind: str) -> None:
     assert np.max(np.abs(python.log.tau) / wide) < 1.0
     np.testing.assert_allclose(compiled.log.tau / LIMITS, python.log.tau / LIMITS, atol=1e-6)
     assert len(compiled.step_times) < 3 < len(python.step_times)
+
+
+def test_the_forecast_of_an_unknown_force_decays_as_its_process() -> None:
+    """d_i = exp(-i h / T) b over the horizon; a random walk keeps its value."""
+    bias, steps = np.array([1e4, -2e4, 3e5]), 10
+    for time_constant_s, decay in ((20.0, np.exp(-1.0 / 20.0)), (None, 1.0)):
+        kalman = replace(KALMAN, estimate_bias=True, bias_time_constant_s=time_constant_s)
+        parameters, past = mpc("condensed", limited=False, kalman=kalman).build(ship(), 1.0)
+        past.bias[:] = bias
+        write_parameters(parameters, past, *np.zeros((3, 3)))
+        first = len(past.x) + 3 * steps
+        forecast = parameters.theta[first : first + 3 * steps].reshape(steps, 3) * LIMITS
+        expected = decay ** np.arange(steps)[:, None] * bias
+        np.testing.assert_allclose(forecast, expected, rtol=1e-12)
 
 
 def test_three_formulations_sail_the_same_voyage() -> None:

@@ -50,7 +50,7 @@ def test_the_order_is_the_minimum_on_the_test_part(calm, thesis) -> None:
         assert sorted(mse) == list(range(1, 31))
         assert min(mse, key=mse.get) == order
         assert mse[int(order)] == pytest.approx(np.mean(rest[:, k] ** 2), rel=1e-9)
-        assert [f.label for f in diagnostics(thesis[1], "selected_order")] == ["test"] * 3
+    assert [f.label for f in diagnostics(thesis[1], "selected_order")] == ["test"] * 3
 
 
 @pytest.mark.parametrize("joint", [True, False])
