@@ -70,6 +70,10 @@ class PartialLeastSquares(ResidualOptions):
         terms = super().terms(nominal)
         return terms if CONSTANT in terms else (CONSTANT, *terms)
 
+    def columns(self, samples: Samples) -> Columns:
+        """Standardised columns of the samples."""
+        return columns(samples)
+
     def left_out(
         self, selection: Selection, problem: Problem, lag: SecondOrderLag | None,
         samples: Samples, z: Columns,
@@ -122,7 +126,7 @@ class Plsr(PartialLeastSquares):
         """Identify the residual table of the chosen orders, with the MSE of every order."""
         lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
-        z = columns(samples)
+        z = self.columns(samples)
         left_out = self.left_out(self.selection, problem, lag, samples, z)
 
         def chosen(outputs: Array) -> tuple[Array, Array]:

@@ -28,7 +28,6 @@ from seatrial.models.identification.kernel_pls import (
     Block,
     Pair,
     all_orders,
-    columns,
     covariances,
     left_out_mse,
     mean_squares,
@@ -216,7 +215,7 @@ class SurfacePlsr(PartialLeastSquares):
         """Identify the residual table of all stages; the surfaces are diagnostics."""
         lag, diagnostics = thruster_of(self, problem)
         samples = self.samples(problem.training, problem.nominal, lag)
-        z, dofs = columns(samples), problem.nominal.dofs
+        z, dofs = self.columns(samples), problem.nominal.dofs
         left_out = self.left_out(self.validation, problem, lag, samples, z)
         all_samples, stages = Block.of(z.x, slice(None)), list[list[Choice]]()
         moment, pairs = all_samples.moment(z.y), left_out.pairs(left_out.moments(z.y))
