@@ -272,7 +272,8 @@ def kernel(function: F, **options: bool) -> F:
     targetoptions = {"nopython": True, "error_model": "numpy", "boundscheck": None, **options}
     compiled: Any = _Kernel(function, targetoptions=targetoptions)
     compiled._cache = _Cache(cast(FunctionType, function), options)
-    compiled._inner._cache = _FragmentCache(cast(FunctionType, function), options)
+    if not cast(FunctionType, function).__closure__:  # LLVM links by name, which has no cells in it
+        compiled._inner._cache = _FragmentCache(cast(FunctionType, function), options)
     return cast(F, compiled)
 
 
