@@ -9,8 +9,9 @@ code with that of another signature.
 
 Only what Python calls becomes machine code. A kernel that another kernel calls is linked into that
 one as it was translated, and the whole is optimised once (`_Fragment`). numba itself would
-optimise, compile, wrap and save every callee, although it is inlined into its callers. Because this
-depends on undocumented parts of numba, its version is capped in `pyproject.toml`.
+optimise, compile and wrap every callee, although it is inlined into its callers. Because this
+depends on undocumented parts of numba, its version is capped in `pyproject.toml`. Fragments are in
+the cache folder as well: another vessel or controller needs most of them again.
 """
 
 # mypy: disallow-untyped-calls=False
@@ -29,10 +30,11 @@ from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite.binding import parse_bitcode  # type: ignore[import-untyped]
 from numba.core import config
 from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompileResult
+from numba.core.compiler import Compiler, CompileResult, compile_result
 from numba.core.dispatcher import Dispatcher
 from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher
@@ -65,29 +67,40 @@ def _folder_name() -> str:
 class _Cache(NullCache):
     """The machine code of one kernel in the cache folder: a file for each signature."""
 
+    called_from_python = True  # announced, and its time is kept
+
     def __init__(self, function: FunctionType, options: dict[str, bool]) -> None:
         self._function, self._options = function, options
         self._name = f"{function.__module__}.{function.__qualname__}"
         self._started: dict[Signature, float] = {}
 
     def load_overload(self, sig: Signature, target_context: Any) -> Any:
-        """The machine code from disk; None if this process has to compile it."""
+        """The code from disk; None if this process has to compile it."""
         target_context.refresh()
         try:
             payload = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())
         except (OSError, EOFError, pickle.UnpicklingError):
-            _announce(self._name)
             self._started[sig] = perf_counter()
+            if self.called_from_python:
+                _announce(self._name)
             return None
-        return CompileResult._rebuild(target_context, *payload)
+        return self._unpack(target_context, *payload)
 
     def save_overload(self, sig: Signature, cres: Any) -> None:
-        """Write the machine code, unless the sources have changed since the folder was named."""
-        times = _times() | {self._name: round(perf_counter() - self._started.pop(sig), 1)}
+        """Write the code, unless the sources have changed since the folder was named."""
+        seconds = round(perf_counter() - self._started.pop(sig), 1)
         with suppress(OSError):  # a full disk only makes the next start slower
             if not cres.library.has_dynamic_globals and _folder_name() == cache_folder().name:
-                replace_file(self._file(sig, cres.codegen), dumps(cres._reduce()))
-                replace_file(cache_home() / TIMES, json.dumps(times).encode())
+                replace_file(self._file(sig, cres.codegen), dumps(self._pack(cres)))
+                if self.called_from_python:
+                    times = _times() | {self._name: seconds}
+                    replace_file(cache_home() / TIMES, json.dumps(times).encode())
+
+    def _pack(self, cres: Any) -> Any:
+        return cres._reduce()
+
+    def _unpack(self, target_context: Any, *payload: Any) -> Any:
+        return CompileResult._rebuild(target_context, *payload)
 
     def _file(self, sig: Signature, codegen: Any) -> Path:
         """The file of a signature; raises OSError for a function that is not in a file."""
@@ -101,7 +114,9 @@ class _Cache(NullCache):
             sys.implementation.cache_tag,
         )  # fmt: skip
         digest = hashlib.sha256(repr(depends_on).encode()).hexdigest()
-        return cache_folder() / f"{name.replace('<', '').replace('>', '')}-{digest[:32]}.nbc"
+        name = name.replace("<", "").replace(">", "")
+        suffix = "nbc" if self.called_from_python else "bc"  # machine code; LLVM's bitcode
+        return cache_folder() / f"{name}-{digest[:32]}.{suffix}"
 
 
 def _text_of(kind: Type) -> str:
@@ -150,6 +165,7 @@ class _Fragment(JITCodeLibrary):
         for library in dict.fromkeys(self._linking_libraries):
             self._reload_init.update(library._reload_init)
             self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalize_dynamic_globals()
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -166,16 +182,50 @@ class _Fragment(JITCodeLibrary):
         """Do nothing: `_OuterCompiler` sets the environments of everything it has linked."""
 
 
+class _FragmentCache(_Cache):
+    """The fragments of one kernel in the cache folder: a file for each signature."""
+
+    called_from_python = False
+
+    def _pack(self, cres: Any) -> Any:
+        """The fragment, in which only the function itself is visible to what it is linked into.
+
+        The callees keep to themselves, since two of different processes may have the same name.
+        """
+        module = cres.library._final_module.clone()
+        for function in module.functions:
+            if not function.is_declaration and function.name != cres.fndesc.mangled_name:
+                function.linkage = "internal"
+        cres.fndesc.typemap = cres.fndesc.calltypes = None  # large, and of no more use
+        return (
+            module.as_bitcode(), cres.fndesc, cres.environment, cres.signature, cres.reload_init,
+            cres._find_referenced_environments(),
+        )  # fmt: skip
+
+    def _unpack(self, target_context: Any, *payload: Any) -> Any:
+        bitcode, fndesc, environment, signature, reload_init, environments = payload
+        for initialise in reload_init:
+            initialise()
+        library = _Fragment(target_context.codegen(), "fragment")
+        library._final_module = parse_bitcode(bitcode)
+        library._finalized = True
+        return compile_result(
+            typing_context=target_context.typing_context, target_context=target_context,
+            entry_point=target_context.get_executable(library, fndesc, environment),
+            signature=signature, objectmode=False, fndesc=fndesc, library=library,
+            environment=environment, reload_init=reload_init, referenced_envs=environments,
+        )  # fmt: skip
+
+
 class _InnerCompiler(Compiler):
     """Compiles a function that is called by a kernel to a fragment."""
 
-    def __init__(
-        self, typingctx: Any, targetctx: Any, library: None, args: Signature, return_type: Any,
-        flags: Any, locals: Any,
-    ) -> None:  # fmt: skip
-        flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
-        fragment = _Fragment(targetctx.codegen(), "fragment")
-        super().__init__(typingctx, targetctx, fragment, args, return_type, flags, locals)
+    def define_pipelines(self) -> Any:
+        """numba's passes, without wrappers for calls from Python."""
+        state = self.state
+        state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = True
+        state.library = _Fragment(state.targetctx.codegen(), "fragment")
+        return super().define_pipelines()
 
 
 class _OuterCompiler(Compiler):
@@ -222,6 +272,8 @@ def kernel(function: F, **options: bool) -> F:
     targetoptions = {"nopython": True, "error_model": "numpy", "boundscheck": None, **options}
     compiled: Any = _Kernel(function, targetoptions=targetoptions)
     compiled._cache = _Cache(cast(FunctionType, function), options)
+    if not cast(FunctionType, function).__closure__:  # LLVM links by name, which has no cells in it
+        compiled._inner._cache = _FragmentCache(cast(FunctionType, function), options)
     return cast(F, compiled)
 
 
