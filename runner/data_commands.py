@@ -12,7 +12,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.recording.diagnosis import FAULTS, doubts
+from seatrial.models.recording.diagnosis import FAULTS, doubts, examine
 from seatrial.models.recording.proposal import Proposal, propose
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.sources import ReadOptions, read_sources
@@ -130,7 +130,7 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
     for _ in range(MOST_ROUNDS):
         try:
             reader = reader_of(file, options_of(deepcopy(node)))
-            known = reader.examine(reader.columns.moving)
+            known = examine(reader, reader.columns.moving)
         except FAULTS as error:
             asked = (str(error),)
             break

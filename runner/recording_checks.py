@@ -7,7 +7,7 @@ from pathlib import Path
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.consistency import LEAST_TRUSTED
-from seatrial.models.recording.diagnosis import Examination
+from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.recorded_file import RecordedFile
 
 log = logging.getLogger(__name__)
@@ -23,7 +23,7 @@ def examined(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
     if key not in _known:
         while len(_known) >= MAX_EXAMINATIONS:
             _known.pop(next(iter(_known)))
-        _known[key] = file.examine(dofs)
+        _known[key] = examine(file, dofs)
     return _known[key]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.diagnosis import Examination
+from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.reader import BRIDGED, Signals, clock_of, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
@@ -62,7 +62,7 @@ def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
     known, signals = None, list[Signals]()
     why = "it cannot be read in the axes that are to be compared"
     try:
-        known = file.examine(dofs)
+        known = examine(file, dofs)
         signals += file.account(known.recording.dofs if known else dofs) if dofs or known else ()
     except (ConfigurationError, RecordingError) as error:
         why = str(error)

@@ -65,13 +65,13 @@ def without_bias(acceleration: Array, velocity: Array, period_s: float) -> Array
 
 
 def central_difference(values: Array, period_s: float) -> Array:
-    """d/dt along the first axis, [unit/s]; second order, also at the two ends.
+    """d/dt along the first axis, [unit/s]; second order, also at the two ends; of one sample zero.
 
     (x[k+1] - x[k-1]) / (2 h): zero phase, gain sinc(2 f h). Except at the ends, it commutes with
     every linear time-invariant filter.
     """
     if len(values) < 3:
-        return np.asarray(np.gradient(values, period_s, axis=0))
+        return np.gradient(values, period_s, axis=0) if len(values) > 1 else np.zeros_like(values)
     return np.asarray(np.gradient(values, period_s, axis=0, edge_order=2))
 
 
@@ -184,7 +184,7 @@ def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
         speed = np.column_stack([along, nu[part, 3:]])
         way = scipy.integrate.cumulative_trapezoid(speed, dx=period_s, axis=0, initial=0.0)
         integral[part] = pose[a] + way
-        rate = central_difference(pose[part], period_s) if b - a > 1 else np.zeros((b - a, 6))
+        rate = central_difference(pose[part], period_s)
         rates[part, :3] = np.einsum("nji,nj->ni", turn[part], rate[:, :3])
         rates[part, 3:] = rate[:, 3:]
     checks = []

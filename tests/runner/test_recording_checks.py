@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from seatrial.models.recording.diagnosis import examine
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import sampling
@@ -51,7 +52,7 @@ def test_recordings_with_the_right_map_have_no_problem_of_units_or_frames(name: 
     files = sorted((DATA / name).rglob("*.csv")) or sorted((DATA / name).glob("*.dat"))
     assert files
     for file in files[::6]:
-        known = mapped(file, MAPS[name]).examine(PLANAR)
+        known = examine(mapped(file, MAPS[name]), PLANAR)
         assert known is not None
         assert not known.result.untrusted
         assert {problem.kind for problem in known.problems} <= {"clock"}, file

@@ -71,7 +71,7 @@ def _read(folder: Path, frame: pd.DataFrame, columns: ColumnMap) -> tuple[Array,
     buffer = io.StringIO()
     frame.to_csv(buffer, index=False)
     path.write_text(buffer.getvalue(), encoding="utf-8")
-    signals = Reading(columns).read(path, read_sources(path, ReadOptions()), DOFS)
+    signals = Reading(columns=columns).signals(path, read_sources(path, ReadOptions()), DOFS)
     table = signals.values
     return (
         signals.t,

@@ -272,8 +272,8 @@ def test_a_damaged_file_is_refused_or_read_but_nothing_else(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"Time": "0.3"}, "column Time, line 7: got 0.300000 s after 0.400000 s, expected time to"),
-        ({"Time": "0.55"}, "column Time, line 7: got a step of 0.15 s, expected a uniform sample"),
+        ({"Time": "0.3"}, "column Time, line 7: got '0.3', expected time to increase"),
+        ({"Time": "0.55"}, "column Time, line 7: got '0.55', expected steps of 0.1 s"),
         ({"Time": ""}, "column Time, line 7: got an empty cell, expected a finite number"),
         ({"force_x": "  "}, "column force_x, line 7: got an empty cell, expected a finite number"),
         ({"force_x": "NaN"}, "column force_x, line 7: got 'NaN', expected a finite number"),
