@@ -9,7 +9,7 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.reader import Reading
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.runner import data_commands
 from tests.data import DATA
 

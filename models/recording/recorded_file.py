@@ -21,7 +21,7 @@ from seatrial.models.recording.preprocessing import Differentiation, without_bia
 from seatrial.models.recording.reader import Outliers, Reading, Signals, Sources, clock_of, first_time
 from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
 from seatrial.models.recording.source import Source, column
-from seatrial.models.recording.sources import ReadOptions, TextOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, TextOptions, read_sources
 from seatrial.models.recording.times import seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, read_sources
 
 pytest.importorskip("rosbags")
 

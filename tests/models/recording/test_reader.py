@@ -14,7 +14,7 @@ from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.column_map import ColumnMap, Frames, Geodetic
 from seatrial.models.recording.reader import Reading
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian
 

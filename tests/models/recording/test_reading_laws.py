@@ -12,7 +12,7 @@ from seatrial.models.recording import column_map as maps
 from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.reader import Reading, Signals
 from seatrial.models.recording.source import Source
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.models.recording.times import disagreement, find_time, seconds
 from seatrial.models.recording.units import unit_in_title
 
