@@ -14,8 +14,7 @@ from rich.text import Text
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.diagnosis import FAULTS, doubts, examine
 from seatrial.models.recording.proposal import Proposal, propose
-from seatrial.models.recording.source import Source
-from seatrial.models.recording.source import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, Source, read_sources
 from seatrial.runner import in_process
 from seatrial.runner.benchmark import get
 from seatrial.runner.compare.page import write_page

@@ -25,7 +25,9 @@ if TYPE_CHECKING:  # what is slow to import
 else:
     import lazy_loader
 
-    recorded_file = lazy_loader.load("seatrial.models.recording.recorded_file", suppress_warning=True)
+    recorded_file = lazy_loader.load(
+        "seatrial.models.recording.recorded_file", suppress_warning=True
+    )
 
 RUNNER = Path(__file__).parent
 COMPUTING = ("trial.py", "command_identifier.py")  # the second is named by a configuration alone

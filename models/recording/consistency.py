@@ -171,10 +171,11 @@ def compared(
     change = piecewise(partial(central_difference, period_s=period), edges, recording.nu)
     rows += [("acceleration", dof, recording.nu_dot[:, i], change[:, i], 0.0, own[i])
              for i, dof in enumerate(dofs) if dof in measured]  # fmt: skip
-    kinds, axes, observed, expected, *deviations = zip(*rows, strict=True) if rows else [()] * 6
-    empty = np.empty((len(recording), 0))
-    both = (np.column_stack(x) if x else empty for x in (observed, expected))
-    return Compared(kinds, axes, *both, np.array(deviations))
+    signals = np.array([row[2:4] for row in rows]).reshape(-1, 2, len(recording))
+    noise = np.array([row[4:] for row in rows]).reshape(-1, 2).T
+    observed, expected = (np.ascontiguousarray(signals[:, i].T) for i in (0, 1))
+    kinds, axes = tuple(row[0] for row in rows), tuple(row[1] for row in rows)
+    return Compared(kinds, axes, observed, expected, noise)
 
 
 def consistency(

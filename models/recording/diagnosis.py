@@ -68,7 +68,8 @@ GUESSES: tuple[tuple[str, Sequence[str], str, Mapping[str, str]], ...] = (
      {"frames.position": "ENU", "frames.attitude": "ENU"}),
     ("earth", LINEAR, "the velocities are along the axes of the earth, and all is east, north, up",
      {"frames.velocity": "earth", "frames.position": "ENU"}),
-    ("heading", YAW, "the heading counts anticlockwise", {"position.yaw.positive": "anticlockwise"}),
+    ("heading", YAW, "the heading counts anticlockwise",
+     {"position.yaw.positive": "anticlockwise"}),
     ("heading", YAW, "the heading counts clockwise", {"position.yaw.positive": "clockwise"}),
     ("frame", YAW, "the heading counts anticlockwise, and the positions are east, north, up",
      {"position.yaw.positive": "anticlockwise", "frames.position": "ENU"}),
@@ -128,7 +129,9 @@ def changed(file: RecordedFile, change: Change) -> RecordedFile:
         if rest:
             inner = node[name] if isinstance(node, Mapping) else getattr(node, name)
             value = put(inner, rest, value)
-        return {**node, name: value} if isinstance(node, Mapping) else replace(node, **{name: value})
+        return (
+            {**node, name: value} if isinstance(node, Mapping) else replace(node, **{name: value})
+        )
 
     for path, value in change.items():
         file = put(file, path.split("."), Column(**value) if isinstance(value, Mapping) else value)

@@ -97,17 +97,13 @@ class Reading:
     heading_deg: float = 0.0  # of the frame of the positions in that of the attitude
     outliers: Outliers = field(default_factory=Outliers)
 
-    def signals(
-        self, path: Path, sources: Sources, dofs: Sequence[str],
-        more: Mapping[str, Column] | None = None,
-    ) -> Signals:  # fmt: skip
+    def signals(self, path: Path, sources: Sources, dofs: Sequence[str]) -> Signals:
         """The signals that a vessel with some degrees of freedom needs.
 
         Args:
             path: the recording, for messages.
             sources: its columns as recorded, by source.
             dofs: degrees of freedom of the vessel.
-            more: further columns by option.
 
         Returns:
             All signals that are mapped for these degrees of freedom, on one clock.
@@ -117,16 +113,14 @@ class Reading:
             ConfigurationError: a unit is not known.
         """
         try:
-            return self._signals(sources, dofs, more or {})
+            return self._signals(sources, dofs)
         except RecordingError as error:
             named = str(path) in str(error)
             raise error if named else RecordingError(f"{path}: {error}") from error
 
-    def _signals(
-        self, sources: Sources, dofs: Sequence[str], more: Mapping[str, Column]
-    ) -> Signals:
+    def _signals(self, sources: Sources, dofs: Sequence[str]) -> Signals:
         notes = [line for source in sources.values() for line in source.left_out]
-        channels = _unit_quaternions(self._channels(sources, dofs, more, notes))
+        channels = _unit_quaternions(self._channels(sources, dofs, notes))
         origins = {option: c.origin for option, c in channels.items() if c.origin is not None}
         counts = {}
         for option, channel in channels.items():
@@ -155,11 +149,10 @@ class Reading:
         return Signals(t, known, counts, readings, tuple(dict.fromkeys(notes)))
 
     def _channels(
-        self, sources: Sources, dofs: Sequence[str], more: Mapping[str, Column], notes: list[str]
+        self, sources: Sources, dofs: Sequence[str], notes: list[str]
     ) -> dict[str, Channel]:
         """The columns in SI units on their clocks, by option."""
         specs, needed = wanted(self.columns, dofs)
-        specs, needed = {**specs, **more}, {*needed, *more}
         if not specs:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
         scale, clocks = self.columns.froude_scale, dict[str, tuple[str, Array]]()
@@ -376,7 +369,9 @@ def _in_our_frames(
         angle, speed = known["ground.course"] - attitude[:, 2], known["ground.speed"]
         result["velocity.surge"], result["velocity.sway"] = (
             speed * np.cos(angle), speed * np.sin(angle))  # fmt: skip
-    absent = [dof for dof in DOFS if f"position.{dof}" in result and f"velocity.{dof}" not in result]
+    absent = [
+        dof for dof in DOFS if f"position.{dof}" in result and f"velocity.{dof}" not in result
+    ]
     if absent:
         nu = _differentiated(t, stack("position", DOFS), attitude, turn)
         result |= {f"velocity.{dof}": nu[:, DOFS.index(dof)] for dof in absent}

@@ -13,19 +13,17 @@ import scipy
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.notation import DOFS
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
-from seatrial.models.recording.column_map import Column, ColumnMap
-from seatrial.models.recording.preprocessing import Differentiation, without_bias
-from seatrial.models.recording.reader import Outliers, Reading, Signals, Sources, clock_of, first_time
+from seatrial.models.recording.column_map import ColumnMap
+from seatrial.models.recording.preprocessing import central_difference
+from seatrial.models.recording.reader import Reading, Signals, Sources, clock_of, first_time
 from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
-from seatrial.models.recording.source import Source, column
-from seatrial.models.recording.source import ReadOptions, TextOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
 from seatrial.models.recording.times import seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
-from seatrial.models.vessel.thruster import AzimuthThrusters
 
 if TYPE_CHECKING:  # slow to import
     import pandas as pd
@@ -80,9 +78,8 @@ def file_set(train: Sequence[str], test: Sequence[str]) -> FileSet:
             # Path.glob takes no absolute patterns.
             every = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
             if not every:
-                raise ConfigurationError(
-                    f"excitation.{option}: got {pattern}, which matches no file, expected recordings"
-                )
+                got = f"got {pattern}, which matches no file"
+                raise ConfigurationError(f"excitation.{option}: {got}, expected recordings")
             found[option] |= dict.fromkeys(Path(match) for match in sorted(every))
     if both := set(found["train"]) & set(found["test"]):
         raise ConfigurationError(
@@ -122,9 +119,6 @@ class RecordedFile(Reading):
     train_fraction: float
     trip_starts_s: tuple[float, ...]
     training_trips: tuple[int, ...]
-    zero_acceleration_bias: bool
-    differentiation: Differentiation
-    thrusters: AzimuthThrusters
     statistics: tuple[str, ...]
     train: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
@@ -158,8 +152,6 @@ class RecordedFile(Reading):
                 self.sample_time_s is not None and self.resample_hz is not None,
             "training_trips requires trip_starts_s, got none":
                 self.training_trips and not self.trip_starts_s,
-            "thrusters.rpm and columns.actual_force both define the acting force, expected one":
-                self.thrusters.rpm and self.columns.actual_force,
         }  # fmt: skip
         if problem := next((text for text, there in problems.items() if there), None):
             raise ConfigurationError(problem)
@@ -235,9 +227,11 @@ class RecordedFile(Reading):
         options = ReadOptions(self.format, self.text, self.messages)
         return read_sources(path or next(iter(self.readers)), options)
 
-    def _of_file(self, path: Path, dofs: Sequence[str], sources: Sources | None = None) -> Recording:
+    def _of_file(
+        self, path: Path, dofs: Sequence[str], sources: Sources | None = None
+    ) -> Recording:
         """The recording of one file."""
-        signals, n = self._signals_of(path, dofs, sources), len(dofs)
+        signals = self._signals_of(path, dofs, sources)
         rows = self._window(path, signals.t)
         t, values = signals.t[rows], {o: x[rows] for o, x in signals.values.items()}
 
@@ -251,9 +245,7 @@ class RecordedFile(Reading):
                 f"excitation.columns.velocity: no column for {', '.join(missing)}, nor a position "
                 "to differentiate"
             )
-        tau, acting = of("force", dofs), of("actual_force", dofs)
-        if self._has_thruster_force(dofs):
-            acting = self._thruster_force(path, values, dofs)
+        tau = of("force", dofs)
         attitude = np.column_stack([values.get(f"position.{dof}", 0.0 * t) for dof in DOFS[3:]])
         attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
         pose = dict(zip(DOFS[3:], attitude.T, strict=True))
@@ -266,7 +258,7 @@ class RecordedFile(Reading):
         return Recording(
             tuple(dofs), t, np.column_stack([pose[dof] for dof in dofs]), nu,
             self._acceleration(signals, dofs)[rows], np.zeros_like(nu) if tau is None else tau,
-            attitude, tau_actual=acting, wind=self._air(values, attitude),
+            attitude, tau_actual=of("actual_force", dofs), wind=self._air(values, attitude),
             inputs=of("inputs", inputs), commands=of("commands", tuple(self.columns.commands)),
             input_names=inputs, loads=of("loads", loads), load_names=loads,
         )  # fmt: skip
@@ -277,11 +269,8 @@ class RecordedFile(Reading):
         """The used columns of a file in SI units and our frames; read once."""
         key = (path, *dofs)
         if key not in self._read:
-            names = {"rpm": self.thrusters.rpm, "angle": self.thrusters.angle}
-            more = {f"thruster_{kind}.{i}": Column(name) for kind, each in names.items()
-                    for i, name in enumerate(each) if self._has_thruster_force(dofs)}  # fmt: skip
             known = self.sources(path) if sources is None else sources
-            self._read[key] = self.signals(path, known, dofs, more)
+            self._read[key] = self.signals(path, known, dofs)
         return self._read[key]
 
     def account(self, dofs: Sequence[str]) -> Sequence[Signals]:
@@ -347,36 +336,14 @@ class RecordedFile(Reading):
         return result
 
     def _acceleration(self, signals: Signals, dofs: Sequence[str]) -> Array:
-        """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated by pieces."""
+        """nu_dot (N, n_dof), recorded or differentiated by pieces."""
         period = recordings.sample_time(signals.t)
         nu = np.column_stack([signals.values[f"velocity.{dof}"] for dof in dofs])
-        known = [signals.values.get(f"acceleration.{dof}", np.empty(0)) for dof in dofs]
-        recorded = np.array([len(x) > 0 for x in known])
-        measured = np.column_stack([x if len(x) else 0.0 * signals.t for x in known])
-
-        def rate(nu: Array, measured: Array) -> Array:
-            if self.zero_acceleration_bias:
-                measured = without_bias(measured, nu, period)
-            return np.where(recorded, measured, self.differentiation.derivative(nu, period))
-
-        return recordings.piecewise(rate, recordings.piece_edges(signals.t, period), nu, measured)
-
-    def _thruster_force(
-        self, path: Path, values: Mapping[str, Array], dofs: Sequence[str]
-    ) -> Array:
-        """The acting force (N, n_dof) of the speeds and angles of the thrusters."""
-        rpm, angle = (
-            np.column_stack([values[f"thruster_{k}.{i}"] for i in range(len(self.thrusters.rpm))])
-            for k in ("rpm", "angle")
-        )
-        try:
-            return self.thrusters.force(rpm, angle)[:, [PLANAR.index(dof) for dof in dofs]]
-        except RecordingError as error:
-            raise RecordingError(f"{path}: {error}") from error
-
-    def _has_thruster_force(self, dofs: Sequence[str]) -> bool:
-        """Whether motor speeds determine the acting force in all these degrees of freedom."""
-        return bool(self.thrusters.rpm) and set(dofs) <= set(PLANAR)
+        edges = recordings.piece_edges(signals.t, period)
+        rate = recordings.piecewise(partial(central_difference, period_s=period), edges, nu)
+        for i, dof in enumerate(dofs):
+            rate[:, i] = signals.values.get(f"acceleration.{dof}", rate[:, i])
+        return rate
 
     def _window(self, path: Path, t: Array) -> Mask:
         """Mask (N,) of the samples strictly between `start_s` and `end_s`."""

@@ -150,8 +150,6 @@ def targets_of(option: str) -> tuple[str, ...]:
         return INPUTS
     if kind == "loads":
         return ("N",)
-    if kind == "thruster_angle":
-        return ("rad",)
     return (SI[kind][name],) if kind in SI else ()
 
 

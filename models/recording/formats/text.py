@@ -301,8 +301,10 @@ def column_of_cells(cells: pa.Array | Sequence[str], decimal: str = ".") -> tupl
     values = np.array(values.to_numpy(zero_copy_only=False))
     values[np.abs(values) > MAX_NUMBER] = np.nan
     words = pc.value_counts(pc.filter(cells, pa.array(np.isnan(values)))).to_pylist()
-    counts = {row["values"]: row["counts"] for row in words
-              if row["values"].lower().strip("+-") not in ("", "nan") or "-" in row["values"]}  # fmt: skip
+    counts = {
+        word: row["counts"] for row in words
+        if (word := row["values"]).lower().strip("+-") not in ("", "nan") or "-" in word
+    }  # fmt: skip
     said = [f"{number} of {len(cells)} cells are {word}" for word, number in counts.items()]
     more = [f"{len(said) - MOST_WORDS} others"] if len(said) > MOST_WORDS else []
     return values, ", ".join([*said[:MOST_WORDS], *more]) + ": missing values" if said else ""
@@ -340,7 +342,9 @@ def _wide(source: Source) -> list[Source]:
         for name, values in wide.items():
             columns[str(name)], reason = values.to_numpy(), ""
             if "_value" in texts:
-                columns[str(name)], reason = column_of_cells(values.fillna("").astype(str).to_list())
+                columns[str(name)], reason = column_of_cells(
+                    values.fillna("").astype(str).to_list()
+                )
             left_out += [f"{name}: {reason}"] if reason else []
         name = "/".join(map(str, key if isinstance(key, tuple) else (key,))) or source.name
         result.append(Source(name, source.path, columns, {"_time": "s"}))

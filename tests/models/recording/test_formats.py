@@ -12,10 +12,9 @@ import scipy
 from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording import source as recorded
 from seatrial.models.recording import source as reading
-from seatrial.models.recording.source import TextOptions
-from seatrial.models.recording.source import ReadOptions, Source, column, read_sources
+from seatrial.models.recording import source as recorded
+from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
 from tests.data import DATA
 
 

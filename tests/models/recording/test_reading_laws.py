@@ -11,8 +11,7 @@ from seatrial.models.errors import RecordingError
 from seatrial.models.recording import column_map as maps
 from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.reader import Reading, Signals
-from seatrial.models.recording.source import Source
-from seatrial.models.recording.source import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, Source, read_sources
 from seatrial.models.recording.times import disagreement, find_time, seconds
 from seatrial.models.recording.units import unit_in_title
 
@@ -132,7 +131,9 @@ def test_units_by_the_map_then_the_title_then_what_stands_beside(tmp_path: Path)
     table = {"t": T, "heading_deg": np.degrees(PSI), "roll": 3.0 * np.sin(T), "u": U}
     path = tmp_path / "log.csv"
     pd.DataFrame(table).to_csv(path, index=False)
-    signals = Reading(columns=beside).signals(path, read_sources(path, ReadOptions()), ("surge", "yaw"))
+    signals = Reading(columns=beside).signals(
+        path, read_sources(path, ReadOptions()), ("surge", "yaw")
+    )
     assert np.max(np.abs(signals.values["position.roll"])) < 0.06
 
 
