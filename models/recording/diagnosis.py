@@ -121,20 +121,21 @@ class Examination:
     not_compared: tuple[str, ...] = ()
 
 
+def with_option(node: Any, path: Sequence[str], value: object) -> Any:
+    """Options, as an object or as they are written, with the one at a path replaced."""
+    name, *rest = path
+    if isinstance(node, Mapping):
+        return {**node, name: with_option(node.get(name, {}), rest, value) if rest else value}
+    return replace(
+        node, **{name: with_option(getattr(node, name), rest, value) if rest else value}
+    )
+
+
 def changed(file: RecordedFile, change: Change) -> RecordedFile:
     """The reader of a recording with some options changed."""
-
-    def put(node: Any, path: Sequence[str], value: object) -> Any:
-        name, *rest = path
-        if rest:
-            inner = node[name] if isinstance(node, Mapping) else getattr(node, name)
-            value = put(inner, rest, value)
-        return (
-            {**node, name: value} if isinstance(node, Mapping) else replace(node, **{name: value})
-        )
-
     for path, value in change.items():
-        file = put(file, path.split("."), Column(**value) if isinstance(value, Mapping) else value)
+        new = Column(**value) if isinstance(value, Mapping) else value
+        file = with_option(file, path.split("."), new)
     return file
 
 

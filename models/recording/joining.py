@@ -166,8 +166,9 @@ def join_channels(
             f"got {count:.3g} samples from the {most} recorded, at resample_hz={grid.rate_hz:g}; "
             f"expected at most {MOST_SAMPLES} times as many"
         )
-    t, inside = start + np.arange(count) / grid.rate_hz, np.ones(count, dtype=np.bool_)
+    rows = np.arange(count)  # of the grid, without those in gaps of the channels before
     for channel in channels.values():
+        t = start + rows / grid.rate_hz
         gaps = channel.gaps(t, grid.max_gap_s)
         if grid.at_gap == "refuse" and np.any(gaps):
             k = int(np.argmax(gaps > 0.0))
@@ -176,16 +177,15 @@ def join_channels(
                 f"{channel.name}: got no sample for {gaps[k]:.6g} s after {before:.6g} s, expected "
                 f"at most {grid.max_gap_s:g} s; excitation.at_gap=split leaves gaps out"
             )
-        inside &= gaps == 0.0
-    edges = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
-    for a, b in edges.reshape(-1, 2):
-        inside[a:b] = b - a >= MIN_STRETCH
-    if not np.any(inside):
+        rows = rows[gaps == 0.0]
+    stretches = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    rows = np.concatenate([part if len(part) >= MIN_STRETCH else part[:0] for part in stretches])
+    if not len(rows):
         raise RecordingError(
             f"got no {MIN_STRETCH} samples of {1.0 / grid.rate_hz:g} s without a gap of more than "
             f"{grid.max_gap_s:g} s in one of {', '.join(c.name for c in channels.values())}"
         )
-    t = t[inside]
+    t = start + rows / grid.rate_hz
     return t, {key: channel.at(t, grid.rate_hz) for key, channel in channels.items()}
 
 

@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 import scipy
-from numpy.lib.stride_tricks import sliding_window_view
 
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
 from seatrial.models.recording.recording import Mask, Recording
@@ -34,10 +33,9 @@ def outliers(values: Array, window: int = 10, deviations: float = 3.0) -> Mask:
     if n <= window:
         return np.zeros(n, dtype=bool)
     start = np.clip(np.arange(n) - window // 2, 0, n - window - 1)
-    around = sliding_window_view(values, window + 1)[start]
-    mean = (np.sum(around, axis=1) - values) / window
+    mean = (sum(values[start + k] for k in range(window + 1)) - values) / window
     distance = np.abs(values - mean)
-    squares = np.sum((around - mean[:, None]) ** 2, axis=1) - distance**2
+    squares = sum((values[start + k] - mean) ** 2 for k in range(window + 1)) - distance**2
     deviation = np.sqrt(np.maximum(squares, 0.0) / (window - 1))
     rounding = 1e-9 * float(np.max(np.abs(values)))  # a constant signal has no outliers
     return np.asarray(distance > np.maximum(deviations * deviation, rounding))

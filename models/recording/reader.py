@@ -80,7 +80,7 @@ class Signals:
 
     t: Array  # (N,) [s]
     values: dict[str, Array]  # (N,) each
-    outliers: dict[str, int]  # by recorded column
+    recorded: dict[str, Array]  # (n,) in SI units, by recorded column
     readings: tuple[ColumnReading, ...]
     left_out: tuple[str, ...]
 
@@ -122,15 +122,13 @@ class Reading:
         notes = [line for source in sources.values() for line in source.left_out]
         channels = _unit_quaternions(self._channels(sources, dofs, notes))
         origins = {option: c.origin for option, c in channels.items() if c.origin is not None}
-        counts = {}
-        for option, channel in channels.items():
-            wrong = self.outliers.of(channel.values)
-            counts[origins[option].reading.column.removeprefix("-")] = int(np.sum(wrong))
-            if self.outliers.replace and np.any(wrong):
-                valid = ~np.isnan(channel.values)
-                values = channel.values.copy()
-                values[valid] = interpolated(channel.t[valid], values[valid], wrong[valid])
-                channels[option] = channel._replace(values=values)
+        recorded = {o.reading.column.removeprefix("-"): channels[option].values
+                    for option, o in origins.items()}  # fmt: skip
+        for option, channel in channels.items() if self.outliers.replace else ():
+            valid, values = ~np.isnan(channel.values), channel.values.copy()
+            wrong = self.outliers.of(channel.values)[valid]
+            values[valid] = interpolated(channel.t[valid], values[valid], wrong)
+            channels[option] = channel._replace(values=values)
         t, alone = None, len({id(origin.source) for origin in origins.values()}) == 1
         if alone and self.resample_hz is None and not self.columns.delay_s:
             t = shared_clock(channels, self.sample_time_s, self.at_gap)
@@ -146,7 +144,7 @@ class Reading:
         notes += left_in_gaps(t, channels, longest)
         known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
         readings = tuple(origin.reading for origin in origins.values())
-        return Signals(t, known, counts, readings, tuple(dict.fromkeys(notes)))
+        return Signals(t, known, recorded, readings, tuple(dict.fromkeys(notes)))
 
     def _channels(
         self, sources: Sources, dofs: Sequence[str], notes: list[str]
@@ -354,7 +352,6 @@ def _in_our_frames(
     for i, dof in enumerate(DOFS[3:]):
         if f"position.{dof}" in known or "quaternion.w" in known:
             result[f"position.{dof}"] = attitude[:, i]
-    turn = pose_jacobian(attitude)[:, :3, :3]  # of body axes into those of the earth
     if columns.geodetic is not None:
         put("position", _path(known, columns), DOFS[: 3 if columns.geodetic.altitude else 2])
     elif frames.position == "ENU":
@@ -362,23 +359,21 @@ def _in_our_frames(
     if frames.velocity == "earth":  # angular velocities are of the body
         if frames.position == "ENU":
             exchange("velocity")
-        put("velocity", np.einsum("nji,nj->ni", turn, stack("velocity")))
+        put("velocity", _in_body(attitude, stack("velocity")))
     elif frames.body == "FLU":
         result |= {o: -result[o] for dof in FLIPPED if (o := f"velocity.{dof}") in result}
     if "ground.speed" in known:
         angle, speed = known["ground.course"] - attitude[:, 2], known["ground.speed"]
         result["velocity.surge"], result["velocity.sway"] = (
             speed * np.cos(angle), speed * np.sin(angle))  # fmt: skip
-    absent = [
-        dof for dof in DOFS if f"position.{dof}" in result and f"velocity.{dof}" not in result
-    ]
-    if absent:
-        nu = _differentiated(t, stack("position", DOFS), attitude, turn)
+    posed = [dof for dof in DOFS if f"position.{dof}" in result]
+    if absent := [dof for dof in posed if f"velocity.{dof}" not in result]:
+        nu = _differentiated(t, stack("position", DOFS), attitude)
         result |= {f"velocity.{dof}": nu[:, DOFS.index(dof)] for dof in absent}
     if any(columns.lever_arm_m):  # p_o = p_s - R r, v_o = v_s - omega x r
         arm = np.array(columns.lever_arm_m)
         put("velocity", stack("velocity") - np.cross(stack("velocity", DOFS[3:]), arm))
-        put("position", stack("position") - turn @ arm)
+        put("position", stack("position") - pose_jacobian(attitude)[:, :3, :3] @ arm)
     if "water.speed" in known and {"velocity.surge", "velocity.sway"} <= set(result):
         # The log shows the speed along the bow: what is left of that over ground is the current.
         along, aside = result["velocity.surge"] - known["water.speed"], result["velocity.sway"]
@@ -415,12 +410,17 @@ def _path(known: Mapping[str, Array], columns: ColumnMap) -> Array:
     return np.column_stack(pymap3d.geodetic2ned(latitude, longitude, altitude, *origin))
 
 
-def _differentiated(t: Array, pose: Array, attitude: Array, turn: Array) -> Array:
+def _in_body(attitude: Array, values: Array) -> Array:
+    """Vectors (N, 3) along the axes of the earth in those of the body."""
+    return np.asarray(np.einsum("nji,nj->ni", pose_jacobian(attitude)[:, :3, :3], values))
+
+
+def _differentiated(t: Array, pose: Array, attitude: Array) -> Array:
     """Body velocities (N, 6) from the pose (N, 6) in NED, piece by piece.
 
     The pose is low-passed forward and backward where its density first reaches four times its
     noise floor, so that the derivative holds motion and not the noise. Angular velocities are those
-    of the rotation, not of its Euler angles; `turn` (N, 3, 3) turns body axes into NED.
+    of the rotation, not of its Euler angles.
     """
     period = float(np.median(np.diff(t)))
     edges, starts = piece_edges(t, period), np.zeros(len(t), dtype=np.bool_)
@@ -437,5 +437,5 @@ def _differentiated(t: Array, pose: Array, attitude: Array, turn: Array) -> Arra
         return rate
 
     nu = piecewise(rates, edges, pose, attitude)
-    nu[:, :3] = np.einsum("nji,nj->ni", turn, nu[:, :3])
+    nu[:, :3] = _in_body(attitude, nu[:, :3])
     return nu

@@ -281,7 +281,8 @@ class RecordedFile(Reading):
         """Number of outliers in each used column, over the entire files."""
         totals: Counter[str] = Counter()
         for signals in self.account(dofs):
-            totals.update(signals.outliers)
+            counts = {name: np.sum(self.outliers.of(x)) for name, x in signals.recorded.items()}
+            totals.update({name: int(count) for name, count in counts.items()})
         return dict(totals)
 
     def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:

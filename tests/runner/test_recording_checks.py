@@ -90,7 +90,7 @@ def test_a_source_whose_ordinary_steps_count_as_gaps() -> None:
     zero = np.zeros((len(t), 1))
     recording = Recording(("surge",), t, zero, zero, zero, zero, np.zeros((len(t), 3)))
     slow = sampling(np.arange(0.0, 101.0, 1.0 / 0.9))
-    advice = _advice({"fix": sampling(np.arange(0.0, 101.0, 0.1)), "pose": slow}, recording)
+    advice = list(_advice({"fix": sampling(np.arange(0.0, 101.0, 0.1)), "pose": slow}, recording))
     assert advice[0] == (
         "11 of 101 s are kept, the rest is in gaps: excitation.max_gap_s=2.8 bridges the steps of "
         "pose"

@@ -129,7 +129,7 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     units = titles[1] if len(titles) > 1 and len(titles[1]) == width else [""] * width
     top = head[before - 1][0] if before else 0  # lines above the first sample
     check_size(path, (data.count(b"\n") + 1) * width)
-    columns, reasons = list[Values](), list[str]()
+    columns, reasons, texts = list[Values](), list[str](), 0
     header_row = [cell.strip() for cell in titles[0]] if titles else [""] * width
     cells, said = _cells(path, data, separator, header_row, top, before)
     for place, column in enumerate(cells):
@@ -142,9 +142,8 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
             units[place], reason = "deg", "degrees and minutes, read as degrees"
         columns.append(values)
         reasons.append(reason)
-        # different texts take more memory than numbers
-        texts = (len(set(map(id, x))) for x in columns if x.dtype == np.object_)
-        check_size(path, 8 * sum(texts))
+        texts += len(set(map(id, values))) if values.dtype == np.object_ else 0
+        check_size(path, 8 * texts)  # different texts take more memory than numbers
 
     def cell(row: int, place: int) -> tuple[str, str]:
         rows = islice(_rows(path, data, separator), before, None)
@@ -286,14 +285,13 @@ def column_of_cells(cells: pa.Array | Sequence[str], decimal: str = ".") -> tupl
     """
     cells = pa.array(cells, pa.string())
     plain = cells if decimal == "." else pc.replace_substring(cells, decimal, ".")
-    missing = pc.is_in(pc.ascii_lower(plain), value_set=pa.array(sorted(MISSING)))
-    written = pc.utf8_ltrim(plain, "+")
     try:
-        values = pc.if_else(missing, None, written).cast("float64")
+        values = plain.cast("float64")  # as most columns are
     except pa.ArrowInvalid:
+        missing = pc.is_in(pc.ascii_lower(plain), value_set=pa.array(sorted(MISSING)))
+        written = pc.utf8_ltrim(plain, "+")
         number = pc.match_substring_regex(written, f"^(?:{NUMBER.pattern})$")
-        filled, count = len(cells) - missing.true_count, number.true_count
-        if count < (1.0 - FEW) * filled:
+        if number.true_count < (1.0 - FEW) * (len(cells) - missing.true_count):
             coded = cells.dictionary_encode()
             texts = np.array(coded.dictionary.to_pylist(), dtype=np.object_)
             return np.asarray(texts[coded.indices.to_numpy()]), ""
