@@ -126,9 +126,7 @@ def with_option(node: Any, path: Sequence[str], value: object) -> Any:
     name, *rest = path
     if isinstance(node, Mapping):
         return {**node, name: with_option(node.get(name, {}), rest, value) if rest else value}
-    return replace(
-        node, **{name: with_option(getattr(node, name), rest, value) if rest else value}
-    )
+    return replace(node, **{name: with_option(getattr(node, name), rest, value) if rest else value})
 
 
 def changed(file: RecordedFile, change: Change) -> RecordedFile:

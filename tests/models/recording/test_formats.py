@@ -313,6 +313,22 @@ def test_words_that_mean_missing(tmp_path: Path, word: str) -> None:
     assert source.left_out == (f"column u: 1 of 3 cells are {word}: missing values",)
 
 
+def test_few_cells_and_rows_that_do_not_fit_are_left_out_and_named(tmp_path: Path) -> None:
+    """A sensor that writes ERR, a number that is none, and a file whose last line is cut."""
+    rows = [f"{k},{'ERR' if k == 4 else '1e31' if k == 5 else k}\n" for k in range(9)]
+    source = one(file(tmp_path, "a.csv", "".join(["t,u\n", *rows, "9"])))
+    np.testing.assert_array_equal(source.numbers("t"), np.arange(9.0))
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(source.columns["u"])), [4, 5])
+    assert set(source.left_out) == {
+        "1 rows with more or fewer than 2 cells",
+        "column u: 1 of 9 cells are ERR, 1 of 9 cells are 1e31: missing values",
+    }
+    with pytest.raises(RecordingError, match="column u, line 6: got 'ERR', expected a finite"):
+        source.numbers("u")
+    with pytest.raises(RecordingError, match="line 3: got 1 cells, expected 2"):
+        one(file(tmp_path, "b.csv", "t,u\n0,1\n1\n2\n"))
+
+
 def test_exports_of_influxdb(tmp_path: Path) -> None:
     """Written by pandas, with a missing value, and by its own command, with annotations."""
     rows = [(f"2024-05-22T15:30:0{i}Z", n, "N/A" if i == 3 else i) for n in "uv" for i in range(5)]
