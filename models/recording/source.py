@@ -343,12 +343,6 @@ class ReadOptions:
     text: TextOptions = field(default_factory=TextOptions)
     messages: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        if self.format not in (None, *FORMATS):
-            raise ConfigurationError(
-                f"excitation.format: got {self.format!r}, expected one of {', '.join(FORMATS)}"
-            )
-
 
 def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
     """Read a file, or all files of a folder, as sources by name; the last ones are kept.
@@ -370,6 +364,10 @@ def _sources(
     path: Path, options: ReadOptions, stamp: tuple[tuple[int, ...], ...]
 ) -> dict[str, Source]:
     """Those of a file in one state of it: what checks a recording reads it several times."""
+    if options.format not in (None, *FORMATS):
+        raise ConfigurationError(
+            f"excitation.format: got {options.format!r}, expected one of {', '.join(FORMATS)}"
+        )
     file = path
     try:
         if not path.is_dir() and not path.is_file():
