@@ -12,10 +12,9 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.recording.diagnosis import FAULTS, doubts
+from seatrial.models.recording.diagnosis import FAULTS, doubts, examine, with_option
 from seatrial.models.recording.proposal import Proposal, propose
-from seatrial.models.recording.source import Source
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, Source, read_sources
 from seatrial.runner import in_process
 from seatrial.runner.benchmark import get
 from seatrial.runner.compare.page import write_page
@@ -48,7 +47,6 @@ Force = Annotated[bool, typer.Option("--force", help="Write over files that exis
 app.command()(convert)
 app.command()(get)
 LINE_WIDTH = 120  # letters of a line that goes to a file
-MOST_ROUNDS = 3  # in which what the check finds is put into a proposed map
 
 
 def main(words: Sequence[str]) -> int:
@@ -125,32 +123,22 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
         wanted: names of the inputs of the vessel, if one is named
     """
     draft = propose(sources, wanted)
-    node, sure = {**deepcopy(draft.map), "at_gap": "split"}, list(draft.sure)
-    asked: Sequence[str] = ()
-    for _ in range(MOST_ROUNDS):
-        try:
-            reader = reader_of(file, options_of(deepcopy(node)))
-            known = reader.examine(reader.columns.moving)
-        except FAULTS as error:
-            asked = (str(error),)
-            break
-        problems = known.problems if known else ()
-        asked = tuple(doubts(sources, reader.columns).values())
-        asked = (*known.questions, *known.not_compared) if known else asked
-        asked = (*asked, *(f"{p}?" for p in problems if not p.change))
-        mended = [p for p in problems if p.change]
-        for problem in mended:
-            sure.append(str(problem))
-            for path, value in problem.change.items():
-                *groups, last = path.removeprefix("columns.").split(".")
-                group: dict[str, Any] = node
-                for name in groups:
-                    group = group.setdefault(name, {})
-                group[last] = dict(value) if isinstance(value, Mapping) else value
-        if not mended:
-            break
+    node, known = {**draft.map, "at_gap": "split"}, None
+    try:
+        reader = reader_of(file, options_of(deepcopy(node)))
+        known = examine(reader, reader.columns.moving)
+        asked = [*doubts(sources, reader.columns).values()]
+    except FAULTS as error:
+        asked = [str(error)]
+    if known is not None:
+        open_ = [f"{problem}?" for problem in known.problems if not problem.change]
+        asked = [*known.questions, *known.not_compared, *open_]
+    mended = [problem for problem in known.problems if problem.change] if known else []
+    for path, value in (change for problem in mended for change in problem.change.items()):
+        node = with_option(node, path.removeprefix("columns.").split("."), value)
     lines = [line for source in sources.values() for line in source.left_out]
-    return Proposal(node, tuple(sure), (*draft.questions, *asked), (*lines, *draft.left_out))
+    return Proposal(node, (*draft.sure, *map(str, mended)), (*draft.questions, *asked),
+                    (*lines, *draft.left_out))  # fmt: skip
 
 
 def _show(known: Report) -> None:

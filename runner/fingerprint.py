@@ -21,11 +21,13 @@ from seatrial.runner.search_path import located
 from seatrial.runner.vocabulary import NOT_COMPARED
 
 if TYPE_CHECKING:  # what is slow to import
-    from seatrial.models.recording import file_set
+    from seatrial.models.recording import recorded_file
 else:
     import lazy_loader
 
-    file_set = lazy_loader.load("seatrial.models.recording.file_set", suppress_warning=True)
+    recorded_file = lazy_loader.load(
+        "seatrial.models.recording.recorded_file", suppress_warning=True
+    )
 
 RUNNER = Path(__file__).parent
 COMPUTING = ("trial.py", "command_identifier.py")  # the second is named by a configuration alone
@@ -59,7 +61,7 @@ def _by_files(key: str, node: object) -> object:
     if isinstance(node, Mapping):
         if key == "excitation" and isinstance(node.get("train"), list | tuple) and node["train"]:
             with suppress(ConfigurationError):  # which the trial says
-                known = file_set.file_set(node["train"], node.get("test") or ())
+                known = recorded_file.file_set(node["train"], node.get("test") or ())
                 node = {**node, "train": [*map(str, known.train)], "test": [*map(str, known.test)]}
         return {
             str(name): _map_by_content(value) if name in MAPS else _by_files(str(name), value)

@@ -2,12 +2,12 @@
 
 import logging
 from collections.abc import Sequence
-from pathlib import Path
+from contextlib import suppress
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.consistency import LEAST_TRUSTED
-from seatrial.models.recording.diagnosis import Examination
+from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.recorded_file import RecordedFile
 
 log = logging.getLogger(__name__)
@@ -18,21 +18,16 @@ _known: dict[tuple[object, ...], Examination | None] = {}
 
 def examined(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
     """Examine a recording; None if pose and velocity cannot be compared."""
-    stamps = tuple(_stamp(path) for path in file.files().values())
-    key = (repr(file), stamps, tuple(dofs))
+    stamps = []
+    for path in file.files().values():
+        with suppress(OSError, ValueError):
+            stamps.append((path.stat().st_mtime, path.stat().st_size))
+    key = (repr(file), tuple(stamps), tuple(dofs))
     if key not in _known:
         while len(_known) >= MAX_EXAMINATIONS:
             _known.pop(next(iter(_known)))
-        _known[key] = file.examine(dofs)
+        _known[key] = examine(file, dofs)
     return _known[key]
-
-
-def _stamp(path: Path) -> tuple[float, int]:
-    try:
-        stat = path.stat()
-    except (OSError, ValueError):
-        return 0.0, 0
-    return stat.st_mtime, stat.st_size
 
 
 def refuse(file: RecordedFile, dofs: Sequence[str]) -> None:

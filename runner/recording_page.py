@@ -18,13 +18,10 @@ from seatrial.runner.recording_report import Report
 
 def page(report: Report) -> str:
     """The report as one HTML file."""
-    sheets: dict[str, Figure] = {}
     with style.drawn():
-        if report.examination is not None:
-            sheets = figures(report.examination)
-        pictures = [
-            picture(sheet, text, f"f{i}-") for i, (text, sheet) in enumerate(sheets.items())
-        ]
+        sheets = {} if report.examination is None else figures(report.examination)
+        drawn = enumerate(sheets.items())
+        pictures = [picture(sheet, text, f"f{i}-") for i, (text, sheet) in drawn]
     return render_page(
         "recording.html", title=f"Recording {report.path}", report=report, pictures=pictures
     )
@@ -36,14 +33,12 @@ def figures(known: Examination) -> dict[str, Figure]:
     Velocities are below the cut-off. Integrated velocity less position shows drift, differentiated
     position less velocity wrong signs, frames and time stamps.
     """
-    recording, checks = known.recording, quality_checks(known.recording)
-    velocities, errors = [], []
-    for check in checks:
-        name = velocities_of([check.dof])[0]
+    recording, velocities, errors = known.recording, [], []
+    for check in quality_checks(recording):
         if check.check == "differentiated_position":
             both = np.column_stack([check.calculated, check.measured])
-            both = recording.lowpassed(both, known.result.cutoff_hz)
-            velocities.append((f"{name} [{check.unit}]", both))
+            name = f"{velocities_of([check.dof])[0]} [{check.unit}]"
+            velocities.append((name, recording.lowpassed(both, known.result.cutoff_hz)))
         errors.append((f"error of {check.dof} [{check.unit}]", -check.error[:, None]))
     result = {
         "Velocities, from the pose and recorded": _over_time(recording, velocities, 1),

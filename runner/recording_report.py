@@ -1,15 +1,14 @@
 """What `seatrial data check` reports of a recording."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.diagnosis import Examination
+from seatrial.models.recording.diagnosis import FAULTS, Examination, examine
 from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.reader import BRIDGED, Signals, clock_of, wanted
 from seatrial.models.recording.recorded_file import RecordedFile
@@ -26,6 +25,7 @@ MOST_MISSING = 0.01  # share of the duration of a source in gaps
 SHORT_S = 120.0  # [s] below which a recording is short
 SAMPLING = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
             "repeated times")  # fmt: skip
+RANGES = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
 
 
 class ReportTable(NamedTuple):
@@ -52,19 +52,19 @@ def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
     """Examine a recording by its map; what cannot be read is said, the rest is reported."""
     columns, samplings, used = file.columns, dict[str, Sampling](), set[str]()
     for name, source in sources.items():
-        with suppress(ConfigurationError, RecordingError):
+        with suppress(*FAULTS):
             samplings[name] = sampling(seconds(source, clock_of(source, columns)))
     for spec in wanted(columns, DOFS)[0].values():
-        with suppress(RecordingError):
+        with suppress(*FAULTS):
             used.add(column(sources, spec.name)[0].name)
     turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
     known, signals = None, list[Signals]()
     why = "it cannot be read in the axes that are to be compared"
     try:
-        known = file.examine(dofs)
+        known = examine(file, dofs)
         signals += file.account(known.recording.dofs if known else dofs) if dofs or known else ()
-    except (ConfigurationError, RecordingError) as error:
+    except FAULTS as error:
         why = str(error)
     tables = [ReportTable("Sampling", SAMPLING, [
         (name or "-", f"{s.count}", f"{s.duration_s:.1f}", f"{s.rate_hz:.4g}", f"{s.gaps}",
@@ -74,14 +74,13 @@ def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
     ])]  # fmt: skip
     readings = dict.fromkeys(row for part in signals for row in part.readings)
     rows = [(r.option, r.column, r.unit or "-", r.known_from) for r in readings]
-    heads = ("quantity", "column", "unit", "known from")
-    tables += [ReportTable("Columns", heads, rows)] if rows else []
+    tables += [ReportTable("Columns", ("quantity", "column", "unit", "known from"), rows)]
     if known is not None:
-        tables += [_agreement(known), *map(_ranges, signals)]
-    left_out = tuple(dict.fromkeys(line for part in signals for line in part.left_out))
+        tables += [_agreement(known), *(ReportTable("Ranges", RANGES, _ranges(s)) for s in signals)]
+    left_out = dict.fromkeys(line for part in signals for line in part.left_out)
     verdict = [f"problem: {why}"] if known is None else _verdict(known, signals)
     slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
-    advice = _advice(slow, known.recording if known else None)
+    advice = list(_advice(slow, known.recording if known else None))
     if known:
         advice += [
             f"{axis.dof} hardly moves: add manoeuvres that excite it"
@@ -89,7 +88,8 @@ def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
         ]  # fmt: skip
         advice = advice or [f"nothing is missing: seatrial vessel=NAME excitation=recording "
                             f"excitation.path={file.path} excitation.map=MAP.yaml"]  # fmt: skip
-    return Report(str(file.path), tuple(verdict), tuple(tables), left_out, tuple(advice), known)
+    filled = tuple(table for table in tables if table.rows)
+    return Report(str(file.path), tuple(verdict), filled, tuple(left_out), tuple(advice), known)
 
 
 def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
@@ -103,14 +103,11 @@ def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
     if not lines and any(axis.excited for axis in known.result.velocities):
         few = f"; few outliers: {names}" if names else ""
         lines = [f"no problem: pose and velocity belong together{few}"]
-    for part in signals:
-        if "current.north" in part.values:
-            north, east = (
-                float(np.nanmean(part.values[f"current.{n}"])) for n in ("north", "east")
-            )
-            towards = np.degrees(np.arctan2(east, north)) % 360.0
-            speed = np.hypot(north, east)
-            lines.append(f"current: {speed:.2f} m/s towards {towards:.0f} deg on average")
+    for values in (part.values for part in signals if "current.north" in part.values):
+        north, east = (float(np.nanmean(values[f"current.{axis}"])) for axis in ("north", "east"))
+        towards = np.degrees(np.arctan2(east, north)) % 360.0
+        speed = np.hypot(north, east)
+        lines.append(f"current: {speed:.2f} m/s towards {towards:.0f} deg on average")
     return [*lines, *(f"not compared: {line}" for line in known.not_compared)]
 
 
@@ -127,7 +124,7 @@ def _agreement(known: Examination) -> ReportTable:
     ])  # fmt: skip
 
 
-def _ranges(signals: Signals) -> ReportTable:
+def _ranges(signals: Signals) -> list[tuple[str, ...]]:
     """Range, noise and outliers of every signal, in SI units and our frames."""
     period, starts = float(np.median(np.diff(signals.t))), np.zeros(len(signals.t), dtype=np.bool_)
     starts[piece_edges(signals.t, period)[:-1]] = True
@@ -137,8 +134,7 @@ def _ranges(signals: Signals) -> ReportTable:
         numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), noise.deviation[0])
         unit = targets[0] if len(targets) == 1 else "-"
         rows.append((option, unit, *(f"{n:.3g}" for n in numbers), f"{counts.get(option, '-')}"))
-    heads = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
-    return ReportTable("Ranges", heads, rows)
+    return rows
 
 
 def _outliers(signals: Signals) -> dict[str, int]:
@@ -147,28 +143,21 @@ def _outliers(signals: Signals) -> dict[str, int]:
             if option.startswith("velocity.")}  # fmt: skip
 
 
-def _advice(samplings: Mapping[str, Sampling], recording: Recording | None) -> list[str]:
+def _advice(samplings: Mapping[str, Sampling], recording: Recording | None) -> Iterator[str]:
     """What to do next, by the sampling of the sources in use."""
-    advice = []
     for name, s in samplings.items():
         if s.not_later:
             rounded = "columns.time: {column: NAME, uniform: true} if they are rounded"
-            advice.append(
-                f"{name}: {s.not_later} times are not later than the one before: {rounded}"
-            )
+            yield f"{name}: {s.not_later} times are not later than the one before: {rounded}"
         if s.gaps and s.missing > MOST_MISSING:
-            advice.append(
-                f"{name}: {s}: excitation.at_gap=split leaves gaps longer than max_gap_s out"
-            )
+            yield f"{name}: {s}: excitation.at_gap=split leaves gaps longer than max_gap_s out"
     if recording is None:
-        return advice
+        return
     length = float(recording.t[-1] - recording.t[0])
     name, slowest = min(samplings.items(), key=lambda item: item[1].rate_hz or np.inf)
     kept = len(recording) * recording.period_s
     if kept <= MIN_SHARE_LEFT * length and slowest.rate_hz > 0.0:
-        advice.append(f"{kept:.0f} of {length:.0f} s are kept, the rest is in gaps: "
-                      f"excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the steps of "
-                      f"{name}")  # fmt: skip
+        bridged = f"excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the steps of"
+        yield f"{kept:.0f} of {length:.0f} s are kept, the rest is in gaps: {bridged} {name}"
     if length < SHORT_S:
-        advice.append(f"the recording lasts {length:.0f} s: run several minutes")
-    return advice
+        yield f"the recording lasts {length:.0f} s: run several minutes"

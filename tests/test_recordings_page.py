@@ -9,7 +9,7 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.reader import Reading
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.runner import data_commands
 from tests.data import DATA
 
@@ -47,8 +47,8 @@ def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("t,x,y,psi,pwm\n" + rows)
     spec = Column("pwm", neutral=1511.0, full=1900.0)
-    reading = Reading(ColumnMap("t", inputs={"pwm_1": spec}))
-    values = reading.read(path, read_sources(path, ReadOptions()), ()).values["inputs.pwm_1"]
+    reading = Reading(columns=ColumnMap("t", inputs={"pwm_1": spec}))
+    values = reading.signals(path, read_sources(path, ReadOptions()), ()).values["inputs.pwm_1"]
     np.testing.assert_allclose(values, [0.0, 1.0, -1.0])
     with pytest.raises(ConfigurationError, match="neutral and full are 1900, expected two numbers"):
         Column("pwm", neutral=1900.0, full=1900.0)

@@ -215,23 +215,18 @@ class ColumnMap:
             for name, spec in members.items()
         }
 
-    def check(self, dofs: Sequence[str], *, acting: bool = True) -> None:
+    def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a degree of freedom lacks a column that it needs.
 
         A velocity may be differentiated from the pose, a position that is not needed (in surge
-        alone, or in surge and yaw) integrated from it; a vessel with inputs has no force; `acting`
-        False: nothing that acts is needed.
+        alone, or in surge and yaw) integrated from it; a vessel with inputs has no force.
         """
         for dof in dofs:
             free = dof == "surge" and "sway" not in dofs and dof in self.moving
-            if dof not in self.posed and not free:
-                raise self._missing("position", dof, dofs)
-            if acting and not self.inputs and dof not in self.force:
-                raise self._missing("force", dof, dofs)
-
-    @staticmethod
-    def _missing(kind: str, dof: str, dofs: Sequence[str]) -> ConfigurationError:
-        return ConfigurationError(
-            f"excitation.columns.{kind}: no column for {dof}, "
-            f"expected one for each of {', '.join(dofs)}"
-        )
+            acting = bool(self.inputs) or dof in self.force
+            for kind, there in (("position", free or dof in self.posed), ("force", acting)):
+                if not there:
+                    raise ConfigurationError(
+                        f"excitation.columns.{kind}: no column for {dof}, "
+                        f"expected one for each of {', '.join(dofs)}"
+                    )

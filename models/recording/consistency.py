@@ -16,17 +16,19 @@ sigma_x and sigma_y / (rho sigma_x): Frisch (1934). A low-passed signal of T sec
 2 f_c T independent samples, which give the standard error of a correlation by Fisher's z.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from itertools import combinations, pairwise
+from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.preprocessing import central_difference
-from seatrial.models.recording.recording import MIN_PIECE, Recording
+from seatrial.models.recording.recording import MIN_PIECE, Recording, piecewise
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import frame_of_angles, turned
@@ -113,94 +115,67 @@ class Consistency:
         return tuple(a for a in self.axes if a.excited and a.correlation < LEAST_TRUSTED)
 
 
-class Motion:
-    """Pose, attitude and velocity of a recording, with the rates that the pose implies.
+class Compared(NamedTuple):
+    """Recorded signals (N, k) beside those that the pose or the velocity implies."""
 
-    `recorded` are the axes whose velocity was recorded (None: all); others were differentiated from
-    the pose, agree by construction and are not compared. Neither are `linear` ones if the path
-    cannot be turned into body axes.
+    kinds: tuple[str, ...]  # velocity | acceleration, of each column
+    dofs: tuple[str, ...]
+    observed: Array
+    expected: Array
+    noise: Array  # (2, k) standard deviations of the noise of what they were computed from
+
+    def columns(self, kind: str, dofs: Sequence[str]) -> list[int]:
+        """The columns of a kind that are of some degrees of freedom."""
+        axes = zip(self.kinds, self.dofs, strict=True)
+        return [i for i, axis in enumerate(axes) if axis[0] == kind and axis[1] in dofs]
+
+
+class Filtered(NamedTuple):
+    """Both signals (n, k) below a cut-off, without the ends of pieces, and where pieces join."""
+
+    cutoff_hz: float
+    observed: Array
+    expected: Array
+    joints: list[int]
+
+
+def compared(
+    recording: Recording, measured: Sequence[str], recorded: Sequence[str] | None
+) -> Compared:
+    """Every recorded velocity and acceleration beside the derivative of what it changes.
+
+    Velocities that are not `recorded` (None: all are) were differentiated from the pose and agree
+    by construction. Linear ones are left out if the path cannot be turned into body axes.
     """
-
-    def __init__(self, recording: Recording, recorded: Sequence[str] | None = None) -> None:
-        self.recording, self.dofs = recording, recording.dofs
-        self.edges, self.period_s = recording.edges, recording.period_s
-        known = self.dofs if recorded is None else [dof for dof in self.dofs if dof in recorded]
-        self.turns = set(PLANAR) <= set(self.dofs)
-        level = self.turns or not np.any(recording.attitude)
-        self.linear = tuple(dof for dof in known if dof in DOFS[:3] and level)
-        self.angular = tuple(dof for dof in known if dof in DOFS[3:])
-
-    @cached_property
-    def path(self) -> Array:
-        """Position and rotation about the body axes (N, 6), without jumps."""
-        path = np.zeros((len(self.recording), 6))
-        for i, dof in enumerate(self.dofs):
-            if dof in DOFS[:3]:
-                path[:, DOFS.index(dof)] = self.recording.eta[:, i]
-        for a, b in pairwise(self.edges):
-            path[a:b, 3:] = turned(self.recording.attitude[a:b])
-            path[a:b] = without_jumps(path[a:b])
-        return path
-
-    @cached_property
-    def rate(self) -> Array:
-        """Velocities (N, 6) in body axes that the pose implies."""
-        rate = self.derivative(self.path)
-        if self.turns:
-            frame = np.empty((3, 3, len(rate)))
-            frame_of_angles(self.recording.attitude.T, frame)
-            rate[:, :3] = np.einsum("jin,nj->ni", frame, rate[:, :3])
-        return rate
-
-    @cached_property
-    def pose_noise(self) -> Array:
-        """Standard deviations (6,) of the noise of the path."""
-        noise = noise_floor(self.path, self.recording.piece_starts, self.period_s).deviation
-        noise[:3] = np.max(noise[:3])  # the axes are turned into each other
-        return np.asarray(noise)
-
-    def samples(self, cutoff_hz: float) -> float:
-        """Independent samples of a signal below a cut-off."""
-        return 2.0 * cutoff_hz * self.period_s * len(self.recording)
-
-    def velocity(self, dofs: Sequence[str], cutoff_hz: float) -> Array:
-        """Low-passed recorded velocities (n, k), away from the ends of pieces."""
-        return self.inside(self.recording.nu[:, [self.dofs.index(dof) for dof in dofs]], cutoff_hz)
-
-    def rates(self, dofs: Sequence[str], cutoff_hz: float) -> Array:
-        """Low-passed velocities (n, k) that the pose implies."""
-        return self.inside(self.rate[:, [DOFS.index(dof) for dof in dofs]], cutoff_hz)
-
-    def derivative(self, values: Array) -> Array:
-        """Central differences of values (N, k), piece by piece; zero in a piece of one sample."""
-        rate = np.zeros_like(values)
-        for a, b in pairwise(self.edges):
-            if b - a > 1:
-                rate[a:b] = central_difference(values[a:b], self.period_s)
-        return rate
-
-    def inside(self, values: Array, cutoff_hz: float) -> Array:
-        """Low-passed values (n, k) half a period of the cut-off away from the ends of pieces."""
-        drop = round(0.5 / cutoff_hz / self.period_s)
-        pieces = [
-            lowpass(values[a:b], cutoff_hz, self.period_s)[drop : b - a - drop]
-            for a, b in pairwise(self.edges)
-            if b - a > 2 * drop + MIN_PIECE
-        ]
-        return np.concatenate(pieces) if pieces else values
-
-    def joints(self, cutoff_hz: float) -> list[int]:
-        """Where the second piece begins in what is `inside`, and the others."""
-        drop = round(0.5 / cutoff_hz / self.period_s)
-        lengths = [b - a - 2 * drop for a, b in pairwise(self.edges)]
-        return [int(k) for k in np.cumsum([n for n in lengths if n > MIN_PIECE])[:-1]]
-
-    def exceeds(self, values: Array, deviation: float, cutoff_hz: float, order: int = 0) -> bool:
-        """Whether values (n,) vary more than white noise below the cut-off, or its derivative."""
-        noise = deviation**2 * 2.0 * self.period_s * cutoff_hz
-        if order:
-            noise *= (2.0 * np.pi * cutoff_hz) ** 2 / 3.0
-        return bool(np.var(values) > max(EXCITED_VARIANCE * noise, CONSTANT_VARIANCE))
+    dofs, period, edges = recording.dofs, recording.period_s, recording.edges
+    turns, path = set(PLANAR) <= set(dofs), np.zeros((len(recording), 6))
+    for i, dof in enumerate(dofs):
+        if dof in DOFS[:3]:
+            path[:, DOFS.index(dof)] = recording.eta[:, i]
+    path[:, 3:] = piecewise(turned, edges, recording.attitude)
+    path = piecewise(without_jumps, edges, path)
+    rate = piecewise(partial(central_difference, period_s=period), edges, path)
+    if turns:
+        frame = np.empty((3, 3, len(rate)))
+        frame_of_angles(recording.attitude.T, frame)
+        rate[:, :3] = np.einsum("jin,nj->ni", frame, rate[:, :3])
+    noise = noise_floor(path, recording.piece_starts, period).deviation
+    noise[:3] = np.max(noise[:3])  # the axes are turned into each other
+    own = noise_floor(recording.nu, recording.piece_starts, period).deviation
+    level = turns or not np.any(recording.attitude)
+    rows = [
+        ("velocity", dof, recording.nu[:, i], rate[:, (k := DOFS.index(dof))], own[i], noise[k])
+        for i, dof in enumerate(dofs)
+        if (recorded is None or dof in recorded) and (level or dof not in DOFS[:3])
+    ]
+    change = piecewise(partial(central_difference, period_s=period), edges, recording.nu)
+    rows += [("acceleration", dof, recording.nu_dot[:, i], change[:, i], 0.0, own[i])
+             for i, dof in enumerate(dofs) if dof in measured]  # fmt: skip
+    signals = np.array([row[2:4] for row in rows]).reshape(-1, 2, len(recording))
+    noise = np.array([row[4:] for row in rows]).reshape(-1, 2).T
+    observed, expected = (np.ascontiguousarray(signals[:, i].T) for i in (0, 1))
+    kinds, axes = tuple(row[0] for row in rows), tuple(row[1] for row in rows)
+    return Compared(kinds, axes, observed, expected, noise)
 
 
 def consistency(
@@ -217,68 +192,78 @@ def consistency(
         recorded: axes whose velocity is recorded, not differentiated; None: all.
         band: cut-off of the low-pass, of the Nyquist frequency; None: where they agree best.
     """
-    motion = Motion(recording, recorded)
-    nyquist = 0.5 / motion.period_s
-    band = band or _best_band(motion)
-    cutoff = band * nyquist
-    noise = noise_floor(recording.nu, recording.piece_starts, motion.period_s).deviation
-    error, swaps = fisher_error(motion.samples(cutoff)), list[tuple[str, str]]()
+    known, period = compared(recording, measured, recorded), recording.period_s
+    groups = [g for dofs in (DOFS[:3], DOFS[3:]) if (g := known.columns("velocity", dofs))]
+    band, signals = (band, _filtered(recording, known, band)) if band else _best(
+        recording, known, groups)  # fmt: skip
+    cutoff, observed, expected, joints = signals
+    count = 2.0 * cutoff * period * len(recording)  # independent samples of a signal below it
+    rho = correlations(observed, expected)
+    z, error = fisher(rho), float(1.0 / np.sqrt(max(count - 3.0, 1.0)))
 
-    def agreement(kind: str, dof: str, observed: Array, expected: Array) -> Agreement:
-        deviation = float(noise[motion.dofs.index(dof)])
-        own, other = deviation, float(motion.pose_noise[DOFS.index(dof)])
-        if kind == "acceleration":
-            own, other = 0.0, deviation
-        rho = float(correlations(observed[:, None], expected[:, None])[0, 0])
-        moves = motion.exceeds(observed, own, cutoff)
-        excited = moves and motion.exceeds(expected, other, cutoff, order=1)
-        sure = bool(fisher(np.array(rho)) > CERTAIN * error)
-        return Agreement(kind, dof, rho, scale_of(observed, expected, rho), moves, excited, sure)
+    def exceeds(values: Array, deviation: float, slope: float = 1.0) -> bool:
+        noise = deviation**2 * 2.0 * period * cutoff * slope  # of white noise below the cut-off
+        return bool(np.var(values) > max(EXCITED_VARIANCE * noise, CONSTANT_VARIANCE))
 
-    axes, pairs = {}, {}
-    for dofs in filter(None, (motion.linear, motion.angular)):
-        observed, expected = motion.velocity(dofs, cutoff), motion.rates(dofs, cutoff)
-        for i, dof in enumerate(dofs):
-            axes[dof] = agreement("velocity", dof, observed[:, i], expected[:, i])
-            pairs[dof] = observed[:, i], expected[:, i]
-        moves = [axes[dof].moves for dof in dofs]
-        pairs_of = swapped(fisher(correlations(observed, expected)), moves, error)
-        swaps += [(dofs[i], dofs[j]) for i, j in pairs_of]
-    accelerations = []
-    for dof in (dof for dof in motion.dofs if dof in measured):
-        own = [motion.dofs.index(dof)]
-        observed = motion.inside(recording.nu_dot[:, own], cutoff)
-        expected = motion.inside(motion.derivative(recording.nu[:, own]), cutoff)
-        accelerations.append(agreement("acceleration", dof, observed[:, 0], expected[:, 0]))
-    used = [pairs[dof] for dof, axis in axes.items() if axis.excited]
+    axes = []
+    for i, (kind, dof) in enumerate(zip(known.kinds, known.dofs, strict=True)):
+        x, y, (own, other) = observed[:, i], expected[:, i], known.noise[:, i]
+        moves, r = exceeds(x, own), float(rho[i, i])
+        excited = moves and exceeds(y, other, (2.0 * np.pi * cutoff) ** 2 / 3.0)
+        sure = bool(z[i, i] > CERTAIN * error)
+        axes.append(Agreement(kind, dof, r, scale_of(x, y, r), moves, excited, sure))
+    swaps = [
+        (axes[i].dof, axes[j].dof)
+        for group in groups for i, j in combinations(group, 2)
+        if _exchanged(z, [axes[k].moves for k in range(len(axes))], i, j, error)
+    ]  # fmt: skip
+    used = [i for group in groups for i in group if axes[i].excited]
+    lags = _lags(observed[:, used], expected[:, used], joints, period, cutoff, count)
+    split = len(axes) - sum(axis.kind == "acceleration" for axis in axes)
     return Consistency(
-        tuple(axes[dof] for dof in motion.dofs if dof in axes), tuple(accelerations), tuple(swaps),
-        *_lags(used, motion, cutoff), band, cutoff,
+        tuple(axes[:split]), tuple(axes[split:]), tuple(swaps), *lags, band, cutoff
     )  # fmt: skip
 
 
-def _best_band(motion: Motion) -> float:
-    """The widest band in which velocities and rates agree best, in any order.
+def _filtered(recording: Recording, known: Compared, band: float) -> Filtered:
+    """Signals below a band, half a period of its cut-off away from the ends of pieces."""
+    cutoff = band * 0.5 / recording.period_s
+    drop = round(0.5 / cutoff / recording.period_s)
+    both = np.hstack([known.observed, known.expected])
+    pieces = [
+        lowpass(both[a:b], cutoff, recording.period_s)[drop : b - a - drop]
+        for a, b in pairwise(recording.edges)
+        if b - a > 2 * drop + MIN_PIECE
+    ]
+    joints = [int(k) for k in np.cumsum([len(piece) for piece in pieces])[:-1]]
+    observed, expected = np.hsplit(np.concatenate(pieces) if pieces else both, 2)
+    return Filtered(cutoff, observed, expected, joints)
+
+
+def _best(
+    recording: Recording, known: Compared, groups: Sequence[Sequence[int]]
+) -> tuple[float, Filtered]:
+    """The widest band in which velocities and rates agree best, in any order, and the signals.
 
     Bands with fewer than `MIN_INDEPENDENT` independent samples are left out.
     """
-    best, result = -1.0, BANDS[0]
+    best, result = -1.0, None
     for band in BANDS:
-        cutoff = 0.5 * band / motion.period_s
-        if band != BANDS[0] and motion.samples(cutoff) < MIN_INDEPENDENT:
+        if result is not None and band * len(recording) < MIN_INDEPENDENT:
             break
-        score = 0.0
-        for dofs in filter(None, (motion.angular, motion.linear)):
-            rho = correlations(motion.velocity(dofs, cutoff), motion.rates(dofs, cutoff))
-            score += float(np.mean(np.max(np.abs(rho), axis=1)))
-        if score > best + AS_GOOD:
-            best, result = score, band
+        signals = _filtered(recording, known, band)
+        rho = np.abs(correlations(signals.observed, signals.expected))
+        score = sum(float(np.mean(np.max(rho[np.ix_(g, g)], axis=1))) for g in groups)
+        if result is None or score > best + AS_GOOD:
+            best, result = score, (band, signals)
+    assert result is not None
     return result
 
 
 def _lags(
-    pairs: Sequence[tuple[Array, Array]], motion: Motion, cutoff_hz: float
-) -> tuple[float, float, float]:
+    observed: Array, expected: Array, joints: Sequence[int], period: float, cutoff_hz: float,
+    count: float,
+) -> tuple[float, float, float]:  # fmt: skip
     """By how much velocities are behind the pose, by how much all are, and the standard error [s].
 
     The error of a delay between band-limited signals of correlation rho with n independent samples
@@ -286,12 +271,9 @@ def _lags(
     apart delays all axes alike, a filter some more than others: all axes are behind by the lag of
     the one that is nearest to the pose, 0 if axes are on both sides of it.
     """
-    if not pairs:
+    if not observed.shape[1]:
         return 0.0, 0.0, np.inf
-    period = motion.period_s
-    observed, expected = (np.column_stack([pair[k] for pair in pairs]) for k in (0, 1))
     most = min(round(LONGEST_LAG_S / period), len(observed) // 4)
-    joints = motion.joints(cutoff_hz)
     total = lag(observed, expected, np.arange(-most, most + 1), joints)
     k = round(total)
     rho = np.diag(correlations(
@@ -304,7 +286,7 @@ def _lags(
            for i in np.flatnonzero(np.abs(rho) > SURE)]  # fmt: skip
     shared = min(own, key=abs) if own and not min(own) < 0.0 < max(own) else 0.0
     share = max(1.0 / max(float(np.max(np.abs(rho))), 0.01) ** 2 - 1.0, 1e-6)
-    error = np.sqrt(share / motion.samples(cutoff_hz)) / (2.0 * np.pi * cutoff_hz / np.sqrt(3.0))
+    error = np.sqrt(share / count) / (2.0 * np.pi * cutoff_hz / np.sqrt(3.0))
     return total * period, shared * period, float(error)
 
 
@@ -316,6 +298,11 @@ def correlations(observed: Array, expected: Array) -> Array:
     a, b = (signals - np.mean(signals, axis=0) for signals in (observed, expected))
     size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
     return np.asarray(np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 0.0))
+
+
+def fisher(rho: Array) -> Array:
+    """Fisher's z of the size of correlations; its standard error is 1 / sqrt(n - 3)."""
+    return np.asarray(np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE)))
 
 
 def scale_of(observed: Array, expected: Array, correlation: float) -> float:
@@ -331,26 +318,14 @@ def scale_of(observed: Array, expected: Array, correlation: float) -> float:
     return float(np.copysign(np.std(expected) / size, correlation))
 
 
-def swapped(z: Array, moving: Sequence[bool], error: float) -> Iterator[tuple[int, int]]:
-    """Pairs of axes that agree significantly better with the derivatives of each other.
+def _exchanged(z: Array, moving: Sequence[bool], i: int, j: int, error: float) -> bool:
+    """Whether two axes agree significantly better with the derivatives of each other.
 
     z (k, k) is Fisher's z of velocities with derivatives, `error` its standard error: the sum over
     the axes that move must rise by `CERTAIN` of them for each, and none may fall.
     """
-    for i, j in combinations(range(len(z)), 2):
-        better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if moving[a]]
-        if better and min(better) > 0.0 and sum(better) > CERTAIN * error * len(better):
-            yield i, j
-
-
-def fisher(rho: Array) -> Array:
-    """Fisher's z of the size of correlations; its standard error is 1 / sqrt(n - 3)."""
-    return np.asarray(np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE)))
-
-
-def fisher_error(samples: float) -> float:
-    """Standard error of Fisher's z of some independent samples."""
-    return float(1.0 / np.sqrt(max(samples - 3.0, 1.0)))
+    better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if moving[a]]
+    return bool(better) and min(better) > 0.0 and sum(better) > CERTAIN * error * len(better)
 
 
 def lag(
@@ -372,11 +347,10 @@ def lag(
         return 0.0
     apart = np.repeat(np.asarray(joints, dtype=np.int64), most)
     a, b = (np.insert(x - np.mean(x, axis=0), apart, 0.0, axis=0) for x in (observed, expected))
-    size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
-    n = 1 << (2 * len(a) - 1).bit_length()
-    spectrum = np.fft.rfft(a, n, axis=0) * np.conj(np.fft.rfft(b, n, axis=0))
-    values = np.fft.irfft(spectrum, n, axis=0)[shifts]  # the sums of a[t + s] b[t] over t
-    sums = np.sum(np.divide(values, size, out=np.zeros_like(values), where=size > 0.0), axis=1)
+    sums = np.zeros(len(shifts))
+    for x, y in zip(a.T, b.T, strict=True):
+        products = scipy.signal.correlate(x, y, method="fft")[len(a) - 1 + shifts]
+        sums += products / (np.linalg.norm(x) * np.linalg.norm(y) or np.inf)
     peak = int(np.argmax(sums))
     if peak in (0, len(sums) - 1):
         return float(shifts[peak])

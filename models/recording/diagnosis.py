@@ -6,7 +6,8 @@ as good. That is repeated until nothing gains. The problems are the changes that
 what the correlations tell but no change mends. What is no unit of the field is asked, not scaled.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,18 +24,17 @@ from seatrial.models.recording.consistency import (
     CERTAIN,
     SAME_SCALE,
     SURE,
-    Agreement,
     Consistency,
     consistency,
 )  # fmt: skip
 from seatrial.models.recording.quantities import quantity
 from seatrial.models.recording.reader import FLIPPED, SI_ASSUMED, clock_of, reading_of
+from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import original_rate, sampling
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import seconds
 from seatrial.models.recording.units import SI, factor, targets_of
-from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
 UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filter or sensor
@@ -45,7 +45,7 @@ MOST_SAMPLES, BLOCKS = 50_000, 10  # of a longer recording, as many even blocks 
 LARGE = {"roll": np.pi, "pitch": np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # hardly rad, or 1/s
 LARGE_BEARING = 6.0 * np.pi  # [rad]
 PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
-LINEAR, ANGLES = DOFS[:3], DOFS[3:]
+LINEAR, ANGLES, YAW = DOFS[:3], DOFS[3:], ("yaw",)
 UNITS = {  # that people record, by that of SI
     "m/s": ("m/s", "knot", "km/h", "ft/s", "cm/s", "mm/s"),
     "rad/s": ("rad/s", "deg/s", "rpm", "mrad/s", "deg/min"),
@@ -53,23 +53,30 @@ UNITS = {  # that people record, by that of SI
     "m/s^2": ("m/s^2", "g_0", "cm/s^2", "mm/s^2"), "rad/s^2": ("rad/s^2", "deg/s^2"),
     "s": ("s", "ms", "us", "ns", "min"),
 }  # fmt: skip
-# Frames that people record in: kind of the problem, its axes, what is wrong, and the frames.
-FRAMES: tuple[tuple[str, Sequence[str], str, Mapping[str, str]], ...] = (
+# Readings that no correlation tells apart: kind of the problem, its axes, what is wrong, and the
+# options of the map that read the file so.
+GUESSES: tuple[tuple[str, Sequence[str], str, Mapping[str, str]], ...] = (
     ("earth", LINEAR, "the velocities are along the axes of the earth, not of the body",
-     {"velocity": "earth"}),
+     {"frames.velocity": "earth"}),
     ("frame", LINEAR, "the positions are east, north, up, not north, east, down",
-     {"position": "ENU"}),
+     {"frames.position": "ENU"}),
     ("frame", FLIPPED, "the velocities are forward, left, up, not forward, right, down, or the "
-     "pose is of east, north, up", {"body": "FLU"}),
-    ("heading", ("yaw",), "the attitude is of ENU: the heading counts from east, anticlockwise",
-     {"attitude": "ENU"}),
+     "pose is of east, north, up", {"frames.body": "FLU"}),
+    ("heading", YAW, "the attitude is of ENU: the heading counts from east, anticlockwise",
+     {"frames.attitude": "ENU"}),
     ("frame", DOFS, "the positions are east, north, up, and the attitude is of ENU",
-     {"position": "ENU", "attitude": "ENU"}),
+     {"frames.position": "ENU", "frames.attitude": "ENU"}),
     ("earth", LINEAR, "the velocities are along the axes of the earth, and all is east, north, up",
-     {"velocity": "earth", "position": "ENU"}),
+     {"frames.velocity": "earth", "frames.position": "ENU"}),
+    ("heading", YAW, "the heading counts anticlockwise",
+     {"position.yaw.positive": "anticlockwise"}),
+    ("heading", YAW, "the heading counts clockwise", {"position.yaw.positive": "clockwise"}),
+    ("frame", YAW, "the heading counts anticlockwise, and the positions are east, north, up",
+     {"position.yaw.positive": "anticlockwise", "frames.position": "ENU"}),
+    ("heading", YAW, "the heading counts from east, anticlockwise",
+     {"position.yaw.zero": "east", "position.yaw.positive": "anticlockwise"}),
 )  # fmt: skip
 Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.surge, and values
-Read = Callable[..., Recording]  # of a map, degrees of freedom, sources and other options
 FAULTS = (ConfigurationError, RecordingError)
 
 
@@ -77,7 +84,7 @@ FAULTS = (ConfigurationError, RecordingError)
 class RecordingDefect:
     """What is wrong with some axes of a recording, and the change of options that mends it."""
 
-    # scale | sign | swap | earth | frame | heading | clock | time | resampled | unknown
+    # scale | sign | swap | earth | frame | heading | clock | time | resampled | question | unknown
     kind: str
     axes: tuple[str, ...]
     message: str
@@ -114,59 +121,47 @@ class Examination:
     not_compared: tuple[str, ...] = ()
 
 
-def changed(columns: ColumnMap, change: Change) -> ColumnMap:
-    """The map with a change; other options of `excitation` are left out."""
+def with_option(node: Any, path: Sequence[str], value: object) -> Any:
+    """Options, as an object or as they are written, with the one at a path replaced."""
+    name, *rest = path
+    if isinstance(node, Mapping):
+        return {**node, name: with_option(node.get(name, {}), rest, value) if rest else value}
+    return replace(node, **{name: with_option(getattr(node, name), rest, value) if rest else value})
+
+
+def changed(file: RecordedFile, change: Change) -> RecordedFile:
+    """The reader of a recording with some options changed."""
     for path, value in change.items():
-        kind, _, name = path.removeprefix("columns.").partition(".")
-        new: Any = Column(**value) if isinstance(value, Mapping) else value
-        if kind == "frames":
-            new = replace(columns.frames, **{name: value})
-        elif name:
-            new = {**getattr(columns, kind), name: new}
-        if path.startswith("columns."):
-            columns = replace(columns, **{kind: new})
-    return columns
+        new = Column(**value) if isinstance(value, Mapping) else value
+        file = with_option(file, path.split("."), new)
+    return file
 
 
-def examine(
-    read: Read, columns: ColumnMap, sources: Mapping[str, Source], dofs: Sequence[str],
-    heading_deg: float = 0.0,
-) -> Examination | None:  # fmt: skip
-    """Examine a recording with all degrees of freedom that it holds, else with `dofs`.
+def examine(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
+    """Examine a recording with all degrees of freedom that it holds, else with those of a vessel.
 
-    Args:
-        read: reads the recording by a map, in some degrees of freedom, of some rows of the sources
-            (None: all) and with other options, such as `resample_hz`.
-        columns: the map.
-        sources: the columns as recorded.
-        dofs: degrees of freedom of the vessel.
-        heading_deg: that of the options.
-
-    Returns:
-        None if the recording cannot be read.
+    None if the recording cannot be read in any of them.
     """
-    poses, speeds = set(columns.posed), set(columns.moving)
+    poses, speeds = set(file.columns.posed), set(file.columns.moving)
     for own in (poses & (speeds | set(PLANAR)), poses & speeds, set(dofs)):
         known = tuple(dof for dof in DOFS if dof in own)
         with suppress(*FAULTS):
             if known:
-                recording = read(columns, known)
-                return _Case(read, columns, sources, known, recording).examined(heading_deg)
+                return _Case(file, file.sources(), known, file.recording(known)).examined()
     return None
 
 
 class _State(NamedTuple):
-    """How a recording agrees if it is read with a map and options."""
+    """How a recording agrees if it is read with some options."""
 
-    columns: ColumnMap
-    options: dict[str, Any]
+    file: RecordedFile
     recording: Recording
     result: Consistency
 
     @property
     def specs(self) -> dict[str, Column]:
         """The columns of motion by option; without those that a quaternion or GNSS replaces."""
-        columns = self.columns
+        columns = self.file.columns
         replaced = (LINEAR if columns.geodetic else (), ANGLES if columns.orientation else ())
         options = {f"position.{dof}" for dofs in replaced for dof in dofs}
         kinds = ("position", "velocity", "acceleration")
@@ -178,31 +173,30 @@ class _State(NamedTuple):
 class _Case:
     """A recording that is read again and again."""
 
-    read: Read
-    columns: ColumnMap
+    file: RecordedFile
     sources: Mapping[str, Source]
     known: tuple[str, ...]
     recording: Recording
 
-    def examined(self, heading_deg: float) -> Examination:
+    def examined(self) -> Examination:
         """What is wrong with the recording, with the changes that were tried."""
-        state = self._compared(self.columns, {"heading_deg": heading_deg}, self.recording)
-        plain, problems = state.result, list[RecordingDefect]()
+        state, problems = self._with(self.file), list[RecordingDefect]()
+        plain = state.result
         if (slower := self._slower(state)) is not None:
             try:
-                state = self._with(state, slower.change)
+                state = self._with(changed(state.file, slower.change))
                 problems.append(slower)
             except FAULTS:
                 problems.append(replace(slower, change={}))
         for _ in range(MOST_CHANGES):
             told = [*_told(state), *self._scales(state)]
             framed = any(p.kind in ("earth", "frame", "heading") for p in problems)
-            guesses = (g for g in self._guesses(state) if g.kind == "scale" or not framed)
-            best = self._best(state, (d for d in told if d.change), guesses)
+            guesses = [g for g in self._guesses(state) if g.kind == "scale" or not framed]
+            best = self._best(state, [defect for defect in told if defect.change], guesses)
             if best is None:
                 break
             problems.append(best[0])
-            state = self._compared(*best[1][:3])  # in the band in which it agrees best
+            state = self._compared(best[1].file, best[1].recording)  # where it agrees best
         questions = tuple(d.message for d in told if d.kind == "question")
         told = [defect for defect in told if defect.kind != "question"]
         problems += [replace(defect, change={}) for defect in told]
@@ -216,36 +210,30 @@ class _Case:
         result = replace(plain, lag_s=state.result.lag_s + delay)
         good = {a.dof for a in state.result.velocities if a.correlation > SURE and not a.off}
         doubtful = {
-            option: line for option, line in doubts(self.sources, state.columns).items()
+            option: line for option, line in doubts(self.sources, state.file.columns).items()
             if option not in {f"position.{dof}" for dof in good}
             and not (option == "position.yaw" and good & set(LINEAR))
         }  # fmt: skip
         questions = (*doubtful.values(), *questions)
         return Examination(result, tuple(problems), self.recording, questions, self._not_compared())
 
-    def _compared(
-        self, columns: ColumnMap, options: dict[str, Any], recording: Recording,
-        band: float | None = None,
-    ) -> _State:  # fmt: skip
-        if len(recording) > MOST_SAMPLES:
-            row = np.arange(len(recording)) % -(-len(recording) // BLOCKS)
-            recording = recording.part(row < MOST_SAMPLES // BLOCKS)
-        measured = [dof for dof in self.known if dof in columns.acceleration]
-        result = consistency(recording, measured, columns.moving, band)
-        return _State(columns, options, recording, result)
-
-    def _with(self, state: _State, change: Change, band: float | None = None) -> _State:
-        """The state with a change: the recording is read again."""
-        columns = changed(state.columns, change)
-        new = {k: value for k, value in change.items() if not k.startswith("columns.")}
-        options = {**state.options, **new}
+    def _with(self, file: RecordedFile, band: float | None = None) -> _State:
+        """The recording read with other options; of a long one even blocks of its time."""
+        if self.excerpt is None:
+            return self._compared(file, file.recording(self.known), band)
+        rate = file.resample_hz or 1.0 / self.recording.period_s
+        part = replace(file, resample_hz=rate, sample_time_s=None, at_gap="split")
         try:
-            rate = 1.0 / self.recording.period_s
-            grid = {"resample_hz": rate, "at_gap": "split"} if self.excerpt else {}
-            recording = self.read(columns, self.known, self.excerpt, **{**grid, **options})
+            return self._compared(file, part.recording(self.known, self.excerpt), band)
         except FAULTS:
-            recording = self.read(columns, self.known, None, **options)
-        return self._compared(columns, options, recording, band)
+            return self._compared(file, file.recording(self.known), band)
+
+    def _compared(
+        self, file: RecordedFile, recording: Recording, band: float | None = None
+    ) -> _State:
+        measured = [dof for dof in self.known if dof in file.columns.acceleration]
+        result = consistency(recording, measured, file.columns.moving, band)
+        return _State(file, recording, result)
 
     @cached_property
     def excerpt(self) -> dict[str, Source] | None:
@@ -253,7 +241,7 @@ class _Case:
         clocks = {}
         for name, source in self.sources.items():
             with suppress(*FAULTS):
-                clocks[name] = seconds(source, clock_of(source, self.columns))
+                clocks[name] = seconds(source, clock_of(source, self.file.columns))
         longest = max(map(len, clocks.values()), default=0)
         if longest <= MOST_SAMPLES:
             return None
@@ -267,56 +255,43 @@ class _Case:
         return result
 
     def _best(
-        self, state: _State, told: Iterable[RecordingDefect], guesses: Iterable[RecordingDefect]
+        self, state: _State, told: Sequence[RecordingDefect], guesses: Sequence[RecordingDefect]
     ) -> tuple[RecordingDefect, _State] | None:
         """The first of the changes that are as good as the best one; None if none gains enough."""
         tried = []
-        for least, defects in ((0.0, told), (AS_GOOD, guesses)):
-            for defect in defects:
-                try:
-                    after = self._with(state, defect.change, state.result.band)
-                except FAULTS:
-                    continue
-                gain = after.result.quality - state.result.quality
-                worse = any(
-                    new.quality < old.quality - AS_GOOD and old.correlation > SURE
-                    for old, new in zip(state.result.axes, after.result.axes, strict=True)
-                )
-                if gain > least and not worse:
-                    tried.append((gain, defect, after))
+        for defect in (*told, *guesses):
+            try:
+                after = self._with(changed(state.file, defect.change), state.result.band)
+            except FAULTS:
+                continue
+            gain = after.result.quality - state.result.quality
+            worse = any(
+                new.quality < old.quality - AS_GOOD and old.correlation > SURE
+                for old, new in zip(state.result.axes, after.result.axes, strict=True)
+            )
+            if gain > (0.0 if defect in told else AS_GOOD) and not worse:
+                tried.append((gain, defect, after))
         most = max((gain for gain, *_ in tried), default=0.0)
         return next(((d, after) for gain, d, after in tried if gain >= most - AS_GOOD), None)
 
     def _guesses(self, state: _State) -> Iterator[RecordingDefect]:
         """Changes that no correlation tells, unless all agrees: frames, headings, and degrees."""
-        columns, specs = state.columns, state.specs
-        dofs = [axis.dof for axis in state.result.velocities]
+        specs, compared = state.specs, [axis.dof for axis in state.result.velocities]
         if state.result.quality > 1.0 - AS_GOOD:
             return
-        turns, yaw = set(PLANAR) <= set(self.known), specs.get("position.yaw")
-        for kind, axes, text, frames in FRAMES if turns else ():
-            if any(getattr(columns.frames, name) != value for name, value in frames.items()):
-                change = {f"columns.frames.{name}": value for name, value in frames.items()}
-                yield RecordingDefect(kind, tuple(d for d in axes if d in dofs), text, change)
-        if turns and yaw:
-            back = replace(yaw, positive="anticlockwise")
-            other = replace(yaw, positive="clockwise") if yaw == back else back
-            opposite, text = (
-                _change({"position.yaw": other}),
-                f"the heading counts {other.positive}",
-            )
-            yield RecordingDefect("heading", ("yaw",), text, opposite)
-            both = {**opposite, "columns.frames.position": "ENU"}
-            text = f"{text}, and the positions are east, north, up"
-            yield RecordingDefect("frame", ("yaw",), text, both)
-            east = _change({"position.yaw": replace(yaw, zero="east", positive="anticlockwise")})
-            text = "the heading counts from east, anticlockwise"
-            yield RecordingDefect("heading", ("yaw",), text, east)
+        turns = set(PLANAR) <= set(self.known)
+        for kind, axes, text, options in GUESSES if turns else ():
+            if change := _options(state, options):
+                yield RecordingDefect(kind, tuple(d for d in axes if d in compared), text, change)
         for off in (90.0, 180.0, -90.0) if turns else ():
-            heading = {"heading_deg": (state.options["heading_deg"] - off + 179.0) % 360.0 - 179.0}
+            heading = {"heading_deg": (state.file.heading_deg - off + 179.0) % 360.0 - 179.0}
             text = f"the heading is {-off:g} degrees off the positions"
-            yield RecordingDefect("heading", ("yaw",), text, heading, off)
-        angles = [dof for dof, spec in self._angles(state).items() if spec.unit is None]
+            yield RecordingDefect("heading", YAW, text, heading, off)
+        angles = [
+            dof for dof in ANGLES
+            if (spec := specs.get(f"position.{dof}")) is not None and spec.unit is None
+            and self._unit_now(self.file.columns, f"position.{dof}")[1] == SI_ASSUMED
+        ]  # fmt: skip
         for group in (angles, [dof for dof in angles if dof != "yaw"], angles[-1:]):
             new = {f"position.{d}": replace(specs[f"position.{d}"], unit="deg") for d in group}
             text = "the angles of the pose are in degrees"
@@ -328,7 +303,7 @@ class _Case:
         One factor on all rates, of positions and of angles, is one on time. What is of no unit is a
         question.
         """
-        columns, specs, text = state.columns, state.specs, "the derivative of the pose is"
+        columns, specs, text = state.file.columns, state.specs, "the derivative of the pose is"
         axes = [axis for axis in state.result.axes if axis.certain]
         speeds = [axis for axis in axes if axis.kind == "velocity"]
         scale = float(np.median([abs(axis.scale) for axis in speeds])) if speeds else 1.0
@@ -338,17 +313,22 @@ class _Case:
             text = f"{text} {scale:.3g} times the velocity on every axis"
             unit, value = _unit(time.unit or "s", "s", scale)
             change = {"columns.time": replace(time, unit=unit).written}
-            yield (
-                RecordingDefect("time", dofs, text, change, value)
-                if unit
-                else RecordingDefect("question", (), f"{text}: which unit is {time.name} in?")
-            )
+            question = f"{text}: which unit is {time.name} in?"
+            yield (RecordingDefect("time", dofs, text, change, value) if unit
+                   else RecordingDefect("question", (), question))  # fmt: skip
             return
-        groups: dict[tuple[str, str, float], list[str]] = {}
+        groups = defaultdict[tuple[str, str, float], list[str]](list)
         for axis in (axis for axis in axes if axis.off):
             size, spec = abs(axis.scale), specs.get(f"{axis.kind}.{axis.dof}")
-            if (known := self._rescaled(state, axis)) is not None:
-                groups.setdefault(known, []).append(axis.dof)
+            ratios = {axis.kind: size} | ({"position": 1.0 / size} if axis in speeds else {})
+            units = {
+                kind: _unit(self._unit_now(columns, option)[0], SI[kind][axis.dof], ratio)
+                for kind, ratio in ratios.items()
+                if (option := f"{kind}.{axis.dof}") in specs
+            }
+            if kind := next((kind for kind, (unit, _) in units.items() if unit), None):
+                unit, value = units[kind]
+                groups[kind, unit, value if kind == axis.kind else 1.0 / value].append(axis.dof)
             elif spec and axis in speeds and not 1.0 / UNNAMED < size < UNNAMED:
                 pose = "attitude" if axis.dof in ANGLES else "position"
                 line = f"{spec.name} is {1.0 / size:.2f} of d({pose})/dt: which unit?"
@@ -359,19 +339,6 @@ class _Case:
             text = f"the derivative of the {pair[0]} is {value:.3g} times the {pair[1]}"
             yield RecordingDefect("scale", tuple(group), text, _change(new), value)
 
-    def _rescaled(self, state: _State, axis: Agreement) -> tuple[str, str, float] | None:
-        """The kind of the column whose unit makes an axis agree, the unit, and the scale of it."""
-        size = abs(axis.scale)
-        ratios = {axis.kind: size}
-        ratios |= {"position": 1.0 / size} if axis.kind == "velocity" else {}
-        for kind, ratio in ratios.items():
-            if (option := f"{kind}.{axis.dof}") in state.specs:
-                si, now = SI[kind][axis.dof], self._unit_now(state.columns, option)[0]
-                unit, value = _unit(now, si, ratio)
-                if unit:
-                    return kind, unit, value if kind == axis.kind else 1.0 / value
-        return None
-
     def _unit_now(self, columns: ColumnMap, option: str) -> tuple[str, str]:
         """The unit that a column is read with, and where it is known from."""
         specs, (kind, _, dof) = columns.columns(), option.partition(".")
@@ -379,68 +346,51 @@ class _Case:
         reading = reading_of(source, name, option, specs[option], specs)
         return reading.unit or SI[kind][dof], reading.known_from
 
-    def _angles(self, state: _State) -> dict[str, Column]:
-        """The columns of angles of which no unit was stated before the search."""
-        return {
-            dof: spec for dof in ANGLES
-            if (spec := state.specs.get(f"position.{dof}")) is not None
-            and self._unit_now(self.columns, f"position.{dof}")[1] == SI_ASSUMED
-        }  # fmt: skip
-
     def _not_compared(self) -> tuple[str, ...]:
         """Which quantity is missing for a comparison, and where."""
-        poses, speeds = set(self.columns.posed), set(self.columns.moving)
-        there, lines = "pose and velocity cannot be compared there", []
-        if lacking := [dof for dof in self.known if dof not in speeds]:
-            lines.append(f"no velocity in {' and '.join(lacking)} is recorded: {there}")
-        if unposed := [dof for dof in DOFS if dof in speeds - poses]:
-            lines.append(f"no pose in {' and '.join(unposed)} is recorded: {there}")
+        poses, speeds = set(self.file.columns.posed), set(self.file.columns.moving)
         linear = [dof for dof in self.known if dof in LINEAR and dof in speeds]
-        if linear and poses & set(ANGLES) and (gone := set(PLANAR) - set(self.known)):
-            names = " and ".join(dof for dof in PLANAR if dof in gone)
-            lines.append(f"no pose or force in {names} is recorded: the path cannot be turned into "
-                         f"body axes and compared in {' and '.join(linear)}")  # fmt: skip
-        return tuple(lines)
+        there = "pose and velocity cannot be compared there"
+        flat = (f"the path cannot be turned into body axes and compared in {' and '.join(linear)}"
+                if linear and poses & set(ANGLES) else "")  # fmt: skip
+        rows = (
+            ("velocity", [dof for dof in self.known if dof not in speeds], there),
+            ("pose", [dof for dof in DOFS if dof in speeds - poses], there),
+            ("pose or force", [d for d in PLANAR if d not in self.known] if flat else [], flat),
+        )
+        return tuple(f"no {what} in {' and '.join(lacking)} is recorded: {why}"
+                     for what, lacking, why in rows if lacking)  # fmt: skip
 
     def _slower(self, state: _State) -> RecordingDefect | None:
         """Whether all columns of motion of a source were interpolated from slower ones.
 
         There is no problem if the recording is read at the original rate.
         """
-        groups: dict[str, dict[tuple[str, bool], list[Array]]] = {}
+        groups = defaultdict[str, dict[tuple[str, bool], list[Any]]](dict)
         for option, spec in state.specs.items():
             kind, _, dof = option.partition(".")
-            values = self._numbers(spec)
-            if len(values) and kind != "acceleration":
-                parts = groups.setdefault(column(self.sources, spec.name)[0].name, {})
-                parts.setdefault((kind, dof in ANGLES), []).append(values)
-        for name, parts in groups.items():
+            with suppress(RecordingError):
+                source, name = column(self.sources, spec.name)
+                if kind != "acceleration":
+                    parts = groups[source.name].setdefault((kind, dof in ANGLES), [])
+                    parts.append(source.numbers(name, gaps=True))
+        for name, parts_of in groups.items():
             source = self.sources[name]
-            t = seconds(source, clock_of(source, self.columns))
+            t = seconds(source, clock_of(source, self.file.columns))
             own = sampling(t).rate_hz
             pieces = pairwise(piece_edges(t, 1.0 / own) if own else [0, len(t)])
             a, b = max(pieces, key=lambda piece: piece[1] - piece[0])
             rows = slice(a, min(b, a + MOST_SAMPLES))  # without a gap
-            rates = [
-                original_rate(np.column_stack([x[rows] for x in v]), own) for v in parts.values()
-            ]
-            known = [rate for rate in rates if rate is not None]
-            if len(known) < len(rates):
+            rates = [original_rate(np.column_stack([x[rows] for x in part]), own)
+                     for part in parts_of.values()]  # fmt: skip
+            if None in rates:
                 continue
-            rate = max(known)  # columns that stand still for a while have fewer samples
+            rate = max(filter(None, rates))  # columns that stand still have fewer samples
             nice = float(round(rate) if abs(rate - round(rate)) < rate / 20 else f"{rate:.2g}")
             if nice * self.recording.period_s < 1.0 / SAME_RATE:
                 text = f"the columns are interpolated from {nice:g} Hz, the file has {own:.3g} Hz"
                 return RecordingDefect("resampled", (), text, {"resample_hz": nice}, nice)
         return None
-
-    def _numbers(self, spec: Column) -> Array:
-        """A column as recorded, shape (N,); empty if the file has none."""
-        try:
-            source, name = column(self.sources, spec.name)
-            return source.numbers(name, gaps=True)
-        except RecordingError:
-            return np.empty(0)
 
 
 def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
@@ -454,16 +404,13 @@ def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
             known_from = reading_of(source, name, option, spec, specs).known_from
             if known_from != SI_ASSUMED or np.all(np.isnan(values)):
                 continue
-            named, bearing = (
-                quantity(name) if kind == "inputs" else None,
-                targets_of(option) == ("rad",),
-            )
-            of = named.option.partition(".")[2] if named else key
+            named, bearing = quantity(name), targets_of(option) == ("rad",)
+            of = named.option.partition(".")[2] if named and kind == "inputs" else key
             least, most = float(np.nanmin(values)), float(np.nanmax(values))
             jumps = bearing and np.any(np.abs(np.abs(np.diff(values)) - 360.0) < 36.0)
             spans = f"{spec.name} ranges from {least:.4g} to {most:.4g}"
-            large = LARGE_BEARING if bearing else np.inf
-            large = LARGE.get(of, large) if bearing or kind == "inputs" else large
+            large = LARGE.get(of, LARGE_BEARING) if bearing else np.inf
+            large = LARGE.get(of, np.inf) if kind == "inputs" else large
             if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
                 pulse = f"{{column: {spec.name}, neutral: 1500, full: 1900}}"
                 line = f"is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
@@ -478,8 +425,7 @@ def _told(state: _State) -> Iterator[RecordingDefect]:
     """What the correlations tell of order, signs and clocks, with changes that may mend it."""
     result, specs = state.result, state.specs
     for group in result.swaps:
-        places = (group, group[::-1])
-        new = {f"velocity.{to}": specs[o] for dof, to in zip(*places, strict=True)
+        new = {f"velocity.{to}": specs[o] for dof, to in (group, group[::-1])
                if (o := f"velocity.{dof}") in specs}  # fmt: skip
         change = _change(new) if len(new) == 2 else {}
         yield RecordingDefect("swap", group, "the velocities are exchanged", change)
@@ -488,12 +434,10 @@ def _told(state: _State) -> Iterator[RecordingDefect]:
         spec, text = specs.get(option), f"the {axis.kind} has the wrong sign"
         other = {option: replace(spec, column=f"-{spec.column}".removeprefix("--"))} if spec else {}
         yield RecordingDefect("sign", (axis.dof,), text, _change(other), -1.0)
-    lag, least = (
-        result.lag_s,
-        max(SAMPLES_APART * state.recording.period_s, CERTAIN * result.lag_error_s),
-    )
-    if abs(lag) >= least and result.shared_lag_s != 0.0:
-        delay = float(f"{lag + state.columns.delay_s.get('velocity', 0.0):.3g}")
+    lag, period = result.lag_s, state.recording.period_s
+    apart = abs(lag) >= max(SAMPLES_APART * period, CERTAIN * result.lag_error_s)
+    if apart and result.shared_lag_s != 0.0:
+        delay = float(f"{lag + state.file.columns.delay_s.get('velocity', 0.0):.3g}")
         text = f"{abs(lag):.3g} s {'behind' if lag > 0.0 else 'ahead of'} the pose"
         change = {"columns.delay_s.velocity": delay}
         yield RecordingDefect("clock", (), f"the velocities are {text}", change, lag)
@@ -510,3 +454,20 @@ def _unit(now: str, si: str, ratio: float) -> tuple[str, float]:
 def _change(specs: Mapping[str, Column]) -> Change:
     """The change of a map that puts columns at options."""
     return {f"columns.{option}": spec.written for option, spec in specs.items()}
+
+
+def _options(state: _State, options: Mapping[str, str]) -> Change:
+    """Options of a guess as a change; empty if they hold already, or there is no such column."""
+    specs, frames = dict(state.specs), vars(state.file.columns.frames)
+    new, turned = dict[str, Column](), dict[str, str]()
+    for path, value in options.items():
+        option, _, key = path.rpartition(".")
+        if option == "frames":
+            turned |= {f"columns.{path}": value}
+        elif option not in specs:
+            return {}
+        else:
+            new[option] = specs[option] = replace(specs[option], **{key: value})  # type: ignore[arg-type]
+    there = all(frames[path.rpartition(".")[2]] == value for path, value in turned.items())
+    same = there and all(spec == state.specs[option] for option, spec in new.items())
+    return {} if same else {**_change(new), **turned}

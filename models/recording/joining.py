@@ -1,22 +1,38 @@
-"""Joins what was recorded apart: channels of their own clocks, and recordings end to end."""
+"""Channels of their own clocks on one: the one that they share, else a uniform grid."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.recording import R, joined
+from seatrial.models.recording.recording import GAP, UNIFORMITY, piece_edges
+from seatrial.models.recording.source import Source
+from seatrial.models.recording.times import is_later
 from seatrial.models.vessel.basis import Array
 
 MOST_SAMPLES = 100  # on the grid, for each sample of the channel with the most
 MIN_STRETCH = 3  # samples of a stretch: a derivative of second order needs as many
-BETWEEN = 10  # sample times between two recordings that are joined
-UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 TIME_ROUNDING = 1e-6  # of a sample time
 AtGap = Literal["refuse", "split"]
+
+
+class ColumnReading(NamedTuple):
+    """With which unit and sign a column was read, and where they are known from."""
+
+    option: str
+    column: str
+    unit: str
+    known_from: str
+
+
+class Origin(NamedTuple):
+    """The column of a source that a channel was read from, its clock, and how it was read."""
+
+    source: Source
+    name: str
+    clock: str
+    reading: ColumnReading
 
 
 class Channel(NamedTuple):
@@ -26,12 +42,7 @@ class Channel(NamedTuple):
     values: Array  # (N,)
     held: bool = False
     name: str = ""  # for messages
-
-    def check(self, key: str) -> None:
-        """Raise RecordingError for fewer than two samples, and for times that do not increase."""
-        if len(self.t) < 2 or not np.all(np.diff(self.t) > 0.0):
-            reason = "expected time to increase" if len(self.t) > 1 else "expected at least 2"
-            raise RecordingError(f"{self.name or key}: got {len(self.t)} samples, {reason}")
+    origin: Origin | None = None
 
     def gaps(self, t: Array, longest_s: float) -> Array:
         """The time [s] without a sample at times t (n,), where longer than `longest_s`; else 0."""
@@ -51,21 +62,71 @@ class Channel(NamedTuple):
         now = np.searchsorted(self.t, t + TIME_ROUNDING / rate_hz, side="right") - 1
         return np.asarray(self.values[np.maximum(now, 0)])
 
+    def cleaned(self, notes: list[str]) -> "Channel":
+        """Without missing values, and samples that are not later than all before; `notes` tell."""
+        valid = ~(np.isnan(self.values) | np.isnan(self.t))
+        if timeless := int(np.sum(np.isnan(self.t))):
+            notes.append(f"{timeless} rows have no time: left out")
+        t, values = self.t[valid], self.values[valid]
+        if not np.all(later := is_later(t)):
+            back, same = int(np.sum(np.diff(t) < 0.0)), int(np.sum(np.diff(t) == 0.0))
+            notes.append(
+                f"{self.name}: {int(np.sum(~later))} samples are not later than the one before "
+                f"({same} times repeat, {back} go back): left out"
+            )
+        return self._replace(t=t[later], values=values[later])
 
-@dataclass(frozen=True)
-class TimeGrid:
+
+class TimeGrid(NamedTuple):
     """The grid that channels are joined on.
 
     At a gap, which is a time longer than `max_gap_s` [s] without a sample of one of the channels,
     the recording is refused, or split in stretches: no sample of the grid lies in a gap.
     """
 
-    rate_hz: Positive
-    max_gap_s: Positive
+    rate_hz: float
+    max_gap_s: float
     at_gap: AtGap = "refuse"
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+
+def shared_clock(
+    channels: Mapping[str, Channel], period_s: float | None, at_gap: AtGap
+) -> Array | None:
+    """The times of channels of one source, which must be complete and rise by equal steps.
+
+    Args:
+        channels: all columns of one source, by option.
+        period_s: the sample time; None: the median step.
+        at_gap: `split` allows longer steps at gaps.
+
+    Returns:
+        Times (N,) [s]; None, for `split`, if the channels can only be joined.
+
+    Raises:
+        RecordingError: with line and column, for `refuse`.
+    """
+    first = next(iter(channels.values()))
+    t, origin = first.t, first.origin
+    assert origin is not None
+    source, steps = origin.source, np.diff(t)
+    if len(t) < 2:
+        raise RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
+    period = period_s or float(np.median(steps))
+    even = np.abs(steps - period) <= UNIFORMITY * abs(period)
+    even |= (at_gap == "split") & (steps > GAP * period)
+    grid = "excitation.resample_hz=RATE puts the columns on a uniform grid"
+    # rows that are wrong, the column that is, and what it should hold
+    wrong = [
+        (np.isnan(c.values), c.origin.name if c.origin else "", f"a finite number; {grid}")
+        for c in channels.values()
+    ]
+    wrong.append((np.isnan(t), origin.clock, "a finite number"))
+    wrong.append((np.append(False, steps <= 0.0), origin.clock, f"time to increase; {grid}"))
+    wrong.append((np.append(False, ~even), origin.clock, f"steps of {period:.6g} s; {grid}"))
+    row = next((row for row in wrong if np.any(row[0])), None)
+    if row is not None and at_gap != "split":
+        raise source.refused(int(np.argmax(row[0])), *row[1:])
+    return t if row is None else None
 
 
 def join_channels(
@@ -87,28 +148,27 @@ def join_channels(
     Raises:
         RecordingError: channels cannot be joined, or there is a gap and `at_gap` is `refuse`.
     """
-    for key, channel in channels.items():
-        channel.check(key)
-
-    def end(c: Channel) -> float:
-        return float(c.t[-1]) + grid.max_gap_s * c.held
-
-    last, first = max(channels.values(), key=lambda c: c.t[0]), min(channels.values(), key=end)
-    start, stop = float(last.t[0]), min(end(first), max(float(c.t[-1]) for c in channels.values()))
+    for key, c in channels.items():
+        if len(c.t) < 2 or not np.all(np.diff(c.t) > 0.0):
+            reason = "expected time to increase" if len(c.t) > 1 else "expected at least 2"
+            raise RecordingError(f"{c.name or key}: got {len(c.t)} samples, {reason}")
+    ends = [(float(c.t[-1]) + grid.max_gap_s * c.held, c.name) for c in channels.values()]
+    (start, last), (end, first) = max((float(c.t[0]), c.name) for c in channels.values()), min(ends)
+    stop = min(end, max(float(c.t[-1]) for c in channels.values()))
     count = int(np.floor((stop - start) * grid.rate_hz * (1.0 + 1e-12) + 1e-9)) + 1
     if count < 2:
         raise RecordingError(
             f"got channels that overlap by fewer than two samples at {grid.rate_hz:g} Hz: "
-            f"{last.name} begins at {start:g} s, {first.name} ends at {stop:g} s"
+            f"{last} begins at {start:g} s, {first} ends at {stop:g} s"
         )
     if count > MOST_SAMPLES * (most := max(len(channel.t) for channel in channels.values())):
         raise RecordingError(
             f"got {count:.3g} samples from the {most} recorded, at resample_hz={grid.rate_hz:g}; "
             f"expected at most {MOST_SAMPLES} times as many"
         )
-    t = start + np.arange(count) / grid.rate_hz
-    inside = np.ones(count, dtype=np.bool_)
+    rows = np.arange(count)  # of the grid, without those in gaps of the channels before
     for channel in channels.values():
+        t = start + rows / grid.rate_hz
         gaps = channel.gaps(t, grid.max_gap_s)
         if grid.at_gap == "refuse" and np.any(gaps):
             k = int(np.argmax(gaps > 0.0))
@@ -117,42 +177,27 @@ def join_channels(
                 f"{channel.name}: got no sample for {gaps[k]:.6g} s after {before:.6g} s, expected "
                 f"at most {grid.max_gap_s:g} s; excitation.at_gap=split leaves gaps out"
             )
-        inside &= gaps == 0.0
-    edges = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
-    for a, b in edges.reshape(-1, 2):
-        inside[a:b] = b - a >= MIN_STRETCH
-    if not np.any(inside):
+        rows = rows[gaps == 0.0]
+    stretches = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    rows = np.concatenate([part if len(part) >= MIN_STRETCH else part[:0] for part in stretches])
+    if not len(rows):
         raise RecordingError(
             f"got no {MIN_STRETCH} samples of {1.0 / grid.rate_hz:g} s without a gap of more than "
             f"{grid.max_gap_s:g} s in one of {', '.join(c.name for c in channels.values())}"
         )
-    t = t[inside]
+    t = start + rows / grid.rate_hz
     return t, {key: channel.at(t, grid.rate_hz) for key, channel in channels.items()}
 
 
-def end_to_end(parts: Sequence[R]) -> R:
-    """Recordings as one with gaps in time between them; consecutive blocks stay together.
-
-    Loads that some of them lack are NaN there. Raises RecordingError if they differ in degrees of
-    freedom, sample time or what was measured.
-    """
-    if names := next((part.load_names for part in parts if part.load_names), ()):
-        absent = {"load_names": names}
-        parts = [
-            part if part.load_names
-            else replace(part, **absent, loads=np.full((len(part), len(names)), np.nan))  # type: ignore[arg-type]
-            for part in parts
-        ]  # fmt: skip
-    first = parts[0]
-    period, t, end = first.period_s, [first.t], float(first.t[-1])
-    for part in parts[1:]:
-        if part.dofs != first.dofs or abs(part.period_s - period) > UNIFORMITY * period:
-            raise RecordingError(
-                f"recordings: got {', '.join(part.dofs)} every {part.period_s:g} s, "
-                f"expected {', '.join(first.dofs)} every {period:g} s as in the first"
-            )
-        steps = (float(part.t[0]) - end) / period
-        follows = steps > 0.5 and abs(steps - round(steps)) < UNIFORMITY
-        t.append(part.t if follows else part.t + (end + BETWEEN * period - float(part.t[0])))
-        end = float(t[-1][-1])
-    return replace(joined(parts), t=np.concatenate(t))
+def left_in_gaps(t: Array, channels: Mapping[str, Channel], longest_s: float) -> list[str]:
+    """What of the time that all channels cover is not among the times t (n,), if anything."""
+    end = min(float(c.t[-1]) for c in channels.values())
+    whole = end - max(float(c.t[0]) for c in channels.values())
+    period = float(np.median(np.diff(t)))
+    lost, pieces = whole - len(t) * period, len(piece_edges(t, period)) - 1
+    if pieces < 2 and lost < 2.0 * period:
+        return []
+    return [
+        f"{lost:.3g} of {whole:.4g} s are in gaps of more than {longest_s:g} s: left out, "
+        f"{pieces} pieces remain"
+    ]

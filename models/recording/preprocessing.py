@@ -1,6 +1,6 @@
 """Preprocessing of measured signals for identification, and quality checks of a recording.
 
-Outliers, common sample rate, accelerometer bias, acting force: Jervan (2020), section 5.2.
+Outliers and a common sample rate: Jervan (2020), section 5.2.
 Synchronisation, quaternions, velocity against position: Hoyer (2021), section 5.4. All functions
 are pure; time and signals run along the first axis.
 """
@@ -11,13 +11,9 @@ from typing import Literal
 
 import numpy as np
 import scipy
-from numpy.lib.stride_tricks import sliding_window_view
 
-from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
-from seatrial.models.ranges import Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Mask, Recording
-from seatrial.models.recording.smoothing import lowpass
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian, turned
 
@@ -37,10 +33,9 @@ def outliers(values: Array, window: int = 10, deviations: float = 3.0) -> Mask:
     if n <= window:
         return np.zeros(n, dtype=bool)
     start = np.clip(np.arange(n) - window // 2, 0, n - window - 1)
-    around = sliding_window_view(values, window + 1)[start]
-    mean = (np.sum(around, axis=1) - values) / window
+    mean = (sum(values[start + k] for k in range(window + 1)) - values) / window
     distance = np.abs(values - mean)
-    squares = np.sum((around - mean[:, None]) ** 2, axis=1) - distance**2
+    squares = sum((values[start + k] - mean) ** 2 for k in range(window + 1)) - distance**2
     deviation = np.sqrt(np.maximum(squares, 0.0) / (window - 1))
     rounding = 1e-9 * float(np.max(np.abs(values)))  # a constant signal has no outliers
     return np.asarray(distance > np.maximum(deviations * deviation, rounding))
@@ -53,77 +48,15 @@ def interpolated(t: Array, values: Array, wrong: Mask) -> Array:
     return np.where(wrong, np.interp(t, t[~wrong], values[~wrong]), values)
 
 
-def without_bias(acceleration: Array, velocity: Array, period_s: float) -> Array:
-    """Acceleration [m/s^2] minus a constant, so that its integral equals the change of velocity.
-
-    If the velocities at the start and at the end are equal, this is the zero mean of Jervan
-    (2020), section 5.2.
-    """
-    duration = period_s * (len(acceleration) - 1)
-    integral = np.trapezoid(acceleration, dx=period_s, axis=0)
-    return np.asarray(acceleration - (integral - (velocity[-1] - velocity[0])) / duration)
-
-
 def central_difference(values: Array, period_s: float) -> Array:
-    """d/dt along the first axis, [unit/s]; second order, also at the two ends.
+    """d/dt along the first axis, [unit/s]; second order, also at the two ends; of one sample zero.
 
     (x[k+1] - x[k-1]) / (2 h): zero phase, gain sinc(2 f h). Except at the ends, it commutes with
     every linear time-invariant filter.
     """
     if len(values) < 3:
-        return np.asarray(np.gradient(values, period_s, axis=0))
+        return np.gradient(values, period_s, axis=0) if len(values) > 1 else np.zeros_like(values)
     return np.asarray(np.gradient(values, period_s, axis=0, edge_order=2))
-
-
-@dataclass(frozen=True)
-class Differentiation:
-    """Numerical differentiation of the velocity; all methods have zero phase.
-
-    `central`: the central difference, unfiltered. `savitzky_golay`: the slope of a polynomial of
-    degree `polynomial` fitted to `window_s` around each sample. `butterworth`: central difference
-    after a low-pass of `order` at `cutoff_hz`, forward and backward.
-    """
-
-    method: Literal["central", "savitzky_golay", "butterworth"]
-    window_s: Positive
-    polynomial: PositiveInt
-    cutoff_hz: Positive
-    order: PositiveInt
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-    def derivative(self, values: Array, period_s: float) -> Array:
-        """d/dt along the first axis, [unit/s]."""
-        if self.method == "savitzky_golay":
-            return self._slope(values, period_s)
-        if self.method == "butterworth":
-            values = self._smooth(values, period_s)
-        return central_difference(values, period_s)
-
-    def _slope(self, values: Array, period_s: float) -> Array:
-        length = 2 * round(self.window_s / (2.0 * period_s)) + 1
-        if not self.polynomial < length <= len(values):
-            raise ConfigurationError(
-                f"excitation.differentiation.window_s must span more than {self.polynomial} and at "
-                f"most {len(values)} samples of {period_s:g} s, got {self.window_s:g}"
-            )
-        return np.asarray(
-            scipy.signal.savgol_filter(
-                values, length, self.polynomial, deriv=1, delta=period_s, axis=0
-            )
-        )
-
-    def _smooth(self, values: Array, period_s: float) -> Array:
-        nyquist = 0.5 / period_s
-        if self.cutoff_hz >= nyquist:
-            raise ConfigurationError(
-                f"excitation.differentiation.cutoff_hz must lie below {nyquist:g}, "
-                f"got {self.cutoff_hz:g}"
-            )
-        if len(values) < 6 * (self.order + 1):
-            raise RecordingError(f"got {len(values)} samples, too few for a low-pass filter")
-        return lowpass(values, self.cutoff_hz, period_s, self.order)
 
 
 def without_sign_flips(quaternions: Array) -> Array:
@@ -184,7 +117,7 @@ def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
         speed = np.column_stack([along, nu[part, 3:]])
         way = scipy.integrate.cumulative_trapezoid(speed, dx=period_s, axis=0, initial=0.0)
         integral[part] = pose[a] + way
-        rate = central_difference(pose[part], period_s) if b - a > 1 else np.zeros((b - a, 6))
+        rate = central_difference(pose[part], period_s)
         rates[part, :3] = np.einsum("nji,nj->ni", turn[part], rate[:, :3])
         rates[part, 3:] = rate[:, 3:]
     checks = []

@@ -37,6 +37,7 @@ STEP_S = 5.0  # [s] of a path whose length is compared with a speed
 BETTER = 0.5  # of what is left of it in the other unit
 LEAST = 1e-9
 SPEEDS = ("m/s", "knot", "km/h")
+BY_PATH = {"position.yaw": ("rad", "deg"), "ground.speed": SPEEDS}  # units that a path tells
 Path = tuple[Array, NDArray[np.complex128]]  # times [s] and positions along two axes, (N,)
 UNKNOWN = Quantity("", strange=99)
 AXES_OF = {  # where a map states the axes or reference of a column
@@ -197,9 +198,10 @@ def _quaternion(source: Source) -> dict[str, str]:
 
 def _motion(candidates: Sequence[_Candidate]) -> Chosen:
     """The columns of pose, velocities, wind and forces, of one source each as far as possible."""
-    chosen, first = Chosen(), Chosen()
-    for c in candidates:
-        first.setdefault(c.option, c)
+    chosen = Chosen()
+
+    def first(*options: str) -> _Candidate | None:
+        return next((c for c in candidates if c.option in options), None)
 
     def take(
         kind: str, names: Sequence[str], near: _Candidate | None, *, only: bool = False
@@ -210,9 +212,7 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
             if best := own or (fitting if not only else []):
                 chosen[option] = best[0]
 
-    x, latitude, yaw, whole, sog, course = (first.get(option) for option in (
-        "position.surge", "geodetic.latitude", "position.yaw", "orientation.w", "ground.speed",
-        "ground.course"))  # fmt: skip
+    x, latitude, yaw = first("position.surge"), first("geodetic.latitude"), first("position.yaw")
     order = [c.source.name for c in candidates]
     across = [c.source for c in candidates if c.option == "position.sway" and c.moves]
     if across or latitude:  # a path has two coordinates, of one instrument
@@ -220,10 +220,9 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
         x = next((c for c in ahead if c.source in across), None)
     if latitude and not (x and order.index(x.source.name) <= order.index(latitude.source.name)):
         take("geodetic", ("latitude", "longitude", "altitude"), latitude, only=True)
-    elif x:
-        take("position", DOFS[:3], x, only=True)
     else:
-        take("position", DOFS[2:3], None)
+        take("position", DOFS[:3] if x else DOFS[2:3], x, only=x is not None)
+    whole = first("orientation.w")
     if whole and whole.rank < 3 and (yaw is None or whole.rank <= yaw.rank):
         yaw = whole
         take("orientation", QUATERNION, whole, only=True)
@@ -241,13 +240,13 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
                       if c.option not in linear or (c.frame == "earth") == earth]  # fmt: skip
         take("velocity", DOFS[:3], moving, only=True)
         take("acceleration", DOFS, moving, only=True)
-    elif yaw and sog and course:
-        take("ground", ("speed", "course"), sog)
+    elif yaw and first("ground.speed") and first("ground.course"):
+        take("ground", ("speed", "course"), first("ground.speed"))
     take("velocity", DOFS[3:], moving or yaw)
     if moving or "ground.speed" in chosen:
         take("water", ("speed",), None)
     chosen |= _wind(candidates)
-    if acting := next((c for c in candidates if c.option.startswith("force.")), None):
+    if acting := first(*(f"force.{dof}" for dof in DOFS)):
         take("force", DOFS, acting, only=True)
     return chosen
 
@@ -312,12 +311,12 @@ def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, 
         if told := stated_unit(c.source, c.name, targets_of(option)):
             known[option] = told
     path = _path(chosen, times)
-    for option, unit_of in (("position.yaw", _angle_unit), ("ground.speed", _speed_unit)):
+    for option in ("position.yaw", "ground.speed"):
         if path and option in chosen and option not in known:
             c = chosen[option]
             t = seconds(c.source, times[c.source.name])
             valid = np.isfinite(t) & np.isfinite(c.values)
-            if unit := unit_of(path, t[valid], c.values[valid]):
+            if unit := _unit_by_path(path, t[valid], c.values[valid], BY_PATH[option]):
                 known[option] = unit, "by the motion"
     for option, c in chosen.items():
         kind, targets = option.partition(".")[0], targets_of(option)
@@ -329,35 +328,29 @@ def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, 
     return known
 
 
-def _angle_unit(path: Path, times: Array, heading: Array) -> str | None:
-    """The unit of a heading, rad or deg: that in which the course keeps with it; None: unclear.
+def _unit_by_path(path: Path, t: Array, values: Array, units: Sequence[str]) -> str | None:
+    """The unit of a heading that keeps with the course, or of a speed that makes the path.
 
     Args:
         path: times [s] and positions, the second axis imaginary, (N,)
-        times: of the heading [s], shape (M,)
-        heading: angles, shape (M,)
+        t: of the values [s], shape (M,)
+        values: angles or speeds, shape (M,)
+        units: those that are tried; None is returned where none, or no single one, fits.
     """
-    best, most = None, TOGETHER
-    for every in 4 ** np.arange(8):  # short steps are noise, long ones hide the turns
-        t, step = path[0][::every], np.diff(path[1][::every])
-        middle = np.searchsorted(times, 0.5 * (t[1:] + t[:-1])).clip(0, len(times) - 1)
-        step /= max(float(np.sum(np.abs(step))), LEAST)
-        turns = {u: np.exp(1j * factor(u, "rad") * heading[middle]) for u in ("rad", "deg")}
-        kept = {u: float(max(abs(z @ step), abs(z.conj() @ step))) for u, z in turns.items()}
-        unit = max(kept, key=lambda name: kept[name])
-        clear = len(t) > LEAST_STEPS and 1.0 - kept[unit] < BETTER * (1.0 - min(kept.values()))
-        if clear and kept[unit] > most:
-            best, most = unit, kept[unit]
-    return best
-
-
-def _speed_unit(path: Path, times: Array, speed: Array) -> str | None:
-    """The unit of a speed over ground in which it makes the length of the path; None: none."""
-    every = max(1, round(STEP_S / max(float(np.median(np.diff(path[0]))), LEAST)))
-    length = float(np.sum(np.abs(np.diff(path[1][::every]))))
-    size = length / (float(np.sum(speed[1:] * np.diff(times))) + LEAST)
-    near = (u for u in SPEEDS if abs(size / factor(u, "m/s") - 1.0) < FACTOR_TOLERANCE)
-    return next(near, None)
+    every = round(STEP_S / max(float(np.median(np.diff(path[0]))), LEAST))
+    every = max(1, min(every, len(path[0]) // LEAST_STEPS))  # short steps are noise
+    times, step = path[0][::every], np.diff(path[1][::every])
+    if units == SPEEDS:
+        size = np.sum(np.abs(step)) / (float(np.sum(values[1:] * np.diff(t))) + LEAST)
+        near = (u for u in units if abs(size / factor(u, "m/s") - 1.0) < FACTOR_TOLERANCE)
+        return next(near, None)
+    middle = np.searchsorted(t, 0.5 * (times[1:] + times[:-1])).clip(0, len(t) - 1)
+    step /= max(float(np.sum(np.abs(step))), LEAST)
+    turns = {u: np.exp(1j * factor(u, "rad") * values[middle]) for u in units}
+    kept = {u: float(max(abs(z @ step), abs(z.conj() @ step))) for u, z in turns.items()}
+    unit = max(kept, key=lambda name: kept[name])
+    clear = len(step) > LEAST_STEPS // 2 and 1.0 - kept[unit] < BETTER * (1.0 - min(kept.values()))
+    return unit if clear and kept[unit] > TOGETHER else None
 
 
 def _path(chosen: Chosen, times: Mapping[str, Column]) -> Path | None:

@@ -8,9 +8,8 @@ velocities that were not recorded are differentiated from the pose. What is left
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from annotated_types import Ge
@@ -20,12 +19,21 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording import units
 from seatrial.models.recording.column_map import KINDS, QUATERNION, Column, ColumnMap, Frames
-from seatrial.models.recording.joining import AtGap, Channel, TimeGrid, join_channels
+from seatrial.models.recording.joining import (
+    AtGap,
+    Channel,
+    ColumnReading,
+    Origin,
+    TimeGrid,
+    join_channels,
+    left_in_gaps,
+    shared_clock,
+)
 from seatrial.models.recording.preprocessing import interpolated, outliers, without_sign_flips
-from seatrial.models.recording.recording import GAP, MIN_PIECE, Mask, piece_edges
+from seatrial.models.recording.recording import MIN_PIECE, Mask, piece_edges, piecewise
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
-from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, is_later, seconds
+from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import body_rates, euler_zyx, pose_jacobian, unroll
 
@@ -37,11 +45,11 @@ else:
     pymap3d = lazy_loader.load("pymap3d")
 
 HELD_SIGNALS = ("force", "commands")  # constant until the next sample
+IN_THE_PLANE = ("wind", "air", "ground", "water")  # kinds without a meaning in other axes
 BRIDGED = 2.5  # sample times that joining fills at any rate
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
-UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 # Numbers that loggers write where there is none, if nothing else is near.
 SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
 Sources = Mapping[str, Source]
@@ -66,51 +74,30 @@ class Outliers:
         return mask
 
 
-@dataclass(frozen=True)
-class ColumnReading:
-    """With which unit and sign a column was read, and where they are known from."""
-
-    option: str
-    column: str
-    unit: str
-    known_from: str
-
-
 @dataclass(frozen=True, eq=False)
 class Signals:
     """Signals by option, such as `velocity.surge`, on one clock, in SI units and our frames."""
 
     t: Array  # (N,) [s]
     values: dict[str, Array]  # (N,) each
-    outliers: dict[str, int]  # by recorded column
+    recorded: dict[str, Array]  # (n,) in SI units, by recorded column
     readings: tuple[ColumnReading, ...]
     left_out: tuple[str, ...]
 
 
-class _Part(NamedTuple):
-    """A column of a source as a channel, and how it was read."""
-
-    channel: Channel
-    source: Source
-    name: str
-    clock: str
-    reading: ColumnReading
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How the columns of a recording are read: the map, the grid, and what is cleaned."""
+    """How the columns of a recording are read: the map, the clock, and what is cleaned."""
 
     columns: ColumnMap
-    grid: TimeGrid | None = None  # None: as recorded, else the rate of the slowest state
-    sample_time_s: float | None = None  # None: the median step
-    outliers: Outliers = field(default_factory=Outliers)
+    sample_time_s: Positive | None = None  # None: the median step
+    resample_hz: Positive | None = None  # None: as recorded, else the rate of the slowest state
+    max_gap_s: Positive = 1.0
+    at_gap: AtGap = "refuse"
     heading_deg: float = 0.0  # of the frame of the positions in that of the attitude
-    more: Mapping[str, Column] = field(default_factory=dict)  # further columns by option
-    at_gap: AtGap = "refuse"  # without a grid, and the longest gap that joining then fills
-    max_gap_s: float = 1.0
+    outliers: Outliers = field(default_factory=Outliers)
 
-    def read(self, path: Path, sources: Sources, dofs: Sequence[str]) -> Signals:
+    def signals(self, path: Path, sources: Sources, dofs: Sequence[str]) -> Signals:
         """The signals that a vessel with some degrees of freedom needs.
 
         Args:
@@ -133,47 +120,47 @@ class Reading:
 
     def _signals(self, sources: Sources, dofs: Sequence[str]) -> Signals:
         notes = [line for source in sources.values() for line in source.left_out]
-        parts = self._parts(sources, dofs, notes)
-        channels = {option: part.channel for option, part in parts.items()}
-        channels = _unit_quaternions(channels, parts)
-        counts = {}
-        for option, channel in channels.items():
-            wrong = self.outliers.of(channel.values)
-            counts[parts[option].reading.column.removeprefix("-")] = int(np.sum(wrong))
-            if self.outliers.replace and np.any(wrong):
-                valid = ~np.isnan(channel.values)
-                values = channel.values.copy()
-                values[valid] = interpolated(channel.t[valid], values[valid], wrong[valid])
-                channels[option] = channel._replace(values=values)
-        alone = len({id(part.source) for part in parts.values()}) == 1
-        alone = alone and self.grid is None and not self.columns.delay_s
-        t = self._one_clock(channels, parts) if alone else None
-        known = {option: channel.values for option, channel in channels.items()}
-        cleaned = {o: _clean(c, notes) for o, c in channels.items()} if t is None else channels
-        rate = _rate(cleaned)
-        grid = self.grid or TimeGrid(rate, max(self.max_gap_s, BRIDGED / rate), self.at_gap)
+        channels = _unit_quaternions(self._channels(sources, dofs, notes))
+        origins = {option: c.origin for option, c in channels.items() if c.origin is not None}
+        recorded = {o.reading.column.removeprefix("-"): channels[option].values
+                    for option, o in origins.items()}  # fmt: skip
+        for option, channel in channels.items() if self.outliers.replace else ():
+            valid, values = ~np.isnan(channel.values), channel.values.copy()
+            wrong = self.outliers.of(channel.values)[valid]
+            values[valid] = interpolated(channel.t[valid], values[valid], wrong)
+            channels[option] = channel._replace(values=values)
+        t, alone = None, len({id(origin.source) for origin in origins.values()}) == 1
+        if alone and self.resample_hz is None and not self.columns.delay_s:
+            t = shared_clock(channels, self.sample_time_s, self.at_gap)
         if t is None:
-            t, known = join_channels(cleaned, grid)
-        notes += _dropped(t, cleaned, grid)
+            channels = {option: c.cleaned(notes) for option, c in channels.items()}
+        known = {option: channel.values for option, channel in channels.items()}
+        rate, longest = self.resample_hz, self.max_gap_s
+        if rate is None:
+            rate = _rate(channels)
+            longest = max(longest, BRIDGED / rate)
+        if t is None:
+            t, known = join_channels(channels, TimeGrid(rate, longest, self.at_gap))
+        notes += left_in_gaps(t, channels, longest)
         known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
-        readings = tuple(part.reading for part in parts.values())
-        return Signals(t, known, counts, readings, tuple(dict.fromkeys(notes)))
+        readings = tuple(origin.reading for origin in origins.values())
+        return Signals(t, known, recorded, readings, tuple(dict.fromkeys(notes)))
 
-    def _parts(self, sources: Sources, dofs: Sequence[str], notes: list[str]) -> dict[str, _Part]:
-        """The columns in SI units, by option."""
+    def _channels(
+        self, sources: Sources, dofs: Sequence[str], notes: list[str]
+    ) -> dict[str, Channel]:
+        """The columns in SI units on their clocks, by option."""
         specs, needed = wanted(self.columns, dofs)
-        specs = {**specs, **self.more}
         if not specs:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
         scale, clocks = self.columns.froude_scale, dict[str, tuple[str, Array]]()
-        pace = units.froude_factor("s", scale)
-        start = first_time(sources, self.columns)
-        parts = {}
+        pace, start = units.froude_factor("s", scale), first_time(sources, self.columns)
+        channels = {}
         for option, spec in specs.items():
             try:
                 source, name = column(sources, spec.name)
             except RecordingError:
-                if option in needed or option in self.more:
+                if option in needed:
                     raise
                 continue
             if source.name not in clocks:
@@ -184,52 +171,13 @@ class Reading:
             reading = reading_of(source, name, option, spec, specs)
             kind = option.partition(".")[0]
             delay = self.columns.delay_s.get(source.name, self.columns.delay_s.get(kind, 0.0))
-            values = _in_si(values, option, spec, reading.unit)
-            values = values * _froude(option, reading.unit, scale)
+            values = _in_si(values, option, spec, reading.unit, scale)
             clock_name, times = clocks[source.name]
-            t = pace * (times - start - delay)
-            channel = Channel(t, values, kind in HELD_SIGNALS, f"column {spec.name}")
-            parts[option] = _Part(channel, source, name, clock_name, reading)
-        return parts
-
-    def _one_clock(
-        self, channels: Mapping[str, Channel], parts: Mapping[str, _Part]
-    ) -> Array | None:
-        """The times of channels that share one, which must be complete and rise by equal steps.
-
-        At gaps that are left out, steps may be longer. None: they can only be joined.
-        """
-        first, error = next(iter(parts.values())), None
-        source, t = first.source, first.channel.t
-        empty = {option: np.isnan(channel.values) for option, channel in channels.items()}
-        option = next((option for option, mask in empty.items() if np.any(mask)), None)
-        steps = np.diff(t)
-        period = self.sample_time_s or float(np.median(steps)) if len(t) > 1 else 1.0
-        rising = steps > 0.0
-        even = np.abs(steps - period) <= UNIFORMITY * abs(period)
-        even |= (self.at_gap == "split") & (steps > GAP * period)
-        if option is not None:
-            expected = "a finite number; excitation.resample_hz=RATE joins columns with gaps"
-            error = source.refused(int(np.argmax(empty[option])), parts[option].name, expected)
-        elif len(t) < 2:
-            error = RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
-        elif np.any(np.isnan(t)):
-            error = source.refused(int(np.argmax(np.isnan(t))), first.clock)
-        elif not np.all(rising & even):
-            k = int(np.argmin(rising)) if not np.all(rising) else int(np.argmin(even))
-            got = (
-                f"a step of {steps[k]:.6g} s, expected a uniform sample time of {period:.6g} s"
-                if np.all(rising)
-                else f"{t[k + 1]:.6f} s after {t[k]:.6f} s, expected time to increase"
-            )
-            place, _ = source.cell(k + 1, next(iter(source.columns)))
-            error = RecordingError(
-                f"{source.path}, column {first.clock}, {place}: got {got}; "
-                "excitation.resample_hz=RATE puts the columns on a uniform grid"
-            )
-        if error is not None and self.at_gap != "split":
-            raise error
-        return t if error is None else None
+            channels[option] = Channel(
+                pace * (times - start - delay), values, kind in HELD_SIGNALS, f"column {spec.name}",
+                Origin(source, name, clock_name, reading),
+            )  # fmt: skip
+        return channels
 
 
 def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], set[str]]:
@@ -237,30 +185,25 @@ def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], 
 
     The attitude is used where it is recorded, also by a vessel that does not turn.
     """
-    turned = columns.frames != Frames() or any(columns.lever_arm_m) or columns.geodetic is not None
+    arm = any(columns.lever_arm_m)
+    turned = columns.frames != Frames() or arm or columns.geodetic is not None
     turned = turned or columns.ground is not None or any(dof not in columns.moving for dof in dofs)
-    turns = turned or any(dof in DOFS[3:] for dof in dofs)
-    used: dict[str, Column] = {}
-    needed: set[str] = set()
+    used, needed = dict[str, Column](), set[str]()
     for option, spec in columns.columns().items():
         kind, _, dof = option.partition(".")
+        angle = dof in DOFS[3:]
         if kind in KINDS:
-            replaced = kind == "position" and (
-                (columns.orientation is not None and dof in DOFS[3:])
-                or (columns.geodetic is not None and dof in DOFS[:3])
-            )
-            swung = kind == "velocity" and dof in DOFS[3:] and any(columns.lever_arm_m)
-            linear = dof in DOFS[:3] and kind in ("position", "velocity") and turned
-            required = dof in dofs or swung or linear
-            wished = required or (kind == "position" and dof in DOFS[3:])
-            if replaced or not wished:
-                continue
-        else:  # air, water and course have a meaning in the plane alone
-            if kind in ("wind", "air", "ground", "water") and not set(PLANAR) <= set(dofs):
-                continue
-            required = kind != "quaternion" or turns
-        used[option] = spec
-        needed |= {option} if required else set()
+            linear = not angle and kind in ("position", "velocity")
+            required = dof in dofs or (turned and linear) or (arm and angle and kind == "velocity")
+            wished = required or (angle and kind == "position")
+            if kind == "position" and (columns.orientation if angle else columns.geodetic):
+                wished = False  # which replaces it
+        else:
+            required = kind != "quaternion" or turned or any(dof in DOFS[3:] for dof in dofs)
+            wished = kind not in IN_THE_PLANE or set(PLANAR) <= set(dofs)
+        if wished:
+            used[option] = spec
+            needed |= {option} if required else set()
     return used, needed
 
 
@@ -301,7 +244,7 @@ def reading_of(
         unit, origin = spec.unit or "", "the map"
     elif known := stated_unit(source, name, targets):
         unit, origin = known
-    elif kind in ("position", "velocity", "force", "actual_force", "acceleration"):
+    elif kind in KINDS:
         for other, beside in specs.items():  # of the same quantity, told by the same source
             plain = source.find(beside.name.rpartition(":")[2])
             same = other.partition(".")[0] == kind and units.targets_of(other) == targets
@@ -321,39 +264,20 @@ def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str,
     return (titled, "the title") if titled else None
 
 
-def _in_si(values: Array, option: str, spec: Column, unit: str) -> Array:
-    """A column in SI units, with its sign, its sense and without jumps of angles."""
-    kind, _, dof = option.partition(".")
+def _in_si(values: Array, option: str, spec: Column, unit: str, scale: float) -> Array:
+    """A column in SI units, of the size of the vessel, with its sense and without jumps of angles.
+
+    By Froude's law, of a ship that is `scale` times as long as the vessel.
+    """
     if spec.full is not None:
         values = (values - spec.neutral) / (spec.full - spec.neutral)
-    values = values * spec.sign
-    targets = units.targets_of(option)
-    if unit and kind in ("inputs", "commands"):
-        values = values * units.input_factor(unit)
-    elif unit and targets:
-        values = values * units.factor(unit, targets[0])
-    angle = kind == "position" and dof in DOFS[3:]
-    if angle or option in ("wind.direction", "ground.course") or kind == "thruster_angle":
-        values, valid = values.copy(), ~np.isnan(values)
+    values = values * spec.sign * units.si_factor(option, unit)
+    if units.targets_of(option) == ("rad",):
+        valid = ~np.isnan(values)
         values[valid] = unroll(values[valid])
-    if angle:
         values = -values if spec.positive == "anticlockwise" else values
         values = values + 0.5 * np.pi if spec.zero == "east" else values
-    return values
-
-
-def _froude(option: str, unit: str, scale: float) -> float:
-    """The factor of a column in SI units by Froude's law; 1 for what is of the same size."""
-    kind = option.partition(".")[0]
-    if scale == 1.0 or not (targets := units.targets_of(option)):
-        return 1.0
-    if kind == "geodetic":
-        raise ConfigurationError("columns.geodetic: froude_scale needs a position in metres")
-    if kind in ("inputs", "commands") and not unit:
-        raise ConfigurationError(
-            f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} depends"
-        )
-    return units.froude_factor(targets[0] if len(targets) == 1 else unit, scale)
+    return values * units.froude_scaling(option, unit, scale)
 
 
 def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
@@ -367,22 +291,6 @@ def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
     return values
 
 
-def _clean(channel: Channel, notes: list[str]) -> Channel:
-    """The channel without missing values, and without samples that are not later than the last."""
-    valid = ~(np.isnan(channel.values) | np.isnan(channel.t))
-    if timeless := int(np.sum(np.isnan(channel.t))):
-        notes.append(f"{timeless} rows have no time: left out")
-    t, values = channel.t[valid], channel.values[valid]
-    later = is_later(t)
-    if not np.all(later):
-        back, same = int(np.sum(np.diff(t) < 0.0)), int(np.sum(np.diff(t) == 0.0))
-        notes.append(
-            f"{channel.name}: {int(np.sum(~later))} samples are not later than the one before "
-            f"({same} times repeat, {back} go back): left out"
-        )
-    return channel._replace(t=t[later], values=values[later])
-
-
 def _rate(channels: Mapping[str, Channel]) -> float:
     """The sample rate [Hz] of the slowest velocity, or position, rounded to few digits."""
     for kinds in ("velocity", ("position", "geodetic", "quaternion"), ""):
@@ -393,25 +301,7 @@ def _rate(channels: Mapping[str, Channel]) -> float:
     return float(f"{1.0 / step:.2g}") if step > 0.0 else 1.0
 
 
-def _dropped(t: Array, channels: Mapping[str, Channel], grid: TimeGrid) -> list[str]:
-    """What of the time that the channels cover is not in the recording."""
-    ends = min(float(c.t[-1]) for c in channels.values())
-    whole, period = (
-        ends - max(float(c.t[0]) for c in channels.values()),
-        float(np.median(np.diff(t))),
-    )
-    lost, pieces = whole - len(t) * period, len(piece_edges(t, period)) - 1
-    if pieces < 2 and lost < 2.0 * period:
-        return []
-    return [
-        f"{lost:.3g} of {whole:.4g} s are in gaps of more than {grid.max_gap_s:g} s: left out, "
-        f"{pieces} pieces remain"
-    ]
-
-
-def _unit_quaternions(
-    channels: dict[str, Channel], parts: Mapping[str, _Part]
-) -> dict[str, Channel]:
+def _unit_quaternions(channels: dict[str, Channel]) -> dict[str, Channel]:
     """Channels with quaternions of length one, without sign flips."""
     names = [f"quaternion.{part}" for part in QUATERNION]
     if not set(names) <= set(channels):
@@ -422,7 +312,7 @@ def _unit_quaternions(
     wrong = np.abs(lengths - 1.0) > QUATERNION_ERROR  # False for NaN
     if np.any(wrong):
         k = int(np.argmax(wrong))
-        columns = ", ".join(parts[name].reading.column for name in names)
+        columns = ", ".join(channels[name].name.removeprefix("column ") for name in names)
         raise RecordingError(
             f"columns {columns}, sample {k + 1}: got a quaternion of length {lengths[k]:.3g}, "
             "expected 1"
@@ -437,38 +327,53 @@ def _in_our_frames(
     t: Array, known: Mapping[str, Array], columns: ColumnMap, heading: float
 ) -> dict[str, Array]:
     """Signals by option in NED and forward, right, down axes at the origin of the vessel."""
-    composed = ("quaternion", "geodetic", "ground", "water")
+    composed, zero, frames = ("quaternion", "geodetic", "ground", "water"), 0.0 * t, columns.frames
     result = {name: v for name, v in known.items() if name.partition(".")[0] not in composed}
-    frames, period = columns.frames, float(np.median(np.diff(t)))
+
+    def stack(kind: str, dofs: Sequence[str] = DOFS[:3]) -> Array:
+        return np.column_stack([result.get(f"{kind}.{dof}", zero) for dof in dofs])
+
+    def put(kind: str, values: Array, there: Sequence[str] | None = None) -> None:
+        """Replace what is there of surge, sway and heave."""
+        for dof, column_ in zip(DOFS[:3], values.T, strict=True):
+            if f"{kind}.{dof}" in result if there is None else dof in there:
+                result[f"{kind}.{dof}"] = column_
+
+    def exchange(kind: str) -> None:
+        """North, east, down of what was mapped as surge, sway, heave but is east, north, up."""
+        pairs = zip(("sway", "surge", "heave"), DOFS[:3], strict=True)
+        there = [new for old, new in pairs if f"{kind}.{old}" in result]
+        values = stack(kind)[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
+        for dof in DOFS[:3]:
+            result.pop(f"{kind}.{dof}", None)
+        put(kind, values, there)
+
     attitude = _attitude(known, frames, len(t), heading)
     for i, dof in enumerate(DOFS[3:]):
         if f"position.{dof}" in known or "quaternion.w" in known:
             result[f"position.{dof}"] = attitude[:, i]
     if columns.geodetic is not None:
-        path = _path(known, columns)
-        count = 3 if columns.geodetic.altitude is not None else 2
-        result |= {f"position.{dof}": path[:, i] for i, dof in enumerate(DOFS[:count])}
+        put("position", _path(known, columns), DOFS[: 3 if columns.geodetic.altitude else 2])
     elif frames.position == "ENU":
-        result |= _exchanged(known, "position")
-    if frames.velocity == "earth" or any(columns.lever_arm_m):
-        turn = pose_jacobian(attitude)[:, :3, :3]
+        exchange("position")
     if frames.velocity == "earth":  # angular velocities are of the body
-        earth = {**result, **_exchanged(result, "velocity")} if frames.position == "ENU" else result
-        result |= _stacked("velocity", earth, np.einsum("nji,nj->ni", turn, _linear(earth, len(t))))
+        if frames.position == "ENU":
+            exchange("velocity")
+        put("velocity", _in_body(attitude, stack("velocity")))
     elif frames.body == "FLU":
-        result |= {f"velocity.{dof}": -result[f"velocity.{dof}"] for dof in FLIPPED
-                   if f"velocity.{dof}" in result}  # fmt: skip
+        result |= {o: -result[o] for dof in FLIPPED if (o := f"velocity.{dof}") in result}
     if "ground.speed" in known:
-        angle = known["ground.course"] - attitude[:, 2]
-        result["velocity.surge"] = known["ground.speed"] * np.cos(angle)
-        result["velocity.sway"] = known["ground.speed"] * np.sin(angle)
-    result |= _differentiated(t, result, attitude, period)
+        angle, speed = known["ground.course"] - attitude[:, 2], known["ground.speed"]
+        result["velocity.surge"], result["velocity.sway"] = (
+            speed * np.cos(angle), speed * np.sin(angle))  # fmt: skip
+    posed = [dof for dof in DOFS if f"position.{dof}" in result]
+    if absent := [dof for dof in posed if f"velocity.{dof}" not in result]:
+        nu = _differentiated(t, stack("position", DOFS), attitude)
+        result |= {f"velocity.{dof}": nu[:, DOFS.index(dof)] for dof in absent}
     if any(columns.lever_arm_m):  # p_o = p_s - R r, v_o = v_s - omega x r
         arm = np.array(columns.lever_arm_m)
-        omega = [result.get(f"velocity.{dof}", np.zeros(len(t))) for dof in DOFS[3:]]
-        speed = _linear(result, len(t)) - np.cross(np.column_stack(omega), arm)
-        place = _linear(result, len(t), "position") - turn @ arm
-        result |= _stacked("velocity", result, speed) | _stacked("position", result, place)
+        put("velocity", stack("velocity") - np.cross(stack("velocity", DOFS[3:]), arm))
+        put("position", stack("position") - pose_jacobian(attitude)[:, :3, :3] @ arm)
     if "water.speed" in known and {"velocity.surge", "velocity.sway"} <= set(result):
         # The log shows the speed along the bow: what is left of that over ground is the current.
         along, aside = result["velocity.surge"] - known["water.speed"], result["velocity.sway"]
@@ -476,17 +381,6 @@ def _in_our_frames(
         result["current.north"] = c * along - s * aside
         result["current.east"] = s * along + c * aside
     return result
-
-
-def _linear(known: Mapping[str, Array], n: int, kind: str = "velocity") -> Array:
-    """Surge, sway and heave (N, 3) of a kind; zero where one is not there."""
-    return np.column_stack([known.get(f"{kind}.{dof}", np.zeros(n)) for dof in DOFS[:3]])
-
-
-def _stacked(kind: str, known: Mapping[str, Array], values: Array) -> dict[str, Array]:
-    """The columns of surge, sway and heave (N, 3) that are known, by option."""
-    options = {f"{kind}.{dof}": values[:, i] for i, dof in enumerate(DOFS[:3])}
-    return {option: column for option, column in options.items() if option in known}
 
 
 def _attitude(known: Mapping[str, Array], frames: Frames, n: int, heading: float) -> Array:
@@ -516,42 +410,32 @@ def _path(known: Mapping[str, Array], columns: ColumnMap) -> Array:
     return np.column_stack(pymap3d.geodetic2ned(latitude, longitude, altitude, *origin))
 
 
-def _exchanged(known: Mapping[str, Array], kind: str) -> dict[str, Array]:
-    """North, east, down of what was mapped as surge, sway, heave but is east, north, up."""
-    order = {"surge": ("sway", 1.0), "sway": ("surge", 1.0), "heave": ("heave", -1.0)}
-    return {
-        f"{kind}.{dof}": sign * known[f"{kind}.{other}"]
-        for dof, (other, sign) in order.items()
-        if f"{kind}.{other}" in known
-    }
+def _in_body(attitude: Array, values: Array) -> Array:
+    """Vectors (N, 3) along the axes of the earth in those of the body."""
+    return np.asarray(np.einsum("nji,nj->ni", pose_jacobian(attitude)[:, :3, :3], values))
 
 
-def _differentiated(
-    t: Array, known: Mapping[str, Array], attitude: Array, period: float
-) -> dict[str, Array]:
-    """Body velocities that were not recorded, from the pose, piece by piece.
+def _differentiated(t: Array, pose: Array, attitude: Array) -> Array:
+    """Body velocities (N, 6) from the pose (N, 6) in NED, piece by piece.
 
     The pose is low-passed forward and backward where its density first reaches four times its
     noise floor, so that the derivative holds motion and not the noise. Angular velocities are those
     of the rotation, not of its Euler angles.
     """
-    absent = [dof for dof in DOFS if f"position.{dof}" in known and f"velocity.{dof}" not in known]
-    if not absent:
-        return {}
-    edges, zero = piece_edges(t, period), np.zeros(len(t))
-    starts = np.zeros(len(t), dtype=np.bool_)
+    period = float(np.median(np.diff(t)))
+    edges, starts = piece_edges(t, period), np.zeros(len(t), dtype=np.bool_)
     starts[edges[:-1]] = True
-    pose = np.column_stack([known.get(f"position.{dof}", zero) for dof in DOFS])
     cutoff = noise_floor(pose, starts, period).cutoff_hz
-    nu = np.zeros_like(pose)
-    for a, b in pairwise(edges):
-        if b - a < 2:
-            continue
-        rate = np.gradient(pose[a:b], period, axis=0)
-        rate[:, 3:] = body_rates(attitude[a:b], period)
-        if cutoff is not None and cutoff < 0.45 / period and b - a > MIN_PIECE:
+
+    def rates(pose: Array, attitude: Array) -> Array:
+        if len(pose) < 2:
+            return np.zeros_like(pose)
+        rate = np.gradient(pose, period, axis=0)
+        rate[:, 3:] = body_rates(attitude, period)
+        if cutoff is not None and cutoff < 0.45 / period and len(pose) > MIN_PIECE:
             rate = lowpass(rate, cutoff, period)
-        turn = pose_jacobian(attitude[a:b])[:, :3, :3]
-        nu[a:b, :3] = np.einsum("nji,nj->ni", turn, rate[:, :3])
-        nu[a:b, 3:] = rate[:, 3:]
-    return {f"velocity.{dof}": nu[:, DOFS.index(dof)] for dof in absent}
+        return rate
+
+    nu = piecewise(rates, edges, pose, attitude)
+    nu[:, :3] = _in_body(attitude, nu[:, :3])
+    return nu

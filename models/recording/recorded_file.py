@@ -3,30 +3,27 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from functools import cached_property, partial
+from glob import glob, has_magic
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.ranges import NotNegative, Positive, check_ranges
+from seatrial.models.notation import DOFS
+from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
-from seatrial.models.recording.column_map import Column, ColumnMap
-from seatrial.models.recording.diagnosis import Examination, examine
-from seatrial.models.recording.file_set import FileForm, file_set
-from seatrial.models.recording.joining import AtGap, TimeGrid, end_to_end
-from seatrial.models.recording.preprocessing import Differentiation, without_bias
-from seatrial.models.recording.reader import Outliers, Reading, Signals, clock_of, first_time
-from seatrial.models.recording.recording import Mask, Recording, Split, half
-from seatrial.models.recording.sources import ReadOptions, Source, TextOptions, column, read_sources
+from seatrial.models.recording.column_map import ColumnMap
+from seatrial.models.recording.preprocessing import central_difference
+from seatrial.models.recording.reader import Reading, Signals, Sources, clock_of, first_time
+from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
+from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
 from seatrial.models.recording.times import seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import unroll, wrap
-from seatrial.models.vessel.thruster import AzimuthThrusters
 
 if TYPE_CHECKING:  # slow to import
     import pandas as pd
@@ -39,9 +36,70 @@ LEAST_SAMPLES = 2  # of a window
 STATISTICS = {"count": "count", "mean": "mean", "std": "std", "50%": "median", "min": "minimum",
               "max": "maximum"}  # fmt: skip
 
+MOST_FILES = 1000
+
 
 @dataclass(frozen=True)
-class RecordedFile:
+class FileForm:
+    """Columns and format of some of several files."""
+
+    columns: ColumnMap
+    format: str | None = None
+    text: TextOptions = field(default_factory=TextOptions)
+
+
+class FileSet(NamedTuple):
+    """Files for training, then files for testing; without the latter every file is split."""
+
+    train: tuple[Path, ...]
+    test: tuple[Path, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all files, with as much of the folders as tells them apart."""
+        files = (*self.train, *self.test)
+        for depth in range(1, max(len(path.parts) for path in files) + 1):
+            names = tuple("/".join(path.parts[-depth:]) for path in files)
+            if len(set(names)) == len(names):
+                break
+        return names
+
+
+def file_set(train: Sequence[str], test: Sequence[str]) -> FileSet:
+    """The files that patterns such as `runs/*.csv` match, each pattern's in order of their names.
+
+    Raises ConfigurationError if a pattern matches nothing, or a file is in both.
+    """
+    found: dict[str, dict[Path, None]] = {"train": {}, "test": {}}
+    for option, patterns in (("train", train), ("test", test)):
+        for pattern in patterns:
+            _check_path(f"excitation.{option}", pattern)
+            wanted = str(Path(pattern).expanduser())
+            # Path.glob takes no absolute patterns.
+            every = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
+            if not every:
+                got = f"got {pattern}, which matches no file"
+                raise ConfigurationError(f"excitation.{option}: {got}, expected recordings")
+            found[option] |= dict.fromkeys(Path(match) for match in sorted(every))
+    if both := set(found["train"]) & set(found["test"]):
+        raise ConfigurationError(
+            f"excitation.test: got {min(both)}, which excitation.train has too, "
+            "expected each file once"
+        )
+    if (count := sum(map(len, found.values()))) > MOST_FILES:
+        raise ConfigurationError(
+            f"excitation.train and test: got {count} files, expected at most {MOST_FILES}"
+        )
+    return FileSet(tuple(found["train"]), tuple(found["test"]))
+
+
+def _check_path(option: str, path: str) -> None:
+    if not path or any(character in path for character in "\0\r\n"):
+        raise ConfigurationError(f"{option}: got {path!r}, expected one line of text")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedFile(Reading):
     """A measured file as excitation, which is read, checked and cut instead of simulated.
 
     The samples strictly between `start_s` and `end_s` are used (null: all). The first
@@ -58,19 +116,9 @@ class RecordedFile:
     path: str | None
     start_s: float | None
     end_s: float | None
-    sample_time_s: Positive | None
-    resample_hz: Positive | None
-    max_gap_s: Positive
-    at_gap: AtGap
     train_fraction: float
     trip_starts_s: tuple[float, ...]
     training_trips: tuple[int, ...]
-    heading_deg: float
-    columns: ColumnMap
-    outliers: Outliers
-    zero_acceleration_bias: bool
-    differentiation: Differentiation
-    thrusters: AzimuthThrusters
     statistics: tuple[str, ...]
     train: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
@@ -97,8 +145,6 @@ class RecordedFile:
                 self.tested is not None and not self.test,
             "trip_starts_s is of one file, got excitation.train": self.train and self.trip_starts_s,
             "excitation.path: expected a recording, got none": not self.path and not self.train,
-            f"path: got {self.path!r}, expected one line of text":
-                any(character in (self.path or "") for character in "\0\r\n"),
             f"start_s must lie before end_s = {end or 0.0:g}, got {start or 0.0:g}":
                 start is not None and end is not None and start >= end,
             f"sample_time_s = {self.sample_time_s} requires a uniform file and resample_hz = "
@@ -106,11 +152,10 @@ class RecordedFile:
                 self.sample_time_s is not None and self.resample_hz is not None,
             "training_trips requires trip_starts_s, got none":
                 self.training_trips and not self.trip_starts_s,
-            "thrusters.rpm and columns.actual_force both define the acting force, expected one":
-                self.thrusters.rpm and self.columns.actual_force,
         }  # fmt: skip
         if problem := next((text for text, there in problems.items() if there), None):
             raise ConfigurationError(problem)
+        _check_path("path", self.path or "-")
         half(2, self.train_fraction)
         recordings.trips(np.zeros(1), self.trip_starts_s)
         if self.trip_starts_s:
@@ -144,21 +189,20 @@ class RecordedFile:
         identifier is applied later: it is linear, so it commutes with the differentiation.
         """
         self.check(dofs)
-        return self._recording(dofs)
+        return self.recording(dofs)
 
-    def _recording(
-        self, dofs: Sequence[str], sources: Mapping[str, Source] | None = None
-    ) -> Recording:
+    def recording(self, dofs: Sequence[str], sources: Sources | None = None) -> Recording:
         """The recording of all files, each read alone, end to end with gaps in time between them.
 
         Every sample keeps the number of its file, so nothing is differentiated or filtered over a
-        joint. `sources` are the columns of the file, if others than those in it.
+        joint. `sources` are the columns of the one file, if others than those in it; nothing needs
+        to act on the vessel.
         """
+        if not self.train:
+            return self._of_file(self.file, dofs, sources)
         parts: list[Recording] = []
-        for number, (path, form) in enumerate(self._forms().items()):
-            part = self._of_file(path, form, dofs, sources)
-            if not self.train:
-                return part
+        for number, (path, reader) in enumerate(self.readers.items()):
+            part = reader._of_file(path, dofs)
             parts.append(replace(part, file=np.full(len(part), number)))
             try:
                 end_to_end([replace(part, file=None) for part in (parts[0], parts[-1])])
@@ -168,113 +212,78 @@ class RecordedFile:
                 ) from error
         return replace(end_to_end(parts), file_names=file_set(self.train, self.test).names)
 
-    def _forms(self) -> dict[Path, FileForm]:
-        """The files of the recording, each with its columns and format."""
-        own = FileForm(self.columns, self.format, self.text)
+    @cached_property
+    def readers(self) -> dict[Path, "RecordedFile"]:
+        """The files of the recording, each with what reads it: those of `test` as `tested`."""
         if not self.train:
-            return {self.file: own}
-        known = file_set(self.train, self.test)
-        return dict.fromkeys(known.train, own) | dict.fromkeys(known.test, self.tested or own)
+            return {self.file: self}
+        known, tested = file_set(self.train, self.test), self
+        if form := self.tested:
+            tested = replace(self, columns=form.columns, format=form.format, text=form.text)
+        return dict.fromkeys(known.train, self) | dict.fromkeys(known.test, tested)
 
-    def _sources(self, path: Path, form: FileForm) -> dict[str, Source]:
-        return read_sources(path, ReadOptions(form.format, form.text, self.messages))
+    def sources(self, path: Path | None = None) -> dict[str, Source]:
+        """The columns of a file as recorded, of the first one by default."""
+        options = ReadOptions(self.format, self.text, self.messages)
+        return read_sources(path or next(iter(self.readers)), options)
 
     def _of_file(
-        self, path: Path, form: FileForm, dofs: Sequence[str], sources: Mapping[str, Source] | None
+        self, path: Path, dofs: Sequence[str], sources: Sources | None = None
     ) -> Recording:
         """The recording of one file."""
-        signals, n, columns = self._signals(path, form, dofs, sources), len(dofs), form.columns
-        t, values = signals.t, signals.values
-        rows = self._window(path, t)
+        signals = self._signals_of(path, dofs, sources)
+        rows = self._window(path, signals.t)
+        t, values = signals.t[rows], {o: x[rows] for o, x in signals.values.items()}
 
-        def of(kind: str) -> Array | None:
-            known = [values[o] for dof in dofs if (o := f"{kind}.{dof}") in values]
-            return np.column_stack(known) if len(known) == n else None
+        def of(kind: str, names: Sequence[str]) -> Array | None:
+            known = [values[o] for name in names if (o := f"{kind}.{name}") in values]
+            return np.column_stack(known) if known and len(known) == len(names) else None
 
-        def named(kind: str) -> Array | None:
-            known = [values[f"{kind}.{name}"][rows] for name in getattr(columns, kind)]
-            return np.column_stack(known) if known else None
-
-        nu = of("velocity")
-        if nu is None:
+        if (nu := of("velocity", dofs)) is None:
             missing = [dof for dof in dofs if f"velocity.{dof}" not in values]
             raise ConfigurationError(
                 f"excitation.columns.velocity: no column for {', '.join(missing)}, nor a position "
                 "to differentiate"
             )
-        tau, acting, zero = of("force"), of("actual_force"), np.zeros(len(t))
-        if self._has_thruster_force(dofs):
-            acting = self._thruster_force(path, values, dofs)
-        attitude = np.column_stack([values.get(f"position.{dof}", zero) for dof in DOFS[3:]])[rows]
+        tau = of("force", dofs)
+        attitude = np.column_stack([values.get(f"position.{dof}", 0.0 * t) for dof in DOFS[3:]])
         attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
-        pose = []
+        pose = dict(zip(DOFS[3:], attitude.T, strict=True))
         for dof in dofs:
-            if dof in DOFS[3:]:
-                pose.append(attitude[:, DOFS[3:].index(dof)])
-            elif (position := values.get(f"position.{dof}")) is not None:
-                pose.append(position[rows])
-            else:  # the way made good
-                speed = values[f"velocity.{dof}"][rows]
-                pose.append(scipy.integrate.cumulative_trapezoid(speed, t[rows], initial=0.0))
+            if (position := values.get(f"position.{dof}")) is None:  # the way made good
+                way = partial(scipy.integrate.cumulative_trapezoid, initial=0.0)
+                position = way(values[f"velocity.{dof}"], t) if dof not in pose else pose[dof]
+            pose.setdefault(dof, position)
+        inputs, loads = tuple(self.columns.inputs), tuple(self.columns.loads)
         return Recording(
-            tuple(dofs), t[rows], np.column_stack(pose), nu[rows],
-            self._acceleration(signals, nu, dofs)[rows],
-            np.zeros_like(nu[rows]) if tau is None else tau[rows], attitude,
-            tau_actual=None if acting is None else acting[rows],
-            inputs=named("inputs"), commands=named("commands"), input_names=tuple(columns.inputs),
-            wind=_air(columns, {o: v[rows] for o, v in values.items()}, attitude, nu[rows], dofs),
-            loads=named("loads"), load_names=tuple(columns.loads),
+            tuple(dofs), t, np.column_stack([pose[dof] for dof in dofs]), nu,
+            self._acceleration(signals, dofs)[rows], np.zeros_like(nu) if tau is None else tau,
+            attitude, tau_actual=of("actual_force", dofs), wind=self._air(values, attitude),
+            inputs=of("inputs", inputs), commands=of("commands", tuple(self.columns.commands)),
+            input_names=inputs, loads=of("loads", loads), load_names=loads,
         )  # fmt: skip
 
-    def _signals(
-        self, path: Path, form: FileForm, dofs: Sequence[str],
-        sources: Mapping[str, Source] | None = None,
-    ) -> Signals:  # fmt: skip
+    def _signals_of(
+        self, path: Path, dofs: Sequence[str], sources: Sources | None = None
+    ) -> Signals:
         """The used columns of a file in SI units and our frames; read once."""
         key = (path, *dofs)
         if key not in self._read:
-            grid = None
-            if self.resample_hz:
-                grid = TimeGrid(self.resample_hz, self.max_gap_s, self.at_gap)
-            more: dict[str, Column] = {}
-            if self._has_thruster_force(dofs):
-                for kind in ("rpm", "angle"):
-                    names = enumerate(getattr(self.thrusters, kind))
-                    more |= {f"thruster_{kind}.{i}": Column(name) for i, name in names}
-            reading = Reading(
-                form.columns, grid, self.sample_time_s, self.outliers, self.heading_deg, more,
-                self.at_gap, self.max_gap_s,
-            )  # fmt: skip
-            known = self._sources(path, form) if sources is None else sources
-            self._read[key] = reading.read(path, known, dofs)
+            known = self.sources(path) if sources is None else sources
+            self._read[key] = self.signals(path, known, dofs)
         return self._read[key]
 
     def account(self, dofs: Sequence[str]) -> Sequence[Signals]:
         """How each file was read: units with their origin, and what was left out."""
-        return [self._signals(path, form, dofs) for path, form in self._forms().items()]
+        return [reader._signals_of(path, dofs) for path, reader in self.readers.items()]
 
     def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
         """Number of outliers in each used column, over the entire files."""
         totals: Counter[str] = Counter()
         for signals in self.account(dofs):
-            totals.update(signals.outliers)
+            counts = {name: np.sum(self.outliers.of(x)) for name, x in signals.recorded.items()}
+            totals.update({name: int(count) for name, count in counts.items()})
         return dict(totals)
-
-    def examine(self, dofs: Sequence[str]) -> Examination | None:
-        """Compare pose and velocity, with all degrees of freedom that the file holds.
-
-        None if they cannot be compared.
-        """
-
-        def read(
-            columns: ColumnMap, dofs: Sequence[str], sources: Mapping[str, Source] | None = None,
-            **options: Any,
-        ) -> Recording:  # fmt: skip
-            reader = replace(self, columns=columns, **options)
-            return reader._recording(dofs, None if self.train else sources)
-
-        path, form = next(iter(self._forms().items()))
-        return examine(read, self.columns, self._sources(path, form), dofs, self.heading_deg)
 
     def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:
         """Training and test samples of the recording that `read` returns.
@@ -294,7 +303,7 @@ class RecordedFile:
             return half(len(t), self.train_fraction)
         files = file_set(self.train, self.test)
         train, test = np.zeros((2, len(t)), dtype=np.bool_)
-        for number, path in enumerate(self._forms()):
+        for number, path in enumerate(self.readers):
             rows = np.flatnonzero(file == number)
             if self.test and number < len(files.train):
                 train[rows] = True
@@ -316,51 +325,26 @@ class RecordedFile:
         Missing values are ignored.
         """
         result: dict[str, dict[str, float]] = {}
-        for path, form in self._forms().items() if self.statistics else ():
-            sources = self._sources(path, form)
-            source = column(sources, form.columns.clock.name)[0]
-            t = seconds(source, clock_of(source, form.columns))
-            window = self._window(path, t - first_time(sources, form.columns))
+        for path, reader in self.readers.items() if self.statistics else ():
+            sources, columns = reader.sources(path), reader.columns
+            source = column(sources, columns.clock.name)[0]
+            t = seconds(source, clock_of(source, columns)) - first_time(sources, columns)
+            window = self._window(path, t)
             for name in filter(source.find, self.statistics):
                 values = pd.Series(source.numbers(name, gaps=True)[window]).describe([0.5])
-                stem = f"{path.stem}:" if self.train else ""
-                result[f"{stem}{name}"] = {
-                    new: float(values[old]) for old, new in STATISTICS.items()
-                }
+                known = {new: float(values[old]) for old, new in STATISTICS.items()}
+                result[f"{path.stem}:{name}" if self.train else name] = known
         return result
 
-    def _acceleration(self, signals: Signals, nu: Array, dofs: Sequence[str]) -> Array:
-        """nu_dot (N, n_dof), recorded (without bias if configured) or differentiated by pieces."""
-        t, nu_dot = signals.t, np.empty_like(nu)
-        period_s = recordings.sample_time(t)
-        for a, b in pairwise(recordings.piece_edges(t, period_s)):
-            nu_dot[a:b] = self.differentiation.derivative(nu[a:b], period_s)
-            for i, dof in enumerate(dofs):
-                recorded = signals.values.get(f"acceleration.{dof}")
-                if recorded is not None:
-                    part = recorded[a:b]
-                    if self.zero_acceleration_bias:
-                        part = without_bias(part, nu[a:b, i], period_s)
-                    nu_dot[a:b, i] = part
-        return nu_dot
-
-    def _thruster_force(
-        self, path: Path, values: Mapping[str, Array], dofs: Sequence[str]
-    ) -> Array:
-        """The acting force (N, n_dof) of the speeds and angles of the thrusters."""
-        rpm, angle = (
-            np.column_stack([values[f"thruster_{k}.{i}"] for i in range(len(self.thrusters.rpm))])
-            for k in ("rpm", "angle")
-        )
-        try:
-            force = self.thrusters.force(rpm, angle)
-        except RecordingError as error:
-            raise RecordingError(f"{path}: {error}") from error
-        return force[:, [PLANAR.index(dof) for dof in dofs]]
-
-    def _has_thruster_force(self, dofs: Sequence[str]) -> bool:
-        """Whether motor speeds determine the acting force in all these degrees of freedom."""
-        return bool(self.thrusters.rpm) and set(dofs) <= set(PLANAR)
+    def _acceleration(self, signals: Signals, dofs: Sequence[str]) -> Array:
+        """nu_dot (N, n_dof), recorded or differentiated by pieces."""
+        period = recordings.sample_time(signals.t)
+        nu = np.column_stack([signals.values[f"velocity.{dof}"] for dof in dofs])
+        edges = recordings.piece_edges(signals.t, period)
+        rate = recordings.piecewise(partial(central_difference, period_s=period), edges, nu)
+        for i, dof in enumerate(dofs):
+            rate[:, i] = signals.values.get(f"acceleration.{dof}", rate[:, i])
+        return rate
 
     def _window(self, path: Path, t: Array) -> Mask:
         """Mask (N,) of the samples strictly between `start_s` and `end_s`."""
@@ -374,19 +358,16 @@ class RecordedFile:
             )
         return window
 
-
-def _air(
-    columns: ColumnMap, values: Mapping[str, Array], attitude: Array, nu: Array, dofs: Sequence[str]
-) -> Array | None:
-    """Velocity of the air over ground in body axes [m/s], (n, 2); None if not recorded."""
-    if "air.surge" in values:
-        return np.column_stack([values["air.surge"], values["air.sway"]])
-    if columns.wind is None or "wind.speed" not in values:
-        return None
-    speed, angle = values["wind.speed"], values["wind.direction"]
-    apparent = columns.wind.kind == "apparent"
-    angle = angle if apparent else angle - attitude[:, 2]
-    air = -speed[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    if apparent:
-        air += nu[:, [dofs.index(dof) for dof in ("surge", "sway")]]
-    return np.asarray(air)
+    def _air(self, values: Mapping[str, Array], attitude: Array) -> Array | None:
+        """Velocity of the air over ground in body axes [m/s], (n, 2); None if not recorded."""
+        if "air.surge" in values:
+            return np.column_stack([values["air.surge"], values["air.sway"]])
+        if self.columns.wind is None or "wind.speed" not in values:
+            return None
+        speed, angle = values["wind.speed"], values["wind.direction"]
+        apparent = self.columns.wind.kind == "apparent"
+        angle = angle if apparent else angle - attitude[:, 2]
+        air = -speed[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        if apparent:
+            air += np.column_stack([values["velocity.surge"], values["velocity.sway"]])
+        return np.asarray(air)

@@ -17,6 +17,8 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 
 GAP = 1.5  # in sample times; a longer time step is a gap
+UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
+BETWEEN = 10  # sample times between two recordings that are joined
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
 FORCES = ("commanded", "filtered", "actual")
 # by all parts of a recording
@@ -182,9 +184,7 @@ class Recording:
 
     def lowpassed(self, values: Array, cutoff_hz: float) -> Array:
         """Zero-phase low-pass of columns (N, k) that belong to the samples, piece by piece."""
-        return np.concatenate(
-            [lowpass(values[a:b], cutoff_hz, self.period_s) for a, b in pairwise(self.edges)]
-        )
+        return piecewise(lambda x: lowpass(x, cutoff_hz, self.period_s), self.edges, values)
 
     def pieces(self) -> list["Recording"]:
         """The segments without a gap in time, such as the trips of the training part."""
@@ -216,6 +216,11 @@ def piece_edges(t: Array, period_s: float) -> list[int]:
     return [0, *(np.flatnonzero(np.diff(t) > GAP * period_s) + 1).tolist(), len(t)]
 
 
+def piecewise(function: Callable[..., Array], edges: Sequence[int], *values: Array) -> Array:
+    """The results of a function of each piece of values (N, ...), end to end."""
+    return np.concatenate([function(*(x[a:b] for x in values)) for a, b in pairwise(edges)])
+
+
 def following(values: Array) -> Array:
     """The value at the next sample, shape (N, ...); the last value is repeated."""
     return np.concatenate([values[1:], values[-1:]])
@@ -242,6 +247,34 @@ def joined(pieces: Sequence[R]) -> R:
             raise RecordingError(f"recordings: {name} is in some, expected it in all or none")
         columns[name] = None if values[0] is None else np.concatenate(values)
     return replace(pieces[0], **columns)
+
+
+def end_to_end(parts: Sequence[R]) -> R:
+    """Recordings as one with gaps in time between them; consecutive blocks stay together.
+
+    Loads that some of them lack are NaN there. Raises RecordingError if they differ in degrees of
+    freedom, sample time or what was measured.
+    """
+    if names := next((part.load_names for part in parts if part.load_names), ()):
+        absent = {"load_names": names}
+        parts = [
+            part if part.load_names
+            else replace(part, **absent, loads=np.full((len(part), len(names)), np.nan))  # type: ignore[arg-type]
+            for part in parts
+        ]  # fmt: skip
+    first = parts[0]
+    period, t, end = first.period_s, [first.t], float(first.t[-1])
+    for part in parts[1:]:
+        if part.dofs != first.dofs or abs(part.period_s - period) > UNIFORMITY * period:
+            raise RecordingError(
+                f"recordings: got {', '.join(part.dofs)} every {part.period_s:g} s, "
+                f"expected {', '.join(first.dofs)} every {period:g} s as in the first"
+            )
+        steps = (float(part.t[0]) - end) / period
+        follows = steps > 0.5 and abs(steps - round(steps)) < UNIFORMITY
+        t.append(part.t if follows else part.t + (end + BETWEEN * period - float(part.t[0])))
+        end = float(t[-1][-1])
+    return replace(joined(parts), t=np.concatenate(t))
 
 
 def attitude_of(dofs: Sequence[str], eta: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Columns as they were recorded, and how a file is to be read."""
+"""Recordings as they are: files of any known format, and folders of them, as sources."""
 
 import codecs
 import io
@@ -6,13 +6,17 @@ import os
 import re
 import warnings
 from array import array
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass, field
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from importlib import import_module
+from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
 from textwrap import shorten
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Ge
@@ -20,25 +24,63 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError, SeatrialError
 from seatrial.models.ranges import check_ranges
+from seatrial.models.recording import formats
 from seatrial.models.vessel.basis import Array
 
-MAX_NUMBER = 1e30  # larger numbers are not measurements, and their squares could overflow
 LARGEST_BYTES = 2**28  # of a file that is read at once, and of the numbers of any recording
 MOST_CELLS = LARGEST_BYTES // 8
 MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
+MOST_FILES = 1000  # of a folder
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
 Values: TypeAlias = Array | TextArray
-NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+TITLE = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?!\d+[\])])(?P<unit>[^\[\]()]*)[\])]")
+NO_UNITS = {"nodim": "", "bool": "", "enum": "", "timestamp": "s"}  # of gliders
 # Cells that stand for no sample, as programs write them, in small letters.
 MISSING = frozenset(
     ("", "nan", "+nan", "-nan", "n/a", "na", "n.a.", "#n/a", "#n/a n/a", "#na", "<na>", "nat",
      "null", "none", "nil", "-", "--", "---", "?", "missing", "1.#qnan", "-1.#ind", "1.#ind",
      "#value!", "#div/0!", "#num!", "#null!", "#ref!", "#name?")
 )  # fmt: skip
-TITLE = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?!\d+[\])])(?P<unit>[^\[\]()]*)[\])]")
-NO_UNITS = {"nodim": "", "bool": "", "enum": "", "timestamp": "s"}  # of gliders
 # The place of a cell in its file, such as "line 7", and its text, None where there is no text.
 Cell: TypeAlias = Callable[[int, str], tuple[str, str | None]]
+
+
+class FileFormat(NamedTuple):
+    """How a format is recognised, and the function of the folder `formats` that reads it."""
+
+    suffixes: tuple[str, ...]
+    reader: str  # file.function
+    expected: str = ""  # for errors of a library that reads it
+    package: str | None = None  # needed to read it
+    extra: str = ""  # that installs the package
+    begins: bytes = rb"(?!)"  # how a file begins, a regular expression
+
+
+NMEA = rb"(?:[^\n]{0,200}\n){0,20}?[^\n]{0,100}[$!](?:[A-Z]{2}[A-Z\d]{3}|P[A-Z]{3,}),[^\n]*[,*]"
+FORMATS: dict[str, FileFormat] = {
+    name: FileFormat(tuple(suffixes.split()), *row)
+    for name, suffixes, *row in (
+        ("csv", ".csv .tsv", "text.read"),
+        ("dat", ".dat .txt .asc .dba .log", "text.read"),
+        ("excel", ".xlsx .xlsm", "tables.read_excel", "a workbook of Excel (.xlsx)", "openpyxl",
+         "excel", rb"PK\x03\x04"),
+        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "a netCDF file", "xarray", "netcdf",
+         rb"CDF[\x01\x02\x05]|\x89HDF"),
+        ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "a log of ArduPilot", "pymavlink",
+         "ardupilot", rb"\xa3\x95|.{8}[\xfd\xfe].{5,}"),
+        ("nmea", ".nmea .nma", "nmea.read", "sentences of NMEA 0183 with a time", "pynmea2",
+         "nmea", NMEA),
+        ("parquet", ".parquet .pq", "tables.read_parquet", "a Parquet file", None, "", rb"PAR1"),
+        ("mat", ".mat", "tables.read_matlab", "a MATLAB file", None, "", rb"MATLAB "),
+        ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "a bag of ROS or an MCAP file",
+         "rosbags", "ros", rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
+        ("ulog", ".ulg .ulog", "messages.read_ulog", "a ULog file", "pyulog", "ulog",
+         rb"ULog\x01"),
+    )
+}  # fmt: skip
+SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes}
+BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
+ANY = (".csv", ".txt", ".dat", ".log", ".asc", ".bin")  # suffixes of files of any content
 
 
 def _row(row: int, column: str) -> tuple[str, None]:
@@ -49,9 +91,9 @@ def _row(row: int, column: str) -> tuple[str, None]:
 class Source:
     """Columns that share a clock: a table, a topic, a group.
 
-    Columns of numbers hold NaN for a missing value; a column with any other cell holds its text as
-    written, such as date-times. `units` are those of the file (`t [s]` is the column `t` in `s`).
-    Lines of `left_out` that concern a whole file stand in its first source.
+    Columns of numbers hold NaN for a missing value, others text as written, such as date-times.
+    `units` are those of the file (`t [s]` is the column `t` in `s`). Lines of `left_out` that
+    concern a whole file stand in its first source.
     """
 
     name: str  # stem of the file, or topic, relative to the folder
@@ -75,7 +117,7 @@ class Source:
         return name if name in self.columns else titled[0] if len(titled) == 1 else None
 
     def numbers(self, name: str, *, gaps: bool = False) -> Array:
-        """The column `name` as numbers, shape (N,); `gaps` allows NaN, for empty cells.
+        """The column `name` as numbers, shape (N,); `gaps` allows NaN, for missing values.
 
         Raises RecordingError, with file, column and line, if a cell is not a finite number.
         """
@@ -83,17 +125,11 @@ class Source:
         if column is None:
             raise self.absent(name)
         values = self.columns[column]
-        if values.dtype == np.object_:
-            cells = [cell.strip() for cell in values]
-            parsed = np.array([float(c) if NUMBER.fullmatch(c) else np.nan for c in cells])
-            missing = np.array([c.lower() in MISSING for c in cells], dtype=bool)
-        else:
-            parsed = np.asarray(values, dtype=np.float64)
-            missing = np.isnan(parsed)
-        wrong = ~(np.abs(parsed) < MAX_NUMBER) & ~(missing & gaps)
-        if np.any(wrong):
+        text = values.dtype == np.object_
+        wrong = np.ones(len(values), dtype=bool) if text else np.isnan(values.astype(np.float64))
+        if np.any(wrong) and (text or not gaps):
             raise self.refused(int(np.argmax(wrong)), name)
-        return parsed
+        return np.asarray(values, dtype=np.float64)
 
     def refused(self, row: int, name: str, expected: str = "a finite number") -> RecordingError:
         """What is raised of a cell of a column `name` that is not what is expected."""
@@ -119,6 +155,9 @@ def _listing(names: Iterable[str]) -> str:
     return shorten(", ".join(names), 600, placeholder=" ...")
 
 
+Contents: TypeAlias = tuple[list[Source], Sequence[str]]  # of a file, and what was left out
+
+
 def table_source(
     source: str, path: Path, titles: Sequence[str], columns: Sequence[Values],
     units: Sequence[str] = (), reasons: Sequence[str] = (), left_out: Sequence[str] = (),
@@ -138,37 +177,28 @@ def table_source(
         cell: a cell of the file by row and number of the column.
     """
     titles = [title.strip() or f"c{i + 1}" for i, title in enumerate(titles)]
-    groups: dict[str, list[int]] = {}
-    twice = dict[str, None]()
+    groups, lines = defaultdict[str, list[int]](list), list(left_out)
     for i, title in enumerate(titles):
-        group = groups.setdefault(title, [])
-        if any(_equal(columns[i], columns[j]) for j in group):
-            said = f"column {title}: stands {titles.count(title)} times, with equal cells"
-            twice[said] = None
+        if any(_equal(columns[i], columns[j]) for j in groups[title]):
+            lines.append(f"column {title}: stands {titles.count(title)} times, with equal cells")
         else:
-            group.append(i)
-    matches = {title: TITLE.fullmatch(title) for title in groups}
-    plain = {title: match["name"] if match else title for title, match in matches.items()}
-    names: dict[int, str] = {}
+            groups[title].append(i)
+    parts = {t: m.groups() if (m := TITLE.fullmatch(t)) else (t, "") for t in groups}
+    alike = Counter(name for name, _ in parts.values())
+    names = dict[int, str]()
     for title, (first, *others) in groups.items():
-        if others:
-            free = (name for k in count(1) if (name := f"{title}.{k}") not in groups)
-            names |= dict(zip((first, *others), free, strict=False))
-        else:
-            alone = list(plain.values()).count(plain[title]) == 1
-            names[first] = plain[title] if alone else title
-    names = dict(sorted(names.items()))
-    known: dict[str, str] = {}
-    for i, name in names.items():
-        match = matches[titles[i]]
-        unit = (units[i].strip("[]() ") if units else "") or (match["unit"] if match else "")
-        known |= {name: unit} if (unit := NO_UNITS.get(unit.strip(), unit.strip())) else {}
-    numbers = {name: i for i, name in names.items()}
-    lines = [f"column {name}: {reasons[i]}" for i, name in names.items() if reasons and reasons[i]]
+        free = (name for k in count(1) if (name := f"{title}.{k}") not in groups)
+        names |= dict(zip((first, *others), free, strict=False)) if others else {
+            first: parts[title][0] if alike[parts[title][0]] == 1 else title}  # fmt: skip
+    numbers, known = {names[i]: i for i in sorted(names)}, dict[str, str]()
+    for name, i in numbers.items():
+        unit = (units[i].strip("[]() ") if units else "") or parts[titles[i]][1].strip()
+        known |= {name: unit} if (unit := NO_UNITS.get(unit, unit)) else {}
+        lines += [f"column {name}: {reasons[i]}"] if reasons and reasons[i] else []
     return Source(
-        source, path, {name: columns[i] for i, name in names.items()}, known,
-        {name: titles[i] for i, name in names.items() if titles[i] != name},
-        (*left_out, *lines, *twice),
+        source, path, {name: columns[i] for name, i in numbers.items()}, known,
+        {name: titles[i] for name, i in numbers.items() if titles[i] != name},
+        tuple(dict.fromkeys(lines)),
         _row if cell is None else lambda row, column: cell(row, numbers[column]),
     )  # fmt: skip
 
@@ -237,9 +267,6 @@ def foreign(path: Path, expected: str) -> Iterator[None]:
         raise RecordingError(f"{path}: cannot be read ({reason}), expected {expected}") from error
 
 
-Contents: TypeAlias = tuple[list[Source], Sequence[str]]  # of a file, and what was left out
-
-
 class Rows:
     """Columns that grow message by message; what a message does not have stays missing.
 
@@ -254,21 +281,20 @@ class Rows:
         """Add a message: its numbers and texts (str) by name."""
         for name, value in values:
             cells = self.cells.setdefault(name, [] if isinstance(value, str) else array("d"))
-            cells.extend([_nothing(cells)] * (self.count - len(cells)))
+            self._fill(cells)
             cells.append(value)
         self.count += 1
 
     def columns(self) -> dict[str, Values]:
         """All columns, shape (N,) each."""
-        result = {}
-        for name, cells in self.cells.items():
-            cells.extend([_nothing(cells)] * (self.count - len(cells)))
-            result[name] = np.array(cells, dtype=object if isinstance(cells, list) else float)
-        return result
+        for cells in self.cells.values():
+            self._fill(cells)
+        kinds = {name: object if isinstance(c, list) else float for name, c in self.cells.items()}
+        return {name: np.array(cells, dtype=kinds[name]) for name, cells in self.cells.items()}
 
-
-def _nothing(cells: object) -> str | float:
-    return "" if isinstance(cells, list) else np.nan
+    def _fill(self, cells: Any) -> None:
+        missing = "" if isinstance(cells, list) else np.nan
+        cells.extend([missing] * (self.count - len(cells)))
 
 
 @dataclass(frozen=True)
@@ -316,3 +342,107 @@ class ReadOptions:
     format: str | None = None
     text: TextOptions = field(default_factory=TextOptions)
     messages: tuple[str, ...] = ()
+
+
+def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
+    """Read a file, or all files of a folder, as sources by name; the last ones are kept.
+
+    Raises RecordingError if a file cannot be read, ConfigurationError for a format that is not
+    known or whose package is not installed.
+    """
+    try:
+        files = [*map(Path, options.messages), path, *(path.rglob("*") if path.is_dir() else ())]
+        stats = [file.stat() for file in files if file.exists()]
+    except (OSError, ValueError):
+        stats = []
+    known = _sources(path, options, tuple((s.st_mtime_ns, s.st_size, s.st_ino) for s in stats))
+    return dict(known)
+
+
+@lru_cache(maxsize=1)
+def _sources(
+    path: Path, options: ReadOptions, stamp: tuple[tuple[int, ...], ...]
+) -> dict[str, Source]:
+    """Those of a file in one state of it: what checks a recording reads it several times."""
+    if options.format not in (None, *FORMATS):
+        raise ConfigurationError(
+            f"excitation.format: got {options.format!r}, expected one of {', '.join(FORMATS)}"
+        )
+    file = path
+    try:
+        if not path.is_dir() and not path.is_file():
+            problem = "is not a regular file" if path.exists() else "there is no such file"
+            shown = str(path).replace("\0", "\\0")
+            raise RecordingError(f"{shown}: {problem}, expected a recording")
+        if path.is_file() or ((path / BAG).is_file() and options.format in (None, "rosbag")):
+            return {source.name: source for source in _read(path, options)}
+        sources: dict[str, Source] = {}
+        for file, name in _files(path, options).items():
+            for source in _read(file, options):
+                full = name if source.name == file.stem else f"{name}/{source.name}"
+                sources[full] = replace(source, name=full)
+        return sources
+    except OSError as error:
+        raise RecordingError(
+            f"{file}: cannot be read ({error.strerror or error}), expected a recording"
+        ) from error
+
+
+def _read(path: Path, options: ReadOptions) -> list[Source]:
+    """The sources of one file: its format by the option, else by its suffix or its content."""
+    suffix = path.suffix.lower()
+    kind = options.format or ("rosbag" if path.is_dir() else SUFFIXES.get(suffix))
+    if options.format is None and (kind is None or suffix in ANY) and path.is_file():
+        with path.open("rb") as file:
+            head = file.read(4096)
+        told = (name for name, form in FORMATS.items() if re.match(form.begins, head, re.DOTALL))
+        kind = next(told, kind)
+        if kind is None and b"\0" in head and head[:2] not in (b"\xff\xfe", b"\xfe\xff"):
+            raise RecordingError(
+                f"{path}: is of no known format, expected {', '.join(FORMATS)} "
+                f"({', '.join(SUFFIXES)})"
+            )
+    form = FORMATS[kind or "dat"]
+    if form.package is not None and find_spec(form.package) is None:
+        raise ConfigurationError(
+            f"{path}: {form.package} is not installed: pip install 'seatrial[{form.extra}]'"
+        )
+    # what is read at once must fit; a bag is read message by message
+    if form.package != "rosbags" and (size := path.stat().st_size) > LARGEST_BYTES:
+        raise RecordingError(
+            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
+            "recording"
+        )
+    module, _, function = form.reader.partition(".")
+    reader = getattr(import_module(f"{formats.__name__}.{module}"), function)
+    with foreign(path, form.expected) if form.expected else nullcontext():
+        sources, left_out = reader(path, options)
+    if not sources:
+        reasons = "".join(f"; {line}" for line in left_out)
+        raise RecordingError(
+            f"{path}: got no columns of numbers{reasons}, expected {form.expected}"
+        )
+    return [replace(sources[0], left_out=(*left_out, *sources[0].left_out)), *sources[1:]]
+
+
+def _files(folder: Path, options: ReadOptions) -> dict[Path, str]:
+    """The recorded files below a folder, and their names relative to it, without suffix."""
+    kinds = FORMATS if options.format is None else (options.format,)
+    found = [
+        path
+        for path in sorted(folder.rglob("*"))
+        if SUFFIXES.get(path.suffix.lower()) in kinds or path.suffix == f".{options.format}"
+        if path.is_file()
+    ]
+    if not found:
+        raise RecordingError(
+            f"{folder}: is a folder without recordings, expected files with {', '.join(SUFFIXES)}"
+        )
+    if len(found) > MOST_FILES:
+        raise RecordingError(f"{folder}: got {len(found)} files, expected at most {MOST_FILES}")
+    plain = {path: path.relative_to(folder).with_suffix("").as_posix() for path in found}
+    counts = Counter(plain.values())
+    return {
+        path: name if counts[name] == 1 else path.relative_to(folder).as_posix()
+        for path, name in plain.items()
+    }

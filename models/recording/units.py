@@ -78,12 +78,18 @@ def target_of(unit: str, targets: Sequence[str]) -> str | None:
     return None
 
 
-def input_factor(unit: str) -> float:
-    """The factor of an input of a vessel: angles in rad, speeds of shafts in 1/s, others in SI."""
-    if (target := target_of(unit, INPUTS)) is None:
-        raise ConfigurationError(
-            f"unit: got {unit!r}, expected that of an angle, a shaft speed or a force, or a number"
-        )
+def si_factor(option: str, unit: str) -> float:
+    """The factor on an option such as `velocity.surge` in some unit that gives it in SI units.
+
+    Angles are in rad, speeds of shafts in 1/s. Raises ConfigurationError.
+    """
+    targets = targets_of(option)
+    if not unit or not targets:
+        return 1.0
+    target = target_of(unit, targets)
+    if target is None:
+        kinds = " or ".join(target or "a number" for target in targets)
+        raise ConfigurationError(f"unit: got {unit!r}, expected a unit of the kind of {kinds}")
     return factor(unit, target)
 
 
@@ -100,6 +106,23 @@ def froude_factor(unit: str, scale: float) -> float:
         float(str(amount.get(f"[{name}]", 0))) for name in ("length", "time", "mass")
     )
     return float(scale ** -(length + 0.5 * time + 3.0 * mass))
+
+
+def froude_scaling(option: str, unit: str, scale: float) -> float:
+    """The factor of an option in SI units by Froude's law; 1 for what is of the same size.
+
+    Raises ConfigurationError if it depends on a unit that is not known.
+    """
+    if scale == 1.0 or not (targets := targets_of(option)):
+        return 1.0
+    kind = option.partition(".")[0]
+    if kind == "geodetic":
+        raise ConfigurationError("columns.geodetic: froude_scale needs a position in metres")
+    if len(targets) > 1 and not unit:
+        raise ConfigurationError(
+            f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} depends"
+        )
+    return froude_factor(targets[0] if len(targets) == 1 else unit, scale)
 
 
 def words_of(title: str) -> list[str]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from seatrial.models.compiled import kernel, lean_kernel
-from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 
@@ -219,50 +219,3 @@ def acting_force(thruster: SecondOrderLag | None, commands: Array, period_s: flo
     forces = np.empty_like(held)
     _filter(lag_table(thruster, period_s / parts, commands.shape[1]), held, forces)
     return forces[::parts]
-
-
-@dataclass(frozen=True)
-class AzimuthThrusters:
-    """Acting force of azimuth thrusters from their measured speed and angle.
-
-    tau_chi = sum_i polynomial[i] chi^i [N] of the speed chi [rpm], and with the angle alpha [rad]
-    and the distance l [m] of each thruster ahead of the centre
-
-        tau = sum over thrusters of tau_chi (cos alpha, sin alpha, l sin alpha)
-
-    Jervan (2020), eqs. (5.1) and (5.2). `rpm` and `angle` name the columns; both are empty if they
-    were not measured.
-    """
-
-    rpm: tuple[str, ...]
-    angle: tuple[str, ...]
-    arm_m: tuple[float, ...]
-    polynomial: tuple[float, ...]  # [N, N/rpm, N/rpm^2, ...]
-    rpm_limits: tuple[float, float]  # of the data that the polynomial was fitted to
-
-    def __post_init__(self) -> None:
-        counts = (len(self.rpm), len(self.angle), len(self.arm_m))
-        if self.rpm + self.angle and len(set(counts)) > 1:
-            raise ConfigurationError(
-                f"rpm, angle and arm_m must have one entry per thruster, got {counts} entries"
-            )
-        if not self.rpm_limits[0] < self.rpm_limits[1]:
-            raise ConfigurationError(f"rpm_limits must increase, got {self.rpm_limits}")
-
-    def force(self, rpm: Array, angle: Array) -> Array:
-        """(surge, sway, yaw) [N, N, Nm], shape (N, 3), from rpm and angle [rad], (N, thrusters).
-
-        Raises RecordingError if a speed is outside the range that the polynomial was fitted to.
-        """
-        low, high = self.rpm_limits
-        outside = (rpm < low) | (rpm > high)
-        if np.any(outside):
-            sample, thruster = np.argwhere(outside)[0]
-            raise RecordingError(
-                f"column {self.rpm[thruster]}, sample {sample}: got {rpm[sample, thruster]:g} rpm, "
-                f"expected {low:g} to {high:g}"
-            )
-        thrust = np.polynomial.polynomial.polyval(rpm, np.array(self.polynomial))
-        ahead, aside = thrust * np.cos(angle), thrust * np.sin(angle)
-        parts = (ahead, aside, aside * np.array(self.arm_m))
-        return np.column_stack([np.sum(part, axis=1) for part in parts])

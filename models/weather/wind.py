@@ -20,7 +20,7 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
-from seatrial.models.recording.sources import ReadOptions, column, read_sources
+from seatrial.models.recording.source import ReadOptions, column, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import derivative_table
 from seatrial.models.vessel.table import Vessel

@@ -23,7 +23,7 @@ from seatrial.models.identification.problem import (
 )
 from seatrial.models.identification.validation import combined, prediction, scores
 from seatrial.models.recording import recording as recordings
-from seatrial.models.recording.joining import end_to_end
+from seatrial.models.recording.recording import end_to_end
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner.closed_loop import Streams
 from seatrial.runner.config import build_as

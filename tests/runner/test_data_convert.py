@@ -10,7 +10,7 @@ from pyarrow import parquet
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.models.vessel.kinematics import wrap
 from seatrial.runner.__main__ import main
 from seatrial.runner.data_convert import write_recording

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.recording.diagnosis import examine
 from seatrial.models.vessel.basis import Array
 from seatrial.runner import data_commands, recording_page
 from seatrial.runner.recording_map import read_map, reader_of
@@ -107,7 +108,7 @@ def test_the_current_is_named_and_nothing_is_drawn_across_a_gap(
     assert "current: 0.50 m/s towards 90 deg on average" in shown
     assert "duration [s]" in shown
     assert "current: 0.50 m/s" in html.read_text()
-    known = reader_of(Path(path), read_map(out)).examine(("surge", "sway", "yaw"))
+    known = examine(reader_of(Path(path), read_map(out)), ("surge", "sway", "yaw"))
     assert known is not None
     recording = known.recording
     assert len(recording.pieces()) == 2

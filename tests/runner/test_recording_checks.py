@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from seatrial.models.recording.diagnosis import examine
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import sampling
@@ -51,7 +52,7 @@ def test_recordings_with_the_right_map_have_no_problem_of_units_or_frames(name: 
     files = sorted((DATA / name).rglob("*.csv")) or sorted((DATA / name).glob("*.dat"))
     assert files
     for file in files[::6]:
-        known = mapped(file, MAPS[name]).examine(PLANAR)
+        known = examine(mapped(file, MAPS[name]), PLANAR)
         assert known is not None
         assert not known.result.untrusted
         assert {problem.kind for problem in known.problems} <= {"clock"}, file
@@ -89,7 +90,7 @@ def test_a_source_whose_ordinary_steps_count_as_gaps() -> None:
     zero = np.zeros((len(t), 1))
     recording = Recording(("surge",), t, zero, zero, zero, zero, np.zeros((len(t), 3)))
     slow = sampling(np.arange(0.0, 101.0, 1.0 / 0.9))
-    advice = _advice({"fix": sampling(np.arange(0.0, 101.0, 0.1)), "pose": slow}, recording)
+    advice = list(_advice({"fix": sampling(np.arange(0.0, 101.0, 0.1)), "pose": slow}, recording))
     assert advice[0] == (
         "11 of 101 s are kept, the rest is in gaps: excitation.max_gap_s=2.8 bridges the steps of "
         "pose"

@@ -21,7 +21,7 @@ from pyarrow import compute as pc
 from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.formats.text import table
+from seatrial.models.recording.formats.text import column_of_cells, table
 from seatrial.models.recording.source import (
     MOST_ELEMENTS,
     Contents,
@@ -87,7 +87,8 @@ def _column(column: pa.ChunkedArray) -> Values | None:
         column = column.cast(column.type.value_type)
     kind = column.type
     if pa.types.is_temporal(kind) or pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        return np.array(pc.fill_null(column.cast("string"), "").to_pylist(), dtype=np.object_)
+        cells = pc.fill_null(column.cast("string"), "").combine_chunks()
+        return column_of_cells(cells)[0]
     if pa.types.is_boolean(kind):
         column = column.cast("int8")
     if pa.types.is_primitive(kind) or pa.types.is_null(kind) or pa.types.is_decimal(kind):

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import reduce
 from itertools import islice
 from pathlib import Path
 from textwrap import shorten
@@ -18,9 +19,7 @@ from pyarrow import csv as arrow_csv
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.source import (
-    MAX_NUMBER,
     MISSING,
-    NUMBER,
     Contents,
     ReadOptions,
     Source,
@@ -34,6 +33,10 @@ SEPARATORS = "\t;|,"  # in this order where they fit equally well
 SAMPLE_LINES = 60  # that the layout is found from
 MOST_HEADER_LINES = 5
 MOST_COLUMNS = 10_000
+MAX_NUMBER = 1e30  # larger numbers are not measurements, and their squares could overflow
+FEW = 0.5  # share of cells, or rows, below which those that do not fit are left out
+MOST_WORDS = 5  # different cells of a column that are named
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 LONGEST_LINE = 10**6  # bytes
 WHITE = re.compile(rb"[ \t\v\f]+")
 DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4}|\d\d?:\d\d", re.ASCII)
@@ -122,24 +125,32 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     for words in (next(csv.reader([commented], delimiter=separator), []), commented.split()):
         if not titles and len(words) == width and not any(map(_is_number, words)):
             titles = [words]
-    line, repeats = head[before - 1][0] if before else 0, 0
-    above = data.split(b"\n", line)[:line]
-    top = sum(map(len, above)) + line
-    for title in (above[number - 1].rstrip(b"\r") for number, _ in head[start:before]):
-        if title and data.find(b"\n" + title, top - 1) >= 0:
-            # a logger that starts again writes its header again
-            again = rb"(?m)^" + re.escape(title) + rb"(?=\r?$)"
-            below, number = re.subn(again, b"", data[top:])
-            data, repeats = data[:top] + below, repeats + number
     names = text.names or (titles[0] if titles else [""] * width)
     units = titles[1] if len(titles) > 1 and len(titles[1]) == width else [""] * width
-    columns, reasons = _columns(path, data, (separator, decimal), units, line, before)
+    top = head[before - 1][0] if before else 0  # lines above the first sample
+    check_size(path, (data.count(b"\n") + 1) * width)
+    columns, reasons, texts = list[Values](), list[str](), 0
+    header_row = [cell.strip() for cell in titles[0]] if titles else [""] * width
+    cells, said = _cells(path, data, separator, header_row, top, before)
+    for place, column in enumerate(cells):
+        values, reason = column_of_cells(column, decimal)
+        # of a glider: degrees and minutes, DDMM.mm, more than 180 degrees where it had no position
+        if units[place].strip() in ("lat", "lon") and values.dtype != np.object_:
+            whole = np.trunc(values / 100.0)
+            values = whole + (values - 100.0 * whole) / 60.0
+            values[np.abs(values) > 180.0] = np.nan
+            units[place], reason = "deg", "degrees and minutes, read as degrees"
+        columns.append(values)
+        reasons.append(reason)
+        texts += len(set(map(id, values))) if values.dtype == np.object_ else 0
+        check_size(path, 8 * texts)  # different texts take more memory than numbers
 
     def cell(row: int, place: int) -> tuple[str, str]:
-        line, cells = next(islice(_rows(path, data, separator), before + row, None))
-        return f"line {line}", cells[place]
+        rows = islice(_rows(path, data, separator), before, None)
+        samples = (each for each in rows if len(each[1]) == width and each[1] not in titles[:1])
+        line, found = next(islice(samples, row, None))
+        return f"line {line}", found[place]
 
-    said = [f"{repeats} lines that repeat the header"] if repeats else []
     return table_source(name or path.stem, path, names, columns, units, reasons, said, cell)
 
 
@@ -222,77 +233,79 @@ def _header(rows: list[list[str]], decimal: str, white: bool) -> tuple[int, int]
     return starts[0], first - starts[0] if first - starts[0] <= MOST_HEADER_LINES else 1
 
 
-def _columns(
-    path: Path, data: bytes, marks: tuple[str, str], units: list[str], lines_before: int,
-    rows_before: int,
-) -> tuple[list[Values], list[str]]:  # fmt: skip
-    """The columns below the header, and what is left out of each; `units` of some are changed."""
-    separator, decimal = marks
-    width = len(units)
-    check_size(path, (data.count(b"\n") + 1) * width)
+def _cells(
+    path: Path, data: bytes, separator: str, titles: Sequence[str], top: int, before: int
+) -> tuple[list[pa.Array], list[str]]:
+    """The cells of each column below `top` lines, and how many rows are left out.
+
+    These are of another length than the `titles`, or repeat them, as a logger does that starts
+    again. Raises RecordingError if they are not few; `before` rows are above the first sample.
+    """
+    width, other = len(titles), list[int]()
     names = [str(place) for place in range(width)]
+    texts = arrow_csv.ConvertOptions(
+        column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=False
+    )
+    reading = arrow_csv.ReadOptions(
+        use_threads=False, block_size=len(data), skip_rows=top, column_names=names
+    )
+
+    def skip(row: arrow_csv.InvalidRow) -> str:
+        other.append(row.actual_columns)
+        return "skip"
+
+    parsing = arrow_csv.ParseOptions(
+        delimiter=separator, newlines_in_values=True, invalid_row_handler=skip
+    )
     try:
-        cells = arrow_csv.read_csv(
-            pa.py_buffer(data),
-            arrow_csv.ReadOptions(
-                use_threads=False, block_size=len(data), skip_rows=lines_before, column_names=names
-            ),
-            arrow_csv.ParseOptions(delimiter=separator, newlines_in_values=True),
-            arrow_csv.ConvertOptions(
-                column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=False
-            ),
-        )
-    except pa.ArrowInvalid as error:  # name the first row whose length differs from the header
-        for line, row in islice(_rows(path, data, separator), rows_before, None):
-            if len(row) != width:
-                raise RecordingError(
-                    f"{path}, line {line}: got {len(row)} cells, expected {width} as in the "
-                    f"header (separator {separator!r})"
-                ) from error
+        stored = arrow_csv.read_csv(pa.py_buffer(data), reading, parsing, texts)
+    except pa.ArrowInvalid as error:
         reason = shorten(str(error), 600)
         raise RecordingError(f"{path}: {reason}, expected comma-separated values") from error
-    columns, reasons, texts = list[Values](), list[str](), 0
-    for place, column in enumerate(cells.columns):
-        values, reason = column_of_cells(pc.utf8_trim_whitespace(column.combine_chunks()), decimal)
-        texts += len(set(map(id, values))) if values.dtype == np.object_ else 0
-        check_size(path, 8 * texts)  # different texts take more memory than numbers
-        # of a glider: degrees and minutes, DDMM.mm, more than 180 degrees where it had no position
-        if units[place].strip() in ("lat", "lon") and values.dtype != np.object_:
-            whole = np.trunc(values / 100.0)
-            values = whole + (values - 100.0 * whole) / 60.0
-            values[np.abs(values) > 180.0] = np.nan
-            units[place], reason = "deg", "degrees and minutes, read as degrees"
-        columns.append(values)
-        reasons.append(reason)
-    return columns, reasons
+    if len(other) >= FEW * (stored.num_rows + len(other)):
+        rows = islice(_rows(path, data, separator), before, None)
+        line, row = next(row for row in rows if len(row[1]) != width)
+        raise RecordingError(
+            f"{path}, line {line}: got {len(row)} cells, expected {width} as in the "
+            f"header (separator {separator!r})"
+        )
+    columns = [pc.utf8_trim_whitespace(column.combine_chunks()) for column in stored.columns]
+    again = reduce(pc.and_, map(pc.equal, columns, titles)) if any(titles) else None
+    repeats = again.true_count if again is not None else 0
+    counts = {f"{len(other)} rows with more or fewer than {width} cells": other,
+              f"{repeats} lines that repeat the header": repeats}  # fmt: skip
+    columns = [pc.filter(column, pc.invert(again)) for column in columns] if repeats else columns
+    return columns, [reason for reason, there in counts.items() if there]
 
 
 def column_of_cells(cells: pa.Array | Sequence[str], decimal: str = ".") -> tuple[Values, str]:
-    """Cells as numbers, NaN where one is missing, else as text; and what is left out, (N,)."""
+    """Cells as numbers, NaN where one is missing, else as text; and what is left out, (N,).
+
+    In a column of numbers, other cells are missing values, if they are few.
+    """
     cells = pa.array(cells, pa.string())
-    cells = cells if decimal == "." else pc.replace_substring(cells, decimal, ".")
-    missing = pc.is_in(pc.ascii_lower(cells), value_set=pa.array(sorted(MISSING)))
-    written = pc.utf8_ltrim(pc.if_else(missing, None, cells), "+")
+    plain = cells if decimal == "." else pc.replace_substring(cells, decimal, ".")
     try:
-        values = np.array(written.cast("float64").to_numpy(zero_copy_only=False))
-        if np.all((np.abs(values) < MAX_NUMBER) | np.isnan(values)):
-            words = pc.value_counts(pc.filter(cells, missing)).to_pylist()
-            counts = {word["values"]: word["counts"] for word in words}
-            said = [
-                f"{number} of {len(cells)} cells are {word}"
-                for word, number in counts.items()
-                if word.lower().strip("+-") not in ("", "nan") or "-" in word
-            ]
-            return values, ", ".join(said) + ": missing values" if said else ""
-        reason = ""
+        values = plain.cast("float64")  # as most columns are
     except pa.ArrowInvalid:
-        numbers = pc.match_substring_regex(written, f"^(?:{NUMBER.pattern})$")
-        odd = pc.filter(cells, pc.invert(pc.fill_null(numbers, True)))
-        few = len(odd) < (len(cells) - missing.true_count) / 2
-        reason = f"{len(odd)} of {len(cells)} cells are no numbers ({odd[0]}): text" if few else ""
-    coded = cells.dictionary_encode()
-    texts = np.array(coded.dictionary.to_pylist(), dtype=np.object_)
-    return np.asarray(texts[coded.indices.to_numpy()]), reason
+        missing = pc.is_in(pc.ascii_lower(plain), value_set=pa.array(sorted(MISSING)))
+        written = pc.utf8_ltrim(plain, "+")
+        number = pc.match_substring_regex(written, f"^(?:{NUMBER.pattern})$")
+        if number.true_count < (1.0 - FEW) * (len(cells) - missing.true_count):
+            coded = cells.dictionary_encode()
+            texts = np.array(coded.dictionary.to_pylist(), dtype=np.object_)
+            return np.asarray(texts[coded.indices.to_numpy()]), ""
+        values = pc.if_else(number, written, None).cast("float64")
+    values = np.array(values.to_numpy(zero_copy_only=False))
+    values[np.abs(values) > MAX_NUMBER] = np.nan
+    words = pc.value_counts(pc.filter(cells, pa.array(np.isnan(values)))).to_pylist()
+    counts = {
+        word: row["counts"] for row in words
+        if (word := row["values"]).lower().strip("+-") not in ("", "nan") or "-" in word
+    }  # fmt: skip
+    said = [f"{number} of {len(cells)} cells are {word}" for word, number in counts.items()]
+    more = [f"{len(said) - MOST_WORDS} others"] if len(said) > MOST_WORDS else []
+    return values, ", ".join([*said[:MOST_WORDS], *more]) + ": missing values" if said else ""
 
 
 def _wide(source: Source) -> list[Source]:
@@ -311,25 +324,26 @@ def _wide(source: Source) -> list[Source]:
     if "_time" in texts:
         times = pd.to_datetime(frame["_time"], format="ISO8601", utc=True, errors="coerce")
         frame["_time"] = (times - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
-    told = "column _value:" if "_value" in texts else " "  # below, by field
-    left_out = [line for line in source.left_out if not line.startswith(told)]
-    if timeless := int(frame["_time"].isna().sum()):
-        left_out.append(f"{timeless} values have no time")
-    if again := int(frame.duplicated([*tags, *INFLUX[:2]]).sum()):
-        left_out.append(f"{again} values at times that repeat")
-    if lost := [name for name in others if name not in tags]:
-        left_out.append(f"columns {', '.join(lost)}: not of the values of this long table")
+    lost = ", ".join(name for name in others if name not in tags)
+    counts = {
+        f"{int(frame['_time'].isna().sum())} values have no time": frame["_time"].isna().any(),
+        f"{int(frame.duplicated([*tags, *INFLUX[:2]]).sum())} values at times that repeat":
+            frame.duplicated([*tags, *INFLUX[:2]]).any(),
+        f"columns {lost}: not of the values of this long table": lost,
+    }  # fmt: skip
+    left_out = [*source.left_out, *(line for line, there in counts.items() if there)]
     result = []
     for key, rows in frame.groupby(tags) if tags else [((), frame)]:
         wide = rows.drop_duplicates(list(INFLUX[:2]))
         wide = wide.pivot(index="_time", columns="_field", values="_value")
         columns: dict[str, Values] = {"_time": wide.index.to_numpy()}
         for name, values in wide.items():
-            columns[str(name)] = values.to_numpy()
+            columns[str(name)], reason = values.to_numpy(), ""
             if "_value" in texts:
-                cells = values.fillna("").astype(str).to_list()
-                columns[str(name)], reason = column_of_cells(cells)
-                left_out += [f"{name}: {reason}"] if reason else []
+                columns[str(name)], reason = column_of_cells(
+                    values.fillna("").astype(str).to_list()
+                )
+            left_out += [f"{name}: {reason}"] if reason else []
         name = "/".join(map(str, key if isinstance(key, tuple) else (key,))) or source.name
         result.append(Source(name, source.path, columns, {"_time": "s"}))
     return [replace(result[0], left_out=tuple(left_out)), *result[1:]]

@@ -1,16 +1,14 @@
-"""Bags of ROS 1, ROS 2 and MCAP, made of the topics of a run of milliAmpere."""
+"""Bags of ROS 1, ROS 2 and MCAP, written by rosbags."""
 
-import csv
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, read_sources
 
 pytest.importorskip("rosbags")
 
@@ -19,60 +17,36 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tests.data import DATA
-
-POSE, WRENCH = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/WrenchStamped"
-
-
-RUN = DATA / "milliampere" / "nlp1"
+POSE, SPEED = "geometry_msgs/msg/PoseStamped", "std_msgs/msg/Float64"
+STAMPS_NS = 1744372269 * 10**9 + 99_999_999 * np.arange(20)  # nanoseconds with leading zeros
 
 
-def topic_rows(name: str, most: int = 300) -> list[dict[str, str]]:
-    with (RUN / f"{name}.csv").open(newline="") as opened:
-        return [row for row, _ in zip(csv.DictReader(opened), range(most), strict=False)]
-
-
-def bag_of_milliampere(path: Path, storage: StoragePlugin | None) -> None:
-    """Two topics of the run nlp1, as ROS 1 (no storage), ROS 2 or MCAP."""
+def bag(path: Path, storage: StoragePlugin | None) -> None:
+    """Two topics as ROS 1 (no storage), ROS 2 or MCAP."""
     store = get_typestore(Stores.ROS1_NOETIC if storage is None else Stores.ROS2_HUMBLE)
-    types = store.types
-    vector, header = types["geometry_msgs/msg/Vector3"], types["std_msgs/msg/Header"]
-    stamp = types["builtin_interfaces/msg/Time"]
-
-    def head(row: dict[str, str]) -> Any:
-        seconds, nanoseconds = int(row["header_stamp_secs"]), int(row["header_stamp_nsecs"])
-        number = {} if storage is not None else {"seq": 0}
-        return header(stamp=stamp(sec=seconds, nanosec=nanoseconds), frame_id="piren", **number)
-
-    def three(row: dict[str, str], prefix: str, kind: Any = vector) -> Any:
-        return kind(**{axis: float(row[f"{prefix}_{axis}"]) for axis in "xyz"})
-
-    with (
-        BagWriter(path)
-        if storage is None
-        else Bag2Writer(path, version=9, storage_plugin=storage) as bag
-    ):
-        for topic, kind in (("navigation/pose", POSE), ("tau_actual", WRENCH)):
-            connection = bag.add_connection(f"/{topic}", kind, typestore=store)
-            for row in topic_rows(topic):
-                if kind == POSE:
-                    point = three(row, "pose_position", types["geometry_msgs/msg/Point"])
-                    turn = types["geometry_msgs/msg/Quaternion"](
-                        **{axis: float(row[f"pose_orientation_{axis}"]) for axis in "xyzw"}
-                    )
-                    pose = types["geometry_msgs/msg/Pose"](position=point, orientation=turn)
-                    message = types[POSE](header=head(row), pose=pose)
-                else:
-                    wrench = types["geometry_msgs/msg/Wrench"](
-                        force=three(row, "wrench_force"), torque=three(row, "wrench_torque")
-                    )
-                    message = types[WRENCH](header=head(row), wrench=wrench)
-                serialise = store.serialize_ros1 if storage is None else store.serialize_cdr
-                moment = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-                bag.write(connection, moment, serialise(message, kind))
+    packages = ("geometry_msgs", "std_msgs", "builtin_interfaces")
+    kinds = {kind.rpartition("/")[2]: made for package in packages
+             for kind, made in store.types.items() if kind.startswith(package)}  # fmt: skip
+    number = {} if storage is not None else {"seq": 0}
+    serialise = store.serialize_ros1 if storage is None else store.serialize_cdr
+    writer = (BagWriter(path) if storage is None
+              else Bag2Writer(path, version=9, storage_plugin=storage))  # fmt: skip
+    with writer as written:
+        pose = written.add_connection("/navigation/pose", POSE, typestore=store)
+        speed = written.add_connection("/speed", SPEED, typestore=store)
+        for k, moment in enumerate(map(int, STAMPS_NS)):
+            stamp = kinds["Time"](sec=moment // 10**9, nanosec=moment % 10**9)
+            message = store.types[POSE](
+                header=kinds["Header"](stamp=stamp, frame_id="piren", **number),
+                pose=kinds["Pose"](
+                    position=kinds["Point"](x=0.5 * k, y=-1.0, z=0.0),
+                    orientation=kinds["Quaternion"](x=0.0, y=0.0, z=0.6, w=0.8),
+                ),
+            )
+            written.write(pose, moment, serialise(message, POSE))
+            written.write(speed, moment, serialise(store.types[SPEED](data=2.0 * k), SPEED))
 
 
-@pytest.mark.data
 @pytest.mark.parametrize(
     ("name", "storage", "inner"),
     [
@@ -86,26 +60,17 @@ def bag_of_milliampere(path: Path, storage: StoragePlugin | None) -> None:
 def test_bags_hold_what_was_put_in(
     tmp_path: Path, name: str, storage: StoragePlugin | None, inner: str
 ) -> None:
-    bag_of_milliampere(tmp_path / name, storage)
+    bag(tmp_path / name, storage)
     sources = read_sources(tmp_path / name / inner, ReadOptions())
-    assert set(sources) == {"navigation/pose", "tau_actual"}
-    for topic, pairs in {
-        "navigation/pose": {
-            "pose.position.x": "pose_position_x",
-            "pose.orientation.w": "pose_orientation_w",
-            "header.stamp.sec": "header_stamp_secs",
-            "header.stamp.nanosec": "header_stamp_nsecs",
-        },
-        "tau_actual": {"wrench.torque.z": "wrench_torque_z"},
-    }.items():
-        rows, source = topic_rows(topic), sources[topic]
-        for column_, written in pairs.items():
-            np.testing.assert_array_equal(
-                source.columns[column_], [float(row[written]) for row in rows]
-            )
-        stamp = source.numbers("header.stamp.sec") + 1e-9 * source.numbers("header.stamp.nanosec")
-        np.testing.assert_allclose(source.numbers("time"), stamp, rtol=0.0, atol=1e-6)
-        assert source.columns["header.frame_id"].tolist() == ["piren"] * len(rows)
+    assert set(sources) == {"navigation/pose", "speed"}
+    pose = sources["navigation/pose"]
+    np.testing.assert_array_equal(pose.columns["pose.position.x"], 0.5 * np.arange(20))
+    np.testing.assert_array_equal(pose.columns["pose.orientation.w"], 0.8)
+    np.testing.assert_array_equal(sources["speed"].columns["data"], 2.0 * np.arange(20))
+    seconds, rest = (pose.numbers(f"header.stamp.{part}") for part in ("sec", "nanosec"))
+    np.testing.assert_array_equal(seconds * 10**9 + rest, STAMPS_NS.astype(float))
+    np.testing.assert_allclose(pose.numbers("time"), STAMPS_NS / 1e9, rtol=0.0, atol=1e-6)
+    assert pose.columns["header.frame_id"].tolist() == ["piren"] * 20
 
 
 def test_topics_of_unknown_type_are_left_out_or_defined_by_a_file(tmp_path: Path) -> None:

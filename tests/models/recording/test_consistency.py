@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from scipy.interpolate import CubicSpline
 
 from seatrial.models.recording.consistency import consistency
-from seatrial.models.recording.diagnosis import Examination, RecordingDefect, changed
+from seatrial.models.recording.diagnosis import Examination, RecordingDefect, changed, examine
 from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
@@ -122,7 +122,7 @@ MUTILATIONS: dict[str, tuple[Mutilation, str, tuple[str, ...], str]] = {
 
 
 def found(path: Path) -> tuple[RecordingDefect, ...]:
-    examination = recorded(path).examine(ALL)
+    examination = examine(recorded(path), ALL)
     assert examination is not None
     return examination.problems
 
@@ -151,7 +151,7 @@ def test_mutilated_recordings_are_named_with_their_cures(tmp_path: Path, name: s
 @pytest.mark.data
 def test_recordings_as_they_are_have_no_problem() -> None:
     for name in RECORDINGS:
-        known = recorded(BELUGA / f"{name}.csv").examine(ALL)
+        known = examine(recorded(BELUGA / f"{name}.csv"), ALL)
         assert known is not None
         assert (known.problems, known.questions) == ((), ()), name
 
@@ -236,7 +236,7 @@ PLANAR_MAP: dict[str, object] = {
 
 
 def examined(path: Path, **new: object) -> Examination:
-    known = reader_of(path, options_of({**PLANAR_MAP, **new})).examine(("surge", "sway", "yaw"))
+    known = examine(reader_of(path, options_of({**PLANAR_MAP, **new})), ("surge", "sway", "yaw"))
     assert known is not None
     return known
 
@@ -277,7 +277,7 @@ def test_the_change_of_a_problem_mends_it(
     together = {name: value for problem in found for name, value in problem.change.items()}
     assert together == {f"columns.{name}": value for name, value in change.items()}
     reader = reader_of(path, options_of(dict(PLANAR_MAP)))
-    again = replace(reader, columns=changed(reader.columns, together)).examine(ALL)
+    again = examine(changed(reader, together), ALL)
     assert again is not None
     assert again.problems == ()
 

@@ -12,10 +12,9 @@ import scipy
 from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording import source as reading
 from seatrial.models.recording import source as recorded
-from seatrial.models.recording import sources as reading
-from seatrial.models.recording.source import TextOptions
-from seatrial.models.recording.sources import ReadOptions, Source, column, read_sources
+from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
 from tests.data import DATA
 
 
@@ -298,11 +297,11 @@ def test_missing_values_repeated_titles_and_headers_are_named(tmp_path: Path) ->
     source = one(file(tmp_path, "a.csv", header + rows + header + rows))
     assert list(source.columns) == ["t", "x.1", "x.2", "v"]
     assert np.isnan(source.columns["v"]).tolist() == 2 * [False, False, False, True, False]
-    assert source.left_out == (
+    assert set(source.left_out) == {
         "1 lines that repeat the header",
         "column v: 2 of 10 cells are N/A: missing values",
         "column t: stands 2 times, with equal cells",
-    )
+    }
     with pytest.raises(RecordingError, match=r"2 columns are titled 'x', expected one of x\.1, x"):
         column({"a": source}, "x")
 
@@ -312,6 +311,22 @@ def test_words_that_mean_missing(tmp_path: Path, word: str) -> None:
     source = one(file(tmp_path, "a.csv", f"t,u\n0,1\n1,{word}\n2,3\n"))
     np.testing.assert_array_equal(source.columns["u"], [1.0, np.nan, 3.0])
     assert source.left_out == (f"column u: 1 of 3 cells are {word}: missing values",)
+
+
+def test_few_cells_and_rows_that_do_not_fit_are_left_out_and_named(tmp_path: Path) -> None:
+    """A sensor that writes ERR, a number that is none, and a file whose last line is cut."""
+    rows = [f"{k},{'ERR' if k == 4 else '1e31' if k == 5 else k}\n" for k in range(9)]
+    source = one(file(tmp_path, "a.csv", "".join(["t,u\n", *rows, "9"])))
+    np.testing.assert_array_equal(source.numbers("t"), np.arange(9.0))
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(source.columns["u"])), [4, 5])
+    assert set(source.left_out) == {
+        "1 rows with more or fewer than 2 cells",
+        "column u: 1 of 9 cells are ERR, 1 of 9 cells are 1e31: missing values",
+    }
+    with pytest.raises(RecordingError, match="column u, line 6: got 'ERR', expected a finite"):
+        source.numbers("u")
+    with pytest.raises(RecordingError, match="line 3: got 1 cells, expected 2"):
+        one(file(tmp_path, "b.csv", "t,u\n0,1\n1\n2\n"))
 
 
 def test_exports_of_influxdb(tmp_path: Path) -> None:

@@ -6,20 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.preprocessing import (
-    Differentiation,
     central_difference,
     interpolated,
     outliers,
     quality_checks,
-    without_bias,
     without_sign_flips,
 )
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
-from seatrial.models.vessel.thruster import AzimuthThrusters
 
 PLANAR = ("surge", "sway", "yaw")
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -89,91 +85,6 @@ def test_share_of_white_noise_that_is_taken_for_outliers() -> None:
     share = np.mean(outliers(np.random.default_rng(3).standard_normal(200_000)))
     assert expected == pytest.approx(0.0187, abs=0.0002)
     assert share == pytest.approx(expected, rel=0.05)
-
-
-# Derivatives
-
-
-def test_bias_of_an_accelerometer() -> None:
-    t = np.linspace(0.0, 20.0, 2001)
-    velocity, acceleration = np.sin(t), np.cos(t)
-    without = without_bias(acceleration + 0.7, velocity, t[1])
-    np.testing.assert_allclose(without, acceleration, atol=1e-5)
-    at_rest = without_bias(acceleration, np.zeros(2001), t[1])
-    assert np.trapezoid(at_rest, t) == pytest.approx(0.0, abs=1e-12)  # zero mean, as in 5.2
-
-
-def differentiation(**changes: object) -> Differentiation:
-    given_options = {
-        "method": "central", "window_s": 0.7, "polynomial": 2, "cutoff_hz": 1.0, "order": 4,
-    }  # fmt: skip
-    return Differentiation(**(given_options | changes))  # type: ignore[arg-type]
-
-
-def test_savitzky_golay_is_exact_for_its_polynomial_up_to_the_ends() -> None:
-    t = 0.1 * np.arange(50)
-    slope = differentiation(method="savitzky_golay").derivative(np.stack([t**2, t], 1), 0.1)
-    np.testing.assert_allclose(slope, np.stack([2.0 * t, np.ones(50)], 1), atol=1e-10)
-
-
-def test_filters_pass_slow_motion_in_phase_and_stop_noise() -> None:
-    t = 0.1 * np.arange(2000)
-    slow, rng = np.sin(2.0 * np.pi * 0.05 * t), np.random.default_rng(5)
-    rate = 2.0 * np.pi * 0.05 * np.cos(2.0 * np.pi * 0.05 * t)
-    noise = 0.01 * rng.standard_normal(2000)
-    inside = slice(50, -50)
-    plain = np.std(central_difference(noise, 0.1)[inside])
-    for method in ("savitzky_golay", "butterworth"):
-        one = differentiation(method=method, cutoff_hz=0.5)
-        np.testing.assert_allclose(one.derivative(slow, 0.1)[inside], rate[inside], atol=0.002)
-        assert np.std(one.derivative(noise, 0.1)[inside]) < 0.5 * plain
-
-
-def test_options_of_a_differentiation() -> None:
-    with pytest.raises(ConfigurationError, match="window_s must be positive, got 0"):
-        differentiation(window_s=0.0)
-    with pytest.raises(ConfigurationError, match="window_s must span more than 2 and at most 50"):
-        differentiation(method="savitzky_golay", window_s=0.1).derivative(np.zeros(50), 0.1)
-    with pytest.raises(ConfigurationError, match="cutoff_hz must lie below 5, got 5"):
-        differentiation(method="butterworth", cutoff_hz=5.0).derivative(np.zeros(50), 0.1)
-    with pytest.raises(RecordingError, match="got 20 samples, too few for a low-pass"):
-        differentiation(method="butterworth").derivative(np.zeros(20), 0.1)
-
-
-# Acting force
-
-
-def thrusters(**changes: object) -> AzimuthThrusters:
-    given_options = {
-        "rpm": ("n1", "n2"), "angle": ("a1", "a2"), "arm_m": (1.8, -1.8),
-        "polynomial": (-1.07, 0.00478, 8.7e-6, 6.16e-9, -1.78e-13, -1.31e-16),
-        "rpm_limits": (-5400.0, 5300.0),
-    }  # fmt: skip
-    return AzimuthThrusters(**(given_options | changes))  # type: ignore[arg-type]
-
-
-def test_force_of_the_thrusters_by_hand() -> None:
-    """Jervan (2020), eqs. (5.1) and (5.2), with both thrusters at 1000 rpm."""
-    chi = 1000.0
-    one = -1.31e-16 * chi**5 - 1.78e-13 * chi**4 + 6.16e-9 * chi**3
-    one += 8.7e-6 * chi**2 + 0.00478 * chi - 1.07
-    assert one == pytest.approx(18.26, abs=0.01)
-    rpm = np.full((4, 2), chi)
-    angle = np.array([[0.0, 0.0], [np.pi / 2, np.pi / 2], [np.pi / 2, -np.pi / 2], [0.0, np.pi]])
-    expected = [[2.0 * one, 0.0, 0.0], [0.0, 2.0 * one, 0.0], [0.0, 0.0, 3.6 * one], [0.0] * 3]
-    np.testing.assert_allclose(thrusters().force(rpm, angle), expected, atol=1e-12)
-
-
-def test_what_is_wrong_with_thrusters() -> None:
-    rpm = np.zeros((5, 2))
-    rpm[3, 1] = 5301.0
-    with pytest.raises(RecordingError, match="column n2, sample 3: got 5301 rpm, expected -5400"):
-        thrusters().force(rpm, rpm)
-    with pytest.raises(ConfigurationError, match=r"got \(1, 2, 2\)"):
-        thrusters(rpm=("n1",))
-    with pytest.raises(ConfigurationError, match="rpm_limits must increase"):
-        thrusters(rpm_limits=(1.0, 1.0))
-    assert thrusters(rpm=(), angle=()).rpm == ()
 
 
 def recording_of(dofs: tuple[str, ...], period_s: float, eta: Array, nu: Array) -> Recording:

@@ -10,7 +10,7 @@ import yaml
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.diagnosis import doubts
-from seatrial.models.recording.proposal import Proposal, _angle_unit, _speed_unit, propose
+from seatrial.models.recording.proposal import SPEEDS, Proposal, _unit_by_path, propose
 from seatrial.models.recording.source import Source, TextArray
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.recording_map import options_of, reader_of
@@ -173,11 +173,16 @@ def test_the_unit_of_a_heading_by_the_course(unit: str, turned: bool) -> None:
     known = _zigzag()
     heading = known["psi"] * (180.0 / np.pi if unit == "deg" else 1.0) * (-1.0 if turned else 1.0)
     path = (known["t"], known["x"] + 1j * known["y"])
-    assert _angle_unit(path, known["t"], heading) == unit
+    assert _unit_by_path(path, known["t"], heading, ("rad", "deg")) == unit
     noise = 0.3 * np.random.default_rng(2).standard_normal((2, len(heading)))
-    assert _angle_unit((path[0], path[1] + noise[0] + 1j * noise[1]), path[0], heading) == unit
+    assert (
+        _unit_by_path(
+            (path[0], path[1] + noise[0] + 1j * noise[1]), path[0], heading, ("rad", "deg")
+        )
+        == unit
+    )
     still = (known["t"], np.zeros_like(path[1]))
-    assert _angle_unit(still, known["t"], heading) is None
+    assert _unit_by_path(still, known["t"], heading, ("rad", "deg")) is None
 
 
 def test_the_unit_of_the_heading_of_a_long_recording() -> None:
@@ -185,8 +190,8 @@ def test_the_unit_of_the_heading_of_a_long_recording() -> None:
     t = 0.05 * np.arange(200_000)
     psi = np.cumsum(0.05 * 0.06 * np.sin(0.05 * t))
     x, y = np.cumsum(0.1 * np.cos(psi)), np.cumsum(0.1 * np.sin(psi))
-    assert _angle_unit((t, x + 1j * y), t, np.degrees(psi)) == "deg"
-    assert _speed_unit((t, x + 1j * y), t, 2.0 * 3.6 + 0.0 * t) == "km/h"
+    assert _unit_by_path((t, x + 1j * y), t, np.degrees(psi), ("rad", "deg")) == "deg"
+    assert _unit_by_path((t, x + 1j * y), t, 2.0 * 3.6 + 0.0 * t, SPEEDS) == "km/h"
 
 
 @pytest.mark.parametrize(("unit", "size"), [("m/s", 1.0), ("knot", 1.943844), ("km/h", 3.6)])
@@ -194,5 +199,5 @@ def test_the_unit_of_a_speed_by_the_path(unit: str, size: float) -> None:
     known = _zigzag()
     path = (known["t"], known["x"] + 1j * known["y"])
     speed = np.hypot(known["dx"], known["dy"])
-    assert _speed_unit(path, known["t"], size * speed) == unit
-    assert _speed_unit(path, known["t"], 2.9 * speed) is None
+    assert _unit_by_path(path, known["t"], size * speed, SPEEDS) == unit
+    assert _unit_by_path(path, known["t"], 2.9 * speed, SPEEDS) is None

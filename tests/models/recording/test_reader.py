@@ -14,7 +14,7 @@ from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.column_map import ColumnMap, Frames, Geodetic
 from seatrial.models.recording.reader import Reading
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian
 
@@ -71,7 +71,7 @@ def _read(folder: Path, frame: pd.DataFrame, columns: ColumnMap) -> tuple[Array,
     buffer = io.StringIO()
     frame.to_csv(buffer, index=False)
     path.write_text(buffer.getvalue(), encoding="utf-8")
-    signals = Reading(columns).read(path, read_sources(path, ReadOptions()), DOFS)
+    signals = Reading(columns=columns).signals(path, read_sources(path, ReadOptions()), DOFS)
     table = signals.values
     return (
         signals.t,

@@ -10,10 +10,8 @@ import pytest
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording import column_map as maps
 from seatrial.models.recording.column_map import Column, ColumnMap
-from seatrial.models.recording.joining import TimeGrid
 from seatrial.models.recording.reader import Reading, Signals
-from seatrial.models.recording.source import Source
-from seatrial.models.recording.sources import ReadOptions, read_sources
+from seatrial.models.recording.source import ReadOptions, Source, read_sources
 from seatrial.models.recording.times import disagreement, find_time, seconds
 from seatrial.models.recording.units import unit_in_title
 
@@ -27,11 +25,11 @@ PLANAR = ("surge", "sway", "yaw")
 STAMPS = pd.Timestamp("2024-05-07 10:00:00") + pd.to_timedelta(T, unit="s")
 
 
-def read(folder: Path, columns: ColumnMap, grid: TimeGrid | None = None, **table: Any) -> Signals:
+def read(folder: Path, reading: Reading, **table: Any) -> Signals:
     path = folder / "log.csv"
     pd.DataFrame(table).to_csv(path, index=False)
     sources = read_sources(path, ReadOptions())
-    return Reading(columns, grid).read(path, sources, PLANAR)
+    return reading.signals(path, sources, PLANAR)
 
 
 def source_of(folder: Path, table: dict[str, Any]) -> Source:
@@ -120,7 +118,7 @@ def test_units_by_the_map_then_the_title_then_what_stands_beside(tmp_path: Path)
         velocity={"surge": Column("u_kn", unit="m/s"), "sway": "v_kn", "yaw": "r"},
     )  # fmt: skip
     table = {"t": T, "x": X, "y": Y, "psi": PSI + 40.0, "u_kn": U, "v_kn": V * 3600 / 1852, "r": R}
-    signals = read(tmp_path, columns, **table)
+    signals = read(tmp_path, Reading(columns=columns), **table)
     known = {reading.option: (reading.unit, reading.known_from) for reading in signals.readings}
     assert known["velocity.surge"] == ("m/s", "the map")
     assert known["velocity.sway"] == ("knot", "the title")
@@ -133,7 +131,9 @@ def test_units_by_the_map_then_the_title_then_what_stands_beside(tmp_path: Path)
     table = {"t": T, "heading_deg": np.degrees(PSI), "roll": 3.0 * np.sin(T), "u": U}
     path = tmp_path / "log.csv"
     pd.DataFrame(table).to_csv(path, index=False)
-    signals = Reading(beside).read(path, read_sources(path, ReadOptions()), ("surge", "yaw"))
+    signals = Reading(columns=beside).signals(
+        path, read_sources(path, ReadOptions()), ("surge", "yaw")
+    )
     assert np.max(np.abs(signals.values["position.roll"])) < 0.06
 
 
@@ -145,7 +145,8 @@ def test_nothing_vanishes_in_silence(tmp_path: Path) -> None:
     columns = ColumnMap("t", position={"surge": "x", "sway": "y", "yaw": "psi"},
                         velocity={"surge": "u", "sway": "v", "yaw": "r"})  # fmt: skip
     table = {"t": t, "x": X, "y": Y, "psi": PSI, "u": u, "v": V, "r": R}
-    signals = read(tmp_path, columns, TimeGrid(5.0, 1.0, "split"), **table)
+    reading = Reading(columns=columns, resample_hz=5.0, at_gap="split")
+    signals = read(tmp_path, reading, **table)
     said = "\n".join(signals.left_out)
     assert "column u: 3 cells are -999: missing values" in said
     assert "column x: 2 samples are not later than the one before" in said
@@ -165,7 +166,7 @@ def test_course_and_speed_over_ground_with_a_heading_are_a_body_velocity(tmp_pat
     )  # fmt: skip
     knots = 3600.0 / 1852.0
     signals = read(
-        tmp_path, columns, t=T, hdg=np.degrees(PSI) % 360.0, lat=59.0 + X / 111e3,
+        tmp_path, Reading(columns=columns), t=T, hdg=np.degrees(PSI) % 360.0, lat=59.0 + X / 111e3,
         lon=24.0 + Y / 57e3, sog=np.hypot(north, east) * knots,
         cog=np.degrees(np.arctan2(east, north)) % 360.0, stw_kn=ahead * knots,
     )  # fmt: skip

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import seatrial as st
-from seatrial.models.recording.joining import end_to_end
+from seatrial.models.recording.recording import end_to_end
 from tests.data import DATA
 
 
