@@ -2,8 +2,8 @@
 
 Candidates are compared with the nominal model and with each other by free runs over blocks, or
 files, of the training part (`cross_validation`). An axis on which a candidate is worse than the
-nominal model, or on which neither beats the mean motion, keeps its nominal equation; what is left
-must be better than the nominal model by more than one standard error. Of the candidates that are
+nominal model, or on which neither beats the mean motion and it is not better either, keeps its
+nominal equation; what is left must be better than the nominal model by more than one standard error. Of the candidates that are
 not worse than the best one, the first is taken. It is identified again on the whole training part;
 where it then fails, or no equation of its own is left, the next one takes its place, and in the end
 the nominal model.
@@ -85,6 +85,7 @@ class Auto(Identifier):
         if not blocks.axes:
             return _fallback(problem, "no velocity moved by more than its noise")
         reasons, scores, tried = dict[str, str](), dict[str, Score](), dict[str, Identifier]()
+        quick = list[float]()  # errors of the quick estimates of those that were refined
         began = perf_counter()
         first = {n: c for n, c in self.candidates.items() if n not in self.reserve}
         last = {n: c for n, c in self.candidates.items() if n in self.reserve}
@@ -96,8 +97,7 @@ class Auto(Identifier):
                     continue
                 alternatives = candidate.alternatives(problem) or {"": candidate}
                 named = {name + variant: one for variant, one in alternatives.items()}
-                best = _best(named, blocks, reasons)
-                score = scored(blocks, named[best].without_bootstrap(), reasons, best)
+                best, score = _best(named, blocks, reasons, quick)
                 if score is None:
                     continue
                 if reason := _refusal(score, blocks):
@@ -126,18 +126,29 @@ class Auto(Identifier):
 
 
 def _best(
-    alternatives: Mapping[str, Identifier], blocks: CrossValidation, reasons: dict[str, str]
-) -> str:
-    """The alternative with the best quick form; the first one if none can be judged."""
-    if len(alternatives) == 1:
-        return next(iter(alternatives))
-    quick = {name: each.quick() for name, each in alternatives.items()}
-    errors = {n: s.errors for n, s in scores_of(quick, blocks, reasons).items()}
-    best = one_standard_error_rule(errors) if errors else next(iter(alternatives))
-    for name, own in errors.items():
-        reasons[name] = f"quick estimate: NRMSE {np.sqrt(own.error):.3g}"
-    reasons.pop(best, None)
-    return best
+    named: Mapping[str, Identifier], blocks: CrossValidation, reasons: dict[str, str],
+    refined: list[float],
+) -> tuple[str, Score | None]:  # fmt: skip
+    """The alternative with the best quick estimate, and its score; None if it cannot win.
+
+    `refined` are the errors of the quick estimates of candidates before, to which its own is added.
+    """
+    quick = {name: one.quick() for name, one in named.items()}
+    scores = scores_of(quick, blocks, reasons)
+    if not scores:
+        return next(iter(named)), None
+    errors = {name: score.errors for name, score in scores.items()}
+    best = one_standard_error_rule(errors)
+    shown = {n: f"quick estimate: NRMSE {np.sqrt(own.error):.3g}" for n, own in errors.items()}
+    reasons.update((name, reason) for name, reason in shown.items() if name != best)
+    identifier, error = named[best].without_bootstrap(), errors[best].error
+    if identifier == quick[best]:
+        return best, scores[best]
+    if error >= min(refined, default=np.inf):
+        reasons[best] = f"{shown[best]}, no better than that of another"
+        return best, None
+    refined.append(error)
+    return best, scored(blocks, identifier, reasons, best)
 
 
 def _refusal(score: Score, blocks: CrossValidation) -> str | None:
