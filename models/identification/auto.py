@@ -2,15 +2,17 @@
 
 Candidates are compared with the nominal model and with each other by free runs over blocks, or
 files, of the training part (`cross_validation`). An axis on which a candidate is worse than the
-nominal model, or on which neither beats the mean motion and it is not better either, keeps its
-nominal equation; what is left must be better than the nominal model by more than one standard error. Of the candidates that are
-not worse than the best one, the first is taken. It is identified again on the whole training part;
-where it then fails, or no equation of its own is left, the next one takes its place, and in the end
-the nominal model.
+nominal model, or on which neither beats the mean motion and the candidate is not better, keeps its
+nominal equation; what is left must be better than the nominal model by more than one standard
+error. Of the candidates that are not worse than the best one, the first is taken. It is identified
+again on the whole training part; where it then fails, or no equation of its own is left, the next
+one takes its place, and in the end the nominal model.
 
-The `reserve` is tried only if no other candidate is admissible: its estimates are biased by noise,
-or seldom better. Its bias adds up over a long manoeuvre, such as a turning circle, and free runs
-of half a minute hardly show it.
+A candidate that is refined by free runs is estimated without that first (`quick`), as are its
+alternatives, and refined only where this predicts the blocks better than the quick estimates of
+those before it. The `reserve` is tried only if no other candidate is admissible: its estimates are
+biased by noise, or seldom better. Its bias adds up over a long manoeuvre, such as a turning circle,
+and free runs of half a minute hardly show it.
 """
 
 from collections.abc import Mapping
@@ -160,9 +162,8 @@ def _refusal(score: Score, blocks: CrossValidation) -> str | None:
         return None
     own, other = np.sqrt([score.errors.error, nominal.error])
     kept = ", ".join(dofs[k] for k in score.nominal_axes)
-    return (
-        f"no better than the nominal model, beyond chance: NRMSE {own:.3g} and {other:.3g}"
-        + (f", with its equations of {kept}" if kept else "")
+    return f"no better than the nominal model, beyond chance: NRMSE {own:.3g} and {other:.3g}" + (
+        f", with its equations of {kept}" if kept else ""
     )
 
 

@@ -41,6 +41,21 @@ class FailingOnAll(Given):
         return super().identify(problem, rng)
 
 
+@dataclass(frozen=True)
+class Refined(Given):
+    """A factor of the nominal model that is refined; `made` notes the factors that were."""
+
+    rough: float
+    made: list[float]
+
+    def quick(self) -> Identifier:
+        return Given(self.rough)
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        self.made.append(self.factor)
+        return super().identify(problem, rng)
+
+
 def identified(
     candidates, problem, budget_s: float | None = None, reserve: tuple[str, ...] = ()
 ) -> Identified:
@@ -117,6 +132,18 @@ def test_the_reserve_is_tried_only_where_no_other_is_admissible(calm) -> None:
     assert chosen(identified(candidates, calm.problem, reserve=("true",))) == "half"
     last = {name: candidates[name] for name in ("true", "near")}
     assert chosen(identified(last, calm.problem, reserve=("true",))) == "true"
+
+
+def test_only_the_best_quick_estimate_so_far_is_refined(calm) -> None:
+    """Also one that is as good as another is the same, as where all terms are linear."""
+    made: list[float] = []
+    pairs = {"first": (0.55, 0.7), "same": (0.5, 0.7), "poor": (0.52, 0.9), "good": (0.54, 0.6)}
+    candidates = {name: Refined(*pair, made) for name, pair in pairs.items()}
+    found = identified(candidates, calm.problem)
+    assert dict.fromkeys(made) == dict.fromkeys([0.55, 0.54])
+    assert chosen(found) == "good"
+    unrefined = [one for one in left_out(found) if "no better than that of another" in one]
+    assert [one.partition(":")[0] for one in unrefined] == ["same", "poor"]
 
 
 def test_one_that_is_better_by_chance_alone_is_refused(calm) -> None:
