@@ -9,10 +9,12 @@ again on the whole training part; where it then fails, or no equation of its own
 one takes its place, and in the end the nominal model.
 
 A candidate that is refined by free runs is estimated without that first (`quick`), as are its
-alternatives, and refined only where this predicts the blocks better than the quick estimates of
-those before it. The `reserve` is tried only if no other candidate is admissible: its estimates are
-biased by noise, or seldom better. Its bias adds up over a long manoeuvre, such as a turning circle,
-and free runs of half a minute hardly show it.
+alternatives. It is refined unless one before it has all of its terms and a quick estimate that is
+as good; how much refinement gains by further terms a quick estimate does not show.
+
+The `reserve` is tried only if no other candidate is admissible: its estimates are biased by noise,
+or seldom better. Its bias adds up over a long manoeuvre, such as a turning circle, and free runs
+of half a minute hardly show it.
 """
 
 from collections.abc import Mapping
@@ -49,6 +51,7 @@ from seatrial.models.identification.problem import (
     with_interval,
 )
 from seatrial.models.ranges import Folds, Positive, check_ranges
+from seatrial.models.vessel.basis import Term
 
 NONE = "none"
 
@@ -87,7 +90,7 @@ class Auto(Identifier):
         if not blocks.axes:
             return _fallback(problem, "no velocity moved by more than its noise")
         reasons, scores, tried = dict[str, str](), dict[str, Score](), dict[str, Identifier]()
-        quick = list[float]()  # errors of the quick estimates of those that were refined
+        quick = list[tuple[float, set[Term]]]()
         began = perf_counter()
         first = {n: c for n, c in self.candidates.items() if n not in self.reserve}
         last = {n: c for n, c in self.candidates.items() if n in self.reserve}
@@ -129,11 +132,12 @@ class Auto(Identifier):
 
 def _best(
     named: Mapping[str, Identifier], blocks: CrossValidation, reasons: dict[str, str],
-    refined: list[float],
+    refined: list[tuple[float, set[Term]]],
 ) -> tuple[str, Score | None]:  # fmt: skip
     """The alternative with the best quick estimate, and its score; None if it cannot win.
 
-    `refined` are the errors of the quick estimates of candidates before, to which its own is added.
+    `refined` are the errors of the quick estimates of candidates that were refined before, and
+    their terms; its own are added.
     """
     quick = {name: one.quick() for name, one in named.items()}
     scores = scores_of(quick, blocks, reasons)
@@ -146,10 +150,11 @@ def _best(
     identifier, error = named[best].without_bootstrap(), errors[best].error
     if identifier == quick[best]:
         return best, scores[best]
-    if error >= min(refined, default=np.inf):
+    terms = {*scores[best].models[0].terms}
+    if any(error >= other and terms <= known for other, known in refined):
         reasons[best] = f"{shown[best]}, no better than that of another"
         return best, None
-    refined.append(error)
+    refined.append((error, terms))
     return best, scored(blocks, identifier, reasons, best)
 
 
