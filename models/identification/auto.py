@@ -2,11 +2,15 @@
 
 Candidates are compared with the nominal model and with each other by free runs over blocks, or
 files, of the training part (`cross_validation`). An axis on which a candidate is worse than the
-nominal model, or on which neither beats the mean motion, keeps its nominal equation; what is left
-must be better than the nominal model by more than one standard error. Of the candidates that are
-not worse than the best one, the first is taken. It is identified again on the whole training part;
-where it then fails, or no equation of its own is left, the next one takes its place, and in the end
-the nominal model.
+nominal model, or on which neither beats the mean motion and the candidate is not better, keeps its
+nominal equation; what is left must be better than the nominal model by more than one standard
+error. Of the candidates that are not worse than the best one, the first is taken. It is identified
+again on the whole training part; where it then fails, or no equation of its own is left, the next
+one takes its place, and in the end the nominal model.
+
+A candidate that is refined by free runs is estimated without that first (`quick`), as are its
+alternatives. It is refined unless one before it has all of its terms and a quick estimate that is
+as good; how much refinement gains by further terms a quick estimate does not show.
 
 The `reserve` is tried only if no other candidate is admissible: its estimates are biased by noise,
 or seldom better. Its bias adds up over a long manoeuvre, such as a turning circle, and free runs
@@ -47,6 +51,7 @@ from seatrial.models.identification.problem import (
     with_interval,
 )
 from seatrial.models.ranges import Folds, Positive, check_ranges
+from seatrial.models.vessel.basis import Term
 
 NONE = "none"
 
@@ -85,6 +90,7 @@ class Auto(Identifier):
         if not blocks.axes:
             return _fallback(problem, "no velocity moved by more than its noise")
         reasons, scores, tried = dict[str, str](), dict[str, Score](), dict[str, Identifier]()
+        quick = list[tuple[float, set[Term]]]()
         began = perf_counter()
         first = {n: c for n, c in self.candidates.items() if n not in self.reserve}
         last = {n: c for n, c in self.candidates.items() if n in self.reserve}
@@ -96,8 +102,7 @@ class Auto(Identifier):
                     continue
                 alternatives = candidate.alternatives(problem) or {"": candidate}
                 named = {name + variant: one for variant, one in alternatives.items()}
-                best = _best(named, blocks, reasons)
-                score = scored(blocks, named[best].without_bootstrap(), reasons, best)
+                best, score = _best(named, blocks, reasons, quick)
                 if score is None:
                     continue
                 if reason := _refusal(score, blocks):
@@ -126,18 +131,31 @@ class Auto(Identifier):
 
 
 def _best(
-    alternatives: Mapping[str, Identifier], blocks: CrossValidation, reasons: dict[str, str]
-) -> str:
-    """The alternative with the best quick form; the first one if none can be judged."""
-    if len(alternatives) == 1:
-        return next(iter(alternatives))
-    quick = {name: each.quick() for name, each in alternatives.items()}
-    errors = {n: s.errors for n, s in scores_of(quick, blocks, reasons).items()}
-    best = one_standard_error_rule(errors) if errors else next(iter(alternatives))
-    for name, own in errors.items():
-        reasons[name] = f"quick estimate: NRMSE {np.sqrt(own.error):.3g}"
-    reasons.pop(best, None)
-    return best
+    named: Mapping[str, Identifier], blocks: CrossValidation, reasons: dict[str, str],
+    refined: list[tuple[float, set[Term]]],
+) -> tuple[str, Score | None]:  # fmt: skip
+    """The alternative with the best quick estimate, and its score; None if it cannot win.
+
+    `refined` are the errors of the quick estimates of candidates that were refined before, and
+    their terms; its own are added.
+    """
+    quick = {name: one.quick() for name, one in named.items()}
+    scores = scores_of(quick, blocks, reasons)
+    if not scores:
+        return next(iter(named)), None
+    errors = {name: score.errors for name, score in scores.items()}
+    best = one_standard_error_rule(errors)
+    shown = {n: f"quick estimate: NRMSE {np.sqrt(own.error):.3g}" for n, own in errors.items()}
+    reasons.update((name, reason) for name, reason in shown.items() if name != best)
+    identifier, error = named[best].without_bootstrap(), errors[best].error
+    if identifier == quick[best]:
+        return best, scores[best]
+    terms = {*scores[best].models[0].terms}
+    if any(error >= other and terms <= known for other, known in refined):
+        reasons[best] = f"{shown[best]}, no better than that of another"
+        return best, None
+    refined.append((error, terms))
+    return best, scored(blocks, identifier, reasons, best)
 
 
 def _refusal(score: Score, blocks: CrossValidation) -> str | None:
@@ -149,9 +167,8 @@ def _refusal(score: Score, blocks: CrossValidation) -> str | None:
         return None
     own, other = np.sqrt([score.errors.error, nominal.error])
     kept = ", ".join(dofs[k] for k in score.nominal_axes)
-    return (
-        f"no better than the nominal model, beyond chance: NRMSE {own:.3g} and {other:.3g}"
-        + (f", with its equations of {kept}" if kept else "")
+    return f"no better than the nominal model, beyond chance: NRMSE {own:.3g} and {other:.3g}" + (
+        f", with its equations of {kept}" if kept else ""
     )
 
 

@@ -211,7 +211,8 @@ class CrossValidation:
         """The errors of models of each block (or of one block), axis by axis beside the nominal.
 
         An axis keeps its nominal equation if it is worse with its own, or if neither model beats
-        the mean motion on it. The rest is judged again, since the equations act on each other. A
+        the mean motion on it and the own equation is not better beyond chance: a nominal one may be
+        far worse than the mean. The rest is judged again, since the equations act on each other. A
         model with other parameters of its devices is not mixed: the nominal equation of an axis
         would stand beside forces that are not its own.
         """
@@ -224,7 +225,7 @@ class CrossValidation:
                 lost, mixed = list(self._moving), (self.problem.nominal,) * len(models)
                 return Score(nominal, tuple(lost), mixed)
             no_skill = (errors.nrmse > 1.0) & (nominal.nrmse > 1.0)
-            worse = errors.worse_axes(nominal) | no_skill
+            worse = errors.worse_axes(nominal) | (no_skill & ~nominal.worse_axes(errors))
             new = [k for k, bad in zip(self.axes, worse, strict=True) if bad and k not in lost]
             if not new:
                 return Score(errors, tuple(sorted(lost)), mixed)

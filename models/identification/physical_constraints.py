@@ -246,7 +246,7 @@ class PhysicalConstraints:
         table, index = self.free.nominal, self._damping
         phi = _terms_at(table, index, velocities)
         work = phi[:, :, None] * velocities[:, None, :]  # (n, terms, n_dof)
-        slopes = np.einsum("ntd,tdm->nm", work, self.free.slopes[index])
+        slopes = np.tensordot(work, self.free.slopes[index], 2)
         nominal = np.sum((phi @ table.theta[index]) * velocities, axis=1)
         needed = (share - 1.0) * nominal
         return Rows(slopes, needed, ("dissipation",) * len(slopes))

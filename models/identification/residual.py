@@ -57,6 +57,7 @@ FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
 SETTLING_PERIODS = 0.5  # periods of the cut-off after which a filter has forgotten where it began
 TOGETHER = 8192  # samples that are evaluated together
+FEW_VALUES = 2**17  # values that are filtered together
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
 Refinement = Literal["free_run", "none"]
 
@@ -351,8 +352,9 @@ def smoothed(filtered: Recording, columns: Array, smoothing: Smoothing) -> Array
     cutoff = smoothing.regressors_hz
     if cutoff is None:
         return columns
-    for column in columns.T:  # so that one column at a time is copied
-        column[:] = filtered.lowpassed(column, cutoff)
+    few = max(FEW_VALUES // len(columns), 1)  # columns, so that not all of them are copied
+    for a in range(0, columns.shape[1], few):
+        columns[:, a : a + few] = filtered.lowpassed(columns[:, a : a + few], cutoff)
     inside = kept(filtered, smoothing)
     first, count = int(np.argmax(inside)), int(np.count_nonzero(inside))
     whole = slice(first, first + count)  # of a recording without a gap, where nothing is copied

@@ -81,15 +81,22 @@ def smoothing_for(cutoff_hz: float | None, period_s: float) -> Smoothing:
 def lowpass(values: Array, cutoff_hz: float, period_s: float, order: int = LOWPASS_ORDER) -> Array:
     """Zero-phase low-pass of values (N, ...): a Butterworth filter forward and backward.
 
-    The ends are continued by 15 samples, or by as many as a shorter piece of a recording has.
+    The ends are continued by 15 samples, or by as many as a shorter piece of a recording has, which
+    are turned about the last value; the filter begins as if its first value had always been there.
+    It is `scipy.signal.sosfiltfilt`, which finds that state anew for every piece of a recording.
     """
-    padding = min(3 * (order + 1), len(values) - 1)
-    sections = _sections(cutoff_hz, period_s, order)
-    return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0, padlen=padding))
+    sections, state = _sections(cutoff_hz, period_s, order)
+    n = min(3 * (order + 1), len(values) - 1)
+    before, after = values[n:0:-1], values[-2 : -n - 2 : -1]
+    signal = np.concatenate([2.0 * values[:1] - before, values, 2.0 * values[-1:] - after])
+    state = state.reshape(*state.shape, *(1,) * (values.ndim - 1))
+    for _ in range(2):
+        signal = scipy.signal.sosfilt(sections, signal, axis=0, zi=state * signal[0])[0][::-1]
+    return np.asarray(signal[n : n + len(values)])
 
 
 @lru_cache(maxsize=64)
-def _sections(cutoff_hz: float, period_s: float, order: int) -> Array:
-    """The filter; designing it takes as long as filtering a few thousand samples."""
+def _sections(cutoff_hz: float, period_s: float, order: int) -> tuple[Array, Array]:
+    """The filter and its state after a constant one; they take longer than most recordings."""
     sections = scipy.signal.butter(order, cutoff_hz, fs=1.0 / period_s, output="sos")
-    return np.asarray(sections, dtype=np.float64)
+    return np.asarray(sections, dtype=np.float64), np.asarray(scipy.signal.sosfilt_zi(sections))

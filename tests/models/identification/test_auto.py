@@ -9,6 +9,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.auto import Auto
 from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
+from seatrial.models.vessel.basis import Term, terms
 from seatrial.runner import trial as trials
 from tests.data import DATA
 from tests.models.identification.known_results import Failing, Given
@@ -39,6 +40,23 @@ class FailingOnAll(Given):
         if len(problem.training) >= self.samples:
             raise IdentificationError("too much of it")
         return super().identify(problem, rng)
+
+
+@dataclass(frozen=True)
+class Refined(Given):
+    """A factor of the nominal model, at first a rough one; `made` notes those asked for."""
+
+    rough: float
+    made: list[float]
+    terms: tuple[Term, ...] = ()  # beyond those of the nominal model
+
+    def quick(self) -> Identifier:
+        return replace(self, factor=self.rough)
+
+    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
+        self.made.append(self.factor)
+        model = self.factor * problem.nominal.on(problem.nominal.terms + self.terms)
+        return Identified(model, model - problem.nominal)
 
 
 def identified(
@@ -117,6 +135,19 @@ def test_the_reserve_is_tried_only_where_no_other_is_admissible(calm) -> None:
     assert chosen(identified(candidates, calm.problem, reserve=("true",))) == "half"
     last = {name: candidates[name] for name in ("true", "near")}
     assert chosen(identified(last, calm.problem, reserve=("true",))) == "true"
+
+
+def test_without_further_terms_only_a_better_quick_estimate_is_refined(calm) -> None:
+    """One that is as good as another may be the same, as where all terms are linear."""
+    made: list[float] = []
+    pairs = {"first": (0.55, 0.7), "same": (0.5, 0.7), "poor": (0.52, 0.9), "good": (0.54, 0.6)}
+    candidates = {name: Refined(*pair, made) for name, pair in pairs.items()}
+    candidates["more"] = Refined(0.51, 0.9, made, terms(["uvr"]))
+    found = identified(candidates, calm.problem)
+    assert {0.55, 0.54, 0.51} <= {*made}
+    assert not {0.5, 0.52} & {*made}
+    unrefined = [one for one in left_out(found) if "no better than that of another" in one]
+    assert [one.partition(":")[0] for one in unrefined] == ["same", "poor"]
 
 
 def test_one_that_is_better_by_chance_alone_is_refused(calm) -> None:

@@ -13,6 +13,7 @@ from seatrial.models.identification.cross_validation import (
     one_standard_error_rule,
 )
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
+from seatrial.models.vessel.table import Vessel
 from tests.models.identification.known_results import Failing, Given
 
 
@@ -99,6 +100,22 @@ def test_an_axis_that_loses_keeps_its_nominal_equation_and_the_others_their_own(
     np.testing.assert_array_equal(mixed[:, 2], nominal.theta[:, 2])
     np.testing.assert_array_equal(mixed[:, :2], theta[:, :2])
     assert blocks.nominal.worse(score.errors)
+
+
+def test_without_skill_the_nominal_equation_stays_unless_it_is_worse_beyond_chance(
+    calm, monkeypatch
+) -> None:
+    """No model predicts sway or yaw; the nominal one of sway has twice the error of the other."""
+    nominal = calm.problem.nominal
+    errors = {False: [0.2, 4.0, 1.5], True: [0.1, 2.0, 1.4]}  # by whether the model is another one
+
+    def known(blocks: CrossValidation, models: list[Vessel]) -> FoldErrors:
+        squares = np.tile(errors[models[0] is not nominal], (3, 1))
+        squares[:, 2] += [-0.3, 0.0, 0.3 if models[0] is nominal else 0.5]
+        return FoldErrors(squares, np.ones(3))
+
+    monkeypatch.setattr(CrossValidation, "errors", known)
+    assert CrossValidation(calm.problem).score([calm.truth] * 3).nominal_axes == (2,)
 
 
 def test_every_sample_is_left_out_once_and_never_seen(calm) -> None:
