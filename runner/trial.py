@@ -510,9 +510,7 @@ def deploy(
             log.warning(warning)
         diagnostics += deployment_metrics.warning_rows(warnings)
         diagnostics += deployment_metrics.loop_diagnostics(sailed, name)
-    if identified is None:  # each number that is withheld is a row without a value
-        nominals = [row for row in metrics if (row.stage, row.model) == ("deployment", "nominal")]
-        metrics += [replace(row, model="identified", value=None) for row in nominals]
+    metrics += deployment_metrics.withheld(metrics) if identified is None else []
     complete = Results(metrics, coefficients, diagnostics, series, note=results.note)
     if failure is not None:
         raise TrialDiverged(failure, complete)

@@ -1,6 +1,7 @@
 """Deployment metrics: tracking, step response and control effort, and warnings of the design."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,6 +30,12 @@ def design_metrics(design: ControlDesign, model: str) -> list[Metric]:
         flags = 1.0 * design.infeasible
         rows += per_dof("infeasible_limits", "deployment", model, design.dofs, flags)
     return rows
+
+
+def withheld(rows: Sequence[Metric]) -> list[Metric]:
+    """Return the numbers of an identified model that is not deployed: those of the nominal one."""
+    nominal = [row for row in rows if (row.stage, row.model) == ("deployment", "nominal")]
+    return [replace(row, model="identified", value=None) for row in nominal]
 
 
 def response_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:

@@ -43,7 +43,11 @@ def frame(database: Path, metric: str, dof: str, sweep: int) -> pd.DataFrame:
 
 
 def table(
-    trials: pd.DataFrame, rows: str, columns: str, baseline: str, statistic: str,
+    trials: pd.DataFrame,
+    rows: str,
+    columns: str,
+    baseline: str,
+    statistic: str,
     resolution: float = 1e-6,
 ) -> pd.DataFrame:
     """The cells by row and column: statistic, n, lost, ratio, wins, pairs, p, Holm's p and best."""

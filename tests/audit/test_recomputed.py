@@ -10,7 +10,6 @@ from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.selection import request_of
-from seatrial.runner.vocabulary import GROUPS
 from tests.audit.recomputed import frame, table
 from tests.runner.compare import stored
 
@@ -27,14 +26,8 @@ def fill(folder: Path, draw: random.Random) -> None:
             for disturbance in ("calm", "noise", "wind")
             for seed in range(8 if disturbance != "calm" else 1)
         ]
-        planned = [
-            {
-                "fingerprint": begin.fingerprint, "overrides": begin.overrides, "seed": begin.seed,
-                "choices": {name: getattr(begin, name) for name in GROUPS},
-            }
-            for begin in begins
-        ]  # fmt: skip
-        sweep = logbook.begin_sweep("night", "command", [], len(planned), trials=planned)
+        trials = stored.planned(begins)
+        sweep = logbook.begin_sweep("night", "command", [], len(trials), trials=trials)
         size = {name: draw.choice([0.3, 1.0, 1.0]) for name in ("none", "ls", "plsr", "iv")}
         for begin in begins:
             fate = draw.random()

@@ -13,7 +13,7 @@ from seatrial.runner.compare.benchmark.task import task_of
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
-from seatrial.runner.vocabulary import Stream
+from seatrial.runner.vocabulary import GROUPS, Stream
 
 PREDICTED = (6.1, 5.9, 6.4)  # tactical diameter and its interval, of the circle's model
 VESSEL = {"dofs": ["surge", "sway", "yaw"], "force_limits": [100.0, 100.0, 500.0]}
@@ -64,6 +64,17 @@ def start(
         code=code,
         experiment=sha256(experiment.encode()).hexdigest(),
     )
+
+
+def planned(begins: Sequence[RunStart]) -> list[dict[str, Any]]:
+    """The rows of trials that a sweep plans."""
+    return [
+        {
+            "fingerprint": begin.fingerprint, "overrides": begin.overrides, "seed": begin.seed,
+            "choices": {name: getattr(begin, name) for name in GROUPS},
+        }
+        for begin in begins
+    ]  # fmt: skip
 
 
 def force_mse(value: float | None, dof: str = "surge", model: str = "identified") -> Metric:

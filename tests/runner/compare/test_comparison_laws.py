@@ -11,7 +11,6 @@ from seatrial.runner.compare.grid import TextTable
 from seatrial.runner.compare.results import Queries, open_results
 from seatrial.runner.compare.selection import request_of
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.vocabulary import GROUPS
 from tests.runner.compare import stored
 
 SEEDS = range(6)
@@ -157,15 +156,7 @@ def test_a_metric_keeps_its_unit_when_every_value_is_missing(
 
 def test_planned_trials_that_never_started_count(logbook: LogbookWriter, results: Queries) -> None:
     begins = [stored.start("ls", "noise", seed) for seed in SEEDS]
-    planned = [
-        {
-            "fingerprint": begin.fingerprint,
-            "choices": {name: getattr(begin, name) for name in GROUPS},
-            "seed": begin.seed,
-            "overrides": begin.overrides,
-        }
-        for begin in begins
-    ]
+    planned = stored.planned(begins)
     sweep = logbook.begin_sweep("night", "command", [], len(planned), trials=planned)
     for begin in begins[:4]:
         stored.finish(logbook, begin, [stored.tracking(1.0)], sweep=sweep, drawn=["noise"])
