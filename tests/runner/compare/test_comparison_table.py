@@ -96,14 +96,9 @@ def test_baseline_gives_ratio_wins_and_the_paired_test(results: Queries) -> None
 
 def test_a_model_of_the_same_runs_can_be_the_baseline(results: Queries) -> None:
     grid = table(
-        results,
-        metric=["e_pos_mae"],
-        dof=None,
-        model=["identified"],
-        columns="model",
-        baseline=["model=nominal"],
-        where="disturbance=calm",
-    )
+        results, metric=["e_pos_mae"], dof=None, model=["identified"], columns="model",
+        baseline=["model=nominal"], where="disturbance=calm",
+    )  # fmt: skip
     shown = cells(grid)
     # none: 1.00, 1.02, 1.04 against 1.0: one tie and two losses
     assert shown["none", "identified"].startswith("1.020 ± 0.020 (n=3)")

@@ -15,14 +15,9 @@ SAMPLE = np.array([2.0, 4.0, 4.0, 6.0])
 def test_summary_by_hand() -> None:
     found = summary(SAMPLE, ["mean", "std", "n", "median", "min", "max", "q25"])
     assert found == {
-        "mean": 4.0,
-        "std": pytest.approx(math.sqrt(8.0 / 3.0)),
-        "n": 4,
-        "median": 4.0,
-        "min": 2.0,
-        "max": 6.0,
-        "q25": 3.5,
-    }
+        "mean": 4.0, "std": pytest.approx(math.sqrt(8.0 / 3.0)), "n": 4, "median": 4.0, "min": 2.0,
+        "max": 6.0, "q25": 3.5,
+    }  # fmt: skip
 
 
 def test_one_value_has_no_spread_and_none_has_nothing() -> None:
