@@ -33,6 +33,7 @@ for path in sys.argv[1:]:
     sys.argv = ["seatrial", "data", "convert", path, "out.parquet", "--dofs", "surge"]
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
         code = main()
+    Path("out.parquet").unlink(missing_ok=True)
     # not ru_maxrss, which begins at that of the process that started this one
     status = Path("/proc/self/status").read_text()
     most = 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", status)[1])
@@ -158,7 +159,9 @@ def test_files_that_are_no_recordings(tmp_path: Path) -> None:
     assert [row[0] for row in results] == [path.name for path in paths], done.stderr[-2000:]
     wrong = []
     for name, code, said, most in results:
-        if code != 2 or said.count("\n") != 1 or name not in said or most > MEMORY:
+        if name == "half.csv":  # a log of text whose last line is cut is read without it
+            assert code == 0
+        elif code != 2 or said.count("\n") != 1 or name not in said or most > MEMORY:
             wrong.append((name, code, said[-600:], most))
     assert wrong == []
     assert sorted(path.name for path in tmp_path.iterdir()) == before
