@@ -98,6 +98,7 @@ def test_a_fit_of_the_lag_is_flagged(run: Run, metric: Values) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_diagonal_inertia_under_noise(run: Run) -> None:
     errors = []
     for seed in range(20):
