@@ -168,7 +168,7 @@ class _Writer:
         cell = self.table.cells.get(place)
         if cell is None:
             return GridCell("")
-        text = _figures_text(self.figures[place], self.request) if cell.observed else EMPTY
+        text = _figures_text(self.figures[place], self.request) if cell.by_seed else EMPTY
         marks = [MARK] if cell.flagged else []
         marks += [mark for mark, _ in self._flaws([cell])]
         text += f" {' '.join(marks)}" if marks else ""

@@ -161,6 +161,8 @@ def averaged(
 ) -> tuple[dict[str | None, float], int]:
     """Average numbers over their levels within each seed: levels are no replicates.
 
+    Where every level has a seed of its own, the seeds are averaged over the levels that they have.
+
     Returns:
         The averages by seed, and the number of seeds left out because they lack a level.
     """
@@ -170,12 +172,17 @@ def averaged(
         levels[likeness.number(o), own][likeness.seed(o)] = float(o.value or 0.0)
     drawn = dict.fromkeys(seed for values in levels.values() for seed in values if seed is not None)
     seeds: list[str | None] = [*drawn] or ([None] if levels else [])
-    whole = [s for s in seeds if all(s in values or None in values for values in levels.values())]
-    averages = {
-        seed: math.fsum(v[seed] if seed in v else v[None] for v in levels.values()) / len(levels)
-        for seed in whole
+    has = {
+        seed: [v[seed] if seed in v else v[None] for v in levels.values() if seed in v or None in v]
+        for seed in seeds
     }
-    return averages, len(seeds) - len(whole)
+    nested = len(seeds) > 1 and all(len(values) == 1 for values in levels.values())
+    averages = {
+        seed: math.fsum(own) / len(own)
+        for seed, own in has.items()
+        if nested or len(own) == len(levels)
+    }
+    return averages, len(seeds) - len(averages)
 
 
 def prediction_of(observation: Observation) -> Prediction:

@@ -132,6 +132,14 @@ def test_seeds_that_lack_a_pooled_level_are_said(logbook: LogbookWriter, results
     assert "n=4, all equal, 2 seeds without all levels" in grid.rows[0][1].text
 
 
+def test_levels_with_a_seed_each_are_replicates(logbook: LogbookWriter, results: Queries) -> None:
+    for seed in SEEDS:  # such as a design that is drawn by the seed
+        begin = stored.start("ls", "noise", seed, config={"plant": {"scale": 0.1 * seed}})
+        stored.finish(logbook, begin, [stored.tracking(1.0)], drawn=["noise"])
+    grid = table(results, pool=["plant.scale"])
+    assert grid.rows[0][1].text == "1.000 ± 0 (n=6, all equal)"
+
+
 def test_p_values_of_a_table_are_corrected_for_their_number(
     results: Queries, fill: Callable[[Values], None]
 ) -> None:
