@@ -17,34 +17,13 @@ from tests.runner.compare import stored
 from tests.runner.postgres import Postgres
 
 INJECTIONS = (
-    "seed<3; DROP TABLE run",
-    "1=1",
-    "seed=1 OR 1=1",
-    "seed=1--",
-    "identifier='ls' UNION SELECT * FROM run",
-    "seed=(select max(seed) from run)",
-    "lower(identifier)=ls",
-    "run.seed=1",
-    "config=1",
-    "traceback!=null",
-    'identifier"=ls',
-    "identifier.force') OR 1=1",
-    "identifier.'force'=1",
-    "seed=1 /* */",
-    "seed[0]=1",
-    "status like 'f%'",
-    "seed=1 and",
-    "(seed=1",
-    "seed=1)",
-    "seed",
-    "seed in 1",
-    "seed in ()",
-    "not",
-    "seed < true",
-    "seed=1 seed=2",
-    "rowid=1",
-    "identifier==\x00",
-)
+    "seed<3; DROP TABLE run", "1=1", "seed=1 OR 1=1", "seed=1--",
+    "identifier='ls' UNION SELECT * FROM run", "seed=(select max(seed) from run)",
+    "lower(identifier)=ls", "run.seed=1", "config=1", "traceback!=null", 'identifier"=ls',
+    "identifier.force') OR 1=1", "identifier.'force'=1", "seed=1 /* */", "seed[0]=1",
+    "status like 'f%'", "seed=1 and", "(seed=1", "seed=1)", "seed", "seed in 1", "seed in ()",
+    "not", "seed < true", "seed=1 seed=2", "rowid=1", "identifier==\x00",
+)  # fmt: skip
 
 
 def test_precedence_is_not_then_and_then_or() -> None:
