@@ -6,7 +6,6 @@ values are bound as parameters, so text from the command line never becomes SQL.
 """
 
 import math
-import operator as op
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from difflib import get_close_matches
@@ -17,6 +16,7 @@ import sqlalchemy as sa
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.where import (
     NAME,
+    ORDERINGS,
     Among,
     Comparison,
     Condition,
@@ -28,7 +28,6 @@ from seatrial.runner.compare.where import (
 from seatrial.runner.database.tables import Reuse, RunRow, Utc
 
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
-_ORDERINGS = {"<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge}
 Expression = sa.ColumnElement[object]
 
 
@@ -149,7 +148,7 @@ def _operate(left: Expression, operator: str, right: Any) -> sa.ColumnElement[bo
         return left.is_not_distinct_from(right)
     if operator == "!=":
         return left.is_distinct_from(right)
-    return sa.func.coalesce(_ORDERINGS[operator](left, right), sa.false())
+    return sa.func.coalesce(ORDERINGS[operator](left, right), sa.false())
 
 
 def _for_column(name: str, column: Expression, value: Value) -> Value | datetime | Expression:

@@ -30,7 +30,7 @@ OPERATORS = {
     ">": ">",
     ">=": ">=",
 }
-_ORDERINGS: dict[str, Callable[[Any, Any], bool]] = {
+ORDERINGS: dict[str, Callable[[Any, Any], bool]] = {
     "<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge,
 }  # fmt: skip
 MAX_DEPTH = 50
@@ -131,7 +131,7 @@ def _compared(own: Value, operator: str, value: Value) -> bool:
     numbers = isinstance(own, int | float) and isinstance(value, int | float)
     if not (numbers or (isinstance(own, str) and isinstance(value, str))):
         return False
-    return bool(_ORDERINGS[operator](own, value))
+    return bool(ORDERINGS[operator](own, value))
 
 
 def parse(text: str) -> Condition:
