@@ -27,12 +27,12 @@ from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.validation import prediction
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED, DIAGNOSTIC
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.closed_loop import Streams
 from seatrial.runner.compare.benchmark.cells import cells, entrants_of, lacking
 from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, crps, half_width
 from seatrial.runner.compare.benchmark.task import task_of
-from seatrial.runner.record.manoeuvre_results import length_of, manoeuvres
-from seatrial.runner.trial import excite
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.manoeuvre_results import length_of, manoeuvres
+from seatrial.runner.trials.trial import excite
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "results" / "bands.json"

@@ -28,10 +28,10 @@ from seatrial.models.identification.problem import Identified, Identifier, Probl
 from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.composition import order_of
-from seatrial.runner.config import Trial, build_trial
-from seatrial.runner.trial import excite
+from seatrial.runner.configuration.config import Trial, build_trial
+from seatrial.runner.sweeps.composition import order_of
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.trial import excite
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "results" / "coverage.json"

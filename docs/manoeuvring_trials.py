@@ -33,8 +33,8 @@ from seatrial.models.vessel.basis import manoeuvring_basis
 from seatrial.models.vessel.devices.device import with_parameters
 from seatrial.models.vessel.steering import steady_speed
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.trial import excite
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.trial import excite
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "results" / "manoeuvring_trials.json"

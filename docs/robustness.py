@@ -13,7 +13,7 @@ from statistics import median
 
 from docs.pages.markdown import table
 from seatrial.runner.compare.results import Observation, Queries, StoredRun, open_results
-from seatrial.runner.vocabulary import LOST
+from seatrial.runner.record.vocabulary import LOST
 
 LOGBOOK = Path(__file__).parents[1] / "results" / "robustness" / "results.db"
 PATH = "excitation.path"

@@ -18,12 +18,13 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from seatrial.models.vessel.tuning import AUTO, marks_of
-from seatrial.runner.config import Settings
-from seatrial.runner.hydra_errors import CONF
-from seatrial.runner.options import CLASS, options, target
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.configuration.config import Settings
+from seatrial.runner.configuration.hydra_errors import CONF
+from seatrial.runner.configuration.options import CLASS, options, target
+from seatrial.runner.record.vocabulary import GROUPS
 
 Schema = dict[str, Any]
+DATABASE = "seatrial.runner.configuration.config.Database"
 INTERPOLATION: Schema = {"type": "string", "pattern": r"\$\{"}
 FROM_VESSEL: Schema = {"const": AUTO}  # taken from the vessel
 NODE: Schema = {"type": "object"}  # of a class that may be anybody's
@@ -66,7 +67,7 @@ def _group(group: str, classes: dict[str, Schema]) -> dict[str, Schema]:
     described = {}
     for path in sorted((CONF / group).glob("*.yaml")):
         described[path.stem] = option = _option(path)
-        name = "seatrial.runner.config.Database" if group == "database" else _target_of(path)
+        name = DATABASE if group == "database" else _target_of(path)
         if name:
             option["allOf"] = [_reference(name, classes)]
     return described

@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 from seatrial.models.notation import DOFS
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.runner.config import build_as
+from seatrial.runner.configuration.config import build_as
 
 CONF = Path(__file__).parents[1] / "conf"
 HEADERS = (

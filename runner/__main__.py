@@ -40,28 +40,32 @@ from hydra.plugins.completion_plugin import CompletionPlugin
 from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import init
-from seatrial.runner.composition import with_numbers
-from seatrial.runner.console import NewWarnings
+from seatrial.runner.commands import init
+from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_replaced
+from seatrial.runner.configuration.invocation import import_from_working_folder, program_version
+from seatrial.runner.configuration.overrides import left_to_jobs
+from seatrial.runner.configuration.search_path import CONF, UserFolders, hidden
 from seatrial.runner.database.terminal import error_line, refuse_passwords
-from seatrial.runner.hydra_errors import EXPECTED, one_line, refuse_replaced
-from seatrial.runner.in_process import register
-from seatrial.runner.invocation import import_from_working_folder, program_version
-from seatrial.runner.overrides import left_to_jobs
-from seatrial.runner.search_path import CONF, UserFolders, hidden
-from seatrial.runner.stop_signals import StopSignals
-from seatrial.runner.sweep import Session
+from seatrial.runner.sweeps.composition import with_numbers
+from seatrial.runner.sweeps.console import NewWarnings
+from seatrial.runner.sweeps.in_process import register
+from seatrial.runner.sweeps.stop_signals import StopSignals
+from seatrial.runner.sweeps.sweep import Session
 
 if TYPE_CHECKING:  # what is slow to import, or seldom used
-    from seatrial.runner import benchmark, completion, data_commands, doctor, model_command
+    from seatrial.runner.commands import benchmark, completion, data_commands, doctor, model_command
 else:
     import lazy_loader
 
-    benchmark = lazy_loader.load("seatrial.runner.benchmark", suppress_warning=True)
-    completion = lazy_loader.load("seatrial.runner.completion", suppress_warning=True)
-    data_commands = lazy_loader.load("seatrial.runner.data_commands", suppress_warning=True)
-    model_command = lazy_loader.load("seatrial.runner.model_command", suppress_warning=True)
-    doctor = lazy_loader.load("seatrial.runner.doctor", suppress_warning=True)
+    benchmark = lazy_loader.load("seatrial.runner.commands.benchmark", suppress_warning=True)
+    completion = lazy_loader.load("seatrial.runner.commands.completion", suppress_warning=True)
+    data_commands = lazy_loader.load(
+        "seatrial.runner.commands.data_commands", suppress_warning=True
+    )
+    model_command = lazy_loader.load(
+        "seatrial.runner.commands.model_command", suppress_warning=True
+    )
+    doctor = lazy_loader.load("seatrial.runner.commands.doctor", suppress_warning=True)
 
 VARIANT = "--variant"  # options that change together in a sweep
 SANITIZED = Hydra.get_sanitized_cfg

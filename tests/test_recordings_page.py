@@ -10,7 +10,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.reader import Reading
 from seatrial.models.recording.source import ReadOptions, read_sources
-from seatrial.runner import data_commands
+from seatrial.runner.commands import data_commands
 from tests.data import DATA
 
 PAGE = (Path(__file__).parents[1] / "docs" / "howto" / "recordings.md").read_text(encoding="utf-8")

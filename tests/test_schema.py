@@ -10,8 +10,8 @@ from jsonschema import Draft202012Validator
 from omegaconf import OmegaConf
 
 from docs import schema as program
-from seatrial.runner.hydra_errors import CONF
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.configuration.hydra_errors import CONF
+from seatrial.runner.record.vocabulary import GROUPS
 
 FILES = sorted(
     path.relative_to(CONF).as_posix()

@@ -8,13 +8,13 @@ from omegaconf import OmegaConf
 
 from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.composition import order_of
-from seatrial.runner.config import Trial, build_trial
-from seatrial.runner.job import Order
-from seatrial.runner.trial import excite
-from seatrial.runner.vessel_options import filled
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.configuration.config import Trial, build_trial
+from seatrial.runner.configuration.vessel_options import filled
+from seatrial.runner.record.vocabulary import GROUPS
+from seatrial.runner.sweeps.composition import order_of
+from seatrial.runner.sweeps.job import Order
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.trial import excite
 
 CONF = Path(__file__).parents[1] / "conf"
 

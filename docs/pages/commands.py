@@ -10,7 +10,7 @@ import typer.main
 from typer.core import TyperArgument
 
 from docs.pages.markdown import code, prose, table
-from seatrial.runner import benchmark, data_commands, init
+from seatrial.runner.commands import benchmark, data_commands, init
 from seatrial.runner.compare import commands as _commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare import logbook_commands as _more  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app

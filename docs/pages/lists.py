@@ -8,7 +8,7 @@ import yaml
 
 from docs.pages.markdown import code, prose, table
 from docs.pages.yaml_options import files, option_file
-from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.configuration.hydra_errors import CONF
 
 
 def parts(group: str) -> str:

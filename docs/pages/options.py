@@ -6,11 +6,11 @@ from functools import cache
 from docs.pages.markdown import code, prose, table
 from docs.pages.yaml_options import Option, OptionFile, files, option_file
 from docs.schema import Schema, schema
-from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.configuration.hydra_errors import CONF
 
 HEADERS = ("option", "default", "type", "unit", "what it is")
 VESSEL = "seatrial.models.vessel.parameters.VesselParameters"
-DATABASE = "seatrial.runner.config.Database"  # the only class that files do not name
+DATABASE = "seatrial.runner.configuration.config.Database"  # the only class that files do not name
 MOST_NAMED = 5  # alternatives of a type
 ANY_CLASS = code("_target_")  # of anybody's
 _SYMBOLS = {"minimum": "≥ ", "exclusiveMinimum": "> ", "maximum": "≤ ", "exclusiveMaximum": "< "}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import yaml
 
-from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.configuration.hydra_errors import CONF
 
 LONGEST = 90  # characters of a default
 _COMMENT = re.compile(r"(?:^|\s)#\s?(.*)$")

@@ -27,7 +27,7 @@ from seatrial.runner.compare.grid import Scalar, TableCell, TextTable, number_te
 from seatrial.runner.compare.page import Picture, picture, render_page, write_page
 from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
 from seatrial.runner.compare.results import Queries
-from seatrial.runner.search_path import CONF
+from seatrial.runner.configuration.search_path import CONF
 
 HEADERS = (
     *("row", "quantity", "way", "printed", "reference", "ours", "ratio", "verdict", "reason"),

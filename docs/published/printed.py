@@ -27,7 +27,7 @@ from seatrial.runner.compare.results import (
 )
 from seatrial.runner.compare.statistics import RELATIVE_ROUNDING, confidence_interval
 from seatrial.runner.compare.where import Condition, Joined, OfSweeps
-from seatrial.runner.invocation import trial_program
+from seatrial.runner.configuration.invocation import trial_program
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "printed"

@@ -11,11 +11,11 @@ from io import TextIOWrapper
 from typer.main import get_command
 
 from seatrial.models.errors import SeatrialError
-from seatrial.runner import plugins
 from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app
+from seatrial.runner.configuration import plugins
+from seatrial.runner.configuration.invocation import REPLACED, import_from_working_folder
 from seatrial.runner.database.terminal import error_line, refuse_passwords
-from seatrial.runner.invocation import REPLACED, import_from_working_folder
 
 PROGRAM = "seatrial-results"
 

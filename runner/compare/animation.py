@@ -26,7 +26,7 @@ from seatrial.runner.compare.plots.track import drawn_length, outline
 from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
-from seatrial.runner.vocabulary import Config
+from seatrial.runner.record.vocabulary import Config
 
 FRAMES = {".html": 120, ".gif": 120, ".mp4": 300}  # at most
 FRAMES_PER_S, INCHES, DPI = 15, 5.0, 100

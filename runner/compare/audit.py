@@ -18,7 +18,7 @@ from seatrial.runner.compare.results import (
 from seatrial.runner.compare.runs import runs_of
 from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
 from seatrial.runner.compare.where import Condition
-from seatrial.runner.vocabulary import DOF_ORDER, LOST
+from seatrial.runner.record.vocabulary import DOF_ORDER, LOST
 
 HEADERS = ("check", "runs", "what", "remedy")
 K = TypeVar("K", bound=Hashable)

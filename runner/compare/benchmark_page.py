@@ -19,8 +19,8 @@ from seatrial.runner.compare.plots.critical_difference import chart
 from seatrial.runner.compare.plots.free_runs import Runs, colours_of, part_of, tracks, velocities
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.results import FINISHED, Queries
+from seatrial.runner.configuration.invocation import results_program, trial_program
 from seatrial.runner.export.manoeuvre_tracks import length_of
-from seatrial.runner.invocation import results_program, trial_program
 
 FIRST = 3  # entrants on the figures of free runs, beside `none`
 

@@ -29,7 +29,7 @@ from seatrial.runner.compare.statistics import (
     summary,
 )
 from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.vocabulary import NOT_STARTED, UNFINISHED
+from seatrial.runner.record.vocabulary import NOT_STARTED, UNFINISHED
 
 EMPTY = "–"
 MARK = "†"

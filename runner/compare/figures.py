@@ -3,8 +3,8 @@
 Each file of the folder `plots` with `FIGURE = Figure(...)` and `drawings(results, request)` is a
 figure; there is no other list of figures. The arguments of the declaration are literals and are
 read without importing the file, because the help shows them and matplotlib is slow to import.
-Files of plug-ins are searched for figures too (seatrial.runner.plugins). Any other module with the
-same two names is a figure as well; it is selected by its module name.
+Files of plug-ins are searched for figures too (seatrial.runner.configuration.plugins). Any other
+module with the same two names is a figure as well; it is selected by its module name.
 """
 
 import ast
@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Literal
 
 from seatrial.models.errors import ConfigurationError, PartError, SeatrialError
-from seatrial.runner.plugins import failure, is_own, plugins
+from seatrial.runner.configuration.plugins import failure, is_own, plugins
 
 if TYPE_CHECKING:
     from seatrial.runner.compare.plots.request import PlotRequest

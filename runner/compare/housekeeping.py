@@ -12,11 +12,11 @@ from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.runs import repeat_command, runs_of
+from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.database.engine import Address
 from seatrial.runner.database.logbook import LogbookWriter
 from seatrial.runner.database.records import RunSummary
-from seatrial.runner.invocation import trial_program
-from seatrial.runner.vocabulary import GROUPS, LOST
+from seatrial.runner.record.vocabulary import GROUPS, LOST
 
 MINUTES = {"m": 1, "h": 60, "d": 24 * 60, "w": 7 * 24 * 60}
 PRUNED = (*LOST, "finished")

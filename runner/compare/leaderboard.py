@@ -11,7 +11,7 @@ from seatrial.runner.compare.benchmark.entries import REFERENCES
 from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, interval, pooled
 from seatrial.runner.compare.grid import TableCell, TextTable, number_text, with_unit
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.invocation import trial_program
+from seatrial.runner.configuration.invocation import trial_program
 
 COMPARED = ("auto", "none", *REFERENCES)  # entrants that the summary shows beside the first one
 SUMMARY = ("task", "cells", "first", "score", "90 %", "not significantly worse")

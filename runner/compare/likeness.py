@@ -15,7 +15,7 @@ from math import fsum
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.results import OWN_FACTORS, Observation, Queries, StoredRun
-from seatrial.runner.vocabulary import GROUPS, NOT_COMPARED
+from seatrial.runner.record.vocabulary import GROUPS, NOT_COMPARED
 
 STORAGE = (*NOT_COMPARED, "metrics", "seed")
 AFTER_VALIDATION = ("evaluation", "plant.change", "update")

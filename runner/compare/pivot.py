@@ -19,7 +19,7 @@ from seatrial.runner.compare.results import (
 )
 from seatrial.runner.compare.statistics import PairedTest, Sample, equal, holm, paired_test
 from seatrial.runner.record.catalogue import HORIZONS, definition_of
-from seatrial.runner.vocabulary import DOF_ORDER, MODELS
+from seatrial.runner.record.vocabulary import DOF_ORDER, MODELS
 
 Key = tuple[str, ...]
 Place = tuple[Key, Key]

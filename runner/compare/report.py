@@ -24,7 +24,7 @@ from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import sheet
 from seatrial.runner.record.catalogue import METRICS, definition_of
-from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS
+from seatrial.runner.record.vocabulary import COMBINED, DOF_ORDER, GROUPS
 
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
 

@@ -38,7 +38,7 @@ from seatrial.runner.database.tables import (
 )
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.database.views import run_overview
-from seatrial.runner.vocabulary import FILE_FINDING, GROUPS, NOT_STARTED
+from seatrial.runner.record.vocabulary import FILE_FINDING, GROUPS, NOT_STARTED
 
 # A *factor* groups runs into rows, columns or facets: a column of table `run`, a dotted key of the
 # configuration, or a property of the number itself (metric, stage, model, dof).

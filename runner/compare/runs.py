@@ -17,12 +17,12 @@ from seatrial.runner.compare.factors import flat
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line, unit_text
 from seatrial.runner.compare.results import RUN, Queries
 from seatrial.runner.compare.where import Comparison, Condition
+from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.database.engine import Address, file_url
 from seatrial.runner.database.records import RunDetail, RunSummary
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.database.views import run_overview
-from seatrial.runner.invocation import trial_program
-from seatrial.runner.vocabulary import GROUPS, STATUSES
+from seatrial.runner.record.vocabulary import GROUPS, STATUSES
 
 RUN_COLUMNS = (
     "run_id",

@@ -25,7 +25,7 @@ from seatrial.runner.database.liveness import (
 )
 from seatrial.runner.database.records import RunClaim, RunStart, plain
 from seatrial.runner.database.tables import Base, Reuse, RunRow
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.record.vocabulary import GROUPS
 
 _TRIES = 10  # a try fails only if another process changed the rows at the same time
 

@@ -38,7 +38,7 @@ from seatrial.runner.database.records import (
     plain,
 )
 from seatrial.runner.record.rows import Results, Series
-from seatrial.runner.vocabulary import Ending
+from seatrial.runner.record.vocabulary import Ending
 
 T = TypeVar("T")
 

@@ -43,7 +43,7 @@ from seatrial.runner.database.records import (
 )
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.record.rows import Coefficient, Metric, Series
-from seatrial.runner.vocabulary import LOST
+from seatrial.runner.record.vocabulary import LOST
 
 if TYPE_CHECKING:
     from seatrial.runner.database import export as tables_export

@@ -9,7 +9,7 @@ from typing import Literal, SupportsFloat, SupportsInt
 
 import numpy as np
 
-from seatrial.runner.vocabulary import Config
+from seatrial.runner.record.vocabulary import Config
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-from seatrial.runner.vocabulary import STATUSES
+from seatrial.runner.record.vocabulary import STATUSES
 
 _NAMES = {
     "pk": "pk_%(table_name)s",

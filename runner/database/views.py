@@ -12,7 +12,7 @@ from sqlalchemy import Boolean, Connection, DateTime, Float, Integer, String, co
 
 from seatrial.runner.database.liveness import stale
 from seatrial.runner.record.catalogue import METRICS, Definition
-from seatrial.runner.vocabulary import COMBINED, GROUPS
+from seatrial.runner.record.vocabulary import COMBINED, GROUPS
 
 # The columns of metric_wide; all other metrics are in the table metric only.
 METRIC_NAMES = tuple(metric.name for metric in METRICS if metric.wide)

@@ -22,11 +22,11 @@ from seatrial.models.simulation.manoeuvre_sheet import Sheet as Sheet
 from seatrial.models.simulation.manoeuvre_sheet import SheetEntry as SheetEntry
 from seatrial.models.simulation.manoeuvre_sheet import sheet as sheet
 from seatrial.models.simulation.manoeuvre_sheet import track_of as track_of
+from seatrial.runner.configuration.recording_map import read_map, reader_of
 from seatrial.runner.database.reader import LogbookReader
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, MEASURES, metric_of_measure
 from seatrial.runner.record.rows import Series
-from seatrial.runner.recording_map import read_map, reader_of
-from seatrial.runner.vocabulary import Config
+from seatrial.runner.record.vocabulary import Config
 
 HELM = "delta"
 NEEDED = ("t", "x", "y", "psi", "u", "v")

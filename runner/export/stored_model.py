@@ -22,12 +22,12 @@ from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner import options
+from seatrial.runner.configuration import options
 from seatrial.runner.database import LogbookReader
 from seatrial.runner.database.records import RunDetail
 from seatrial.runner.record.coefficient_rows import device_values, vessel_of
 from seatrial.runner.record.rows import Coefficient
-from seatrial.runner.vocabulary import GROUPS, Config
+from seatrial.runner.record.vocabulary import GROUPS, Config
 
 DERIVATIVE_LETTERS = "XYZKMN"  # of the forces, in the order of DOFS
 ADAPTIVE = "adaptive"  # stored as adaptive_1, adaptive_2, ...; the last one is meant

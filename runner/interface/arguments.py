@@ -10,7 +10,7 @@ from typing import Any, Literal, TypedDict, cast
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.record.vocabulary import GROUPS
 
 NESTED = "__"  # in the name of an argument, for the dot of an option
 # Text that the grammar of overrides reads as itself, without quotes.

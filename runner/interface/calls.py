@@ -14,14 +14,14 @@ from seatrial.runner.interface.arguments import overrides_of, place_of
 from seatrial.runner.interface.displayed_table import Table
 from seatrial.runner.interface.stored_runs import Logbook, Run, Sweep
 from seatrial.runner.interface.vessel_models import Model
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.record.vocabulary import GROUPS
 
 if TYPE_CHECKING:
-    from seatrial.runner import console, in_process
+    from seatrial.runner.sweeps import console, in_process
 else:
     import lazy_loader
 
-    in_process = lazy_loader.load("seatrial.runner.in_process", suppress_warning=True)
+    in_process = lazy_loader.load("seatrial.runner.sweeps.in_process", suppress_warning=True)
 
 Choice = str | Path | Model | Sequence[str] | Mapping[str, object] | None
 

@@ -16,7 +16,7 @@ from seatrial.models.recording.recording import GAP, UNIFORMITY, attitude_of, bl
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner.compare.grid import grid_of
-from seatrial.runner.config import build_as
+from seatrial.runner.configuration.config import build_as
 from seatrial.runner.interface.arguments import overrides_of, text_of
 from seatrial.runner.interface.displayed_table import Table
 from seatrial.runner.interface.vessel_models import Model
@@ -24,12 +24,12 @@ from seatrial.runner.interface.vessel_models import Model
 if TYPE_CHECKING:
     import pandas as pd
 
-    from seatrial.runner import in_process
+    from seatrial.runner.sweeps import in_process
 else:
     import lazy_loader
 
     pd = lazy_loader.load("pandas")
-    in_process = lazy_loader.load("seatrial.runner.in_process", suppress_warning=True)
+    in_process = lazy_loader.load("seatrial.runner.sweeps.in_process", suppress_warning=True)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

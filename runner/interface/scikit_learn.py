@@ -25,21 +25,21 @@ from seatrial.models.identification.validation import combined, prediction, scor
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.recording import end_to_end
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.config import build_as
+from seatrial.runner.configuration.config import build_as
 from seatrial.runner.interface.arguments import overrides_of, text_of
 from seatrial.runner.interface.vessel_models import Model
+from seatrial.runner.trials.closed_loop import Streams
 
 if TYPE_CHECKING:
     import pandas as pd
     from sklearn.utils import Tags
 
-    from seatrial.runner import in_process
+    from seatrial.runner.sweeps import in_process
 else:
     import lazy_loader
 
     pd = lazy_loader.load("pandas")
-    in_process = lazy_loader.load("seatrial.runner.in_process", suppress_warning=True)
+    in_process = lazy_loader.load("seatrial.runner.sweeps.in_process", suppress_warning=True)
 
 Recordings = recordings.Recording | Sequence[recordings.Recording]
 OWN = ("identifier", "vessel", "seed")  # parameters that are no options of the identifier

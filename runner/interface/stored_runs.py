@@ -29,7 +29,7 @@ from seatrial.runner.interface.arguments import (
 from seatrial.runner.interface.displayed_table import Table
 from seatrial.runner.interface.vessel_models import Model
 from seatrial.runner.record.catalogue import METRICS
-from seatrial.runner.vocabulary import GROUPS, Config
+from seatrial.runner.record.vocabulary import GROUPS, Config
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -24,8 +24,9 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.vessel.basis import Array
     from seatrial.models.vessel.table import Vessel as Coefficients
     from seatrial.models.weather import weather
-    from seatrial.runner import config, in_process
+    from seatrial.runner.configuration import config
     from seatrial.runner.export.stored_model import StoredModel
+    from seatrial.runner.sweeps import in_process
 
     Forces = Sequence[Sequence[float]] | Array | Mapping[str, Any]  # a frame is like a mapping
 else:

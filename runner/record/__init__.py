@@ -1,1 +1,1 @@
-"""What a trial stores: metrics, coefficients, diagnostics and time series, with units."""
+"""What is recorded of a trial: names, the catalogue of metrics, rows with units."""

@@ -19,7 +19,7 @@ from seatrial.models.notation import (
     SQUARE_UNIT,
     VELOCITY_UNIT,
 )
-from seatrial.runner.vocabulary import Stage
+from seatrial.runner.record.vocabulary import Stage
 
 Unit = str | Mapping[str, str]
 Better = Literal["lower", "higher"] | float | None

@@ -24,7 +24,7 @@ from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.record.catalogue import Definition, register
 from seatrial.runner.record.rows import Metric, metric
-from seatrial.runner.vocabulary import Stage
+from seatrial.runner.record.vocabulary import Stage
 
 
 class OwnMetric(ABC):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.record.catalogue import declared
-from seatrial.runner.vocabulary import Stage, Stream
+from seatrial.runner.record.vocabulary import Stage, Stream
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.record.rows import Results
 from tests.benchmarks import sweeps
 from tests.benchmarks.conftest import growth

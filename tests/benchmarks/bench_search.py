@@ -16,8 +16,8 @@ from seatrial.models.identification.nsga2 import Nsga2
 from seatrial.models.identification.predictor import Predictor
 from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.trial import excite
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.trial import excite
 from tests.trials import composed
 
 STEPS, CANDIDATES, FERRIES = 3000, 10_000, 256

@@ -9,8 +9,8 @@ from sklearn.cross_decomposition import PLSRegression
 from seatrial.models.identification.kernel_pls import Columns, columns, mean_squares, output_moment
 from seatrial.models.identification.surface_plsr import MIN_COUNT, exists, whole_surface
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.trial import excite
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.trial import excite
 from tests.trials import composed
 
 AXES = 3

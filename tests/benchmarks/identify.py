@@ -19,7 +19,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.simulation.voyage import recording_of
-from seatrial.runner.closed_loop import Streams, sail_mission
+from seatrial.runner.trials.closed_loop import Streams, sail_mission
 from tests.benchmarks.memory import peak_megabytes
 from tests.trials import composed
 

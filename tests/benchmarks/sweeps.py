@@ -23,12 +23,13 @@ from unittest.mock import patch
 import hydra
 from hydra._internal.core_plugins import basic_launcher
 
-from seatrial.runner import job, sweep, trial
 from seatrial.runner.__main__ import main
-from seatrial.runner.composition import Composer, SharingLoader
+from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookReader, LogbookWriter
-from seatrial.runner.hydra_errors import CONF
-from seatrial.runner.job import Planner
+from seatrial.runner.sweeps import job, sweep
+from seatrial.runner.sweeps.composition import Composer, SharingLoader
+from seatrial.runner.sweeps.job import Planner
+from seatrial.runner.trials import trial
 from tests.benchmarks.memory import peak_megabytes
 from tests.runner.command import logging_kept
 

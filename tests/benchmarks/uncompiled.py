@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from seatrial.models.simulation.voyage import Log
-from seatrial.runner.closed_loop import Streams, prepare
+from seatrial.runner.trials.closed_loop import Streams, prepare
 from tests.trials import composed
 
 

@@ -16,10 +16,10 @@ from docs.pages import commands, database, lists, metrics, options
 from docs.pages.markdown import code, prose, table
 from docs.pages.yaml_options import OptionFile, files, option_file
 from seatrial.runner.compare.figures import figures
+from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database.tables import Base
-from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.record.catalogue import METRICS
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.record.vocabulary import GROUPS
 
 DOCS = Path(__file__).parents[2] / "docs"
 SVG = "{http://www.w3.org/2000/svg}"

@@ -16,8 +16,8 @@ from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.config import build_as
-from seatrial.runner.vessel_options import filled
+from seatrial.runner.configuration.config import build_as
+from seatrial.runner.configuration.vessel_options import filled
 
 CONF = Path(__file__).parents[2] / "conf"
 PERIOD_S = 0.1

@@ -6,8 +6,8 @@ from functools import cache
 import pytest
 
 from docs.published.printed import HERE, file_of
-from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Metric, Results
+from seatrial.runner.trials import trial as trials
 from tests.runner.compare.conftest import browser as browser
 from tests.trials import asked_for
 

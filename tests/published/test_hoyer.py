@@ -7,9 +7,9 @@ import pytest
 
 from docs.published.grid import local_minima
 from seatrial.models.identification.problem import Problem
-from seatrial.runner import closed_loop
-from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Results
+from seatrial.runner.trials import closed_loop
+from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 

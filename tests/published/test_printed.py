@@ -6,7 +6,7 @@ import pytest
 
 from docs.published.printed import FOLDER, Printed, file_of, read_folder
 from seatrial.models.vessel.basis import terms
-from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.configuration.hydra_errors import CONF
 from tests.data import DATA
 
 SOURCES = {"Jervan": "000", "Ljungberg": "002", "Hoyer": "003", "Bargouth": "004"}

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.runner import trial as trials
-from seatrial.runner.config import Trial
-from seatrial.runner.provenance import collect
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.configuration.provenance import collect
 from seatrial.runner.record.rows import Metric, Results
-from seatrial.runner.trial import TrialDiverged
+from seatrial.runner.trials import trial as trials
+from seatrial.runner.trials.trial import TrialDiverged
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Answer:
 
 @dataclass
 class FakeTrial:
-    """Stands in for seatrial.runner.trial: what happens depends on the seed.
+    """Stands in for seatrial.runner.trials.trial: what happens depends on the seed.
 
     A check does not depend on the seed; it refuses scales of the plant.
     """

@@ -256,7 +256,7 @@ def test_the_sweep_goes_on(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_bug_of_ours_stays_a_bug(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """A failure that does not come through the plug-in is not said to be its own."""
-    from seatrial.runner import trial as trials
+    from seatrial.runner.trials import trial as trials
 
     text, others = wave("return np.zeros((n, len(dofs)))")
     module = written(seatrial.folder, "idle", text, monkeypatch)

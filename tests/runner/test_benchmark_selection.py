@@ -13,11 +13,11 @@ from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.closed_loop import ExcitationData, Streams
 from seatrial.runner.compare.benchmark.cells import BenchmarkTrial, cells
 from seatrial.runner.compare.benchmark.task import task_of
-from seatrial.runner.config import Trial
-from seatrial.runner.trial import excite, identify
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.trials.closed_loop import ExcitationData, Streams
+from seatrial.runner.trials.trial import excite, identify
 from tests.trials import composed
 
 LEAST, SECONDS = 300, 60.0  # samples, and time, of the training data that are used

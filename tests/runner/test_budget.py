@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import budget
+from seatrial.runner.trials import budget
 from tests.runner.command import Command
 from tests.trials import composed
 

@@ -1,6 +1,6 @@
 """Disturbance cases that are put together on the command line."""
 
-from seatrial.runner.config import build_trial
+from seatrial.runner.configuration.config import build_trial
 from tests.trials import asked_for, ordered
 
 

@@ -15,8 +15,8 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.command_identifier import CommandIdentifier
-from seatrial.runner.fingerprint import fingerprint
+from seatrial.runner.configuration.fingerprint import fingerprint
+from seatrial.runner.trials.command_identifier import CommandIdentifier
 
 DOFS = ("surge", "sway", "yaw")
 TERMS = basis.terms(["u_dot", "v_dot", "r_dot", "u", "v", "r"])

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import ReadonlyConfigError
 
-from seatrial.runner.composition import Composer, SharingLoader, order_of
-from seatrial.runner.config import Limits
-from seatrial.runner.hydra_errors import CONF
-from seatrial.runner.sweep import jobs_of
+from seatrial.runner.configuration.config import Limits
+from seatrial.runner.configuration.hydra_errors import CONF
+from seatrial.runner.sweeps.composition import Composer, SharingLoader, order_of
+from seatrial.runner.sweeps.sweep import jobs_of
 
 CHOICES = (
     *("identifier=ls", "identifier=none", "identifier=nothing", "controller=none", "~controller"),

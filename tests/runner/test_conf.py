@@ -11,8 +11,8 @@ from annotated_types import Le
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import _bounds as declared
-from seatrial.runner.hydra_errors import CONF
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.configuration.hydra_errors import CONF
+from seatrial.runner.record.vocabulary import GROUPS
 from tests.trials import composed
 
 # An option that only works beside others, and those.

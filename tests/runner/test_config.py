@@ -7,8 +7,8 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.config import build_as, build_trial
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.configuration.config import build_as, build_trial
+from seatrial.runner.record.vocabulary import GROUPS
 
 LAG = {
     "_target_": "seatrial.models.vessel.thruster.SecondOrderLag",
@@ -79,7 +79,8 @@ def test_a_target_must_be_a_dataclass_of_ours() -> None:
         "seatrial.models", f"{ours}.thruster", f"{ours}.thruster.Nothing",
         "seatrial.models.nowhere.SecondOrderLag", f"{ours}.table.np.ndarray",
         f"{ours}.parameters.field", "seatrial.models.errors.Diverged",
-        "seatrial.runner.provenance.subprocess.Popen", "seatrial.runner.config.Path",
+        "seatrial.runner.configuration.provenance.subprocess.Popen",
+        "seatrial.runner.configuration.config.Path",
         "seatrial.runner..config.Trial", "", 3, None,
     ):  # fmt: skip
         assert refusal({"_target_": target}).startswith(f"thruster._target_: got {target!r}")

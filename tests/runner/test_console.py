@@ -15,11 +15,11 @@ import yaml
 from rich.console import Console
 from rich.progress import Progress, TextColumn
 
-from seatrial.runner import console as progress
-from seatrial.runner.console import LiveLine, NewWarnings, PlainLines, Standing, TimeLeft
+from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.hydra_errors import CONF
 from seatrial.runner.record.rows import Results
+from seatrial.runner.sweeps import console as progress
+from seatrial.runner.sweeps.console import LiveLine, NewWarnings, PlainLines, Standing, TimeLeft
 from tests.runner.database.samples import make_start
 from tests.runner.programs import wait
 

@@ -13,8 +13,8 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.models.vessel.kinematics import wrap
 from seatrial.runner.__main__ import main
-from seatrial.runner.data_convert import write_recording
-from seatrial.runner.recording_map import read_map, reader_of
+from seatrial.runner.commands.data_convert import write_recording
+from seatrial.runner.configuration.recording_map import read_map, reader_of
 from tests.data import DATA
 
 PLANAR = ("surge", "sway", "yaw")

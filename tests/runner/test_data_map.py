@@ -10,8 +10,8 @@ import yaml
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.diagnosis import examine
 from seatrial.models.vessel.basis import Array
-from seatrial.runner import data_commands, recording_page
-from seatrial.runner.recording_map import read_map, reader_of
+from seatrial.runner.commands import data_commands, recording_page
+from seatrial.runner.configuration.recording_map import read_map, reader_of
 
 KNOT, DEG = 3600.0 / 1852.0, 180.0 / np.pi
 

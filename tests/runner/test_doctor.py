@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner import doctor
+from seatrial.runner.commands import doctor
 from tests.runner.command import Command
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.conftest import program as program

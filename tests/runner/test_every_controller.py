@@ -10,7 +10,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
-from seatrial.runner import trial as trials
+from seatrial.runner.trials import trial as trials
 from tests.trials import FORCED, STEERED, composed, options
 
 OF_HELM = ("autopilot", "mpc_heading")  # command inputs

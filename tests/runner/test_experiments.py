@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from seatrial.runner.config import Limits
+from seatrial.runner.configuration.config import Limits
+from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.hydra_errors import CONF
-from seatrial.runner.sweep import jobs_of
+from seatrial.runner.sweeps.sweep import jobs_of
 from tests.runner.command import Command
 
 PUBLISHED = CONF.parent / "docs" / "published"  # experiments with identifiers of their own

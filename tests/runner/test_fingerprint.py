@@ -11,9 +11,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from seatrial.models.source_digest import MODELS
-from seatrial.runner import trial
-from seatrial.runner.fingerprint import RUNNER, canonical, fingerprint, source_digest
-from seatrial.runner.vocabulary import NOT_COMPARED
+from seatrial.runner.configuration.fingerprint import (
+    PACKAGE,
+    RUNNER,
+    canonical,
+    fingerprint,
+    source_digest,
+)
+from seatrial.runner.record.vocabulary import NOT_COMPARED
+from seatrial.runner.trials import trial
 
 keys = st.text("abcdef_", min_size=1, max_size=6).filter(lambda key: key not in NOT_COMPARED)
 leaves = (
@@ -112,18 +118,18 @@ def test_a_comment_or_a_docstring_in_the_sources_does_not_matter(checkout: Path)
 @pytest.mark.slow
 def test_every_file_that_computes_matters(checkout: Path) -> None:
     """A line of code in any file of models, or that `trial` loads, but for the storage."""
-    package = trial.__name__.rpartition(".")[0]
     program = (
         f"import sys, {trial.__name__}\n"
         "for name, module in list(sys.modules.items()):\n"
-        f"    if name.startswith('{package}.') and not name.startswith('{package}.database'):\n"
+        f"    if name.startswith('{PACKAGE}.') and not name.startswith('{PACKAGE}.database'):\n"
         "        print(module.__file__)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     loaded = {Path(line) for line in done.stdout.splitlines()}
-    assert loaded >= {RUNNER / "closed_loop.py", RUNNER / "record" / "validation_metrics.py"}
+    computing = {"closed_loop.py", "validation_metrics.py"}
+    assert loaded >= {RUNNER / "trials" / name for name in computing}
     copies = [checkout / RUNNER.name / path.relative_to(RUNNER) for path in loaded]
     seen = {digest(checkout)}
     for path in [*copies, *(checkout / MODELS.name).rglob("*.py")]:
@@ -133,7 +139,7 @@ def test_every_file_that_computes_matters(checkout: Path) -> None:
 
 
 def test_what_shows_launches_and_stores_does_not_matter(checkout: Path) -> None:
-    for name in ("console.py", "launching.py", "database/views.py"):
+    for name in ("sweeps/console.py", "sweeps/launching.py", "database/views.py"):
         append(checkout / RUNNER.name / name, "\nADDED = 1\n")
     assert digest(checkout) == source_digest()
 
@@ -143,8 +149,7 @@ def test_a_new_file_of_the_runner_matters_once_it_is_imported(checkout: Path) ->
     (runner / "squared.py").write_text("def square(x):\n    return x * x\n")
     before = digest(checkout)
     assert before == source_digest()
-    package = trial.__name__.rpartition(".")[0]
-    append(runner / "record" / "time_series.py", f"\nfrom {package}.squared import square\n")
+    append(runner / "trials" / "time_series.py", f"\nfrom {PACKAGE}.squared import square\n")
     imported = digest(checkout)
     (runner / "squared.py").write_text("def square(x):\n    return x**2\n")
     assert len({before, imported, digest(checkout)}) == 3

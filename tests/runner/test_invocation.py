@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner import invocation
 from seatrial.runner.compare.runs import repeat_command
-from seatrial.runner.console import DEFAULT_DATABASE, compare
+from seatrial.runner.configuration import invocation
 from seatrial.runner.database import engine
+from seatrial.runner.sweeps.console import DEFAULT_DATABASE, compare
 
 SCRIPT = "/home/somebody/.venv/bin/seatrial"
 

@@ -12,8 +12,8 @@ from seatrial.models.simulation.manoeuvre_measures import Turn
 from seatrial.models.simulation.manoeuvre_sheet import sheet, track_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner import trial as trials
 from seatrial.runner.compare.__main__ import run as compare
+from seatrial.runner.trials import trial as trials
 from tests.data import DATA
 from tests.runner.command import Command
 from tests.trials import asked_for

@@ -17,7 +17,7 @@ from hydra.core.plugins import Plugins
 from hydra.errors import MissingConfigException
 from hydra.plugins.launcher import Launcher as HydraLauncher
 
-from seatrial.runner.hydra_errors import CONF, one_line
+from seatrial.runner.configuration.hydra_errors import CONF, one_line
 from tests.runner.command import Command
 from tests.runner.programs import METRICS, belonging_to, ended, rows, sweep, wait
 

@@ -14,24 +14,16 @@ FLOORS = (
     *("models.source_digest", "models.compiled", "models.elementary", "models.packs"),
     *("models.notation", "models.vessel", "models.recording", "models.planning"),
     *("models.weather", "models.simulation", "models.excitation", "models.identification"),
-    *("models.control", "runner.invocation", "runner.plugins", "runner.search_path"),
-    *("runner.vocabulary", "runner.options", "runner.record.catalogue", "runner.record.rows"),
-    *("runner.record.coefficient_rows", "runner.recording_map", "runner.database"),
-    *("runner.export", "runner.compare", "runner"),
+    *("models.control", "runner.record", "runner.database", "runner.configuration"),
+    *("runner.export", "runner.compare", "runner.trials", "runner.sweeps"),
+    *("runner.interface", "runner.commands", "runner"),
 )
 # The comparison reads the database, and the tasks of the benchmark, alone; the database holds rows,
 # whatever they mean.
-GROUND = ("models.errors", "models.notation", "models.diagnostics", "runner.vocabulary")
-NAMES = (*GROUND, "runner.record.catalogue", "runner.record.rows")
+GROUND = ("models.errors", "models.notation", "models.diagnostics", "runner.record")
 ONLY = {
-    "runner.vocabulary": GROUND,
-    "runner.record.catalogue": GROUND,
-    "runner.record.rows": (*GROUND, "runner.record.catalogue"),
-    "runner.database": NAMES,
-    "runner.compare": (
-        *(*NAMES, "runner.invocation", "runner.plugins", "runner.search_path"),
-        *("runner.options", "runner.database", "runner.export"),
-    ),
+    "runner.database": GROUND,
+    "runner.compare": (*GROUND, "runner.configuration", "runner.database", "runner.export"),
 }
 # Where Hydra ends: everything else takes plain values and checked objects.
 EDGE = {
@@ -68,7 +60,7 @@ def refused(module: str, name: str) -> bool:
     if top != "seatrial":
         if module.startswith("models"):
             return top in FOREIGN_TO_MODELS
-        edge = module.startswith("runner.") and module.split(".")[1] in EDGE
+        edge = module.startswith("runner.") and module.split(".")[-1] in EDGE
         return top in ("hydra", "omegaconf") and not edge
     other = floor(name.removeprefix("seatrial."))
     if other in ("", own):
@@ -87,11 +79,11 @@ def test_imports_point_down() -> None:
 
 
 def test_the_rules_see_a_breach() -> None:
-    assert refused("models.vessel.table", "seatrial.runner.trial.run")
-    assert refused("runner.trial", "hydra.utils")
+    assert refused("models.vessel.table", "seatrial.runner.trials.trial.run")
+    assert refused("runner.trials.trial", "hydra.utils")
     assert refused("models.excitation.missions", "seatrial.models.control.pid.Pid")
     assert refused("runner.compare.comparison_table", "seatrial.models.vessel.table.Vessel")
-    assert not refused("runner.trial", "seatrial.models.vessel.table.Vessel")
+    assert not refused("runner.trials.trial", "seatrial.models.vessel.table.Vessel")
     assert len(SOURCES) > 100
 
 

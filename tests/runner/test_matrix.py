@@ -13,9 +13,9 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.excitation.missions import Mission
-from seatrial.runner import closed_loop
-from seatrial.runner import trial as trials
-from seatrial.runner.config import Trial
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.trials import closed_loop
+from seatrial.runner.trials import trial as trials
 from tests.models.simulation.test_every_combination import objects
 from tests.trials import composed, options
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive
-from seatrial.runner.config import build_as
+from seatrial.runner.configuration.config import build_as
 from tests.trials import composed
 
 

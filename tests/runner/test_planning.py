@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import trial as trials
-from seatrial.runner.config import Trial
+from seatrial.runner.configuration.config import Trial
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.job import Order, PlannedTrial, Planner, prepare
 from seatrial.runner.record.rows import Results
+from seatrial.runner.sweeps.job import Order, PlannedTrial, Planner, prepare
+from seatrial.runner.trials import trial as trials
 from tests.runner.command import Command
 from tests.runner.database.samples import make_start
 from tests.trials import ordered

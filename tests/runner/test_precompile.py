@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from seatrial.models import compiled
-from seatrial.runner import precompile, trial
-from seatrial.runner.closed_loop import Streams, prepare
-from seatrial.runner.config import Trial
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.trials import precompile, trial
+from seatrial.runner.trials.closed_loop import Streams, prepare
 from tests.runner.programs import ROOT, sweep
 from tests.trials import asked_for
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner import provenance
+from seatrial.runner.configuration import provenance
 
 
 @pytest.fixture(autouse=True)

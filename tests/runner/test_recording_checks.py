@@ -12,9 +12,9 @@ from seatrial.models.recording.diagnosis import examine
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import sampling
-from seatrial.runner import data_commands
-from seatrial.runner.recording_map import options_of, reader_of
-from seatrial.runner.recording_report import _advice
+from seatrial.runner.commands import data_commands
+from seatrial.runner.commands.recording_report import _advice
+from seatrial.runner.configuration.recording_map import options_of, reader_of
 from tests.data import DATA
 from tests.runner.command import Command
 

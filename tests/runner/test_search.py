@@ -12,13 +12,13 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from seatrial.models.errors import ConfigurationError, Diverged, LogbookError
-from seatrial.runner import trial as trials
 from seatrial.runner.compare.__main__ import run as compare
 from seatrial.runner.compare.results import open_results
-from seatrial.runner.config import Trial
+from seatrial.runner.configuration.config import Trial
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.record.rows import Metric, Results
-from seatrial.runner.search import Objective, Space
+from seatrial.runner.sweeps.search import Objective, Space
+from seatrial.runner.trials import trial as trials
 from tests.runner.command import Command
 from tests.runner.programs import ended, program
 
@@ -123,7 +123,7 @@ def test_a_search_stops_if_results_cannot_be_stored(
 
     words = (*SEARCH, *SPACE, "search.trials=2")
     with monkeypatch.context() as patched:
-        patched.setattr("seatrial.runner.sweep.perform", full)
+        patched.setattr("seatrial.runner.sweeps.sweep.perform", full)
         answer = seatrial(*words)
     assert answer.code == 2
     assert re.search(r"^seatrial: lost: .*: the disk is full$", answer.err, re.MULTILINE)
@@ -232,7 +232,7 @@ def test_what_cannot_be_searched_is_refused(
 def test_without_optuna_it_says_what_to_install(
     seatrial: Command, fake: Fake, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("seatrial.runner.search.find_spec", lambda name: None)
+    monkeypatch.setattr("seatrial.runner.sweeps.search.find_spec", lambda name: None)
     said = seatrial.refuses(*SEARCH, *SPACE)
     assert said == "hydra/sweeper=optuna is not installed: pip install 'seatrial[search]'"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner import plugins
+from seatrial.runner.configuration import plugins
 from tests.runner.command import Command
 
 IDENTIFIER = "_target_: seatrial.models.identification.problem.NoIdentifier\n"

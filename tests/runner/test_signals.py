@@ -15,8 +15,8 @@ import pytest
 from sqlalchemy import create_engine
 from sqlalchemy.pool import NullPool
 
-from seatrial.runner import stop_signals
 from seatrial.runner.database import LogbookWriter, logbook
+from seatrial.runner.sweeps import stop_signals
 from tests.runner.command import Command
 from tests.runner.programs import children, ended, program, rows, sweep, wait
 

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("submitit", reason="no submitit: pip install -e '.[slurm]'")
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.slurm_queue import QueueWatcher
+from seatrial.runner.sweeps.slurm_queue import QueueWatcher
 from tests.runner.programs import ended, program, rows, wait
 from tests.runner.slurm import Slurm
 

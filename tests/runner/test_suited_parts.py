@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import job
-from seatrial.runner.in_process import composed
+from seatrial.runner.sweeps import job
+from seatrial.runner.sweeps.in_process import composed
 from tests.runner.test_conf import check_ranges
 from tests.trials import CONF
 

@@ -8,8 +8,8 @@ import pytest
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.kinematics import in_body
-from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Results
+from seatrial.runner.trials import trial as trials
 from tests.trials import asked_for, composed
 
 REFUSED = (

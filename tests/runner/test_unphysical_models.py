@@ -7,8 +7,8 @@ import pytest
 
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.vessel.basis import term
-from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Results
+from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from seatrial.models.errors import Diverged
-from seatrial.runner import closed_loop
-from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Results
+from seatrial.runner.trials import closed_loop
+from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 SHIP = (

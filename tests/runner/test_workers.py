@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.launching import THREADS
+from seatrial.runner.sweeps.launching import THREADS
 from tests.runner.programs import METRICS, ROOT, ended, rows, sweep
 
 pytestmark = pytest.mark.slow
@@ -16,15 +16,15 @@ TWO = ("hydra/launcher=processes", "hydra.launcher.n_jobs=2")
 NOTES = """
 import json, os
 import numba, threadpoolctl
-import seatrial.runner.trial
-real = seatrial.runner.trial.run
+import seatrial.runner.trials.trial
+real = seatrial.runner.trials.trial.run
 def run(trial):
     pools = [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]
     note = {"pid": os.getpid(), "pools": pools, "numba": numba.get_num_threads()}
     with open(os.path.join(os.environ["NOTES"], f"{trial.seed}.json"), "w") as file:
         json.dump(note, file)
     return real(trial)
-seatrial.runner.trial.run = run
+seatrial.runner.trials.trial.run = run
 """
 
 
@@ -63,8 +63,8 @@ def test_workers_compute_the_same_with_one_thread_each(tmp_path: Path) -> None:
 KILLED = """
 import os, signal
 import multiprocessing.connection
-import seatrial.runner.trial
-run, send = seatrial.runner.trial.run, multiprocessing.connection.Connection.send
+import seatrial.runner.trials.trial
+run, send = seatrial.runner.trials.trial.run, multiprocessing.connection.Connection.send
 def first(name):
     try:
         return open(os.path.join(os.environ["NOTES"], name), "x")
@@ -79,7 +79,7 @@ def killed_as_it_sends(connection, message):
         os.write(connection.fileno(), bytes([0, 0, 16, 0, 1, 2, 3]))
         os.kill(os.getpid(), signal.SIGKILL)
     send(connection, message)
-seatrial.runner.trial.run = killed_in_its_run
+seatrial.runner.trials.trial.run = killed_in_its_run
 multiprocessing.connection.Connection.send = killed_as_it_sends
 """
 

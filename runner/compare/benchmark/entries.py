@@ -27,7 +27,7 @@ from seatrial.runner.compare.results import FINISHED, Queries
 from seatrial.runner.database.tables import DiagnosticRow
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.record.rows import Coefficient, Series
-from seatrial.runner.vocabulary import DOFS, ENDINGS, TRAINING_TIME
+from seatrial.runner.record.vocabulary import DOFS, ENDINGS, TRAINING_TIME
 
 REFERENCES = (MEAN_MOTION, PERSISTENCE, AT_REST)
 LABELS = ("results_dir=", "sweep.", "hydra", "database")  # options that change no result

@@ -19,7 +19,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
     track_of_series,
 )
 from seatrial.runner.record.rows import Series
-from seatrial.runner.vocabulary import Config
+from seatrial.runner.record.vocabulary import Config
 
 MODEL = "identified"
 NO_RESULT = ("helm", "change of heading")  # of a sheet: what was ordered

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from seatrial.runner.compare.ranking import block_bootstrap
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
-from seatrial.runner.vocabulary import IDENTIFIED_STD
+from seatrial.runner.record.vocabulary import IDENTIFIED_STD
 
 PERSISTENCE = "persistence"  # the first measured velocity, held
 MEAN_MOTION = "mean_motion"  # the mean of the measured velocity

@@ -14,9 +14,9 @@ from typing import Literal
 import yaml
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import options, search_path
+from seatrial.runner.configuration import options, search_path
 from seatrial.runner.export.manoeuvre_tracks import Manoeuvre
-from seatrial.runner.vocabulary import DOF_ORDER
+from seatrial.runner.record.vocabulary import DOF_ORDER
 
 GROUP = "benchmark"
 VARIABLE = "SEATRIAL_DATA"

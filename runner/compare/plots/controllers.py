@@ -8,7 +8,7 @@ from seatrial.runner.compare.plots.request import PREFIX, Facet, PlotRequest, fa
 from seatrial.runner.compare.plots.response import NOTE, overlaid
 from seatrial.runner.compare.plots.style import PALETTE, Drawing, footnote, headed, limits_of
 from seatrial.runner.compare.results import FINISHED, Queries, StoredRun, ordered
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.record.vocabulary import GROUPS
 
 FIGURE = Figure(
     "controllers",

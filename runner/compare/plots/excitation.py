@@ -35,7 +35,7 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Queries, StoredDiagnostic, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
-from seatrial.runner.vocabulary import Config
+from seatrial.runner.record.vocabulary import Config
 
 # Units of inputs by the beginning of their names, and the size of the unit.
 INPUT_UNITS = {

@@ -27,7 +27,7 @@ from seatrial.runner.compare.where import Comparison, Condition, Joined
 from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Series
-from seatrial.runner.vocabulary import DOF_ORDER
+from seatrial.runner.record.vocabulary import DOF_ORDER
 
 Drawing = TypeVar("Drawing")
 LONGEST_STEM = 150  # characters of a file name; file systems take 255 bytes

@@ -33,7 +33,7 @@ from seatrial.runner.compare.plots.style import (
 from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
-from seatrial.runner.vocabulary import Config
+from seatrial.runner.record.vocabulary import Config
 
 FIGURE = Figure(
     "response",

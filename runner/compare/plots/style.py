@@ -28,7 +28,7 @@ from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots import paper
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.vocabulary import COMBINED, Config
+from seatrial.runner.record.vocabulary import COMBINED, Config
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType

@@ -34,7 +34,7 @@ from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.record.rows import Series
-from seatrial.runner.vocabulary import Config
+from seatrial.runner.record.vocabulary import Config
 
 # A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).
 HULL = np.array([[0.5, 0.0], [0.2, 0.18], [-0.5, 0.18], [-0.5, -0.18], [0.2, -0.18]])

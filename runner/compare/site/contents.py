@@ -22,11 +22,11 @@ from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.site.measures import StoredMeasures
 from seatrial.runner.compare.site.run_columns import Json, run_columns
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.configuration.invocation import results_program
 from seatrial.runner.database.tables import Reuse
-from seatrial.runner.invocation import results_program
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Series
-from seatrial.runner.vocabulary import LOST
+from seatrial.runner.record.vocabulary import LOST
 
 MOST_SWEEPS = 50  # whose tables are written, the newest ones
 MOST_FAILURES = 500  # whose tracebacks the page is told, the newest ones

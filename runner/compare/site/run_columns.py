@@ -16,7 +16,7 @@ from seatrial.runner.compare.results import (
     ordered,
 )
 from seatrial.runner.compare.where import NAME
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.record.vocabulary import GROUPS
 
 MOST_KEYS = 200  # in one query
 Json = Mapping[str, object]

@@ -19,8 +19,8 @@ from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.steering import Nomoto, steering_model
 from seatrial.models.vessel.thruster import Input
 from seatrial.models.weather.weather import Weather
-from seatrial.runner import closed_loop
-from seatrial.runner import trial as trials
+from seatrial.runner.trials import closed_loop
+from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 GAIN, TIME_S, SPEED, LENGTH = 0.2, 5.0, 1.0, 4.0

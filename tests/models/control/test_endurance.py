@@ -6,8 +6,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from seatrial.runner import closed_loop
-from seatrial.runner.closed_loop import SimulatedMission
+from seatrial.runner.trials import closed_loop
+from seatrial.runner.trials.closed_loop import SimulatedMission
 from tests.trials import composed
 
 DAY_S = 86400.0

@@ -16,8 +16,8 @@ from seatrial.models.control.linear_design import design_model, every
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
-from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Results
+from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 EXPERIMENT = (

@@ -13,7 +13,7 @@ from seatrial.models.simulation.voyage import NO_OUTLOOK, Log, Voyage
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
-from seatrial.runner import closed_loop
+from seatrial.runner.trials import closed_loop
 from tests.trials import composed
 
 LAG = SecondOrderLag(2.0, 0.8)

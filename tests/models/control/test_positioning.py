@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.vessel.basis import Array
-from seatrial.runner import closed_loop
-from seatrial.runner.record import deployment_metrics
+from seatrial.runner.trials import closed_loop, deployment_metrics
 from tests.trials import composed
 
 SEEDS = range(3)  # from one to the next the figures differ by 2 %

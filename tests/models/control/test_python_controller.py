@@ -10,8 +10,8 @@ from seatrial.models.control.controller import PythonController, Signals
 from seatrial.models.control.pid import body_error_kernel
 from seatrial.models.errors import PartError
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.closed_loop import SimulatedMission, Streams, prepare
-from seatrial.runner.config import Trial
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.trials.closed_loop import SimulatedMission, Streams, prepare
 from tests.trials import composed
 
 SHORT = (

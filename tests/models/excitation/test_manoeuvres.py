@@ -9,8 +9,8 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.manoeuvres import ConstantVelocity
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Voyage
-from seatrial.runner.closed_loop import Streams, sail_mission
-from seatrial.runner.trial import check
+from seatrial.runner.trials.closed_loop import Streams, sail_mission
+from seatrial.runner.trials.trial import check
 from tests.trials import composed
 
 
@@ -125,7 +125,7 @@ def test_what_does_not_suit_is_refused(excitation: str) -> None:
 
 def test_an_open_loop_needs_no_controller_and_cannot_be_replayed() -> None:
     from seatrial.models.excitation.missions import NO_REFERENCE
-    from seatrial.runner.trial import skipped
+    from seatrial.runner.trials.trial import skipped
 
     trial, voyage = sailed("excitation=prbs", "controller=none", "evaluation=none")
     assert np.all(np.abs(voyage.log.tau[:, 0]) == 100.0)

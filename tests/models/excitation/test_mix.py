@@ -14,7 +14,7 @@ from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
-from seatrial.runner.trial import check
+from seatrial.runner.trials.trial import check
 from tests.trials import composed
 
 PERIOD_S = 0.1

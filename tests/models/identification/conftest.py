@@ -15,7 +15,7 @@ from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.config import build_as
+from seatrial.runner.configuration.config import build_as
 
 VESSELS = Path(__file__).parents[3] / "conf" / "vessel"
 STEP_S = 0.1

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Results
+from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 FERRY = ("controller=pid_ff", "controller.thruster_lead=true", "identifier=ls", "disturbance=calm")

@@ -10,8 +10,8 @@ from seatrial.models.identification.attenuation import attenuations, noise_like
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.vessel.basis import terms
-from seatrial.runner import closed_loop
-from seatrial.runner import trial as trials
+from seatrial.runner.trials import closed_loop
+from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 STRAIGHT = {"basis": "physical", "inertia_factor": None}

@@ -10,7 +10,7 @@ from seatrial.models.identification.auto import Auto
 from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.vessel.basis import Term, terms
-from seatrial.runner import trial as trials
+from seatrial.runner.trials import trial as trials
 from tests.data import DATA
 from tests.models.identification.known_results import Failing, Given
 from tests.trials import composed

@@ -21,8 +21,8 @@ from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles, rotation
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.trial import excite
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.trial import excite
 from tests.data import DATA
 from tests.trials import composed
 

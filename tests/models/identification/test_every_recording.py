@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.runner import trial as trials
+from seatrial.runner.trials import trial as trials
 from tests.data import DATA
 from tests.trials import FORCED, composed, options
 

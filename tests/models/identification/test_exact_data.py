@@ -18,12 +18,12 @@ from omegaconf import OmegaConf
 from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.basis import evaluate
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.config import Trial, build_trial
-from seatrial.runner.init import draft_vessel
-from seatrial.runner.trial import excite
-from seatrial.runner.vessel_options import filled
-from seatrial.runner.vocabulary import GROUPS
+from seatrial.runner.commands.init import draft_vessel
+from seatrial.runner.configuration.config import Trial, build_trial
+from seatrial.runner.configuration.vessel_options import filled
+from seatrial.runner.record.vocabulary import GROUPS
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.trial import excite
 from tests.trials import CONF
 
 RECORDINGS = {

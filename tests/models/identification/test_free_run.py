@@ -23,8 +23,8 @@ from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles
 from seatrial.models.vessel.pose import Euler, Quaternion, displaced, state_of
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.trial import excite
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.trial import excite
 from tests.trials import composed
 
 FAR = 1e6

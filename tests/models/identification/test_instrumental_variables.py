@@ -28,7 +28,7 @@ from seatrial.models.weather.current import Current
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.models.weather.noise import MeasurementNoise, ProcessNoise, first_order
 from seatrial.models.weather.wind import Wind
-from seatrial.runner.config import build_as
+from seatrial.runner.configuration.config import build_as
 from tests.data import DATA
 
 CONF = Path(__file__).parents[3] / "conf"

@@ -17,8 +17,8 @@ from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import original_rate
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
-from seatrial.runner.config import build_as
-from seatrial.runner.recording_map import options_of, reader_of
+from seatrial.runner.configuration.config import build_as
+from seatrial.runner.configuration.recording_map import options_of, reader_of
 from tests.data import DATA
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"

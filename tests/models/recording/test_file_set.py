@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import blocks
-from seatrial.runner.config import build_as
+from seatrial.runner.configuration.config import build_as
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 

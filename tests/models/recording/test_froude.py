@@ -12,9 +12,9 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.units import froude_factor
-from seatrial.runner import recording_map
-from seatrial.runner.config import build_as
-from seatrial.runner.data_convert import write_recording
+from seatrial.runner.commands.data_convert import write_recording
+from seatrial.runner.configuration import recording_map
+from seatrial.runner.configuration.config import build_as
 from tests.models.recording.test_file_set import CONF
 
 DOFS = ("surge", "sway", "yaw")

@@ -13,7 +13,7 @@ from seatrial.models.recording.diagnosis import doubts
 from seatrial.models.recording.proposal import SPEEDS, Proposal, _unit_by_path, propose
 from seatrial.models.recording.source import Source, TextArray
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.recording_map import options_of, reader_of
+from seatrial.runner.configuration.recording_map import options_of, reader_of
 
 DEG = "57.29578"
 PERIOD = 0.1

@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.runner.config import build_as
+from seatrial.runner.configuration.config import build_as
 from tests.data import DATA
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"

@@ -15,8 +15,8 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
-from seatrial.runner.config import build_as
-from seatrial.runner.vessel_options import filled
+from seatrial.runner.configuration.config import build_as
+from seatrial.runner.configuration.vessel_options import filled
 from tests.trials import CONF, FORCED, options
 
 PERIOD_S, ROWS = 0.1, 20

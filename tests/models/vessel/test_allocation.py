@@ -234,7 +234,7 @@ def test_a_lower_voltage_takes_from_the_force() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_allocation_stands_between_controller_and_vessel(method: str) -> None:
-    from seatrial.runner.closed_loop import Streams, sail_mission
+    from seatrial.runner.trials.closed_loop import Streams, sail_mission
 
     def sailed(*overrides: str) -> Any:
         trial = composed("identifier=none", "excitation=constant_velocity", *overrides)

@@ -13,9 +13,8 @@ from seatrial.models.vessel.device_allocation import DeviceAllocation, thrust_at
 from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.weather.weather import Weather
-from seatrial.runner import closed_loop
-from seatrial.runner import trial as trials
-from seatrial.runner.record import deployment_metrics
+from seatrial.runner.trials import closed_loop, deployment_metrics
+from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 POSITIONED = ("milliampere_azimuths", "osv")

@@ -11,7 +11,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices.azimuth import Thruster
 from seatrial.models.vessel.devices.validity import doubts, excesses
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner import trial as trials
+from seatrial.runner.trials import trial as trials
 from tests.models.vessel.oracles import oracle_file
 from tests.trials import STEERED, composed
 

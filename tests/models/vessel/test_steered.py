@@ -15,8 +15,8 @@ from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.pose import kinematics_of
 from seatrial.models.weather.weather import Weather
-from seatrial.runner import closed_loop
-from seatrial.runner import trial as trials
+from seatrial.runner.trials import closed_loop
+from seatrial.runner.trials import trial as trials
 from tests.models.vessel.oracles import close, columns, oracle, oracle_file
 from tests.trials import composed
 

@@ -13,7 +13,7 @@ from seatrial.runner.compare.benchmark.task import task_of
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
-from seatrial.runner.vocabulary import GROUPS, Stream
+from seatrial.runner.record.vocabulary import GROUPS, Stream
 
 PREDICTED = (6.1, 5.9, 6.4)  # tactical diameter and its interval, of the circle's model
 VESSEL = {"dofs": ["surge", "sway", "yaw"], "force_limits": [100.0, 100.0, 500.0]}

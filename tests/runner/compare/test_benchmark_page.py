@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.runner import benchmark
+from seatrial.runner.commands import benchmark
 from seatrial.runner.compare.__main__ import run
 
 pytestmark = pytest.mark.slow

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from docs.vessels import parameters_of
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.runner import options
+from seatrial.runner.configuration import options
 from seatrial.runner.export.model_formats import FORMATS, write
 from seatrial.runner.export.stored_model import StoredModel
 from tests.trials import CONF

@@ -9,7 +9,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.runner import options
+from seatrial.runner.configuration import options
 from seatrial.runner.database import LogbookReader
 from seatrial.runner.record.coefficient_rows import vessel_of
 from tests.runner.command import Command

@@ -14,7 +14,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
 
 import seatrial as st
-from seatrial.runner.hydra_errors import CONF
+from seatrial.runner.configuration.hydra_errors import CONF
 from tests.runner.command import Command
 
 CHEAP = {"vessel": "surge_linear", "excitation": "prbs", "controller": "none", "identifier": "ls"}

@@ -12,12 +12,12 @@ from seatrial.models.notation import DOFS
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner import trial as trials
-from seatrial.runner.config import build_trial
+from seatrial.runner.configuration.config import build_trial
 from seatrial.runner.record import catalogue
 from seatrial.runner.record.catalogue import METRICS, Definition
 from seatrial.runner.record.own_metrics import OwnMetric
 from seatrial.runner.record.rows import Metric, metric
+from seatrial.runner.trials import trial as trials
 from tests.runner.record.test_recording_results import write
 from tests.trials import composed
 

@@ -9,10 +9,10 @@ from omegaconf import OmegaConf
 from seatrial.models.identification.problem import Identified
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner import trial as trials
 from seatrial.runner.database import LogbookReader, LogbookWriter
 from seatrial.runner.export.stored_model import read_model
 from seatrial.runner.record.coefficient_rows import state_space_coefficients
+from seatrial.runner.trials import trial as trials
 from tests.runner.database.samples import make_start
 from tests.trials import CONF, composed
 

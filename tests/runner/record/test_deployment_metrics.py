@@ -7,7 +7,7 @@ from seatrial.models.identification.problem import Identified
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.record import validation_metrics
+from seatrial.runner.trials import validation_metrics
 
 
 def vessel(**values: float) -> Vessel:

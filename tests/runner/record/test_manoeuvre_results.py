@@ -7,12 +7,12 @@ import pytest
 
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.simulation.manoeuvre_sheet import DIAGNOSTIC
-from seatrial.runner import trial as trials
-from seatrial.runner.closed_loop import Streams
-from seatrial.runner.record import manoeuvre_results
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW
 from seatrial.runner.record.rows import Results
-from seatrial.runner.trial import excite
+from seatrial.runner.trials import manoeuvre_results
+from seatrial.runner.trials import trial as trials
+from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.trial import excite
 from tests.trials import asked_for
 
 OPTIONS = (

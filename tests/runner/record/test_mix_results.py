@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from seatrial.runner import trial as trials
 from seatrial.runner.record.rows import Results
+from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 SHORT = (

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.runner import trial as trials
-from seatrial.runner.fingerprint import fingerprint
+from seatrial.runner.configuration.fingerprint import fingerprint
+from seatrial.runner.trials import trial as trials
 from tests.data import DATA
 from tests.trials import composed
 

@@ -7,8 +7,8 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Log, Voyage
 from seatrial.models.weather.weather import Weather
-from seatrial.runner.closed_loop import ControlDesign, SimulatedMission
-from seatrial.runner.record import deployment_metrics
+from seatrial.runner.trials import deployment_metrics
+from seatrial.runner.trials.closed_loop import ControlDesign, SimulatedMission
 
 N, H = 6, 0.5
 

@@ -8,11 +8,11 @@ import pytest
 from seatrial.models.excitation.missions import Mission
 from seatrial.models.identification.model_error import ModelError
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.runner.closed_loop import Streams, prepare
-from seatrial.runner.config import Trial
-from seatrial.runner.record.deployment_metrics import tracking_metrics
-from seatrial.runner.record.tracking_intervals import HIGH, LOW, tracking_intervals
-from seatrial.runner.trial import excite
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.trials.closed_loop import Streams, prepare
+from seatrial.runner.trials.deployment_metrics import tracking_metrics
+from seatrial.runner.trials.tracking_intervals import HIGH, LOW, tracking_intervals
+from seatrial.runner.trials.trial import excite
 from tests.trials import asked_for
 
 OPTIONS = (

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.runner import trial as trials
-from seatrial.runner.record.validation_metrics import predictions
+from seatrial.runner.trials import trial as trials
+from seatrial.runner.trials.validation_metrics import predictions
 from tests.models.identification.conftest import driven, surge
 from tests.trials import asked_for
 

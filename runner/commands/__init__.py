@@ -1,0 +1,1 @@
+"""What `seatrial` does beside trials: recordings, models, drafts, the benchmark."""

@@ -1,0 +1,1 @@
+"""From the files of `conf` and the command line to checked objects."""

@@ -1,0 +1,90 @@
+"""Names of the two programs: modules in a checkout, or installed scripts.
+
+Every command that is printed for the user begins with one of these names.
+"""
+
+import shlex
+import sys
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]  # the checkout, or the installed package
+PROJECT = ROOT / "pyproject.toml"  # in a checkout only
+SCRIPTS = ("seatrial", "seatrial-results")
+# Commands and options that are gone, and what replaces them.
+REPLACED: Mapping[str, str] = {
+    "seatrial-results browse": "use pip install datasette; datasette results/results.db",
+    "seatrial-results serve": "use seatrial-results site, whose pages open from disk",
+    "seatrial-results scrub": "passwords are not stored, so there are none to remove",
+    "seatrial-results --csv-plain": "CSV files always hold texts as they are",
+    "seatrial-results csv-plain": "use csv, which holds texts as they are",
+    "hydra/launcher=joblib": "use hydra/launcher=processes",
+    "hydra/launcher=submitit_local": "use hydra/launcher=processes",
+    "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone",
+    "identifier.bound_factor": "use identifier.inertia_factor",
+    "identifier.recording": "the recording of identifier=command is always recording.csv",
+    "identifier=least_squares": "use identifier=output_error",
+    "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
+    "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
+    "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
+    " identifier=prediction_times",
+    "search.default_first": "the configuration as it is comes first, if the space contains it",
+    "search.dof": "write search.metric=name:dof",
+    "search.sampler": "the sampler is TPE; search.startup=<search.trials> makes a random search",
+    "seatrial-results published": "in a checkout, use make published",
+    "seatrial-results plot quality": "use seatrial data check FILE --html PAGE.html",
+    "search.model": "the objective is a metric of the identified model",
+    "search.stage": "the objective is of the deployment, or of the first stage that has the metric",
+    "search.statistic": "the objective is the median over the seeds",
+    "seatrial-results plot search": "use seatrial-results table --rows <option> --metric <metric>;"
+    " a search prints its best candidates",
+    "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
+    "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
+    " figure",
+}
+
+
+def in_checkout(root: Path = ROOT) -> bool:
+    """Return whether the sources are in a checkout, and not installed."""
+    return (root / "pyproject.toml").is_file()
+
+
+def program_version() -> str:
+    """Return the version of this seatrial: the checkout's own, or that of the installed package."""
+    if in_checkout():
+        project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+        return f"{project['version']} (checkout)"
+    return metadata.version("seatrial")
+
+
+def by_script(typed: Sequence[str]) -> bool:
+    """Return whether a command line (as in `sys.orig_argv`) starts an installed script."""
+    return len(typed) > 1 and Path(typed[1]).stem in SCRIPTS
+
+
+def trial_program() -> str:
+    """Return the command that runs trials: `python -m runner` or `seatrial`."""
+    return "python -m runner" if _modules() else "seatrial"
+
+
+def results_program() -> str:
+    """Return the command for results: `python -m runner.compare` or `seatrial-results`."""
+    return "python -m runner.compare" if _modules() else "seatrial-results"
+
+
+def typed_command(typed: Sequence[str]) -> str:
+    """Quote a command line, as in `sys.orig_argv`, for a shell."""
+    return shlex.join([Path(typed[1]).stem, *typed[2:]] if by_script(typed) else typed)
+
+
+def import_from_working_folder() -> None:
+    """Let the parts of the user's own be found, after everything that is installed."""
+    folder = str(Path.cwd())
+    if not {"", folder} & set(sys.path):
+        sys.path.append(folder)
+
+
+def _modules() -> bool:
+    return in_checkout() and not by_script(sys.orig_argv)

@@ -1,0 +1,261 @@
+"""Checks of options against the dataclasses that declare them, by pydantic.
+
+    bool, int, float (takes integers), str, Path, None, Literal, X | Y, Any
+    list[T], tuple[T, ...], tuple[A, B, C], dict[str, T]
+    other classes, from nested nodes: of the class that `_target_` names, else of the field's own
+
+Numbers must be finite and in their declared ranges (seatrial.models.ranges). Booleans and text are
+not converted to numbers. This module is imported when the first trial is built, because pydantic
+takes as long to import as Hydra.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from difflib import get_close_matches
+from functools import cache, partial
+from importlib import import_module
+from math import isfinite
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt, Le
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    PlainValidator,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+)
+from pydantic_core import ErrorDetails
+from typing_extensions import TypedDict
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.ranges import Bound, in_words
+from seatrial.runner.configuration.plugins import failure, is_own
+
+Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
+TUNE = "tune"  # the option that maps others of the same class to the values to choose among
+CLASS = "class"  # in a JSON schema: the class that the node must describe
+BOUNDS: dict[str, Callable[[Any], Bound]] = {
+    "greater_than": Gt, "greater_than_equal": Ge, "less_than_equal": Le,
+}  # fmt: skip
+EXPECTED = {
+    "bool_type": "true or false",
+    "dict_type": "a group of options",
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "int_type": "an integer",
+    "list_type": "a list",
+    "none_required": "null",
+    "path_type": "a path",
+    "string_type": "text",
+    "tuple_type": "a list",
+}
+
+
+class OptionError(ValueError):
+    """An invalid object, with the place of the error; pydantic passes ValueErrors on."""
+
+    def __init__(self, place: Place, message: str) -> None:
+        super().__init__(message)
+        self.place = place
+
+    def at(self, key: str) -> str:
+        """Return the message for the object at the option `key`."""
+        for part in self.place:
+            key += f"[{part}]" if isinstance(part, int) else f".{part}"
+        key, message = key.removeprefix("."), str(self)
+        if message.startswith((f": {key}.", f": {key}:")):
+            return message[2:]  # the class names the option itself
+        return (key + message).removeprefix(": ")
+
+
+def part(cls: type, node: object) -> object:
+    """Build the object, a `cls`, that a node describes; raises OptionError."""
+    if cls is object and node in (None, {}):
+        return None
+    if not isinstance(node, Mapping):
+        raise OptionError((), f": got {_shown(node)}, expected a group of options")
+    if "_target_" not in node and not is_dataclass(cls):
+        raise OptionError(("_target_",), " is missing, expected the name of a class")
+    node_class = target(node["_target_"]) if "_target_" in node else cls
+    if not (getattr(cls, "_is_protocol", False) or issubclass(node_class, cls)):
+        raise OptionError((), f": got a {node_class.__name__}, expected a {cls.__name__}")
+    values = {name: value for name, value in node.items() if name != "_target_"}
+    try:
+        checked = options(node_class).validate_python(values)
+        if isinstance(tuned := checked.get(TUNE), dict):
+            checked[TUNE] = _tuned(node_class, values, tuned)
+        return node_class(**checked)
+    except ValidationError as error:
+        raise _option_error(error, values, node_class) from None
+    except ConfigurationError as error:
+        raise OptionError((), f": {error}") from error
+    except Exception as error:
+        if is_own(node_class.__module__):
+            raise
+        raise OptionError(
+            (), f": {node_class.__module__}.{failure(node_class.__name__, error)}"
+        ) from error
+
+
+def _tuned(
+    cls: type, values: Mapping[str, object], tuned: Mapping[str, tuple[object, ...]]
+) -> dict[str, tuple[object, ...]]:
+    """The values of the options of `cls` that it is to choose among; raises OptionError."""
+    known, result = {field.name for field in fields(cls)} - {TUNE}, dict(tuned)
+    for name in known & tuned.keys():
+        checked: list[object] = []
+        for i, value in enumerate(tuned[name]):
+            own = {**values, TUNE: None, name: value}
+            try:
+                checked.append(options(cls).validate_python(own)[name])
+            except ValidationError as error:
+                problem = _option_error(error, own, cls)
+                place = (TUNE, name, i, *problem.place[1:])
+                raise OptionError(place, str(problem)) from None
+        result[name] = tuple(checked)
+    return result
+
+
+def target(name: object) -> type:
+    """Import the dataclass that a `_target_` names; raises OptionError."""
+    module_name, _, class_name = name.rpartition(".") if isinstance(name, str) else ("", "", "")
+    if not all(part.isidentifier() for part in f"{module_name}.{class_name}".split(".")):
+        raise OptionError(("_target_",), f": got {name!r}, expected the name of a class")
+    try:
+        result = getattr(import_module(module_name), class_name, None)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+            if is_own(module_name):
+                raise  # the module exists, but one of its imports does not: a bug
+            raise OptionError(
+                ("_target_",), f": cannot import {failure(str(name), error)}"
+            ) from error
+        result = None
+    except (Exception, SystemExit) as error:
+        if is_own(module_name):
+            raise
+        raise OptionError(("_target_",), f": cannot import {failure(str(name), error)}") from error
+    if not (isinstance(result, type) and is_dataclass(result)):
+        raise OptionError(("_target_",), f": got {name!r}, which is not a dataclass to build")
+    return result
+
+
+@cache
+def options(cls: type) -> TypeAdapter[dict[str, object]]:
+    """Return pydantic's checks of a dataclass's options; those with a default are optional."""
+    hints = get_type_hints(cls, include_extras=True)
+    declared = {}
+    for field in fields(cls):
+        required = field.default is MISSING and field.default_factory is MISSING
+        hint = _strict(hints[field.name])
+        if field.init:
+            declared[field.name] = hint if required else NotRequired[hint]
+    make: Any = TypedDict  # its name and keys are known at run time only
+    table = make(cls.__name__, declared)
+    table.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+    return TypeAdapter(table)
+
+
+def _strict(hint: Any) -> Any:
+    """Return a type that accepts numbers for numbers only, and builds objects from nodes."""
+    kind, arguments = get_origin(hint), get_args(hint)
+    if hint in (bool, int, float):
+        return Annotated[hint, Strict()]
+    if hint in (None, NoneType):
+        return Annotated[None, "null"]  # listed in messages like other alternatives
+    if hint is Path:
+        return Annotated[Path, BeforeValidator(_not_empty)]
+    if hint is Any:
+        return Annotated[Any, PlainValidator(_anything)]
+    if kind is Annotated:
+        return Annotated[(_strict(arguments[0]), *arguments[1:])]
+    if kind in (Union, UnionType):
+        return Union[tuple(map(_strict, arguments))]  # noqa: UP007 - known at run time only
+    if arguments and kind is not Literal:
+        return kind[tuple(item if item is Ellipsis else _strict(item) for item in arguments)]
+    if isinstance(hint, type) and hint not in (str, list, tuple, dict):
+        known = WithJsonSchema({CLASS: f"{hint.__module__}.{hint.__qualname__}"})
+        return Annotated[Any, PlainValidator(partial(part, hint)), known]
+    return hint
+
+
+def _not_empty(value: object) -> object:
+    if value == "":
+        raise OptionError((), ": got '', expected a path")
+    return value
+
+
+def _anything(value: object) -> object:
+    if isinstance(value, float) and not isfinite(value):
+        raise OptionError((), f": got {value}, expected a finite number")
+    return part(object, value) if isinstance(value, Mapping) and "_target_" in value else value
+
+
+def _option_error(error: ValidationError, values: Mapping[str, object], cls: type) -> OptionError:
+    """Convert the first of pydantic's errors about an object to a message."""
+    problems = error.errors(include_url=False)
+    order = ("extra_forbidden", "missing")
+    problems.sort(
+        key=lambda item: order.index(item["type"]) if item["type"] in order else len(order)
+    )
+    # Each alternative of a union has its error; the one deepest in the object is reported.
+    errors = [item for item in problems if item["loc"][0] == problems[0]["loc"][0]]
+    place = max((_place(values, item["loc"]) for item in errors), key=len)
+    errors = [item for item in errors if _place(values, item["loc"]) == place]
+    for item in errors:
+        inner = item.get("ctx", {}).get("error")
+        if isinstance(inner, OptionError):
+            return OptionError((*place, *inner.place), str(inner))
+    first = errors[0]
+    if first["type"] == "extra_forbidden":
+        return OptionError(place, f": unknown option, {_hint(str(place[-1]), cls)}")
+    if first["type"] == "missing" and not place:
+        return OptionError((first["loc"][0],), " is missing")
+    if first["type"] in BOUNDS:
+        bound = BOUNDS[first["type"]](*first["ctx"].values())
+        null = " or null" if "none_required" in [item["type"] for item in errors] else ""
+        return OptionError(place, f" must {in_words(bound)}{null}, got {_shown(first['input'])}")
+    expected = " or ".join(dict.fromkeys(map(_expected, errors)))
+    if first["type"] == "missing":  # one error per missing number of a list of fixed length
+        expected = f"a list of {int(errors[-1]['loc'][-1]) + 1}"
+    return OptionError(place, f": got {_shown(first['input'])}, expected {expected}")
+
+
+def _place(value: Any, location: Place) -> Place:
+    """Return a location of pydantic without the names of the alternatives of unions."""
+    place = []
+    for key in location:
+        is_key = key in value if isinstance(value, Mapping) else isinstance(key, int)
+        if is_key and (isinstance(value, Mapping) or int(key) < len(value)):
+            place.append(key)
+            value = value[key]
+    return tuple(place)
+
+
+def _expected(problem: ErrorDetails) -> str:
+    context = problem.get("ctx", {})
+    if problem["type"] == "literal_error":
+        names = str(context["expected"]).replace("'", "").replace(" or ", ", ")
+        return f"one of {names}"
+    if problem["type"] == "too_long":
+        return f"a list of {context['max_length']}"
+    return EXPECTED.get(problem["type"], problem["msg"])
+
+
+def _hint(name: str, cls: type) -> str:
+    known = [field.name for field in fields(cls) if field.init]
+    if close := get_close_matches(name, known):
+        return f"did you mean {' or '.join(close)}?"
+    return f"expected one of {', '.join(known)}" if known else "expected no options here"
+
+
+def _shown(value: object) -> str:
+    """Format a value as in YAML, shortened to 80 characters."""
+    words = {None: "null", True: "true", False: "false"}
+    text = words[value] if value is None or isinstance(value, bool) else repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."

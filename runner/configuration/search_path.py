@@ -1,0 +1,129 @@
+"""The folders in which options are searched for: the project's own, then those of the user.
+
+An option is taken from the first of these folders that has it:
+
+1. the project's `conf`, so that a name means the same to everyone,
+2. `--config-dir FOLDER`,
+3. the folders in SEATRIAL_CONF, separated as in PATH,
+4. `conf` of the working folder,
+5. `conf` of the packages of plug-ins (seatrial.runner.configuration.plugins).
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from hydra.core.config_search_path import ConfigSearchPath
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import OmegaConf
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.configuration.plugins import plugins
+
+CONF = Path(__file__).resolve().parents[2] / "conf"
+VARIABLE = "SEATRIAL_CONF"
+NAMED = 3  # files that a warning names
+NONE = "Your own options: a folder conf here, --config-dir FOLDER, or folders in SEATRIAL_CONF"
+
+
+class UserFolders(SearchPathPlugin):
+    """Adds the user's folders to Hydra's search path, behind the project's."""
+
+    config_dir: ClassVar[str | None] = None  # of the command line
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Append the folders."""
+        for folder in user_folders():
+            search_path.append("user", f"file://{folder}")
+
+
+def located(name: str) -> Path:
+    """The file of a map; a name without a folder may be that of a map of the benchmark."""
+    path = Path(name).expanduser()
+    ours = CONF / "benchmark" / "maps" / path
+    return ours if len(path.parts) == 1 and not path.is_file() and ours.is_file() else path
+
+
+def user_folders() -> list[Path]:
+    """Return the folders of the user, absolute, in the order in which they are searched.
+
+    Raises ConfigurationError if SEATRIAL_CONF names a folder that does not exist.
+    """
+    named = [Path(word) for word in os.environ.get(VARIABLE, "").split(os.pathsep) if word]
+    for path in named:
+        if not path.is_dir():
+            raise ConfigurationError(f"{VARIABLE}: got {path}, expected a folder")
+    first = [Path(UserFolders.config_dir)] if UserFolders.config_dir else []
+    packaged = [plugin.conf for plugin in plugins() if plugin.conf is not None]
+    candidates = [*first, *named, Path("conf"), *packaged]
+    found: dict[Path, Path] = {}
+    for path in candidates:
+        if path.is_dir() and path.resolve() != CONF:
+            found.setdefault(path.resolve(), path.absolute())
+    return list(found.values())
+
+
+def options(group: str) -> list[str]:
+    """Return the names of a group's options in all folders."""
+    folders = [CONF, *user_folders()]
+    return sorted({path.stem for folder in folders for path in (folder / group).glob("*.yaml")})
+
+
+def is_group(name: str) -> bool:
+    """Whether a folder has options of this name."""
+    return any((folder / name).is_dir() for folder in (CONF, *user_folders()))
+
+
+def hidden() -> Iterator[str]:
+    """Yield a warning for each folder with files that an earlier folder has as well."""
+    for folder, before in _with_earlier():
+        names = [path.as_posix() for path in _files(folder) if _differs(folder, before, path)]
+        if names:
+            more = f" and {len(names) - NAMED} more" if names[NAMED:] else ""
+            yield (
+                f"{_shown(folder)}: {', '.join(names[:NAMED])}{more} not used: "
+                "seatrial or an earlier folder has a file of this name, expected another name"
+            )
+
+
+def listing() -> str:
+    """Return the user's folders with the options that they add, for the help."""
+    lines = [f"  {_shown(folder)}: {_added(folder, before)}" for folder, before in _with_earlier()]
+    return "\n".join(["Folders of your own:", *lines]) if lines else NONE
+
+
+def _with_earlier() -> Iterator[tuple[Path, list[Path]]]:
+    """Yield the user's folders, each with those that are searched before it."""
+    folders = [CONF, *user_folders()]
+    return ((folder, folders[:i]) for i, folder in enumerate(folders) if i)
+
+
+def _files(folder: Path) -> list[Path]:
+    """Return the files of a folder, relative to it."""
+    return sorted(path.relative_to(folder) for path in folder.glob("**/*.yaml"))
+
+
+def _differs(folder: Path, before: Sequence[Path], path: Path) -> bool:
+    """Whether an earlier folder has another file of this name."""
+    files = (earlier / path for earlier in before)
+    content = (folder / path).read_bytes()
+    return any(file.is_file() and file.read_bytes() != content for file in files)
+
+
+def _added(folder: Path, before: Sequence[Path]) -> str:
+    new = (
+        path.with_suffix("")
+        for path in _files(folder)
+        if path.parent.name and not any((earlier / path).is_file() for earlier in before)
+    )
+    return ", ".join(f"{path.parent.as_posix()}={path.name}" for path in new) or "no options"
+
+
+def _shown(folder: Path) -> str:
+    """Return a folder as it is named from the working folder."""
+    here = Path.cwd()
+    return str(folder.relative_to(here)) if folder.is_relative_to(here) else str(folder)
+
+
+OmegaConf.register_new_resolver("seatrial_folders", listing, replace=True)

@@ -1,0 +1,1 @@
+"""Many trials: planned, launched, ended and shown."""

@@ -1,0 +1,307 @@
+"""Composition of the configurations of a sweep's jobs.
+
+Hydra takes a quarter of a second to compose a job from its files. Jobs that choose the same options
+from the groups share one composition; the values of each job are then set in a copy of it, as Hydra
+sets them. Sweeps compose so when they are planned, and launchers when they run their jobs, here or
+in workers. Jobs that cannot be split in this way are composed by Hydra, and so are those that Hydra
+refuses, which raises its own errors.
+"""
+
+import pickle
+import re
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from functools import lru_cache
+from io import BytesIO
+from typing import Any, cast
+from uuid import uuid4
+
+from hydra.conf import HydraConf
+from hydra.core.config_loader import ConfigLoader
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf, open_dict, read_write
+from omegaconf.errors import OmegaConfBaseException
+
+from seatrial.runner.configuration.vessel_options import filled
+from seatrial.runner.record.vocabulary import GROUPS, Config
+from seatrial.runner.sweeps.job import Order
+
+NOT_OF_TRIAL = ("hydra", "search")  # parts of a configuration for Hydra, and for a search
+
+
+def order_of(
+    config: DictConfig, hydra: DictConfig | HydraConf, overrides: list[str] | None = None
+) -> Order:
+    """Return the order of a composed configuration.
+
+    Args:
+        config: the configuration, without Hydra's part.
+        hydra: Hydra's part.
+        overrides: those of the job; None takes them from Hydra's part.
+    """
+    if overrides is None:  # their interpolations are not for Hydra's part
+        overrides = cast(list[str], OmegaConf.to_container(cast(Any, hydra.overrides.task)))
+    names = {group: _name(group, hydra.runtime.choices, overrides) for group in GROUPS}
+    return Order(config=filled(_resolved(config)), names=names, overrides=overrides)
+
+
+def _name(group: str, choices: Mapping[str, object], overrides: list[str]) -> str:
+    """Return the option chosen from a group; `a+b` for a list, which Hydra does not report."""
+    if choices.get(group):
+        return str(choices[group])
+    lists = [text.partition("=[")[2] for text in overrides if text.startswith(f"{group}=[")]
+    return "+".join(re.findall(r"\w+", lists[-1])) if lists else "none"
+
+
+def _resolved(config: DictConfig) -> dict[str, object]:
+    """Return the part of a configuration that describes the trial, without interpolations."""
+    return {
+        key: OmegaConf.to_container(value, resolve=True, throw_on_missing=True)
+        if OmegaConf.is_config(value := config[key])
+        else value
+        for key in map(str, config)
+        if key not in NOT_OF_TRIAL
+    }
+
+
+def with_numbers(config: DictConfig) -> DictConfig:
+    """Return a composed configuration in which options taken from the vessel are numbers.
+
+    Other options stay as they are, with their interpolations.
+    """
+    shown = deepcopy(config)
+    if "vessel" in config:
+        plain = _resolved(config)
+        with open_dict(shown), read_write(shown):
+            _set_changes(shown, plain, filled(plain))
+    return shown
+
+
+def _set_changes(target: DictConfig, before: Config, after: Config) -> None:
+    """Set in `target` what differs between two nodes of its resolved configuration."""
+    for key, value in after.items():
+        if key in before and value is before[key]:
+            continue
+        node = target._get_node(key)
+        inner = isinstance(value, dict) and isinstance(before.get(key), dict)
+        if inner and isinstance(node, DictConfig) and not node._is_interpolation():
+            _set_changes(node, before[key], value)
+        else:
+            target[key] = value
+
+
+class Refused(Exception):  # noqa: N818
+    """An override that Hydra refuses."""
+
+
+def set_values(config: DictConfig, overrides: Sequence[Override]) -> None:
+    """Set values in their order, as Hydra does; raises Refused where Hydra raises its own error."""
+    try:
+        for override in overrides:
+            key, value = override.key_or_group, override.value()
+            present: Any = None
+            if override.is_add() or override.is_delete():
+                present = OmegaConf.select(config, key, throw_on_missing=False)
+            if override.is_delete():
+                if present is None or (value is not None and value != present):
+                    raise Refused(override.input_line)
+                parent, _, last = key.rpartition(".")
+                with open_dict(config):
+                    node: Any = OmegaConf.select(config, parent) if parent else config
+                    del node[last]
+            elif present is not None and not isinstance(value, dict | list):
+                raise Refused(override.input_line)
+            else:
+                force = override.is_add() or override.is_force_add()
+                OmegaConf.update(config, key, value, merge=True, force_add=force)
+    except (OmegaConfBaseException, AttributeError, TypeError, ValueError, AssertionError) as error:
+        raise Refused(str(error)) from error
+
+
+class SharingLoader:
+    """Composes the jobs of one sweep; jobs that choose the same options share a composition.
+
+    It replaces Hydra's loader in launchers, which call only `load_sweep_config`. Its copies in one
+    worker share their compositions.
+    """
+
+    KEPT = 64  # largest number of compositions; the oldest is dropped
+    # Of the last sweep: its identifier, and the composition of each combination of choices.
+    _shared: "tuple[str, dict[tuple[str, ...], _Stored]]" = ("", {})
+
+    def __init__(self, loader: ConfigLoader) -> None:
+        self.hydra = loader
+        self._sweep = uuid4().hex
+        self._is_group: dict[str, bool] = {}
+
+    def load_sweep_config(
+        self, master_config: DictConfig, sweep_overrides: list[str]
+    ) -> DictConfig:
+        """Return the configuration of a job, as Hydra composes it."""
+        split = self.split(sweep_overrides)
+        if split is None:
+            return self.hydra.load_sweep_config(master_config, sweep_overrides)
+        choices, values = split
+        try:
+            config = self.composition(master_config, choices)
+            set_values(config, values)
+        except (HydraException, OmegaConfBaseException, Refused):
+            return self.hydra.load_sweep_config(master_config, sweep_overrides)
+        hydra, task = config.hydra, [o for o in map(_parsed, sweep_overrides) if _is_task(o)]
+        form = hydra.job.config.override_dirname
+        named = [str(o.input_line) for o in task if o.key_or_group not in form.exclude_keys]
+        with open_dict(hydra), read_write(hydra):
+            hydra.overrides.task = [override.input_line for override in task]
+            dirname = str(form.item_sep).join(sorted(named))
+            hydra.job.override_dirname = dirname.replace("=", form.kv_sep)
+        OmegaConf.copy_cache(from_config=master_config, to_config=config)
+        return config
+
+    def split(self, job: Sequence[str]) -> tuple[list[str], list[Override]] | None:
+        """Split a job into the options it chooses and the values it sets; None if not possible.
+
+        Hydra sets values after all choices, in their order. Values of Hydra's own options go with
+        the choices. Raises errors of Hydra for overrides that cannot be read.
+        """
+        choices: list[str] = []
+        values: list[Override] = []
+        for override in map(_parsed, job):
+            key = override.key_or_group
+            if override.is_sweep_override() or key == "hydra":
+                return None
+            if key not in self._is_group:
+                self._is_group[key] = bool(self.hydra.get_group_options(key))
+            if self._is_group[key] and not isinstance(override.value(), dict):
+                choices.append(str(override.input_line))
+            elif override.package is not None:
+                return None
+            elif _is_task(override):
+                values.append(override)
+            elif override.is_add() or override.is_delete():  # depends on what is there before
+                return None
+            else:
+                choices.append(str(override.input_line))
+        return choices, values
+
+    def composition(self, master: DictConfig, choices: Sequence[str]) -> DictConfig:
+        """Return a copy of the configuration of the choices alone; raises errors of Hydra."""
+        sweep, composed = SharingLoader._shared
+        if sweep != self._sweep:
+            composed = {}
+            SharingLoader._shared = self._sweep, composed
+        key = tuple(choices)
+        if key not in composed:
+            if len(composed) >= self.KEPT:
+                del composed[next(iter(composed))]
+            composed[key] = _Stored(self.hydra.load_sweep_config(master, list(choices)))
+        return composed[key].copy()
+
+
+@lru_cache(maxsize=4096)  # the jobs of a sweep have most of their overrides in common
+def _parsed(text: str) -> Override:
+    override: Override = OverridesParser.create().parse_override(text)
+    return override
+
+
+def _is_task(override: Override) -> bool:
+    return not override.is_hydra_override()
+
+
+class _Stored:
+    """A configuration that is copied by pickle, in a third of the time of a deep copy.
+
+    Its classes stay what they are: Hydra imports those of launchers twice, which pickle refuses.
+    """
+
+    def __init__(self, config: DictConfig) -> None:
+        self._classes: list[type] = []
+        file = BytesIO()
+        pickler = _Pickler(file)
+        pickler.classes = self._classes
+        pickler.dump(config)
+        self._data = file.getvalue()
+
+    def copy(self) -> DictConfig:
+        unpickler = _Unpickler(BytesIO(self._data))
+        unpickler.classes = self._classes
+        config: DictConfig = unpickler.load()
+        return config
+
+
+class _Pickler(pickle.Pickler):
+    classes: list[type]
+
+    def persistent_id(self, value: Any) -> int | None:
+        if not isinstance(value, type):
+            return None
+        self.classes.append(value)
+        return len(self.classes) - 1
+
+
+class _Unpickler(pickle.Unpickler):
+    classes: list[type]
+
+    def persistent_load(self, index: Any) -> Any:
+        return self.classes[index]
+
+
+class Composer:
+    """Composes the orders of one sweep; `master` is the sweep's own configuration."""
+
+    def __init__(self, loader: SharingLoader, master: DictConfig) -> None:
+        self._loader = loader
+        self._master = master
+        self._has_option: dict[tuple[tuple[str, ...], str], bool] = {}  # by choices and key
+
+    def order(self, job: list[str]) -> Order:
+        """Return the order of one job; raises errors of Hydra and OmegaConf."""
+        config = self._loader.load_sweep_config(self._master, job)
+        HydraConfig.instance().set_config(config)  # for interpolations of Hydra's part
+        hydra = config.hydra
+        with open_dict(config), read_write(config):
+            del config["hydra"]
+        return order_of(config, hydra, job)
+
+    def choices(self, job: list[str]) -> list[str]:
+        """Return the options that a job chooses; empty if it cannot be split or read."""
+        return self._split(job)[0]
+
+    def _split(self, job: list[str]) -> tuple[list[str], list[Override]]:
+        try:
+            return self._loader.split(job) or ([], [])
+        except HydraException:
+            return [], []
+
+    def applicable(self, jobs: Sequence[list[str]]) -> list[list[str]]:
+        """Leave out of each job the options that its choices do not have but another job's do."""
+        lacking = [self._lacking(job) for job in jobs]
+        if not any(lacking):
+            return list(jobs)
+        keys = [{text.partition("=")[0] for text in job} for job in jobs]
+        known = set[str]().union(*(own - bare for own, bare in zip(keys, lacking, strict=True)))
+        shorter = (
+            tuple(text for text in job if text.partition("=")[0] not in bare & known)
+            for job, bare in zip(jobs, lacking, strict=True)
+        )
+        return [list(job) for job in dict.fromkeys(shorter)]
+
+    def _lacking(self, job: list[str]) -> set[str]:
+        """Return the options of a group that a job sets but its choices do not have."""
+        choices, values = self._split(job)
+        keys = {value.key_or_group for value in values if not (value.is_add() or value.is_delete())}
+        of_groups = {key for key in keys if "." in key and key.partition(".")[0] in GROUPS}
+        return {key for key in of_groups if not self._has(tuple(choices), key)}
+
+    def _has(self, choices: tuple[str, ...], key: str) -> bool:
+        if (choices, key) not in self._has_option:
+            parent, _, name = key.rpartition(".")
+            try:
+                node = OmegaConf.select(self._loader.composition(self._master, choices), parent)
+            except (HydraException, OmegaConfBaseException):
+                return True  # the composition of the job reports it
+            has = isinstance(node, DictConfig) and name in list(node.keys())
+            self._has_option[choices, key] = has
+        return self._has_option[choices, key]

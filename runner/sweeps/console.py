@@ -1,0 +1,305 @@
+"""Console output of trials and sweeps: progress while they run, and a summary at the end.
+
+Progress is read from the logbook, because the runs may be in other processes. It is shown as a live
+line on a terminal and as plain lines elsewhere.
+"""
+
+import logging
+import shlex
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from threading import Event, Thread
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+from seatrial.models.errors import LogbookError
+from seatrial.runner import database
+from seatrial.runner.configuration.invocation import results_program, trial_program
+from seatrial.runner.database.terminal import error_line
+from seatrial.runner.record.vocabulary import ENDINGS
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from seatrial.runner.database.records import RunSummary, SweepStatus
+    from seatrial.runner.sweeps.job import Outcome
+
+
+DEFAULT_DATABASE = "sqlite:///results/results.db"
+LISTED = 20  # failed runs that a summary names; the command it prints shows all
+
+
+def sweep_summary(
+    status: "SweepStatus", outcomes: Sequence["Outcome"], url: str, factors: Sequence[str]
+) -> list[str]:
+    """Return the summary of a sweep: counts, failed runs with reasons, and what to do next.
+
+    `factors` are the options that the sweep varied.
+    """
+    counts = Counter(status.counts)
+    busy = sum(outcome.state == "busy" for outcome in outcomes)
+    undone = status.planned - sum(counts[name] for name in ENDINGS)
+    parts = [f"{counts['finished']} finished"]
+    if status.reused - busy > 0:
+        parts[0] += f" ({status.reused - busy} already in the logbook)"
+    parts += [f"{counts['failed']} failed", f"{counts['diverged']} diverged"]
+    if busy:
+        parts.append(f"{busy} running in another process")
+    if undone - busy > 0:
+        parts.append(f"{undone - busy} not done")
+    lines = [f"sweep {status.sweep_id}, {_number(status.planned, 'run')}: {', '.join(parts)}"]
+    lines += [f"  {failure(run)}" for run in status.failed[:LISTED]]
+    if len(status.failed) > LISTED:
+        lines.append(f"  and {len(status.failed) - LISTED} more")
+    lines += [
+        f"  lost: {error_line(str(outcome.error))}"
+        for outcome in outcomes
+        if outcome.state == "lost"
+    ]
+    lines.append(f"results: {database.engine.display_url(url)}")
+    sweep = ("--sweep", str(status.sweep_id))  # stays right when other sweeps follow
+    columns = ("--columns", ",".join(factors[1:])) if factors[1:] else ()
+    table = ("table", url, "--rows", factors[0], *columns) if factors else ("runs", url)
+    lines.append(f"compare: {compare(*table, *sweep)}")
+    return lines
+
+
+def sweep_exit_code(status: "SweepStatus", outcomes: Iterable["Outcome"]) -> int:
+    """Return 0 if every trial is finished or running in another process, else 1."""
+    busy = sum(outcome.state == "busy" for outcome in outcomes)
+    return 0 if status.counts.get("finished", 0) + busy >= status.planned else 1
+
+
+def failure(run: "RunSummary") -> str:
+    """Return one line about a run that did not finish."""
+    choices = (
+        f"vessel={run.vessel} disturbance={run.disturbance} excitation={run.excitation} "
+        f"identifier={run.identifier} controller={run.controller} "
+        f"evaluation={run.evaluation} seed={run.seed}"
+    )
+    reason = ": ".join(part for part in (run.error_type, run.error) if part) or "no reason known"
+    return error_line(f"run {run.run_id} {run.status} ({choices}): {reason}")
+
+
+def outcome_line(outcome: "Outcome", url: str) -> str:
+    """Return one line about a single trial, with the command that shows more."""
+    if outcome.state in ("failed", "diverged"):
+        reason = error_line(f"{outcome.error_type}: {outcome.error}")
+        message = f"run {outcome.run_id} {outcome.state}: {reason}"
+        return f"{message}; see {compare('show', url, str(outcome.run_id), '--traceback')}"
+    message = {
+        "finished": f"run {outcome.run_id} finished",
+        "skipped": f"already in the logbook as run {outcome.run_id} (rerun=true runs it again)",
+        "busy": f"another process is running it, as run {outcome.run_id}",
+    }[outcome.state]
+    return f"{message}; see {compare('show', url, str(outcome.run_id))}"
+
+
+def dry_run(trials: Iterable[tuple[str, str, str]]) -> list[str]:
+    """Return a table of (state, trial, note), and the count of each state."""
+    rows = [(state, error_line(name), error_line(note)) for state, name, note in trials]
+    width = max((len(name) for _, name, _ in rows), default=0)
+    lines = [f"{state:<11}  {name:<{width}}  {note}".rstrip() for state, name, note in rows]
+    counts = Counter(state for state, _, _ in rows)
+    totals = ", ".join(f"{count} {state}" for state, count in counts.items())
+    return [*lines, f"{_number(len(rows), 'trial')}: {totals}; nothing was run"]
+
+
+def compare(command: str, url: str, *arguments: str) -> str:
+    """Return a command line of the comparison program, for the database at `url`."""
+    words = [command, *arguments]
+    if url != DEFAULT_DATABASE:
+        words += ["--database", url]
+    return f"{results_program()} {shlex.join(words)}"
+
+
+def trial_command(arguments: Sequence[str]) -> str:
+    """Return a command line of the program that runs trials."""
+    return f"{trial_program()} {shlex.join(arguments)}"
+
+
+def _number(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+class NewWarnings(logging.Filter):
+    """Passes a warning the first time in a process: the runs of a sweep repeat each other's.
+
+    Every run stores its own, and `show` lists them.
+    """
+
+    _known: ClassVar[set[str]] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether to show a record."""
+        text = record.getMessage()
+        is_new = record.levelno != logging.WARNING or text not in self._known
+        self._known.add(text)
+        return is_new
+
+    @classmethod
+    def forget(cls) -> None:
+        """Show all warnings again, at the start of a program."""
+        cls._known.clear()
+
+
+log = logging.getLogger(__name__)
+POLL_S = 0.25  # at least; queries take at most a twentieth of the time
+QUIET_S = 5.0  # between two plain lines
+
+
+@dataclass(frozen=True)
+class Standing:
+    """The progress of a sweep; `left_s` [s] is None while it cannot be estimated."""
+
+    done: int
+    planned: int
+    running: int
+    failed: int  # failed and diverged
+    left_s: float | None
+
+    def __str__(self) -> str:
+        left = "" if self.left_s is None else f", about {duration(self.left_s)} left"
+        return (
+            f"{self.done} of {self.planned} done, {self.running} running, "
+            f"{self.failed} failed{left}"
+        )
+
+
+class View(Protocol):
+    """A display of the progress."""
+
+    def show(self, standing: Standing) -> None:
+        """Show the progress; called a few times a second."""
+
+    def failure(self, line: str) -> None:
+        """Show that a run failed; called once per run."""
+
+
+@contextmanager
+def terminal_view() -> Iterator[View]:
+    """Open a live line on a terminal, plain lines in the log elsewhere."""
+    if not sys.stderr.isatty():
+        yield PlainLines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+
+    columns = (SpinnerColumn(), BarColumn(bar_width=24), TextColumn("{task.description}"))
+    console = Console(file=sys.stderr)
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield LiveLine(progress)
+
+
+MakeView = Callable[[], AbstractContextManager[View]]
+
+
+@contextmanager
+def shown(url: str, sweep_id: int, make_view: MakeView = terminal_view) -> Iterator[None]:
+    """Show the progress of a sweep in the view that `make_view` opens while the block runs."""
+    with make_view() as view, in_background(partial(_watch, url, sweep_id, view, TimeLeft())):
+        yield
+
+
+@contextmanager
+def in_background(work: Callable[[Event], None]) -> Iterator[None]:
+    """Run `work` in a thread while the block runs; it gets the event that the block has ended."""
+    ended = Event()
+    thread = Thread(target=work, args=(ended,), daemon=True)
+    try:
+        thread.start()
+        yield
+    finally:
+        ended.set()
+        if thread.is_alive():  # a signal can come before it has started
+            thread.join()
+
+
+def duration(seconds: float) -> str:
+    """Format a duration in seconds, minutes or hours."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _watch(url: str, sweep_id: int, view: View, pace: "TimeLeft", stop: Event) -> None:
+    reported: set[int] = set()
+    try:
+        with database.LogbookWriter.read(url) as logbook:
+            wait = 0.0
+            while not stop.wait(wait):
+                start_s = time.monotonic()
+                status = logbook.sweep_status(sweep_id)
+                counts = Counter(status.counts)
+                done = sum(counts[name] for name in ENDINGS)
+                failed, planned = counts["failed"] + counts["diverged"], status.planned
+                left_s = pace.left_s(done, planned)
+                view.show(Standing(done, planned, counts["running"], failed, left_s))
+                for run in status.failed:
+                    if run.run_id not in reported and run.status != "interrupted":
+                        reported.add(run.run_id)
+                        view.failure(failure(run))
+                wait = max(POLL_S, 20.0 * (time.monotonic() - start_s))
+    except LogbookError as error:
+        log.warning("the progress is no longer shown: %s", error)
+
+
+class TimeLeft:
+    """Estimates the time left from the rate of trials after the first one that ends."""
+
+    def __init__(self) -> None:
+        self._before: int | None = None  # trials done at the start
+        self._first: tuple[int, float] | None = None  # trials done and time [s] at the first end
+
+    def left_s(self, done: int, planned: int) -> float | None:
+        """Return the time [s] until all trials are done; None while it cannot be estimated."""
+        now_s = time.monotonic()
+        if self._before is None:
+            self._before = done
+        if self._first is None and done > self._before:
+            self._first = (done, now_s)
+        if self._first is None or done == self._first[0] or now_s <= self._first[1]:
+            return None
+        return (planned - done) * (now_s - self._first[1]) / (done - self._first[0])
+
+
+class LiveLine:
+    """A line at the bottom of the terminal that is redrawn."""
+
+    def __init__(self, progress: "Progress") -> None:
+        self._progress = progress
+        self._task = progress.add_task("starting", total=None)
+
+    def show(self, standing: Standing) -> None:
+        """Redraw the line."""
+        total, done = standing.planned, standing.done
+        self._progress.update(self._task, total=total, completed=done, description=str(standing))
+
+    def failure(self, line: str) -> None:
+        """Print above the line."""
+        self._progress.console.print(line, markup=False, highlight=False)
+
+
+@dataclass
+class PlainLines:
+    """A line in the log when the progress has changed, at most every QUIET_S."""
+
+    _last: float = field(default=-QUIET_S)
+    _reported: tuple[int, int] = (0, 0)
+
+    def show(self, standing: Standing) -> None:
+        """Log the progress if it has changed and the last line is QUIET_S old."""
+        now = time.monotonic()
+        counts = (standing.done, standing.failed)
+        if counts != self._reported and now - self._last >= QUIET_S:
+            log.info("%s", standing)
+            self._last, self._reported = now, counts
+
+    def failure(self, line: str) -> None:
+        """Log it."""
+        log.info("%s", line)

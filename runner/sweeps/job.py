@@ -1,0 +1,281 @@
+"""One trial as a run of the logbook: claimed, run, and stored with its results or its error."""
+
+import logging
+import traceback
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from sys import intern
+from typing import TYPE_CHECKING, Literal
+
+from seatrial.models.errors import Diverged, RecordingError, SeatrialError
+from seatrial.runner import database
+from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, build_trial
+from seatrial.runner.configuration.fingerprint import fingerprint
+from seatrial.runner.configuration.plugins import attributed
+from seatrial.runner.configuration.provenance import Provenance
+from seatrial.runner.record.vocabulary import GROUPS
+from seatrial.runner.trials.precompile import kinds
+
+if TYPE_CHECKING:  # what is slow to import
+    import threadpoolctl
+
+    from seatrial.runner.record.rows import Results
+    from seatrial.runner.trials import trial as trials
+else:
+    import lazy_loader
+
+    threadpoolctl = lazy_loader.load("threadpoolctl")
+    trials = lazy_loader.load("seatrial.runner.trials.trial", suppress_warning=True)
+
+State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost", "bug"]
+
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to run: a resolved configuration, its options' names, and the overrides it came from."""
+
+    config: Mapping[str, object]
+    names: Mapping[str, str]
+    overrides: Sequence[str]
+
+    def __str__(self) -> str:
+        return shown(self.overrides)
+
+    def fingerprint(self, sources: str) -> str:
+        """Return the fingerprint of the trial; `sources` is the digest of the code."""
+        return fingerprint(self.config, self.names, sources)
+
+    def experiment(self, sources: str) -> str:
+        """Return the fingerprint without the seed, equal for the replicates of one experiment."""
+        unseeded = {key: value for key, value in self.config.items() if key != "seed"}
+        return fingerprint(unseeded, self.names, sources)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The outcome of an order.
+
+    skipped: the trial was in the logbook already; busy: another process is running it; lost: the
+    logbook could not store the results, so there is no row (then `run_id` is None); bug: nothing is
+    stored, and `error` is the traceback.
+    """
+
+    state: State
+    run_id: int | None
+    error_type: str | None = None
+    error: str | None = None
+
+
+def shown(overrides: Sequence[str]) -> str:
+    """Name a trial by its overrides."""
+    texts = [text for text in overrides if not text.startswith("dry_run=")]
+    return " ".join(texts) or "the default trial"
+
+
+def prepare(order: Order) -> Trial:
+    """Build and check the trial of an order; raises SeatrialError if it cannot be run."""
+    trial = build_trial(order.config, order.names)
+    check(trial)
+    return trial
+
+
+def check(trial: Trial) -> None:
+    """Check a trial; raises SeatrialError if it cannot be run."""
+    with attributed(trial.config):
+        trials.check(trial)
+
+
+def perform(
+    trial: Trial, order: Order, provenance: Provenance, sweep_id: int | None = None
+) -> Outcome:
+    """Run a trial and store its results, unless it is in the logbook already.
+
+    Errors of the trial are stored in its row; errors of the logbook are raised.
+    """
+    with database.LogbookWriter.open(trial.database_url, results_dir=trial.results_dir) as logbook:
+        begun = logbook.begin_run(_start(trial, order, provenance), sweep_id, rerun=trial.rerun)
+        if begun.state != "new":
+            return Outcome("skipped" if begun.state == "finished" else "busy", begun.run_id)
+        return _run(trial, logbook, begun.run_id)
+
+
+def _run(trial: Trial, logbook: "database.LogbookWriter", run_id: int) -> Outcome:
+    try:
+        # One thread per trial: workers share the cores, and sums are equal on every machine.
+        with threadpoolctl.threadpool_limits(1), attributed(trial.config):
+            results = trials.run(trial)
+    except Diverged as error:
+        partial = error.results if isinstance(error, trials.TrialDiverged) else None
+        return _store_failure(logbook, run_id, "diverged", error, partial)
+    except Exception as error:
+        return _store_failure(logbook, run_id, "failed", error)
+    logbook.finish_run(run_id, results)
+    return Outcome("finished", run_id)
+
+
+def _store_failure(
+    logbook: "database.LogbookWriter",
+    run_id: int,
+    status: Literal["diverged", "failed"],
+    error: Exception,
+    results: "Results | None" = None,
+) -> Outcome:
+    """Store a run that did not finish, with its error."""
+    kind = "Diverged" if status == "diverged" else type(error).__name__
+    message = " ".join(str(error).split()) or kind
+    trace = "".join(traceback.format_exception(error))
+    logbook.fail_run(
+        run_id, status, error_type=kind, error=message, traceback=trace, results=results
+    )
+    return Outcome(status, run_id, kind, message)
+
+
+def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunStart":
+    # Where results are stored is no part of a trial; the sweep has a row of its own.
+    apart = ("database", "sweep")
+    stored = {key: value for key, value in order.config.items() if key not in apart}
+    return database.RunStart(
+        fingerprint=order.fingerprint(provenance.sources),
+        **{group: trial.names[group] for group in GROUPS},
+        seed=trial.seed,
+        config=stored,
+        overrides=list(order.overrides),
+        git_commit=provenance.git_commit,
+        git_dirty=provenance.git_dirty,
+        versions=provenance.versions,
+        command=provenance.command,
+        code=provenance.sources[:16],
+        experiment=order.experiment(provenance.sources),
+    )
+
+
+# Checked trials, rejected trials, and their state in the logbook.
+
+
+class Planner:
+    """Plans the trials of one sweep: each is built, checked and given its fingerprint.
+
+    `sources` is the digest of the code that computes results. A check may read a recording and does
+    not depend on the seed, so the replicates of an experiment are checked once.
+    """
+
+    def __init__(self, sources: str) -> None:
+        self._sources = sources
+        self._errors: dict[tuple[str, Limits], SeatrialError | None] = {}  # by experiment
+
+    def plan(self, order: Order) -> "PlannedTrial":
+        """Build and check a trial; raises SeatrialError if it cannot be run."""
+        trial = build_trial(order.config, order.names)
+        key = order.experiment(self._sources), trial.limits
+        if key not in self._errors:
+            self._errors[key] = None
+            try:
+                check(trial)
+            except RecordingError as problem:  # of its contents: its run fails, the others go on
+                log.warning("%s: %s", order, problem)
+            except SeatrialError as problem:
+                self._errors[key] = problem
+        if (error := self._errors[key]) is not None:
+            raise error.with_traceback(None)
+        return PlannedTrial(
+            overrides=order.overrides,
+            fingerprint=order.fingerprint(self._sources),
+            database_url=trial.database_url,
+            results_dir=trial.results_dir,
+            rerun=trial.rerun,
+            labels=trial.sweep,
+            kinds=tuple(map(intern, kinds(trial))),
+            choices=tuple(trial.names[group] for group in GROUPS),
+            seed=trial.seed,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedTrial:
+    """What a sweep needs of a checked trial; small, because a sweep may have very many."""
+
+    overrides: Sequence[str]
+    fingerprint: str
+    database_url: str
+    results_dir: Path
+    rerun: bool
+    labels: SweepLabels
+    kinds: tuple[str, ...]  # of its parts, as `precompile` takes them
+    choices: tuple[str, ...]  # the option of each group, in the order of GROUPS
+    seed: int
+
+    @property
+    def row(self) -> dict[str, object]:
+        """The trial as a row of the table `planned`."""
+        choices = dict(zip(GROUPS, self.choices, strict=True))
+        overrides = list(self.overrides)
+        return {
+            "fingerprint": self.fingerprint, "choices": choices, "seed": self.seed,
+            "overrides": overrides,
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        return shown(self.overrides)
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A trial that cannot be run, and the reason."""
+
+    asked: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.asked}: {self.reason}"
+
+
+StoredRuns = dict[str, "database.RunSummary"]
+
+
+def states(url: str, sweep_id: int, plans: Iterable[PlannedTrial]) -> dict[str, str]:
+    """Return the status of the last attempt of a sweep at each trial, by fingerprint.
+
+    Trials without an attempt are left out.
+    """
+    fingerprints = {plan.fingerprint for plan in plans}
+    with database.LogbookWriter.read(url) as logbook:
+        # In the order of their attempts.
+        runs = logbook.runs(database.tables.RunRow.sweep_id == sweep_id)
+    return {run.fingerprint: run.status for run in runs if run.fingerprint in fingerprints}
+
+
+def known(plans: Iterable[PlannedTrial]) -> StoredRuns:
+    """Return the stored runs of these trials, by fingerprint; empty without a logbook."""
+    plans = list(plans)
+    if not plans:
+        return {}
+    url = plans[0].database_url
+    address, schema = database.engine.parse(url), database.schema
+    absent = address.path is not None and not address.path.exists()
+    if absent or schema.inspect(address) is schema.Condition.EMPTY:
+        return {}
+    with database.LogbookWriter.read(url) as logbook:
+        return logbook.trials(plan.fingerprint for plan in plans)
+
+
+def listed(plans: Sequence[PlannedTrial | Refusal]) -> list[tuple[str, str, str]]:
+    """Return (state, trial, note) of each trial, for a dry run."""
+    runs = known(plan for plan in plans if isinstance(plan, PlannedTrial))
+    return [_listed(plan, runs) for plan in plans]
+
+
+def _listed(plan: PlannedTrial | Refusal, runs: StoredRuns) -> tuple[str, str, str]:
+    if isinstance(plan, Refusal):
+        return "refused", plan.asked, plan.reason
+    run = runs.get(plan.fingerprint)
+    if run is None:
+        return "new", str(plan), ""
+    rerun = run.status == "finished" and plan.rerun
+    note = f"run {run.run_id}"
+    if run.error:
+        note += f": {run.error}"
+    return run.status, str(plan), f"{note}, to be run again" if rerun else note

@@ -1,0 +1,121 @@
+"""The source of the YAML files of a configuration, with vessels that are no options of it.
+
+`vessel=path.yaml` is a file from the working folder, and `vessel=run:17` the identified model of
+run 17 in the logbook of the trial, as `seatrial-results model 17 --to yaml` writes it.
+"""
+
+import copy
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, cast
+
+import yaml
+from hydra._internal.core_plugins import file_config_source
+from hydra.core.global_hydra import GlobalHydra
+from hydra.plugins.config_source import ConfigResult
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner import database, export
+from seatrial.runner.configuration import vessel_options
+from seatrial.runner.configuration.search_path import CONF
+from seatrial.runner.record.vocabulary import Config
+
+GROUP = "vessel/"
+RUN = re.compile(rf"{GROUP}run:(?P<id>\d{{1,18}})(\.yaml)?", re.ASCII)
+# Options that say where the logbook is; an experiment may say it as well.
+_PLACES = re.compile(r"\+?(results_dir|database(\.url)?|experiment)=")
+
+
+def file_of(config_path: str) -> Path | None:
+    """Return the file that a path of the configuration, `vessel/tug.yaml`, names; else None."""
+    if not config_path.startswith(GROUP) or not config_path.endswith(".yaml"):
+        return None
+    path = Path(config_path.removeprefix(GROUP)).absolute()
+    return path if path.is_file() else None
+
+
+def node_of(run_id: int, overrides: Sequence[str]) -> Config:
+    """Return the vessel of a run's identified model; `overrides` are those of the command line.
+
+    Raises LogbookError if there is no such run or model.
+    """
+    places = [text for text in overrides if _PLACES.match(text)]  # of the logbook
+    config = GlobalHydra.instance().config_loader().load_configuration(
+        "trial", overrides=[*places, "vessel=milliampere"], run_mode=RunMode.RUN
+    )  # fmt: skip
+    url = OmegaConf.select(config, "database.url")
+    url = url or database.engine.file_url(Path(str(config.results_dir)) / "results.db")
+    with database.LogbookReader.read(str(url)) as logbook:
+        return export.stored_model.read_model(logbook, run_id).node
+
+
+class FileConfigSource(file_config_source.FileConfigSource):
+    """Hydra's source of configuration files, with files of the working folder and models of runs.
+
+    Vessels choose the excitation and the controller that suit them (`suited_parts`). Its name is
+    that of Hydra's own: in workers Hydra would refuse another one for files.
+    """
+
+    overrides: ClassVar[Sequence[str]] = ()  # of the command line, which say where the logbook is
+    _own: ClassVar[dict[str, ConfigResult]] = {}  # the program's files: a call loads them twice
+
+    def __init__(self, provider: str, path: str) -> None:
+        super().__init__(provider, path)
+        self._runs: dict[str, Config] = {}  # workers take them from here
+
+    def is_config(self, config_path: str) -> bool:
+        """Whether there is such a file, or the path names a run."""
+        return bool(RUN.fullmatch(config_path)) or super().is_config(self._place(config_path))
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """Load a file or the model of a run.
+
+        Raises ConfigurationError if a file is no YAML, and LogbookError if there is no such run.
+        """
+        if match := RUN.fullmatch(config_path):
+            run_id = match["id"]
+            if run_id not in self._runs:
+                self._runs[run_id] = node_of(int(run_id), self.overrides)
+            return ConfigResult(
+                provider=self.provider,
+                path=f"{self.scheme()}://{self.path}",
+                config=_with_suited_parts(OmegaConf.create(dict(self._runs[run_id]))),
+                header=self._get_header_dict(""),
+            )
+        place = self._place(config_path)
+        loaded = self._own if place == config_path and Path(self.path) == CONF else {}
+        try:
+            if place not in loaded:
+                loaded[place] = super().load_config(place)
+            result = copy.deepcopy(loaded[place])  # Hydra takes the defaults list out of it
+        except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+            file = Path(self.path) / self._normalize_file_name(place)
+            mark = getattr(error, "problem_mark", None)
+            line = "" if mark is None else f", line {mark.line + 1}"
+            reason = getattr(error, "problem", None) or str(error).splitlines()[0]
+            raise ConfigurationError(f"{file}{line}: {reason}, expected YAML") from error
+        if config_path.startswith(GROUP) and isinstance(result.config, DictConfig):
+            result.config = _with_suited_parts(result.config)
+        return result
+
+    @staticmethod
+    def _place(config_path: str) -> str:
+        file = file_of(config_path)
+        return config_path if file is None else str(file)
+
+
+def _with_suited_parts(vessel: DictConfig) -> DictConfig:
+    """Return a vessel with a defaults list of the parts that suit it, unless it has a list."""
+    try:
+        node = cast(Config, OmegaConf.to_container(vessel, resolve=True))
+    except OmegaConfBaseException:
+        return vessel  # it is reported when the trial is composed
+    chosen = {} if "defaults" in node else vessel_options.suited_parts(node)
+    if not chosen:
+        return vessel
+    overrides = [{f"override /{name}@_global_.{name}": chosen[name]} for name in chosen]
+    return cast(DictConfig, OmegaConf.merge({"defaults": ["_self_", *overrides]}, vessel))

@@ -1,0 +1,1 @@
+"""One trial: excite, identify, validate, deploy, and what it stores."""

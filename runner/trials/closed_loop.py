@@ -1,0 +1,354 @@
+"""Closed-loop simulation of a mission: plant, weather, controller and adaptation."""
+
+import logging
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from seatrial.models.compiled import is_compiled
+from seatrial.models.control.controller import Controller
+from seatrial.models.control.linear_design import largest_disturbance
+from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.errors import PartError
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.identification.adaptive import Adapter
+from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.returned import checked_array, name_of
+from seatrial.models.simulation.dynamics import advance
+from seatrial.models.simulation.loop import Watch, compiled_step_s, sail
+from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
+from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.simulation.voyage import Log, Outlook, Voyage, outlook
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import in_body
+from seatrial.models.vessel.parameters import Plant
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.weather import Weather
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.configuration.plugins import is_own
+from seatrial.runner.record.vocabulary import STREAMS, Stream
+
+log = logging.getLogger(__name__)
+SLOW = (
+    "controller {}: its step is Python, so the loop is not compiled: "
+    "{:.2g} ms a step, {:.0f} times as long"
+)
+_said: set[str] = set()  # controllers of which this has been said
+
+
+@dataclass(frozen=True, eq=False)
+class ControlDesign:
+    """Properties of a controller's design on a model, known before the simulation."""
+
+    dofs: tuple[str, ...]
+    needed: Array  # (n_dof,) largest force needed to hold the vessel still [N, Nm]
+    limits: tuple[float, ...] | None = None  # [N, Nm]
+    ahead: int = 0  # preview horizon, in loop instants
+    every: int = 1  # period of the commands, in loop instants
+    diagnostics: Sequence[Diagnostic] = ()
+
+    @property
+    def infeasible(self) -> Array:
+        """Whether the limit of each axis is below the largest disturbance, shape (n_dof,)."""
+        if self.limits is None:
+            return np.zeros(len(self.needed), dtype=bool)
+        return np.asarray(self.needed > np.array(self.limits))
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedMission:
+    """A simulated voyage, and the controller design it was simulated with."""
+
+    voyage: Voyage
+    period_s: float
+    design: ControlDesign
+    failures: int = 0  # number of commands that could not be computed; the last one was held
+    adapter: Adapter | None = None  # the online identification, if any
+    wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
+    slowdown: float | None = None  # of a loop in Python, for a controller from elsewhere
+
+
+class Streams:
+    """The independent random streams of one trial, spawned from its seed.
+
+    Generators of one stream give equal numbers. A trial whose result draws from no stream does not
+    depend on its seed.
+    """
+
+    def __init__(self, seed: int) -> None:
+        seeds = np.random.SeedSequence(seed).spawn(len(STREAMS))
+        self._seeds = dict(zip(STREAMS, seeds, strict=True))
+        self._generators: list[tuple[Stream, np.random.Generator]] = []
+
+    def generator(self, stream: Stream) -> np.random.Generator:
+        """Return a new generator of a stream."""
+        generator = np.random.default_rng(self._seeds[stream])
+        self._generators.append((stream, generator))
+        return generator
+
+    def drawn(self) -> tuple[Stream, ...]:
+        """Return the streams from which a number was drawn so far."""
+        used = set()
+        for stream, generator in self._generators:
+            fresh = np.random.default_rng(self._seeds[stream])
+            if generator.bit_generator.state != fresh.bit_generator.state:
+                used.add(stream)
+        return tuple(stream for stream in STREAMS if stream in used)
+
+
+@dataclass(frozen=True, eq=False)
+class MissionSetup:
+    """A mission ready to be simulated: the plant, the weather and the built controller."""
+
+    trial: Trial
+    seeds: Streams
+    model: Vessel | StateSpace
+    mission: Mission
+    plant: Plant
+    weather: Weather
+    guidance: tuple[Parameters, State]
+    reference: Parameters
+    controller: Controller | None  # None: the mission gives the commands
+    control: tuple[Parameters, State]
+    start: Array
+    added: Array | None  # force that the excitation adds to the command [N, Nm]
+    ahead: Outlook
+    design: ControlDesign
+
+    def sail(self, adaptive: bool = False) -> SimulatedMission:
+        """Simulate the mission, with online identification if `adaptive`; raises Diverged."""
+        trial, adapter = self.trial, None
+        if adaptive and self.controller is not None and isinstance(self.model, Vessel):
+            adapter = adapter_of(
+                trial, self.controller, self.model, self.weather, self.seeds, self.ahead
+            )
+        dofs, period = trial.vessel.dofs, trial.sample_time_s
+        loop_controller = self.mission.accompany(dofs, period, self.control)
+        voyage = sail(
+            self.plant, self.weather, self.guidance, self.reference, loop_controller,
+            self.start, period,
+            trial.integration_step_s, start_nu=self.mission.start_velocity(dofs),
+            watch=watch_of(adapter, alone=loop_controller[0] is self.control[0]), added=self.added,
+        )  # fmt: skip
+        controller, state = self.controller, self.control[1]
+        return SimulatedMission(
+            voyage,
+            period,
+            self.design,
+            failures=0 if controller is None else controller.failures(state),
+            adapter=adapter,
+            wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
+            slowdown=slowdown(self.controller, self.control, self.plant, voyage, trial),
+        )
+
+
+def slowdown(
+    controller: Controller | None,
+    control: tuple[Parameters, State],
+    plant: Plant,
+    voyage: Voyage,
+    trial: Trial,
+) -> float | None:
+    """Return how many times longer a voyage took than in a compiled loop, and log it once.
+
+    None for a compiled loop, without a compiler, and for the controllers of this package.
+    """
+    if controller is None or is_own(name := name_of(controller)):
+        return None
+    compiled = is_compiled(CONTROLLERS[type(control[0])]) or not is_compiled(advance)
+    if compiled or not len(voyage.step_times):
+        return None
+    took = float(np.median(voyage.step_times))
+    expected = compiled_step_s(plant, voyage.weather, trial.sample_time_s, trial.integration_step_s)
+    if name not in _said:
+        _said.add(name)
+        log.info(SLOW.format(name, 1e3 * took, took / expected))
+    return took / expected
+
+
+def prepare(
+    trial: Trial, seeds: Streams, model: Vessel | StateSpace, mission: Mission,
+    deployed: bool = False, true: Vessel | None = None,
+) -> MissionSetup:  # fmt: skip
+    """Prepare a mission that starts at rest, with the controller built on `model`.
+
+    In a deployment (`deployed`) the plant changes as the trial's `plant_change` says. `true` is the
+    model of the plant; None means the nominal one, scaled.
+    """
+    vessel, period = trial.vessel, trial.sample_time_s
+    count = round(mission.duration_s / period)
+    if deployed and trial.samples is not None:
+        count = min(count, trial.samples)
+    t = period * np.arange(count, dtype=np.float64)
+    start = np.zeros(len(vessel.dofs)) if mission.start is None else np.array(mission.start)
+    weather = weather_of(trial, seeds, len(t))
+    plant = allotted(trial, mission, plant_of(trial, deployed, true))
+    guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
+    _check_step(mission, "guidance", guidance, GUIDANCE)
+    if isinstance(guidance[0], Timetable):
+        shape = len(t), len(vessel.dofs)
+        checked_array(mission, "guidance", guidance[0].setpoints, shape)
+    added = mission.force(t, vessel.dofs, seeds.generator("excitation"))
+    if added is not None:
+        added = checked_array(mission, "force", added, (len(t), len(vessel.dofs)))
+    ahead = outlook(plant, weather, guidance[0], reference, start, added)
+    heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
+    design = ControlDesign(vessel.dofs, largest_disturbance(plant.vessel, weather, heading))
+    control, controller = mission.steering(vessel.dofs, period), None
+    if control is None:
+        controller = controller_of(trial, deployed)
+        model = commanded(model, controller)
+        built = controller.build(model, period)
+        _check_step(controller, "build", built, CONTROLLERS)
+        parameters, state = built
+        control = controller.foresee(parameters, ahead), state
+        design = design_of(controller, model, period, design)
+    return MissionSetup(
+        trial, seeds, model, mission, plant, weather, guidance, reference, controller, control,
+        start, added, ahead, design,
+    )  # fmt: skip
+
+
+def allotted(trial: Trial, mission: Mission, plant: Plant) -> Plant:
+    """Return the plant with the allocation to its devices, if forces are commanded."""
+    alone = mission.steering(trial.vessel.dofs, trial.sample_time_s) is not None
+    part = mission if alone else trial.controller
+    if not plant.inputs or part is None or part.commands_inputs:
+        return plant
+    return replace(plant, allocation=trial.vessel.positioning)
+
+
+def commanded(model: Vessel | StateSpace, controller: Controller) -> Vessel | StateSpace:
+    """Return the model for a controller: of a vessel with inputs the hull, if it gives forces."""
+    if not isinstance(model, Vessel) or not model.inputs or controller.commands_inputs:
+        return model
+    hull = {name: device for name, device in model.devices.items() if not device.inputs()}
+    return replace(model, inputs=(), devices=hull)
+
+
+def _check_step(
+    part: Controller | Mission, method: str, built: object, registered: Container[type]
+) -> None:
+    """Check that a part returned the parameters of a registered step; raises PartError."""
+    where = f"{name_of(part)}.{method}"
+    if not (isinstance(built, tuple) and len(built) == 2):
+        raise PartError(f"{where}: got {type(built).__name__}, expected parameters and a state")
+    kind = type(built[0])
+    if kind not in registered:
+        raise PartError(f"{where}: got a {kind.__name__}, for which no step is registered")
+
+
+def controller_of(trial: Trial, deployed: bool) -> Controller:
+    """Return the controller of the trial, in its deployed form if `deployed`."""
+    assert trial.controller is not None
+    return trial.controller.deployed() if deployed else trial.controller
+
+
+def design_of(
+    controller: Controller, model: Vessel | StateSpace, period: float, design: ControlDesign
+) -> ControlDesign:
+    """Return the design with the limits, horizons and diagnostics of the controller."""
+    return replace(
+        design,
+        limits=controller.command_limits(),
+        ahead=controller.preview_rows(period),
+        every=controller.command_rows(period),
+        diagnostics=controller.diagnostics(model, period),
+    )
+
+
+def sail_mission(
+    trial: Trial,
+    seeds: Streams,
+    model: Vessel | StateSpace,
+    mission: Mission,
+    *,
+    deployed: bool = False,
+    adaptive: bool = False,
+) -> SimulatedMission:
+    """Prepare a mission and simulate it; raises Diverged."""
+    return prepare(trial, seeds, model, mission, deployed).sail(adaptive)
+
+
+def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
+    """Return the callback that adapts the controller's parameters; None without an adapter.
+
+    `alone` is False if the mission adds a controller of its own, such as a zig-zag.
+    """
+    if adapter is None or alone:
+        return None if adapter is None else adapter.watch
+
+    def look(k: int, log: Log, parameters: Parameters, state: State) -> Parameters:
+        controller = adapter.look(k, log, parameters.controller, state[0])
+        return parameters._replace(controller=controller)
+
+    return Watch(adapter.watch.every, look)
+
+
+def weather_of(trial: Trial, seeds: Streams, n: int) -> Weather:
+    """Realise the trial's disturbance over n control instants."""
+    disturbance, dofs = trial.disturbance, trial.vessel.dofs
+    noise, weather = seeds.generator("noise"), seeds.generator("disturbance")
+    return disturbance.realise(n, dofs, noise, weather, trial.sample_time_s)
+
+
+def plant_of(trial: Trial, deployed: bool, true: Vessel | None = None) -> Plant:
+    """Build the true vessel with its wind forces and, in a deployment, its change.
+
+    Wind forces are not added to a model `true` that has terms of its own for them.
+    """
+    vessel, change = trial.vessel, trial.plant_change
+    wind = trial.disturbance.aerodynamics(vessel.dofs)
+    model, scale = (vessel.nominal(), trial.plant_scale) if true is None else (true, 1.0)
+    if true is not None and true.force_table().aerodynamic:
+        wind = 0.0 * wind
+    plant = vessel.plant(scale * model + wind)
+    if not deployed or change is None:
+        return plant
+    return replace(plant, change=(change.at_s, change.scale * model + wind))
+
+
+def adapter_of(
+    trial: Trial, controller: Controller, model: Vessel, weather: Weather, seeds: Streams,
+    ahead: Outlook,
+) -> Adapter:  # fmt: skip
+    """Build the online identification, which adapts the controller."""
+    vessel, period = trial.vessel, trial.sample_time_s
+    assert trial.update is not None
+
+    def adapt(parameters: Parameters, state: State, model: Vessel, log: Log, k: int) -> Parameters:
+        return controller.adapt(parameters, state, model, period, ahead, log, k)
+
+    return Adapter(
+        trial.update, trial.identifier, vessel.thruster, weather, vessel.dofs, period, model,
+        seeds.generator("identifier"), adapt,
+    )  # fmt: skip
+
+
+def wind_force(table: Vessel, voyage: Voyage) -> Array | None:
+    """Compute the wind force on the vessel [N, Nm], shape (N, n_dof); None without wind."""
+    wind = wind_in_body(voyage)
+    if wind is None or not table.terms:
+        return None
+    zero_acceleration = np.zeros_like(voyage.log.nu)
+    attitude = attitude_of(voyage.dofs, voyage.log.eta)
+    return -table.inverse(zero_acceleration, voyage.log.nu, attitude, wind)
+
+
+def wind_in_body(voyage: Voyage) -> Array | None:
+    """Compute the wind velocity in the body frame [m/s], shape (N, 2); None without wind."""
+    ned = voyage.weather.wind_ned
+    return in_body(ned, attitude_of(voyage.dofs, voyage.log.eta)[:, 2]) if len(ned) else None
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitationData:
+    """The recording of an excitation, its split, and the true model if it is known."""
+
+    recording: Recording
+    training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
+    testing: NDArray[np.bool_]
+    truth: Vessel | None  # coefficients of the plant, with those of the disturbance
+    sailed: SimulatedMission | None = None  # what was recorded; None for a measured file

@@ -1,0 +1,240 @@
+"""Deployment metrics: tracking, step response and control effort, and warnings of the design."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.notation import FORCE_UNIT, PLANAR, POSE_UNIT
+from seatrial.models.simulation import metrics as measure
+from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.vessel.allocation import reached
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.kinematics import wrap
+from seatrial.runner.record.rows import Metric, metric, per_dof
+from seatrial.runner.record.vocabulary import Stage
+from seatrial.runner.trials.closed_loop import ControlDesign, SimulatedMission
+
+STAND_S = 30.0  # the vessel is expected to settle at a set-point that lasts this long [s]
+
+
+def design_metrics(design: ControlDesign, model: str) -> list[Metric]:
+    """Return the spectral radius of the closed loop, and the limits that the weather exceeds."""
+    rows = [
+        metric("spectral_radius", "deployment", model, diagnostic.dof, float(diagnostic.value))
+        for diagnostic in design.diagnostics
+        if diagnostic.name == "spectral_radius" and diagnostic.value is not None
+    ]
+    if design.limits is not None:
+        flags = 1.0 * design.infeasible
+        rows += per_dof("infeasible_limits", "deployment", model, design.dofs, flags)
+    return rows
+
+
+def withheld(rows: Sequence[Metric]) -> list[Metric]:
+    """Return the numbers of an identified model that is not deployed: those of the nominal one."""
+    nominal = [row for row in rows if (row.stage, row.model) == ("deployment", "nominal")]
+    return [replace(row, model="identified", value=None) for row in nominal]
+
+
+def response_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
+    """Compute error, step response and effort of every axis, and the computation time."""
+    voyage = sailed.voyage
+    log, dofs = voyage.log, voyage.dofs
+    error = _in_degrees(log.eta_d - log.eta, dofs)
+    itae = measure.integral_time_absolute_error(error, log.setpoint, sailed.period_s)
+    values = {
+        "error_mae": measure.mean_absolute(error),
+        "error_mse": measure.mean_square(error),
+        "iae": measure.integral_absolute_error(error, sailed.period_s),
+        "itae": itae,
+        **_step_metrics(sailed),
+    }
+    if voyage.by_force:
+        values |= {
+            "tau_max_abs": np.max(np.abs(log.tau), axis=0),
+            "tau_rms": measure.root_mean_square(log.tau),
+            "tau_tv": measure.total_variation(log.tau),
+        }
+    if sailed.design.limits is not None:
+        values["limit_hits"] = measure.hits(log.tau, np.array(sailed.design.limits))
+    rows = [
+        row
+        for name, by_dof in values.items()
+        for row in per_dof(name, "deployment", model, dofs, by_dof)
+    ]
+    return rows + _vessel_metrics(sailed, model)
+
+
+def _in_degrees(error: Array, dofs: Sequence[str]) -> Array:
+    """Return the pose error with angles in degrees and the heading wrapped; shape (N, n_dof)."""
+    scale = [1.0 if POSE_UNIT[dof] == "m" else 180.0 / np.pi for dof in dofs]
+    wrapped = np.array(error)
+    if "yaw" in dofs:
+        yaw = dofs.index("yaw")
+        wrapped[:, yaw] = wrap(wrapped[:, yaw])
+    return np.asarray(wrapped * np.array(scale))
+
+
+def _step_metrics(sailed: SimulatedMission) -> dict[str, Array]:
+    """Compute steady-state error and step response, if the mission has constant set-points."""
+    log, ahead = sailed.voyage.log, sailed.design.ahead
+    stretches = measure.stands(log.setpoint, round(STAND_S / sailed.period_s))
+    if not stretches:
+        return {}
+    error = _in_degrees(log.setpoint - log.eta, sailed.voyage.dofs)
+    steady_state = measure.steady_state_error(error, stretches, sailed.period_s, ahead)
+    steps = measure.step_responses(log.setpoint, log.eta, stretches, sailed.period_s, ahead)
+    has_steps = any(np.any(~np.isnan(values)) for values in steps.values())
+    return {"steady_state_error": steady_state} | (steps if has_steps else {})
+
+
+def _vessel_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
+    """Compute the metrics that have no axis: energy, failures and time per step."""
+    voyage = sailed.voyage
+    log = voyage.log
+    values: list[tuple[str, str, float]] = []
+    if voyage.by_force:
+        work = measure.energy(measure.position_power(log.tau, log.nu), sailed.period_s)
+        values.append(("energy", "position", work))
+    if voyage.dofs == PLANAR and voyage.by_force:
+        work = measure.energy(measure.heading_power(log.tau, log.nu), sailed.period_s)
+        values.append(("energy", "heading", work))
+    values.append(("failures", "all", float(sailed.failures)))
+    values.append(("held_commands", "all", float(np.sum(np.any(log.held != 0.0, axis=1)))))
+    if len(voyage.step_times):
+        single = len(voyage.step_times) == len(voyage.t)  # else blocks of instants
+        microseconds = 1e6 * voyage.step_times[:: sailed.design.every if single else 1]
+        values.append(("step_time_median", "all", float(np.median(microseconds))))
+        values.append(("step_time_p99", "all", float(np.percentile(microseconds, 99))))
+    return [metric(name, "deployment", model, dof, value) for name, dof, value in values]
+
+
+def design_diagnostics(design: ControlDesign, model: str) -> list[Diagnostic]:
+    """Return the diagnostics of the controller, the force that the weather needs, and warnings."""
+    diagnostics = [
+        Diagnostic(diagnostic.name, diagnostic.dof, diagnostic.value, diagnostic.unit, label=model)
+        for diagnostic in design.diagnostics
+    ]
+    for dof, force in zip(design.dofs, design.needed, strict=True):
+        diagnostics.append(
+            Diagnostic("needed_force", dof, float(force), FORCE_UNIT[dof], label=model)
+        )
+    return [*diagnostics, *warning_rows(design_warnings(design, model))]
+
+
+def warning_rows(texts: Sequence[str]) -> list[Diagnostic]:
+    """Return warnings as diagnostics, to be stored with the run."""
+    return [Diagnostic("warning", "all", None, label=text) for text in texts]
+
+
+def design_warnings(design: ControlDesign, model: str) -> list[str]:
+    """Return the problems of the design before the simulation, one line each."""
+    warnings = [
+        f"{model} model: the closed loop's spectral radius is {diagnostic.value:.4f}, "
+        f"expected less than 1: the design does not settle on its own model"
+        for diagnostic in design.diagnostics
+        if diagnostic.name == "spectral_radius" and (diagnostic.value or 0.0) >= 1.0
+    ]
+    for i in np.flatnonzero(design.infeasible):
+        assert design.limits is not None
+        dof, unit = design.dofs[i], FORCE_UNIT[design.dofs[i]]
+        warnings.append(
+            f"infeasible_limits: {dof} needs up to {design.needed[i]:.3g} {unit} to stand still, "
+            f"the limit is {design.limits[i]:.3g} {unit}"
+        )
+    return warnings
+
+
+def loop_diagnostics(sailed: SimulatedMission | None, model: str) -> list[Diagnostic]:
+    """Return how much longer a loop in Python took than a compiled one, if it was one."""
+    if sailed is None or sailed.slowdown is None:
+        return []
+    return [Diagnostic("uncompiled_slowdown", "all", sailed.slowdown, label=model)]
+
+
+def losses(sailed: SimulatedMission, model: str) -> list[str]:
+    """Return the problems of the simulation: forces that the thrusters could not produce."""
+    shares = [row.value for row in unreached(sailed.voyage, "deployment", model)]
+    return [f"{model} model: {UNREACHED.format(share)}" for share in shares if share]
+
+
+UNREACHED = "unreached_share: the thrusters cannot produce {:.1%} of the commanded forces"
+
+
+def is_allocated(voyage: Voyage) -> bool:
+    """Return whether the commands were changed to forces that the thrusters can give.
+
+    Then at least rounding differs.
+    """
+    return not voyage.positioned and not np.array_equal(voyage.log.applied, voyage.log.tau)
+
+
+def unreached(voyage: Voyage, stage: Stage, model: str) -> list[Metric]:
+    """Compute the share of the commands that the thrusters could not produce.
+
+    Those of devices are shares at rest. Empty if there is no thruster allocation.
+    """
+    log = voyage.log
+    if voyage.allocation is not None:
+        able = voyage.allocation.forces().allocate(log.tau, voyage.dofs).reached
+    elif is_allocated(voyage):
+        able = reached(log.tau, log.applied)
+    else:
+        return []
+    share = float(np.mean(~able))
+    return [metric("unreached_share", stage, model, "all", share)]
+
+
+def tracking_metrics(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
+    """Compute tracking error, force and power of a mission, from the true pose.
+
+    Angles are in degrees in `e_psi`; `period_s` is the sample time [s]. The commands of a vessel
+    with inputs are no forces, and its reference is a pose alone: it has the errors of the pose.
+    """
+    if not voyage.by_force:
+        return _pose_errors(voyage, model)
+    log, dofs = voyage.log, voyage.dofs
+    stage: Stage = "deployment"
+    rows: list[Metric] = []
+    for name, values in (
+        ("nu_mse", measure.mean_square(log.nu_d - log.nu)),
+        ("nu_dot_mse", measure.mean_square(log.nu_dot_d - log.nu_dot)),
+        ("tau_mean_abs", measure.mean_absolute(log.tau)),
+        ("tau_fb_mean_abs", measure.mean_absolute(log.tau_fb)),
+    ):
+        rows += per_dof(name, stage, model, dofs, values)
+    rows += unreached(voyage, stage, model)
+    error = measure.position_error(log.eta_d, log.eta)
+    power = measure.position_power(log.tau, log.nu)
+    iaew = measure.iaew(error, power, period_s)
+    parts = [("e_pos", "position", error, power, iaew)]
+    if dofs == PLANAR:
+        error = measure.heading_error(log.eta_d, log.eta)
+        power = measure.heading_power(log.tau, log.nu)
+        iaew = measure.iaew(error, power, period_s)
+        parts.append(("e_psi", "heading", np.degrees(error), power, iaew))
+    for name, dof, error, power, iaew in parts:
+        rows += [
+            metric(f"{name}_mae", stage, model, dof, float(np.mean(np.abs(error)))),
+            metric(f"{name}_mse", stage, model, dof, float(np.mean(error**2))),
+            metric("power_mean", stage, model, dof, float(np.mean(power))),
+            metric("iaew", stage, model, dof, iaew),
+        ]
+    return rows
+
+
+def _pose_errors(voyage: Voyage, model: str) -> list[Metric]:
+    """Compute the errors of position and heading of a vessel with inputs."""
+    log, rows = voyage.log, []
+    parts = [("e_pos", "position", measure.position_error(log.eta_d, log.eta))]
+    if voyage.dofs == PLANAR:
+        heading = np.degrees(measure.heading_error(log.eta_d, log.eta))
+        parts.append(("e_psi", "heading", heading))
+    for name, dof, error in parts:
+        rows += [
+            metric(f"{name}_mae", "deployment", model, dof, float(np.mean(np.abs(error)))),
+            metric(f"{name}_mse", "deployment", model, dof, float(np.mean(error**2))),
+        ]
+    return rows

@@ -1,0 +1,212 @@
+"""What the models of a trial predict of its manoeuvre, and of those in the files tested on.
+
+Every model carries out the manoeuvre of the excitation in calm water. The intervals are of first
+order: quantiles over runs that are drawn from the joint distribution of what was identified and of
+its model error, near it. Without a model error (`no_model_error`) they hold what the data leave
+open of the parameters alone, as far as its standard errors do (`interval_of_estimate`).
+
+The diagnostics `recorded_manoeuvre_QUANTITY`, such as `recorded_manoeuvre_tactical_diameter`, have
+the file as i and as j one of `COMPARED`. There the models have the recorded helm, also in a
+zig-zag.
+"""
+
+import logging
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import get_args
+
+import numpy as np
+
+from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.errors import ConfigurationError, Diverged, IdentificationError, RecordingError
+from seatrial.models.excitation.helm import SteeredMission
+from seatrial.models.identification.calibration import (
+    drawn_runs,
+    nearby_runs,
+    squared_accelerations,
+)
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.validation import Prediction, prediction
+from seatrial.models.notation import PLANAR
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.manoeuvre_measures import Track
+from seatrial.models.simulation.manoeuvre_sheet import (
+    COMPARED,
+    DEVIATION_SHARE,
+    DIAGNOSTIC,
+    Manoeuvre,
+    intervals,
+    sheet,
+    track_of,
+)
+from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.models.weather.disturbance import Disturbance
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, MEASURES, metric_of_measure
+from seatrial.runner.record.rows import Metric, Results, metric
+from seatrial.runner.trials.closed_loop import Streams, prepare
+
+log = logging.getLogger(__name__)
+HELM = "delta"
+DRAWS = 100  # models of an interval
+MIN_DRAWS = 20  # of them that carry the manoeuvre out
+UNABLE = (ConfigurationError, Diverged, IdentificationError, RecordingError)
+
+
+def manoeuvre_results(
+    trial: Trial, models: Mapping[str, Vessel], identified: Identified
+) -> Results:
+    """Return the measures of each model, and the intervals of the identified one.
+
+    Empty unless the excitation is a standard manoeuvre of a steered vessel in the plane. A model
+    that cannot carry it out has no measures.
+    """
+    mission, length = trial.excitation, length_of(trial)
+    kind = next((k for k in KINDS if k == getattr(mission, "manoeuvre", None)), None)
+    if not isinstance(mission, SteeredMission) or length is None or kind is None:
+        return Results()
+    if not {*PLANAR} <= {*trial.vessel.dofs}:
+        return Results()
+    calm = replace(trial, disturbance=Disturbance())
+    metrics: list[Metric] = []
+    for name, model in models.items():
+        try:
+            result = sheet(track_of(sailed(calm, mission, model), mission.helm, length), kind)
+        except UNABLE:
+            continue
+        metrics += [
+            metric(metric_of_measure(entry.quantity), "validation", name, "all", entry.value)
+            for entry in result.entries
+            if np.isfinite(entry.value)
+        ]
+    found = _intervals(calm, mission, identified, kind, length)
+    return Results(metrics, diagnostics=found)
+
+
+KINDS: tuple[Manoeuvre, ...] = get_args(Manoeuvre)
+
+
+def length_of(trial: Trial) -> float | None:
+    """Return the length of the vessel [m] if it is configured."""
+    vessel = trial.vessel
+    return vessel.length_m or (None if vessel.prime is None else vessel.prime.length_m)
+
+
+def sailed(
+    calm: Trial, mission: SteeredMission, model: Vessel, accelerations: Array | None = None
+) -> Recording:
+    """Return the recording of a model that carries out the mission, under accelerations (N, n)."""
+    prepared = prepare(calm, Streams(calm.seed), calm.vessel.nominal(), mission, true=model)
+    if accelerations is not None:
+        weather = prepared.weather._replace(process=accelerations)
+        prepared = replace(prepared, weather=weather)
+    voyage = prepared.sail().voyage
+    return recording_of(voyage, voyage.weather)
+
+
+def _intervals(
+    calm: Trial, mission: SteeredMission, identified: Identified, kind: Manoeuvre, length_m: float
+) -> list[Diagnostic]:
+    """Return the bounds of each quantity; none if too few of the drawn models can be simulated."""
+    own = _sailed_if_able(calm, mission, identified.model)
+    if own is None:
+        return []
+    track = partial(track_of, helm=mission.helm, length_m=length_m)
+    tracks = [track(drawn) for drawn in _drawn(calm, mission, identified, own)]
+    if len(tracks) < MIN_DRAWS:
+        return []
+    bounds = intervals(track(own), tracks, kind)
+    return [
+        Diagnostic(name, "all", value, MEASURES[quantity], label=quantity)
+        for quantity, both in bounds.items()
+        for name, value in zip((MEASURE_LOW, MEASURE_HIGH), both, strict=True)
+        if np.isfinite(value)
+    ]
+
+
+def _drawn(
+    calm: Trial, mission: SteeredMission, identified: Identified, own: Recording
+) -> Iterator[Recording]:
+    """Return what drawn models do near the `own` recording of the identified one."""
+    error, accelerations = identified.model_error, None
+    assert own.inputs is not None
+    rho2 = squared_accelerations(identified.model, own.nu, own.attitude, own.inputs, None)
+    for i, model in enumerate(identified.draws(DRAWS, DEVIATION_SHARE)):
+        if error is not None:
+            drawn = error.accelerations(rho2, own.period_s, np.random.default_rng(i))
+            accelerations = DEVIATION_SHARE * drawn
+        if (recording := _sailed_if_able(calm, mission, model, accelerations)) is not None:
+            yield recording
+
+
+def _sailed_if_able(
+    calm: Trial, mission: SteeredMission, model: Vessel, accelerations: Array | None = None
+) -> Recording | None:
+    """Return the recording of a model; None if it cannot be simulated."""
+    try:
+        return sailed(calm, mission, model, accelerations)
+    except UNABLE:
+        return None
+
+
+def manoeuvres(
+    problem: Problem, identified: Identified, length_m: float | None
+) -> list[Diagnostic]:
+    """Measure the manoeuvre of each file that is tested on; none for a vessel without a rudder.
+
+    A file that holds no manoeuvre has no diagnostics.
+    """
+    known = {"surge", "sway", "yaw"} <= set(problem.nominal.dofs)
+    if length_m is None or HELM not in problem.nominal.inputs or not known:
+        return []
+    diagnostics: list[Diagnostic] = []
+    parts = problem.validation.by_file() or {_name(problem.validation): problem.validation}
+    for i, (name, part) in enumerate(parts.items()):
+        try:
+            diagnostics.extend(_of_file(i, name, part, problem, identified, length_m))
+        except (RecordingError, ConfigurationError) as error:
+            log.debug("%s: no manoeuvre: %s", name, error)
+    return diagnostics
+
+
+def _name(recording: Recording) -> str:
+    """The name of the only file of a recording; empty if it is not known."""
+    return "" if recording.file is None else recording.file_names[int(recording.file[0])]
+
+
+def _of_file(
+    i: int, name: str, part: Recording, problem: Problem, identified: Identified, length_m: float
+) -> Iterator[Diagnostic]:
+    track = partial(_track, part=part, length_m=length_m)
+    measured = sheet(track_of(part, HELM, length_m))
+    kind, turn_deg = measured.manoeuvre, measured.turn_deg
+    tracks = list[Track | None]()
+    for model in (problem.nominal, identified.model):
+        try:
+            tracks.append(track(prediction(model, part, problem.thruster)))
+        except IdentificationError:
+            tracks.append(None)
+    own = [sheet(each, kind, turn_deg=turn_deg).values if each else {} for each in tracks]
+    drawn = list[Track]()
+    if tracks[1]:
+        near = nearby_runs(identified.model, part, problem.thruster)
+        drawn = [each for run in drawn_runs(identified, near, DRAWS) if (each := track(run))]
+    bounds = intervals(tracks[1], drawn, kind, turn_deg=turn_deg) if tracks[1] else {}
+    for entry in measured.entries:
+        values = [entry.value, *(each.get(entry.quantity) for each in own)]
+        values += bounds.get(entry.quantity, ())
+        quantity = entry.quantity.replace(", ", "_").replace(" ", "_")
+        for j, value in enumerate(values):
+            label = f"{name}, {COMPARED[j]}"
+            yield Diagnostic(f"{DIAGNOSTIC}{quantity}", "all", value, entry.unit, i, j, label)
+
+
+def _track(run: Prediction, part: Recording, length_m: float) -> Track | None:
+    """The track of a free run under the inputs of a file; None if it diverges."""
+    motion, n = run.motion(), len(part.dofs)
+    if not np.all(np.isfinite(motion)):
+        return None
+    return track_of(replace(part, eta=motion[:, :n], nu=motion[:, n:]), HELM, length_m)

@@ -1,0 +1,228 @@
+"""Validation metrics on the held-out part: force residuals, coefficients and predictions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from seatrial.models.diagnostics import Diagnostic
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.calibration import bands
+from seatrial.models.identification.problem import Identified, Problem, lack_of_fit, reference_force
+from seatrial.models.identification.validation import (
+    HORIZONS,
+    Ahead,
+    InertiaError,
+    Prediction,
+    combined,
+    prediction,
+    restart_length,
+    scores,
+)
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation import metrics as measure
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner.record.catalogue import PER_FILE, QUANTITIES
+from seatrial.runner.record.rows import Metric, metric, per_dof
+from seatrial.runner.record.vocabulary import FILE_FINDING
+
+MODELS = ("nominal", "identified")
+BY_CHANCE = 0.5  # of the motion, by which free runs from equal states may differ
+
+
+def per_file(problem: Problem, identified: Identified) -> list[Diagnostic]:
+    """Compute errors on each file of the held-out part; i is the file, named by the label.
+
+    A free run starts from the first state of the part of the file that is tested on, whose length
+    is a diagnostic too. Nothing is computed unless there are several files.
+    """
+    diagnostics: list[Diagnostic] = []
+    for i, (name, part) in enumerate(problem.validation.by_file().items()):
+        alone = replace(problem, validation=part)
+        rows = validation(part, problem.nominal, identified, None)
+        rows += predictions(alone, identified, None).metrics
+        duration = part.t[-1] - part.t[0]
+        diagnostics.append(Diagnostic(f"{FILE_FINDING}duration", "all", duration, "s", i, 0, name))
+        diagnostics += [
+            Diagnostic(
+                f"{FILE_FINDING}{row.name}", row.dof, row.value, row.unit, i,
+                MODELS.index(row.model), f"{name}, {row.model} model",
+            )
+            for row in rows
+            if row.name in PER_FILE and row.model in MODELS
+        ]  # fmt: skip
+    return diagnostics
+
+
+def validation(
+    held_out: Recording, nominal: Vessel, identified: Identified, truth: Vessel | None
+) -> list[Metric]:
+    """Compute the force residuals of every model on the held-out part, and the coefficient errors.
+
+    A model whose force error is below the true plant's is flagged as `below_true_model`.
+    """
+    models = {"nominal": nominal, "identified": identified.model}
+    if truth is not None:
+        models["plant"] = truth
+    forces = {"": "commanded"}
+    if held_out.tau_filtered is not None:
+        forces["_filtered"] = "filtered"
+    dofs = held_out.dofs
+    metrics: list[Metric] = []
+    flags = np.zeros(len(dofs), dtype=bool)
+    for suffix, force in forces.items():
+        residuals = {name: lack_of_fit(held_out, model, force) for name, model in models.items()}
+        squares = {name: measure.mean_square(e) for name, e in residuals.items()}
+        for name, e in residuals.items():
+            metrics += per_dof(f"force_mse{suffix}", "validation", name, dofs, squares[name])
+            mae = measure.mean_absolute(e)
+            metrics += per_dof(f"force_mae{suffix}", "validation", name, dofs, mae)
+        if truth is not None:
+            variance = np.var(reference_force(held_out, nominal, force), axis=0)
+            flags |= measure.below_true_model(squares["identified"], squares["plant"], variance)
+    if truth is not None:
+        metrics += per_dof("below_true_model", "validation", "identified", dofs, 1.0 * flags)
+        metrics += _coefficient_errors(nominal, "nominal", truth)
+        metrics += _coefficient_errors(identified.model, "identified", truth)
+        own = truth.on(nominal.terms)
+        metrics += _median_error(nominal, "nominal", own) + _median_error(
+            identified.model, "identified", own
+        )
+    return metrics
+
+
+def _coefficient_errors(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
+    """Compute the largest relative error of the non-zero coefficients per degree of freedom."""
+    errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
+    known = ~np.isnan(errors)
+    worst = np.where(known, errors, 0.0).max(axis=0, initial=0.0)
+    return [
+        metric("coefficient_error", "validation", name, dof, value)
+        for dof, value, any_known in zip(
+            truth.dofs, worst, np.atleast_1d(known.any(axis=0)), strict=True
+        )
+        if any_known
+    ]
+
+
+def _median_error(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
+    """Compute the median relative error of the vessel's coefficients, without the wind's."""
+    errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
+    known = errors[~np.isnan(errors)]
+    median = float(np.median(known)) if known.size else float("nan")
+    return [metric("coefficient_error_median", "validation", name, "all", median)]
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """Predictions of the held-out part: their metrics, what prevented them, and the free runs."""
+
+    metrics: list[Metric]
+    diagnostics: list[Diagnostic]
+    free_runs: dict[str, Array]  # by model: pose and velocity (N, 2 n_dof); NaN where it diverges
+    # by model and horizon [s]: pose and velocity (N, 2 n_dof); NaN where no prediction ends
+    after: dict[tuple[str, float], Array]
+
+
+def predictions(
+    problem: Problem, identified: Identified, truth: Vessel | None, horizons_s: Sequence[float] = ()
+) -> Predictions:
+    """Compute errors and scores of the predictions of every model on the held-out part.
+
+    A horizon over which a model diverges has its share of limited rates but no errors, nor has a
+    model that cannot predict; the reason is returned as a diagnostic. The rows of `mean_motion` are
+    those of a model that always predicts the mean of the measured motion.
+    """
+    models = {"nominal": problem.nominal, "identified": identified.model}
+    if truth is not None:
+        models["plant"] = truth
+    predicted = Predictions([], [], {}, {})
+    spread: Array | None = None
+    dofs = problem.validation.dofs
+    restart_s = restart_length(problem.nominal, problem.training)
+    for model, table in models.items():
+        try:
+            predictor = prediction(table, problem.validation, problem.thruster, restart_s=restart_s)
+        except IdentificationError as error:
+            label = f"{model} model: {error}"
+            predicted.diagnostics.append(Diagnostic("no_prediction", "all", 1.0, label=label))
+            limited, held = (1.0, 0.0) if isinstance(error, InertiaError) else (np.nan, np.nan)
+            unknown = np.full(2 * len(dofs), np.nan)
+            for horizon in HORIZONS:
+                ahead = Ahead(unknown, limited, unknown)
+                predicted.metrics.extend(_over(model, horizon, ahead, unknown, dofs))
+            predicted.metrics.append(metric("held_free_run", "validation", model, "all", held))
+            continue
+        if spread is None:
+            spread = predictor.mean_motion()
+            for horizon in HORIZONS:
+                predicted.metrics.extend(_errors("mean_motion", horizon, spread, dofs))
+        for horizon in HORIZONS:
+            ahead = predictor.over(horizon)
+            if ahead.diverged:
+                unknown = np.full(len(spread), np.nan)
+                ahead = ahead._replace(rmse=unknown, std=unknown)
+            predicted.metrics.extend(_over(model, horizon, ahead, spread, dofs))
+        held = predictor.held_s()
+        predicted.metrics.append(metric("held_free_run", "validation", model, "all", held))
+        predicted.free_runs[model] = predictor.motion()
+        if model == "identified":
+            predicted.diagnostics.extend(_chance(predictor, problem.validation))
+        for seconds in horizons_s:
+            predicted.after[model, seconds] = predictor.motion_after(seconds)
+    return predicted
+
+
+def _chance(predictor: Prediction, held_out: Recording) -> list[Diagnostic]:
+    """Tell whether the noise of the first state decides the free run, so that no model is right."""
+    noise = held_out.noise.deviation
+    apart = predictor.sensitivity(np.concatenate([np.zeros_like(noise), noise]))
+    if not np.any(apart > BY_CHANCE):
+        return []
+    k = int(np.argmax(apart))
+    label = (
+        f"free runs of the whole held-out part are decided by their first state, not by the model: "
+        f"two that begin apart by the noise differ in {held_out.dofs[k]} by {apart[k]:.2g} of the "
+        "motion; compare predictions with restarts (velocity_rmse_restarts)"
+    )
+    return [Diagnostic("free_run_by_chance", held_out.dofs[k], float(apart[k]), label=label)]
+
+
+def deviation(problem: Problem, identified: Identified) -> tuple[Array | None, list[Diagnostic]]:
+    """Compute the standard deviation of measured minus identified in the free run.
+
+    Returns:
+        Of the pose and the velocity (N, 2 n_dof) on the held-out part, in SI units; None without a
+        model error. And the reason why there is none for a model that has one.
+    """
+    try:
+        found = bands(identified, problem.validation, problem.thruster)
+    except IdentificationError:  # that it cannot predict is said by `predictions`
+        return None, []
+    if found is None or np.all(np.isfinite(found)):
+        return found, []
+    label = "no band: the identified model, or models drawn about it, diverge"
+    return None, [Diagnostic("no_band", "all", 1.0, label=label)]
+
+
+def _over(
+    model: str, horizon: str, ahead: Ahead, spread: Array, dofs: tuple[str, ...]
+) -> list[Metric]:
+    """Rows of the predictions over one horizon: the limited share, the errors and the scores."""
+    metrics = [metric(f"limited_share_{horizon}", "validation", model, "all", ahead.limited)]
+    metrics += _errors(model, horizon, ahead.rmse, dofs)
+    for name, score in scores(ahead, spread)._asdict().items():
+        for quantity, half in zip(QUANTITIES, np.split(score, 2), strict=True):
+            full = f"{quantity}_{name}_{horizon}"
+            metrics += per_dof(full, "validation", model, dofs, half)
+            metrics.append(metric(full, "validation", model, "all", combined(half)))
+    return metrics
+
+
+def _errors(model: str, horizon: str, rmse: Array, dofs: tuple[str, ...]) -> list[Metric]:
+    return [
+        row
+        for quantity, half in zip(QUANTITIES, np.split(rmse, 2), strict=True)
+        for row in per_dof(f"{quantity}_rmse_{horizon}", "validation", model, dofs, half)
+    ]
