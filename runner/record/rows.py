@@ -73,6 +73,16 @@ class Results:
     note: str | None = None
     drawn: Sequence[Stream] | None = None  # random streams that the results depend on, if known
 
+    def __add__(self, other: "Results") -> "Results":
+        return Results(
+            [*self.metrics, *other.metrics],
+            [*self.coefficients, *other.coefficients],
+            [*self.diagnostics, *other.diagnostics],
+            [*self.series, *other.series],
+            self.note or other.note,
+            self.drawn or other.drawn,
+        )
+
 
 def metric(name: str, stage: Stage, model: str, dof: str, value: float) -> Metric:
     """Return a metric with the unit that the catalogue declares.
