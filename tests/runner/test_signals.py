@@ -40,7 +40,7 @@ class Whenever(set[int]):
 def test_a_trial_that_is_stopped_is_interrupted(seatrial: Command, number: signal.Signals) -> None:
     fake = seatrial.pretend()
     handlers = {one: signal.getsignal(one) for one in (*CODES, signal.SIGALRM)}
-    fake.interrupted = Whenever(lambda: os.kill(os.getpid(), number))
+    fake.interrupted = Whenever(lambda: signal.raise_signal(number))  # to this thread
     for mode in ((), ("-m",)):
         answer = seatrial(*mode, "seed=3")
         assert answer.code == CODES[number]
@@ -55,8 +55,7 @@ def test_a_trial_that_is_stopped_is_interrupted(seatrial: Command, number: signa
 
 
 def _stop() -> None:
-    os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(0.01)
+    signal.raise_signal(signal.SIGTERM)  # to this thread, at once
 
 
 def swallow() -> None:
@@ -66,8 +65,8 @@ def swallow() -> None:
 
 def import_module() -> None:
     """An import that is ended leaves half a module behind."""
-    own, whole = os.getpid(), "time.sleep(0.1)\nwhole = True\n"
-    Path("stopping.py").write_text(f"import os, time\nos.kill({own}, {signal.SIGTERM})\n{whole}")
+    half = f"import signal, time\nsignal.raise_signal({signal.SIGTERM:d})\n"
+    Path("stopping.py").write_text(f"{half}time.sleep(0.1)\nwhole = True\n")
     assert importlib.import_module("stopping").whole
 
 
