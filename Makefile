@@ -203,21 +203,22 @@ clean:
 	rm -rf $(VENV) $(RAY) .pytest_cache .mypy_cache .ruff_cache .hypothesis *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# The stamps: installed again only when the packages asked for, or their versions, changed.
+# The stamps: installed again only when the packages asked for, or their versions, changed. Packages
+# compile as they are imported: most of their modules never are.
 $(VENV)/demo.stamp: EXTRAS :=
 $(VENV)/test.stamp: EXTRAS := [test]
 $(VENV)/robustness.stamp: EXTRAS := [rivals]
 $(VENV)/bench.stamp: EXTRAS := [test,bench]
 $(VENV)/docs.stamp: EXTRAS := [docs]
 $(VENV)/check.stamp: EXTRAS := [test,check]
+$(VENV)/check.stamp: HOLDS := $(VENV)/test.stamp
 
 $(VENV)/%.stamp: pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.$(EXTRAS)'
-	@touch $@
+	$(BIN)/python -m pip install --quiet --no-compile --editable '.$(EXTRAS)'
+	@touch $@ $(HOLDS)
 
 $(RAY)/ray.stamp: export PIP_CONSTRAINT := constraints-ray.txt
 $(RAY)/ray.stamp: export PIP_BUILD_CONSTRAINT := constraints-ray.txt
-# No compiling: most of what Ray brings is never imported.
 $(RAY)/ray.stamp: pyproject.toml constraints-ray.txt | $(RAY)/bin/python
 	$(RAY)/bin/python -m pip install --quiet --no-compile --editable '.[ray]' hypothesis pytest pytest-timeout
 	@touch $@
