@@ -29,8 +29,10 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from functools import partial
 from io import TextIOWrapper
+from itertools import pairwise
 from typing import TYPE_CHECKING, NoReturn
 
 import hydra
@@ -42,9 +44,14 @@ from omegaconf import DictConfig
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.commands import init
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_replaced
-from seatrial.runner.configuration.invocation import import_from_working_folder, program_version
+from seatrial.runner.configuration.invocation import (
+    import_from_working_folder,
+    program_version,
+    results_program,
+    trial_program,
+)
 from seatrial.runner.configuration.overrides import left_to_jobs
-from seatrial.runner.configuration.search_path import CONF, UserFolders, hidden
+from seatrial.runner.configuration.search_path import CONF, UserFolders, hidden, is_group
 from seatrial.runner.database.terminal import error_line, refuse_passwords
 from seatrial.runner.sweeps.composition import with_numbers
 from seatrial.runner.sweeps.console import NewWarnings
@@ -54,6 +61,7 @@ from seatrial.runner.sweeps.sweep import Session
 
 if TYPE_CHECKING:  # what is slow to import, or seldom used
     from seatrial.runner.commands import benchmark, completion, data_commands, doctor, model_command
+    from seatrial.runner.compare import __main__ as results
 else:
     import lazy_loader
 
@@ -65,8 +73,22 @@ else:
     model_command = lazy_loader.load(
         "seatrial.runner.commands.model_command", suppress_warning=True
     )
+    results = lazy_loader.load("seatrial.runner.compare.__main__", suppress_warning=True)
     doctor = lazy_loader.load("seatrial.runner.commands.doctor", suppress_warning=True)
 
+WELCOME = """\
+seatrial {version}: sea trials for models and controllers of marine vessels
+
+  {trial} disturbance=noise identifier=auto
+      one trial: excite the vessel, identify it, validate the model, sail with it, store it all
+  {trial} -m identifier=none,ls,auto disturbance=noise seed=0,1,2
+      a sweep of them; the same command goes on where it was stopped
+  {results} table
+      what came of it
+
+{trial} vessel=NAME runs a trial that suits the vessel; {trial} --help names what can be chosen."""
+# What a first word may be meant as that is neither an option nor a command.
+MEANT = {"run": "{trial} option=value ...", "help": "{trial} --help", "list": "{results} runs"}
 VARIANT = "--variant"  # options that change together in a sweep
 SANITIZED = Hydra.get_sanitized_cfg
 QUERY = CompletionPlugin._query
@@ -74,7 +96,7 @@ FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 # What the first word may ask for beside trials and sweeps; called with the other words.
 COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
-    "--version": lambda words: _show_version(),
+    "--version": lambda words: _show("seatrial {version}"),
     "--install-completion": lambda words: completion.install(words),
     "benchmark": lambda words: benchmark.main(words),
     "data": lambda words: data_commands.main(words),
@@ -101,7 +123,9 @@ def _main(stop: StopSignals) -> int:
     overrides: Sequence[str] = ()
     try:
         refuse_passwords(sys.argv)
-        if sys.argv[1:] and (command := COMMANDS.get(sys.argv[1])):
+        if not sys.argv[1:]:
+            return _show(WELCOME)
+        if (command := COMMANDS.get(sys.argv[1])):
             session.started = True
             return command(sys.argv[2:])
         refuse_replaced(sys.argv[1:])
@@ -136,9 +160,15 @@ def _main(stop: StopSignals) -> int:
     return session.exit_code
 
 
-def _show_version() -> int:
-    print(f"seatrial {program_version()}")
+def _show(text: str) -> int:
+    print(_named(text))
     return 0
+
+
+def _named(text: str) -> str:
+    """Return a text with the names of the two programs and the version in their places."""
+    names = {"trial": trial_program(), "results": results_program(), "version": program_version()}
+    return text.format(**names)
 
 
 def _completions(plugin: CompletionPlugin, config_name: str | None, line: str) -> list[str]:
@@ -201,10 +231,42 @@ def _checked_arguments() -> list[str]:
     arguments = parser.parse_args()
     UserFolders.config_dir = arguments.config_dir
     overrides: list[str] = arguments.overrides
+    for word in overrides:
+        if word.isidentifier():
+            raise ConfigurationError(f"{word!r} cannot be read, {_meant(word)}")
     return overrides
 
 
+def _meant(word: str) -> str:
+    """Return what a word that is no option is meant as: a command, a group, or an option."""
+    group = word if is_group(word) else word.removesuffix("s")
+    if word in MEANT:
+        meant = MEANT[word]
+    elif is_group(group):
+        return _named(f"expected {group}=NAME; {{trial}} --help lists the names")
+    elif close := get_close_matches(word, COMMANDS, n=1, cutoff=0.8):
+        meant = f"{{trial}} {close[0]}"
+    elif close := get_close_matches(word, results.names(), n=1, cutoff=0.8):
+        meant = f"{{results}} {close[0]}"
+    else:
+        return "expected option=value"
+    return _named(f"did you mean {meant}?")
+
+
 def _refuse(message: str) -> NoReturn:
+    """Raise ConfigurationError for flags that the parser does not know."""
+    hydras = get_args_parser()._option_string_actions
+    for flag, following in pairwise([*sys.argv[1:], "NAME"]):
+        if not flag.startswith("--") or flag not in message:
+            continue
+        name, equals, value = flag.removeprefix("--").partition("=")
+        if is_group(name):
+            meant = f"{name}={value if equals else following}"
+        else:
+            ours = get_close_matches(flag, COMMANDS, n=1, cutoff=0.7)
+            meant = next(iter(ours or get_close_matches(flag, hydras, n=1)), "")
+        if meant:
+            raise ConfigurationError(f"unknown flag {flag}, did you mean {meant}?")
     raise ConfigurationError(f"{message} (flags come before or after all options, see --help)")
 
 

@@ -12,6 +12,8 @@ and `conf` in this folder are links to the folders beside it.
 
 from typing import TYPE_CHECKING
 
+__version__ = "0.1.0"
+
 if TYPE_CHECKING:
     from seatrial.models.errors import ConfigurationError as ConfigurationError
     from seatrial.models.errors import Diverged as Diverged

@@ -15,6 +15,7 @@ from zipfile import ZipFile
 import pytest
 from packaging.requirements import Requirement
 
+from seatrial import __version__
 from tests.test_plugins import written
 
 ROOT = Path(__file__).parents[1]
@@ -239,7 +240,7 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
         ).fetchone()
     assert command == "seatrial identifier=ls evaluation=none seed=1"
     assert commit is None
-    assert versions == PROJECT["project"]["version"]
+    assert versions == __version__
     assert "wrote conf/vessel/tug.yaml" in said("seatrial", "init", "vessel", "tug")
     said("seatrial", "vessel=conf/vessel/tug.yaml", "identifier=none", "evaluation=none")
 

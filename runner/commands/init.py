@@ -65,6 +65,9 @@ def run(words: Sequence[str]) -> int:
         options = subjects.add_parser(name, help=subject.summary, description=subject.summary)
         options.add_argument("name", metavar="NAME", type=_name)
         subject.declare(options)
+    if not words:
+        drafts = " or ".join(f"{parser.prog} {subject} NAME" for subject in SUBJECTS)
+        raise ConfigurationError(f"init: got nothing to start, expected {drafts}")
     arguments = parser.parse_args(words)
     draft = SUBJECTS[arguments.subject].draft(arguments)
     _write(draft.files)

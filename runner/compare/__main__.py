@@ -52,6 +52,11 @@ def run(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
+def names() -> list[str]:
+    """Return the names of the commands."""
+    return sorted(get_command(app).commands)  # type: ignore[attr-defined]
+
+
 def complain(message: str) -> int:
     """Print one line on stderr and return the exit code of bad input."""
     print(f"{PROGRAM}: {error_line(message)}", file=sys.stderr)

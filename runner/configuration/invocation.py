@@ -5,10 +5,10 @@ Every command that is printed for the user begins with one of these names.
 
 import shlex
 import sys
-import tomllib
 from collections.abc import Mapping, Sequence
-from importlib import metadata
 from pathlib import Path
+
+from seatrial import __version__
 
 ROOT = Path(__file__).resolve().parents[2]  # the checkout, or the installed package
 PROJECT = ROOT / "pyproject.toml"  # in a checkout only
@@ -52,11 +52,8 @@ def in_checkout(root: Path = ROOT) -> bool:
 
 
 def program_version() -> str:
-    """Return the version of this seatrial: the checkout's own, or that of the installed package."""
-    if in_checkout():
-        project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
-        return f"{project['version']} (checkout)"
-    return metadata.version("seatrial")
+    """Return the version of this seatrial, and whether it is a checkout."""
+    return f"{__version__} (checkout)" if in_checkout() else __version__
 
 
 def by_script(typed: Sequence[str]) -> bool:

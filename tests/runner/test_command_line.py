@@ -36,6 +36,13 @@ REFUSED = {
     "database.url=mysql://a/b": "database.url: unknown database dialect 'mysql' in mysql://a/b; ",
     "database.url=results.db": "database.url is not a database URL: got 'results.db'; ",
     "--bogus": "unrecognized arguments: --bogus ",
+    "--vessel=tug": "unknown flag --vessel=tug, did you mean vessel=tug?",
+    "--show-completion": "unknown flag --show-completion, did you mean --install-completion?",
+    "vessels": "'vessels' cannot be read, expected vessel=NAME; python -m runner --help lists",
+    "run": "'run' cannot be read, did you mean python -m runner option=value ...?",
+    "list": "'list' cannot be read, did you mean python -m runner.compare runs?",
+    "tabel": "'tabel' cannot be read, did you mean python -m runner.compare table?",
+    "benchmrk": "'benchmrk' cannot be read, did you mean python -m runner benchmark?",
     "--config-name=nope": "Cannot find primary config 'nope'.",
     "--resolve": "The --resolve flag can only be used in conjunction with --cfg or --help",
 }
@@ -57,6 +64,14 @@ def test_a_wrong_argument_is_refused(seatrial: Command, subtests: pytest.Subtest
             said = seatrial.refuses("-m", "disturbance=calm,noise", argument)
             assert REFUSED[argument] in said
     assert fake.ran == []
+
+
+def test_without_a_word_it_says_what_it_is_and_runs_nothing(seatrial: Command) -> None:
+    fake, answer = seatrial.pretend(), seatrial()
+    assert (answer.code, answer.err, fake.ran) == (0, "", [])
+    assert list(seatrial.folder.iterdir()) == []
+    shown = re.findall(r"^  python -m (runner\S*)", answer.out, re.MULTILINE)
+    assert shown == ["runner", "runner", "runner.compare"]
 
 
 def test_a_sample_time_whose_powers_are_no_numbers(seatrial: Command) -> None:

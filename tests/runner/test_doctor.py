@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from seatrial import __version__
 from seatrial.runner.commands import doctor
 from tests.runner.command import Command
 from tests.runner.compare.conftest import Program
@@ -73,7 +74,7 @@ def test_each_problem_is_named_and_counts(
 
 
 def test_version_is_that_of_the_project(seatrial: Command, program: Program) -> None:
-    version = f"{DECLARED['version']} (checkout)\n"
+    version = f"{__version__} (checkout)\n"
     answer = seatrial("--version")
     assert (answer.code, answer.out, answer.err) == (0, f"seatrial {version}", "")
     assert program("--version") == (0, f"seatrial-results {version}", "")

@@ -87,7 +87,7 @@ def test_a_file_is_not_replaced(seatrial: Command) -> None:
 
 
 REFUSED = (
-    ((), "the following arguments are required: SUBJECT"),
+    ((), "init: got nothing to start, expected seatrial init vessel NAME or "),
     (("boat", "tug"), "argument SUBJECT: invalid choice: 'boat'"),
     (("vessel", "../tug"), "argument NAME: got '../tug', expected letters, digits and _"),
     (("vessel", "milliampere"), "vessel milliampere is seatrial's own, expected a new name"),
