@@ -4,7 +4,7 @@ A manoeuvre is executed when the helm has passed half of its first step: in a re
 instant is found without knowing the order. Alternatives are the `order`, when the helm leaves its
 last value, and `full`, when it is over. Lengths are in ship lengths, from the position and course
 at that instant; angles in degrees. Signals are linear between samples, extremes those of a
-parabola through three samples.
+parabola through three samples. Noise of a recorded track is smoothed away before it is measured.
 
 Sources: IMO resolution MSC.137(76) and MSC/Circ.1053; ITTC recommended procedure 7.5-04-02-01.
 
@@ -18,7 +18,8 @@ Helm angles are counted positive to the side to which the ship turns with a larg
 Sources: ITTC recommended procedure 7.5-04-02-01; Fossen (2021), section 15.1.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
@@ -26,6 +27,7 @@ import numpy as np
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.recording import Mask
+from seatrial.models.recording.smoothing import MAX_CUTOFF, SIGNALS, lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
 
 Execution = Literal["half", "order", "full"]
@@ -48,6 +50,53 @@ class Track:
     def at(self, values: Array, time_s: float) -> float:
         """A signal at a time [s]."""
         return float(np.interp(time_s, self.t, values))
+
+    def part(self, k: slice) -> "Track":
+        """Some of the samples."""
+        signals = [values[k] for values in vars(self).values() if np.ndim(values)]
+        return Track(*signals, self.length_m)
+
+
+MOTION = ("north", "east", "psi", "speed")  # the measured signals of a track, beside the helm
+
+
+@dataclass(frozen=True, eq=False)
+class TrackNoise:
+    """White noise of the motion of a track, by signal, and the low-pass filters against it."""
+
+    deviation: Mapping[str, float]  # [m, rad, m/s]
+    cutoff_hz: Mapping[str, float]
+    period_s: float
+
+    @classmethod
+    def of(cls, track: Track) -> "TrackNoise":
+        """The noise of each signal, as far as it is worth a filter (`noise_floor`)."""
+        deviation, cutoffs = dict[str, float](), dict[str, float]()
+        start, period = np.arange(len(track.t)) == 0, float(np.median(np.diff(track.t)))
+        for name in MOTION:
+            floor = noise_floor(getattr(track, name)[:, None], start, period)
+            if (cutoff := floor.cutoff_hz) is not None:
+                cutoff = min(SIGNALS * cutoff, MAX_CUTOFF * 0.5 / period)
+                deviation[name], cutoffs[name] = float(floor.deviation[0]), cutoff
+        return cls(deviation, cutoffs, period)
+
+    def smoothed(self, track: Track) -> Track:
+        """A track without its noise."""
+        return replace(
+            track,
+            **{
+                name: lowpass(getattr(track, name), cutoff, self.period_s)
+                for name, cutoff in self.cutoff_hz.items()
+            },
+        )
+
+    def drawn(self, smooth: Track, rng: np.random.Generator) -> Track:
+        """What would be left of a smooth track had it been recorded, with noise, and smoothed."""
+        noisy = {
+            name: getattr(smooth, name) + deviation * rng.standard_normal(len(smooth.t))
+            for name, deviation in self.deviation.items()
+        }
+        return self.smoothed(replace(smooth, **noisy))
 
 
 class Turn(NamedTuple):
@@ -117,12 +166,10 @@ def levels(helm: Array) -> list[tuple[int, float]]:
     side = np.sign(helm - approach) * (np.abs(helm - approach) >= 0.5 * reach)
     both = np.min(side) < 0.0 < np.max(side)
     first = int(np.flatnonzero(side)[0])
-    bounds, current = [0, first], side[first]
-    for k in range(first, len(helm)):
-        level = np.sign(helm[k] - approach) if both else side[k]
-        if level not in (current, 0.0 if both else current):
-            current = level
-            bounds.append(k)
+    sides = np.sign(helm - approach) if both else side
+    samples = first + np.flatnonzero(sides[first:] if both else np.ones(len(helm) - first))
+    changes = samples[1:][sides[samples[1:]] != sides[samples[:-1]]]
+    bounds = [0, first, *changes.tolist()]
     rate = np.abs(np.gradient(helm))
     resting = rate < RESTING_SHARE * np.max(rate)
     edges = pairwise([*bounds, len(helm)])
@@ -217,11 +264,17 @@ def zigzag(track: Track, kind: Execution = "half", turn_deg: float | None = None
 
     An overshoot is how far the heading goes beyond the one at which the helm is ordered over. The
     ordered deviations from the course are a whole number of degrees to both sides; the course is
-    midway between the headings at two orders, since a recording rarely begins straight on it.
+    midway between the headings at two orders, since a recording rarely begins straight on it. The
+    deviation that was meant is that of the helm, if it is as near as an order between two samples
+    can tell, else the nearest whole number.
     """
     times, orders = executions(track, kind), executions(track, "order")
     switched = np.interp(orders[1:], track.t, track.psi)
-    course, ordered = _courses(switched, track.at(track.psi, float(times[0])))
+    course, deviation = _course(switched, track.at(track.psi, float(times[0])))
+    helm = float(np.degrees(levels(track.helm)[1][1]))
+    turned_s = np.interp(orders[1:], track.t, np.abs(np.gradient(np.degrees(track.psi), track.t)))
+    between = float(np.max(turned_s, initial=0.0) * np.median(np.diff(track.t)))
+    ordered = round(abs(helm) if abs(abs(helm) - deviation) <= 0.5 + between else deviation)
     overshoots, delays, extremes = [], [], []
     for begin, end, heading in zip(times[1:], [*times[2:], track.t[-1]], switched, strict=True):
         k = np.flatnonzero((track.t >= begin) & (track.t <= end))
@@ -240,12 +293,12 @@ def zigzag(track: Track, kind: Execution = "half", turn_deg: float | None = None
     path = path_length(track, start, turned) if len(switched) and np.isfinite(turned) else np.nan
     return ZigZagMeasures(
         tuple(map(float, times)), tuple(overshoots), tuple(delays), path / track.length_m, period,
-        float(np.degrees(levels(track.helm)[1][1])), float(ordered),
+        helm, float(ordered),
     )  # fmt: skip
 
 
-def _courses(switched: Array, approach: float) -> tuple[float, int]:
-    """The course [rad], and the ordered deviation from it in whole degrees."""
+def _course(switched: Array, approach: float) -> tuple[float, float]:
+    """The course [rad], and the deviation from it [deg] at the orders."""
     if len(switched) > 1:
         pairs = np.stack([switched[:-1], switched[1:]])
         course = float(np.mean(0.5 * np.sum(pairs, axis=0)))
@@ -253,7 +306,7 @@ def _courses(switched: Array, approach: float) -> tuple[float, int]:
     else:
         course = approach
         deviation = float(np.abs(switched[0] - course)) if len(switched) else 0.0
-    return course, int(np.degrees(deviation) + 0.1)
+    return course, float(np.degrees(deviation))
 
 
 def _vertex(t: Array, values: Array, k: int) -> tuple[float, float]:

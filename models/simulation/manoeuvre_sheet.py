@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from seatrial.models.errors import RecordingError
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import (
     MIN_PLATEAUS,
@@ -17,6 +18,7 @@ from seatrial.models.simulation.manoeuvre_measures import (
     Spiral,
     Stop,
     Track,
+    TrackNoise,
     Turn,
     WilliamsonMeasures,
     ZigZagMeasures,
@@ -46,24 +48,35 @@ INSTANTS: Mapping[Execution, str] = {
 DIAGNOSTIC = "recorded_manoeuvre_"
 COMPARED = ("measured", "nominal model", "identified model", "low", "high")
 FULL_HELM_DEG = 30.0
+NOISE_DRAWS, LEVEL = 60, 0.9
 ADVANCE, TACTICAL, INITIAL, TRACK_REACH = 4.5, 5.0, 2.5, 15.0  # [L]
-NOMINAL_DEG = 0.5  # [deg] within which a helm or heading is the nominal one
+
+
+Verdict = Literal["pass", "fail", "not settled"]
 
 
 class SheetEntry(NamedTuple):
-    """One line of a sheet; `limit` is the largest value allowed, in the same unit."""
+    """One line of a sheet; `limit` is the largest value allowed, in the same unit.
+
+    `low` and `high` are the bounds of what a recorded value may be, None of one without noise.
+    """
 
     quantity: str
     value: float
     unit: str  # L: ship lengths
     limit: float | None = None
+    low: float | None = None
+    high: float | None = None
 
     @property
-    def passed(self) -> bool | None:
+    def verdict(self) -> Verdict | None:
         """Whether the value is within its limit; None without a limit or a value."""
         if self.limit is None or not np.isfinite(self.value):
             return None
-        return self.value <= self.limit
+        low, high = (self.value if one is None else one for one in (self.low, self.high))
+        if low <= self.limit < high:
+            return "not settled"
+        return "pass" if high <= self.limit else "fail"
 
 
 class Sheet(NamedTuple):
@@ -83,13 +96,33 @@ class Sheet(NamedTuple):
         return self.measures.turn_deg if isinstance(self.measures, ZigZagMeasures) else None
 
     @property
+    def unlimited(self) -> str | None:
+        """Why the resolution does not limit the manoeuvre; None if it does."""
+        if any(entry.limit is not None for entry in self.entries):
+            return None
+        measures = self.measures
+        if isinstance(measures, ZigZagMeasures):
+            got = f"this one is {abs(measures.helm_deg):.3g}/{measures.turn_deg:g}"
+            return f"no limits: they are for zig-zags of 10/10 and 20/20, {got}"
+        if isinstance(measures, Turn):
+            got = f"this one has {abs(measures.helm_deg):.3g}"
+            helms = f"10 or at least {FULL_HELM_DEG:g}"
+            return f"no limits: they are for turns with helm {helms}, {got}"
+        return "no limits: the resolution has none for this manoeuvre"
+
+    @property
     def values(self) -> dict[str, float]:
         """The values of the quantities by name."""
         return {entry.quantity: entry.value for entry in self.entries}
 
 
 def track_of(recording: Recording, helm: str, length_m: float) -> Track:
-    """The motion of a recording in the plane with one of its inputs as the helm."""
+    """The motion of a recording in the plane with one of its inputs as the helm.
+
+    Raises RecordingError for a recording with a gap: a manoeuvre is measured in one piece.
+    """
+    if (count := int(np.count_nonzero(recording.piece_starts))) > 1:
+        raise RecordingError(f"manoeuvre: got {count} pieces with gaps between, expected one piece")
     names = recording.dofs
     north, east, psi = (recording.eta[:, names.index(dof)] for dof in ("surge", "sway", "yaw"))
     u, v = (recording.nu[:, names.index(dof)] for dof in ("surge", "sway"))
@@ -136,6 +169,45 @@ def sheet(
     return Sheet(kind, execution, measures, entries, track.length_m, speed, float(ratio))
 
 
+def measured_sheet(
+    track: Track,
+    manoeuvre: Manoeuvre | None = None,
+    execution: Execution = "half",
+    scale: float = 1.0,
+    turn_deg: float | None = None,
+) -> Sheet:
+    """The sheet of a recorded track, whose noise is smoothed away, with 90 % intervals.
+
+    The intervals hold what the noise leaves open, by `NOISE_DRAWS` tracks with noise of the same
+    size that are smoothed and measured in the same way (symmetric bootstrap), and how far a value
+    depends on the sampling: what half of the samples say. Arguments and errors are those of
+    `sheet`.
+    """
+    noise = TrackNoise.of(track)
+    smooth = noise.smoothed(track)
+    result = sheet(smooth, manoeuvre, execution, scale, turn_deg)
+
+    def again(other: Track) -> dict[str, float]:
+        try:
+            return sheet(other, result.manoeuvre, execution, scale, result.turn_deg).values
+        except RecordingError:  # of a helm that moves between two samples
+            return {}
+
+    rng = np.random.default_rng(0)
+    draws = [again(noise.drawn(smooth, rng)) for _ in range(NOISE_DRAWS if noise.deviation else 0)]
+    halves = [again(smooth.part(slice(first, None, 2))) for first in (0, 1)]
+    entries = []
+    for entry in result.entries:
+        name, value = entry.quantity, entry.value
+        known = np.array([drawn[name] for drawn in draws if np.isfinite(drawn.get(name, np.nan))])
+        coarse = [abs(half[name] - value) for half in halves if np.isfinite(half.get(name, np.nan))]
+        half = max(coarse, default=0.0)
+        if len(known):
+            half += float(np.quantile(np.abs(known - value), LEVEL))
+        entries.append(entry._replace(low=value - half, high=value + half))
+    return result._replace(entries=tuple(entries))
+
+
 MEASURES: Mapping[Manoeuvre, Callable[[Track, Execution, float | None], Measures]] = {
     "turn": lambda track, execution, _: turn(track, execution),
     "zigzag": zigzag,
@@ -179,7 +251,7 @@ def _entries(measures: Measures, ratio_s: float) -> list[SheetEntry]:
 
 def _of_turn(measures: Turn) -> list[SheetEntry]:
     full = abs(measures.helm_deg) >= FULL_HELM_DEG
-    ten = abs(abs(measures.helm_deg) - 10.0) < NOMINAL_DEG
+    ten = round(abs(measures.helm_deg)) == 10
     entries = [
         SheetEntry("helm", measures.helm_deg, "deg"),
         SheetEntry("advance", measures.advance, "L", ADVANCE if full else None),
@@ -202,7 +274,7 @@ def _of_turn(measures: Turn) -> list[SheetEntry]:
 
 def _of_zigzag(measures: ZigZagMeasures, ratio_s: float) -> list[SheetEntry]:
     helm, turned = abs(measures.helm_deg), measures.turn_deg
-    nominal = abs(helm - turned) < NOMINAL_DEG
+    nominal = round(helm) == turned
     limits: dict[int, float] = {}
     if nominal and turned == 10.0:
         limits = dict(enumerate(overshoot_limits(ratio_s)))

@@ -22,7 +22,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
     Sheet,
     SheetEntry,
     file_track,
-    sheet,
+    measured_sheet,
     stored,
 )
 
@@ -66,7 +66,7 @@ def sheet_grid(request: SheetRequest, database: str, results_dir: Path | None) -
             str(path),
         )
     manoeuvre = request.manoeuvre or recorded.manoeuvre
-    result = sheet(recorded.track, manoeuvre, request.execution, request.scale)
+    result = measured_sheet(recorded.track, manoeuvre, request.execution, request.scale)
     return grid_of_sheet(result, title, recorded.predicted)
 
 
@@ -100,7 +100,7 @@ def grid_of_sheet(
     if not any(_adds(entry, known) for entry in result.entries):
         known = {}
     rows = [_row(entry, result.length_m, known) for entry in result.entries]
-    headers = ["quantity", "value", "unit", "metres", "limit", "MSC.137(76)"]
+    headers = ["quantity", "value", "from", "to", "unit", "metres", "limit", "MSC.137(76)"]
     notes = notes_of(result)
     if known:
         headers += ["identified", "90 % from", "90 % to"]
@@ -143,9 +143,9 @@ def _adds(entry: SheetEntry, predicted: Mapping[str, PredictedMeasure]) -> bool:
 def _row(
     entry: SheetEntry, length_m: float, predicted: Mapping[str, PredictedMeasure]
 ) -> list[Scalar]:
-    verdict = {True: "pass", False: "fail", None: None}[entry.passed]
     metres = entry.value * length_m if entry.unit == "L" else None
-    row: list[Scalar] = [entry.quantity, entry.value, entry.unit, metres, entry.limit, verdict]
+    row: list[Scalar] = [entry.quantity, entry.value, entry.low, entry.high, entry.unit, metres]
+    row += [entry.limit, entry.verdict]
     if not predicted:
         return row
     own = predicted.get(entry.quantity, (None,) * 3)
@@ -158,6 +158,8 @@ def notes_of(result: Sheet) -> list[str]:
     notes = [] if "spiral" in result.manoeuvre else [f"from {instant} ({result.execution})"]
     length, speed = number_text(result.length_m, 5), number_text(result.speed_m_s, 4)
     ratio = number_text(result.length_over_speed_s, 3)
+    if result.unlimited:
+        notes.append(result.unlimited)
     scaled = result.length_over_speed_s * result.speed_m_s > 1.0001 * result.length_m
     where = " at full scale" if scaled else ""  # with --scale alone it is not that of the model
     return [*notes, f"L = {length} m, approach at {speed} m/s, L/V{where} {ratio} s"]

@@ -22,7 +22,7 @@ from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
 from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.tables import RunRow as RunTable
-from seatrial.runner.export.manoeuvre_tracks import sheet
+from seatrial.runner.export.manoeuvre_tracks import measured_sheet
 from seatrial.runner.record.catalogue import METRICS, definition_of
 from seatrial.runner.record.vocabulary import COMBINED, DOF_ORDER, GROUPS
 
@@ -130,7 +130,7 @@ def _sheets(results: Queries, runs: Sequence[StoredRun]) -> list[Section]:
     sections = []
     for run, recorded in newest_manoeuvres(results, runs):
         try:
-            result = sheet(recorded.track, recorded.manoeuvre)
+            result = measured_sheet(recorded.track, recorded.manoeuvre)
             grid = grid_of_sheet(result, f"Run {run.id}", recorded.predicted)
         except RecordingError:
             continue  # a manoeuvre that was not carried out, such as one that is too short

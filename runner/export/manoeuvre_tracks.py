@@ -20,6 +20,7 @@ from seatrial.models.simulation.manoeuvre_sheet import INSTANTS as INSTANTS
 from seatrial.models.simulation.manoeuvre_sheet import Manoeuvre as Manoeuvre
 from seatrial.models.simulation.manoeuvre_sheet import Sheet as Sheet
 from seatrial.models.simulation.manoeuvre_sheet import SheetEntry as SheetEntry
+from seatrial.models.simulation.manoeuvre_sheet import measured_sheet as measured_sheet
 from seatrial.models.simulation.manoeuvre_sheet import sheet as sheet
 from seatrial.models.simulation.manoeuvre_sheet import track_of as track_of
 from seatrial.runner.configuration.recording_map import read_map, reader_of

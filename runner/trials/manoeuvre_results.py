@@ -37,6 +37,7 @@ from seatrial.models.simulation.manoeuvre_sheet import (
     DIAGNOSTIC,
     Manoeuvre,
     intervals,
+    measured_sheet,
     sheet,
     track_of,
 )
@@ -181,7 +182,7 @@ def _of_file(
     i: int, name: str, part: Recording, problem: Problem, identified: Identified, length_m: float
 ) -> Iterator[Diagnostic]:
     track = partial(_track, part=part, length_m=length_m)
-    measured = sheet(track_of(part, HELM, length_m))
+    measured = measured_sheet(track_of(part, HELM, length_m))
     kind, turn_deg = measured.manoeuvre, measured.turn_deg
     tracks = list[Track | None]()
     for model in (problem.nominal, identified.model):

@@ -14,6 +14,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
     Sheet,
     SheetEntry,
     length_of,
+    measured_sheet,
     mission_of,
     sheet,
     track_of_series,
@@ -68,7 +69,7 @@ def measures(
         predicted = {} if model is None else model.values
         found += [
             Measure(piece, name, unit, value, predicted.get(name, math.nan))
-            for name, value, unit, _ in filter(_compared, measured.entries)
+            for name, value, unit, *_ in filter(_compared, measured.entries)
         ]
     return found
 
@@ -99,6 +100,7 @@ def _sheet(
     moved = Series("prediction", shown, dict.fromkeys(shown, ""))
     track = track_of_series(moved, "helm", length, model)
     try:
-        return sheet(track, manoeuvre, turn_deg=turn_deg)
+        of = sheet if model else measured_sheet
+        return of(track, manoeuvre, turn_deg=turn_deg)
     except RecordingError:
         return None

@@ -24,7 +24,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
     Track,
     Turn,
     ZigZagMeasures,
-    sheet,
+    measured_sheet,
     way_from,
 )
 
@@ -54,7 +54,7 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 def _drawing(run: StoredRun, recorded: Recorded) -> Drawing:
     track = recorded.track
     try:
-        result = sheet(track, recorded.manoeuvre)
+        result = measured_sheet(track, recorded.manoeuvre)
     except RecordingError as error:
         raise ConfigurationError(f"plot manoeuvre: run {run.id}: {error}") from error
     if isinstance(result.measures, Turn):

@@ -54,10 +54,12 @@ def test_limits_of_the_overshoot_over_the_ratio_of_length_to_speed() -> None:
 
 
 def test_a_value_on_its_limit_passes_and_one_not_reached_has_no_verdict() -> None:
-    assert SheetEntry("advance", 4.5, "L", 4.5).passed is True
-    assert SheetEntry("advance", 4.51, "L", 4.5).passed is False
-    assert SheetEntry("advance", np.nan, "L", 4.5).passed is None
-    assert SheetEntry("advance", 1.0, "L").passed is None
+    assert SheetEntry("advance", 4.5, "L", 4.5).verdict == "pass"
+    assert SheetEntry("advance", 4.51, "L", 4.5).verdict == "fail"
+    assert SheetEntry("advance", np.nan, "L", 4.5).verdict is None
+    assert SheetEntry("advance", 1.0, "L").verdict is None
+    assert SheetEntry("advance", 4.4, "L", 4.5, 4.3, 4.6).verdict == "not settled"
+    assert SheetEntry("advance", 4.7, "L", 4.5, 4.6, 4.8).verdict == "fail"
 
 
 def test_the_scale_of_a_model_enters_the_ratio_by_its_root() -> None:

@@ -1,0 +1,117 @@
+"""Noise of a recorded manoeuvre decides no verdict: its measures come with intervals that hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.excitation.helm import SteeredMission
+from seatrial.models.simulation.manoeuvre_measures import Track
+from seatrial.models.simulation.manoeuvre_sheet import Manoeuvre, measured_sheet, sheet, track_of
+from seatrial.models.weather.disturbance import Disturbance
+from seatrial.runner.trials.manoeuvre_results import KINDS, length_of, sailed
+from tests.trials import composed
+
+DEVIATION = {"north": 0.1, "east": 0.1, "psi": np.radians(0.1), "speed": 0.02}
+HERTZ = {10: 1, 1: 10}  # every which sample of a track of 10 Hz
+MANOEUVRES = ("rudder_zigzag", "rudder_turn", "rudder_pull_out", "spiral", "williamson")
+ROUNDING = 1e-5  # of a value: the smoothing of a track without noise
+
+
+def calm_track(vessel: str, excitation: str) -> tuple[Track, Manoeuvre]:
+    """The motion of the nominal model without noise, at 10 Hz, and which manoeuvre it is."""
+    parts = ("evaluation=none", "controller=none", "identifier=none", "sample_time_s=0.1")
+    trial = composed(f"vessel={vessel}", f"excitation={excitation}", "disturbance=calm", *parts)
+    trial, mission = replace(trial, disturbance=Disturbance()), trial.excitation
+    assert isinstance(mission, SteeredMission)
+    length = length_of(trial)
+    assert length is not None
+    recording = sailed(trial, mission, trial.vessel.nominal())
+    kind = next(kind for kind in KINDS if kind == getattr(mission, "manoeuvre", None))
+    return track_of(recording, mission.helm, length), kind
+
+
+def recorded(track: Track, hertz: int, seed: int | None) -> Track:
+    """A track as it would be recorded: sampled at a rate, with white noise unless seed is None."""
+    part = track.part(slice(None, None, HERTZ[hertz]))
+    if seed is None:
+        return part
+    rng = np.random.default_rng(seed)
+    return replace(
+        part,
+        **{
+            name: getattr(part, name) + deviation * rng.standard_normal(len(part.t))
+            for name, deviation in DEVIATION.items()
+        },
+    )
+
+
+def held(track: Track, kind: Manoeuvre, hertz: int, seed: int | None) -> list[bool]:
+    """Whether the interval of each measure holds the value of the track without noise."""
+    truth = sheet(track, kind)
+    found = measured_sheet(recorded(track, hertz, seed), kind, turn_deg=truth.turn_deg)
+    result = []
+    for entry in found.entries:
+        true = truth.values.get(entry.quantity, np.nan)
+        if np.isfinite(true):
+            assert entry.low is not None
+            assert entry.high is not None
+            rounding = ROUNDING * abs(true)
+            result.append(entry.low - rounding <= true <= entry.high + rounding)
+    return result
+
+
+@pytest.mark.parametrize("excitation", ["rudder_zigzag", "rudder_turn"])
+def test_intervals_hold_the_value_without_noise(excitation: str) -> None:
+    track, kind = calm_track("kvlcc2_full", excitation)
+    cases = [(1, None), (10, None), (1, 0), (1, 1), (1, 2)]
+    inside = [one for hertz, seed in cases for one in held(track, kind, hertz, seed)]
+    assert np.mean(inside) >= 0.85
+
+
+@pytest.mark.nightly
+def test_intervals_hold_on_three_ships_in_every_manoeuvre() -> None:
+    inside = []
+    for vessel in ("kvlcc2_full", "mariner", "tanker"):
+        for excitation in MANOEUVRES:
+            try:
+                track, kind = calm_track(vessel, excitation)
+                sheet(track, kind)
+            except (ConfigurationError, RecordingError):  # no manoeuvre of this vessel
+                continue
+            for hertz in HERTZ:
+                for seed in (None, *range(10)):
+                    inside += held(track, kind, hertz, seed)
+    assert len(inside) > 1000
+    assert np.mean(inside) >= 0.85
+
+
+def test_noise_does_not_decide_a_verdict() -> None:
+    """A zig-zag of 10/10 whose initial turning is within its limit, by far."""
+    track, kind = calm_track("kvlcc2_full", "rudder_zigzag")
+    noisy = recorded(track, 1, 0)
+    initial = {e.quantity: e for e in measured_sheet(noisy, kind).entries}["initial turning"]
+    assert initial.verdict == "pass"
+    near = initial._replace(limit=initial.value)
+    assert near.verdict == "not settled"
+
+
+def test_a_mirrored_recording_has_mirrored_measures() -> None:
+    track, kind = calm_track("kvlcc2_full", "rudder_zigzag")
+    noisy = recorded(track, 1, 0)
+    mirrored = replace(noisy, east=-noisy.east, psi=-noisy.psi, helm=-noisy.helm)
+    there, here = measured_sheet(noisy, kind), measured_sheet(mirrored, kind)
+    for one, other in zip(there.entries, here.entries, strict=True):
+        sign = -1.0 if one.quantity == "helm" else 1.0
+        assert other.value == pytest.approx(sign * one.value, rel=1e-9)
+
+
+@pytest.mark.parametrize("hertz", HERTZ)
+def test_a_zigzag_of_ten_to_both_sides_is_one_at_any_rate(hertz: int) -> None:
+    track, kind = calm_track("kvlcc2_full", "rudder_zigzag")
+    found = measured_sheet(recorded(track, hertz, 0), kind)
+    assert (round(abs(found.measures.helm_deg)), found.turn_deg) == (10, 10.0)  # type: ignore[union-attr]
+    assert found.unlimited is None
+    turned = sheet(track, kind, turn_deg=12.0)
+    assert turned.turn_deg == 10.0
