@@ -17,7 +17,7 @@ def folder(tmp_path: Path) -> Path:
     return written(tmp_path, "CONTRIBUTING.md", 11)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_trial_runs_with_each(folder: Path) -> None:
     trial = ("seatrial.runner", "--config-dir", "conf", "vessel=tug")
     run(folder, *trial, *SHORT, "disturbance=squalls", "identifier=scaling")

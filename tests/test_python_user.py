@@ -91,7 +91,9 @@ for attempt in range(2):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("launcher", ["basic", "processes"])
+@pytest.mark.parametrize(
+    "launcher", [pytest.param("basic", marks=pytest.mark.nightly), "processes"]
+)
 def test_ctrl_c_ends_a_sweep_and_the_session_goes_on(tmp_path: Path, launcher: str) -> None:
     (tmp_path / "script.py").write_text(INTERRUPTED)
     process = program("script.py", launcher, folder=tmp_path)
@@ -105,7 +107,7 @@ def test_ctrl_c_ends_a_sweep_and_the_session_goes_on(tmp_path: Path, launcher: s
     assert "Traceback" not in err
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_script_of_the_user_is_typed(tmp_path: Path) -> None:
     """mypy --strict finds nothing in the script, and finds what is wrong in a wrong one."""
     (tmp_path / "script.py").write_text(SCRIPT)

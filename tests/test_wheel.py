@@ -143,7 +143,7 @@ def test_nothing_of_the_checkout_is_imported(binaries: Path, tmp_path: Path) -> 
     assert answer.returncode == 0, answer.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_plug_ins_need_no_fork(binaries: Path, tmp_path: Path) -> None:
     """docs/howto/plugins.md in an empty folder, with what the wheel requires alone."""
 
@@ -245,7 +245,7 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
     said("seatrial", "vessel=conf/vessel/tug.yaml", "identifier=none", "evaluation=none")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_guide_of_python_runs_in_an_empty_folder(binaries: Path, tmp_path: Path) -> None:
     """The code of docs/howto/python.md, which does what the page says."""
     blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)

@@ -87,7 +87,7 @@ compiled._Cache.save_overload = save_overload
 """
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_workers_on_an_empty_cache_compile_nothing(tmp_path: Path) -> None:
     (tmp_path / "sitecustomize.py").write_text(SITE)
     notes = tmp_path / "notes"

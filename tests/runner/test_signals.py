@@ -122,7 +122,11 @@ def test_a_run_that_is_stopped_as_it_begins_is_interrupted(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "to_all", "later_s"),
-    [(signal.SIGTERM, False, 3.0), (signal.SIGINT, True, 0.0), (signal.SIGHUP, True, 3.0)],
+    [
+        (signal.SIGTERM, False, 3.0),
+        (signal.SIGINT, True, 0.0),
+        pytest.param(signal.SIGHUP, True, 3.0, marks=pytest.mark.nightly),
+    ],
 )
 def test_a_sweep_with_workers_ends_in_one_line(
     tmp_path: Path, number: signal.Signals, to_all: bool, later_s: float
