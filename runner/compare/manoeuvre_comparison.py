@@ -28,6 +28,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
 
 RECORDING = "recording"
 STORED: Execution = "half"  # instant of execution of what is stored of the models
+VISIBLE = 1e-3  # width of an interval over its value
 MAX_MANOEUVRES = 6  # manoeuvres in a report
 
 
@@ -99,9 +100,13 @@ def grid_of_sheet(
     known = {} if result.execution != STORED else predicted or {}
     if not any(_adds(entry, known) for entry in result.entries):
         known = {}
-    rows = [_row(entry, result.length_m, known) for entry in result.entries]
-    headers = ["quantity", "value", "from", "to", "unit", "metres", "limit", "MSC.137(76)"]
+    noisy = any(map(_is_uncertain, result.entries))
+    rows = [_row(entry, result.length_m, known, noisy) for entry in result.entries]
+    bounds = ["from", "to"] if noisy else []
+    headers = ["quantity", "value", *bounds, "unit", "metres", "limit", "MSC.137(76)"]
     notes = notes_of(result)
+    if noisy:
+        notes.append("from, to: 90 % interval, by the noise of the recording and its sample time")
     if known:
         headers += ["identified", "90 % from", "90 % to"]
         notes.append("identified: the model's own manoeuvre in calm water, with its 90 % interval")
@@ -140,11 +145,22 @@ def _adds(entry: SheetEntry, predicted: Mapping[str, PredictedMeasure]) -> bool:
     )
 
 
+def _is_uncertain(entry: SheetEntry) -> bool:
+    """Whether the interval of a value is wide enough to be seen in the table."""
+    if entry.low is None or entry.high is None:
+        return False
+    return entry.high - entry.low > VISIBLE * abs(entry.value)
+
+
 def _row(
-    entry: SheetEntry, length_m: float, predicted: Mapping[str, PredictedMeasure]
+    entry: SheetEntry,
+    length_m: float,
+    predicted: Mapping[str, PredictedMeasure],
+    noisy: bool,
 ) -> list[Scalar]:
     metres = entry.value * length_m if entry.unit == "L" else None
-    row: list[Scalar] = [entry.quantity, entry.value, entry.low, entry.high, entry.unit, metres]
+    bounds = [entry.low, entry.high] if noisy else []
+    row: list[Scalar] = [entry.quantity, entry.value, *bounds, entry.unit, metres]
     row += [entry.limit, entry.verdict]
     if not predicted:
         return row
