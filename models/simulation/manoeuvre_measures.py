@@ -53,8 +53,11 @@ class Track:
 
     def part(self, k: slice) -> "Track":
         """Some of the samples."""
-        signals = [values[k] for values in vars(self).values() if np.ndim(values)]
-        return Track(*signals, self.length_m)
+        return self.having({name: getattr(self, name)[k] for name in ("t", "helm", *MOTION)})
+
+    def having(self, signals: Mapping[str, Array]) -> "Track":
+        """The track with other signals."""
+        return replace(self, **signals)  # type: ignore[arg-type]
 
 
 MOTION = ("north", "east", "psi", "speed")  # the measured signals of a track, beside the helm
@@ -82,12 +85,11 @@ class TrackNoise:
 
     def smoothed(self, track: Track) -> Track:
         """A track without its noise."""
-        return replace(
-            track,
-            **{
+        return track.having(
+            {
                 name: lowpass(getattr(track, name), cutoff, self.period_s)
                 for name, cutoff in self.cutoff_hz.items()
-            },
+            }
         )
 
     def drawn(self, smooth: Track, rng: np.random.Generator) -> Track:
@@ -96,7 +98,7 @@ class TrackNoise:
             name: getattr(smooth, name) + deviation * rng.standard_normal(len(smooth.t))
             for name, deviation in self.deviation.items()
         }
-        return self.smoothed(replace(smooth, **noisy))
+        return self.smoothed(smooth.having(noisy))
 
 
 class Turn(NamedTuple):

@@ -38,12 +38,11 @@ def recorded(track: Track, hertz: int, seed: int | None) -> Track:
     if seed is None:
         return part
     rng = np.random.default_rng(seed)
-    return replace(
-        part,
-        **{
+    return part.having(
+        {
             name: getattr(part, name) + deviation * rng.standard_normal(len(part.t))
             for name, deviation in DEVIATION.items()
-        },
+        }
     )
 
 
