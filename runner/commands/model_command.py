@@ -18,7 +18,7 @@ from seatrial.runner import export
 from seatrial.runner.commands import init
 from seatrial.runner.commands.data_commands import Force, VesselName, map_columns, run_typer
 from seatrial.runner.commands.data_convert import File, MapFile
-from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 from seatrial.runner.sweeps import in_process
 

@@ -82,7 +82,7 @@ def test_the_rules_see_a_breach() -> None:
     assert refused("models.vessel.table", "seatrial.runner.trials.trial.run")
     assert refused("runner.trials.trial", "hydra.utils")
     assert refused("models.excitation.missions", "seatrial.models.control.pid.Pid")
-    assert refused("runner.compare.comparison_table", "seatrial.models.vessel.table.Vessel")
+    assert refused("runner.compare.table", "seatrial.models.vessel.table.Vessel")
     assert not refused("runner.trials.trial", "seatrial.models.vessel.table.Vessel")
     assert len(SOURCES) > 100
 
