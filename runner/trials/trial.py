@@ -251,14 +251,8 @@ def deploy(
             log.warning("deployment is skipped: %s", error)
             return Results(note=f"measured recording: deployment is skipped: {error}")
         true, note = identified.model, SAILED_AS_IDENTIFIED
-    controller, evaluation, excitation = trial.controller, trial.evaluation, trial.excitation
+    controller, mission = trial.controller, evaluated(trial)
     assert controller is not None
-    assert evaluation is not None
-    if isinstance(evaluation, Mission):
-        mission: Mission = evaluation
-    else:
-        assert isinstance(excitation, Mission)
-        mission = evaluation.mission(excitation)
     models: dict[str, Vessel | StateSpace] = {"nominal": nominal}
     if not withhold:
         linear = identified.control_model if controller.takes_state_space else None
@@ -283,6 +277,16 @@ def deploy(
     if failure is not None:
         raise TrialDiverged(failure, results)
     return results
+
+
+def evaluated(trial: Trial) -> Mission:
+    """The mission of the evaluation, which may be that of the excitation once more."""
+    evaluation, excitation = trial.evaluation, trial.excitation
+    assert evaluation is not None
+    if isinstance(evaluation, Mission):
+        return evaluation
+    assert isinstance(excitation, Mission)
+    return evaluation.mission(excitation)
 
 
 def of_design(prepared: MissionSetup, model: str, where: str = "") -> Results:
