@@ -227,14 +227,7 @@ def deploy(
     Both are simulated in the same weather; an identified model that is physically impossible is
     withheld. With `update`, a third simulation adapts the nominal model. After a measured recording
     the plant is the identified model, as the true one is not known. Raises TrialDiverged.
-
-    Args:
-        trial: the trial.
-        seeds: its random streams.
-        nominal: the model before the trial.
-        identified: the model that was identified.
-        impossible: why that is physically impossible, or None.
-        truth: the plant, or None after a measured recording.
+    `impossible` says why a model is physically impossible; `truth` is the plant, if it is known.
     """
     if (note := skipped(trial)) is not None:
         return Results(note=note)
