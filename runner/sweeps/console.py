@@ -20,7 +20,8 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner import database
 from seatrial.runner.configuration.invocation import results_program, trial_program
 from seatrial.runner.database.terminal import error_line
-from seatrial.runner.record.vocabulary import ENDINGS
+from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.record.vocabulary import COMBINED, ENDINGS
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
 
 
 DEFAULT_DATABASE = "sqlite:///results/results.db"
+# The metrics that are printed after a trial, at most so many lines, and of which models.
+SHOWN = ("e_pos_mae", "e_psi_mae", "velocity_rmse_restarts")
+LONGEST = 5
+COMPARED = ("nominal", "identified")
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
 
 
@@ -97,6 +102,33 @@ def outcome_line(outcome: "Outcome", url: str) -> str:
         "busy": f"another process is running it, as run {outcome.run_id}",
     }[outcome.state]
     return f"{message}; see {compare('show', url, str(outcome.run_id))}"
+
+
+def result_of(run: int | None, url: str) -> list[str]:
+    """Return what a trial came to: the metrics of `SHOWN` that it has, nominal beside identified.
+
+    A model without a value, such as one that is not deployed, has a dash. Empty without a run.
+    """
+    if run is None:
+        return []
+    with database.LogbookReader.read(url) as logbook:
+        metrics = logbook.metrics(run)
+    values = {(row.name, row.dof, row.model): row for row in metrics if row.name in SHOWN}
+    pairs = dict.fromkeys((name, dof) for name, dof, model in values if model == "identified")
+    rows: list[tuple[str, ...]] = [("", *COMPARED)]
+    for name, dof in sorted(pairs, key=lambda pair: SHOWN.index(pair[0]))[:LONGEST]:
+        definition = definition_of(name)
+        unit = values[name, dof, "identified"].unit
+        where = "" if dof in COMBINED else f", {dof}"
+        found = [values.get((name, dof, model)) for model in COMPARED]
+        numbers = ["-" if row is None or row.value is None else f"{row.value:.4g}" for row in found]
+        rows.append((f"{definition.label}{where} [{unit}]", *numbers))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [
+        f"  {label:<{widths[0]}}  {one:>{widths[1]}}  {other:>{widths[2]}}"
+        for label, one, other in rows
+    ]
+    return lines if len(rows) > 1 else []
 
 
 def dry_run(trials: Iterable[tuple[str, str, str]]) -> list[str]:

@@ -188,7 +188,8 @@ class Session:
             unusable = outcome.error_type in ("ConfigurationError", "RecordingError")
             self.error, self.exit_code = line, 2 if unusable else 1
         else:
-            self.say([line])
+            run = None if outcome.state == "busy" else outcome.run_id
+            self.say([line, *console.result_of(run, trial.database_url)])
 
 
 @dataclass(frozen=True)

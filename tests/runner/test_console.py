@@ -17,7 +17,7 @@ from rich.progress import Progress, TextColumn
 
 from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.record.rows import Results
+from seatrial.runner.record.rows import Results, metric
 from seatrial.runner.sweeps import console as progress
 from seatrial.runner.sweeps.console import LiveLine, NewWarnings, PlainLines, Standing, TimeLeft
 from tests.runner.database.samples import make_start
@@ -159,3 +159,20 @@ def test_runs_of_a_sweep_show_a_warning_once(capsys: pytest.CaptureFixture[str])
         NewWarnings.forget()
     lines = [line.partition(" ")[2] for line in capsys.readouterr().err.splitlines()]
     assert lines == ["excitation: v not excited", "excitation: r not excited", *["1 of 2 done"] * 2]
+
+
+def test_what_a_trial_came_to(tmp_path: Path) -> None:
+    """Nominal beside identified, at most five lines, a dash where a model was withheld."""
+    url = f"sqlite:///{tmp_path}/results.db"
+    rows = [metric("e_pos_mae", "deployment", "nominal", "position", 0.25)]
+    rows.append(metric("e_pos_mae", "deployment", "identified", "position", float("nan")))
+    for model, value in (("nominal", 2.0), ("identified", 1.0)):
+        for dof in ("surge", "sway", "heave", "roll", "pitch"):
+            rows.append(metric("velocity_rmse_restarts", "validation", model, dof, value))
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
+        run = logbook.begin_run(make_start())
+        logbook.finish_run(run.run_id, Results(rows))
+    lines = [line.split() for line in progress.result_of(run.run_id, url)]
+    assert lines[0] == ["nominal", "identified"]
+    assert lines[1][-2:] == ["0.25", "-"]
+    assert [line[-2:] for line in lines[2:]] == [["2", "1"]] * 4
