@@ -92,8 +92,10 @@ def _runs_grid(summaries: Sequence[RunSummary]) -> TextTable:
         ]
         for run in summaries
     ]
-    files = sum(run.series for run in summaries)
-    return grid_of(f"{len(summaries)} runs with {files} files", headers, rows, labels=len(headers))
+    series = sum(run.series for run in summaries)
+    return grid_of(
+        f"{len(summaries)} runs with {series} series", headers, rows, labels=len(headers)
+    )
 
 
 def delete(address: Address, results_dir: Path, run_ids: Sequence[int]) -> str:

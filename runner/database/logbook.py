@@ -11,14 +11,17 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import fields
 from datetime import UTC, datetime
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TypeVar
 
 from sqlalchemy import Connection, Engine, insert, select, update
 from sqlalchemy.engine import URL
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import maintenance, schema, tables
@@ -33,11 +36,10 @@ from seatrial.runner.database.records import (
     RunClaim,
     RunStart,
     SeriesFile,
-    integer,
-    number,
+    cell,
     plain,
 )
-from seatrial.runner.record.rows import Results, Series
+from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
 from seatrial.runner.record.vocabulary import Ending
 
 T = TypeVar("T")
@@ -185,7 +187,7 @@ class LogbookWriter(LogbookReader):
         error: str | None = None,
         traceback: str | None = None,
     ) -> None:
-        """End a run: write its series files, then its rows and its status in one transaction.
+        """End a run: write its series file, then its rows and its status in one transaction.
 
         Raises LogbookError, and does not change the run, if the results cannot be stored.
         """
@@ -315,27 +317,29 @@ def _insert_sweep(
 def _insert_results(
     connection: Connection, run_id: int, results: Results, written: Sequence[SeriesFile]
 ) -> None:
-    rows: dict[type[tables.Base], list[dict[str, object]]] = {
-        tables.MetricRow: [vars(metric) | _numbers(metric, "value") for metric in results.metrics],
-        tables.CoefficientRow: [
-            vars(coefficient) | _numbers(coefficient, "value", "std_error", "true_value")
-            for coefficient in results.coefficients
-        ],
-        tables.DiagnosticRow: [
-            vars(diagnostic)
-            | _numbers(diagnostic, "value")
-            | {"i": integer(diagnostic.i), "j": integer(diagnostic.j)}
-            for diagnostic in results.diagnostics
-        ],
-        tables.SeriesRow: [vars(file) for file in written],
-    }
-    for table, facts in rows.items():
-        if facts:
-            connection.execute(
-                insert(table.__table__),  # type: ignore[arg-type]
-                [{**fact, "run_id": run_id} for fact in facts],
-            )
+    """Insert the rows of a run, by one statement for each table."""
+    _insert(connection, "metric", run_id, results.metrics)
+    _insert(connection, "coefficient", run_id, results.coefficients)
+    _insert(connection, "diagnostic", run_id, results.diagnostics)
+    if written:  # few rows, with a JSON column
+        rows = [{**vars(file), "run_id": run_id} for file in written]
+        connection.execute(insert(tables.SeriesRow), rows)
 
 
-def _numbers(fact: object, *names: str) -> dict[str, float | None]:
-    return {name: number(getattr(fact, name)) for name in names}
+def _insert(
+    connection: Connection,
+    table: str,
+    run_id: int,
+    facts: Sequence[Metric | Coefficient | Diagnostic],
+) -> None:
+    """Insert facts whose fields are the columns of a table; SQLAlchemy takes five times as long."""
+    if not facts:
+        return
+    names = [field.name for field in fields(facts[0])]
+    mark = "?" if connection.dialect.paramstyle == "qmark" else "%s"
+    marks = ", ".join([mark] * (1 + len(names)))
+    values = attrgetter(*names)
+    connection.exec_driver_sql(
+        f"INSERT INTO {table} (run_id, {', '.join(names)}) VALUES ({marks})",
+        [(run_id, *map(cell, values(fact))) for fact in facts],
+    )

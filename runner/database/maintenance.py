@@ -8,9 +8,11 @@ removed when the run is marked as interrupted, and when a sweep starts.
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 
-from sqlalchemy import ColumnElement, Connection, Row, and_, delete, func, or_, select
+from sqlalchemy import ColumnElement, Connection, and_, delete, func, or_, select
 from sqlalchemy.exc import DatabaseError, OperationalError
 
 from seatrial.models.errors import LogbookError
@@ -34,15 +36,14 @@ def verify(connection: Connection, results_dir: Path) -> Verification:
     try:
         problems += _damage(connection)
         problems += _lost_parents(connection)
-        tables = (RunRow, SeriesRow)
-        counts = [connection.scalar(select(func.count()).select_from(t)) or 0 for t in tables]
+        numbers = (RunRow.id, SeriesRow.path.distinct())
+        counts = [connection.scalar(select(func.count(number))) or 0 for number in numbers]
         damaged = list(_damaged_tables(connection))
         problems += damaged
         if damaged:
             problems.append(LogbookDefect("database", UNCHECKED))
         else:
-            rows = connection.execute(select(SeriesRow.__table__).order_by(SeriesRow.id))
-            problems += [problem for row in rows if (problem := _wrong_file(row, results_dir))]
+            problems += _wrong_files(connection, results_dir)
             leftover_files = orphans(connection, results_dir)
     except DatabaseError as error:
         problems.append(LogbookDefect("database", one_line(error)))
@@ -79,21 +80,31 @@ def _lost_parents(connection: Connection) -> Iterator[LogbookDefect]:
                 yield LogbookDefect(f"table {table.name}", problem)
 
 
-def _wrong_file(row: Row[*tuple[object, ...]], results_dir: Path) -> LogbookDefect | None:
-    where = f"run {row.run_id}, series {row.kind}"
-    file = SeriesFile(row.kind, row.path, row.format, row.n_rows, row.sha256, row.columns)
-    try:
-        content = files.checked(results_dir, file)
-        n_rows, columns = files.shape(content)
-    except LogbookError as error:
-        return LogbookDefect(where, str(error))
-    if (n_rows, set(columns)) != (file.n_rows, set(file.columns)):
-        return LogbookDefect(
-            where,
-            f"{row.path}: got {n_rows} rows of {', '.join(columns)};"
-            f" expected {file.n_rows} of {', '.join(file.columns)}",
-        )
-    return None
+def _wrong_files(connection: Connection, results_dir: Path) -> Iterator[LogbookDefect]:
+    """Read every series file once, and compare it with its rows."""
+    rows = connection.execute(select(SeriesRow.__table__).order_by(SeriesRow.run_id, SeriesRow.id))
+    for run_id, of_run in groupby(rows, attrgetter("run_id")):
+        names = SeriesFile.__dataclass_fields__
+        series = [SeriesFile(*(getattr(row, name) for name in names)) for row in of_run]
+        where = f"run {run_id}, series {', '.join(file.kind for file in series)}"
+        try:
+            for path, of_file in groupby(series, attrgetter("path", "sha256")):
+                yield from _wrong_rows(results_dir, where, path[0], list(of_file))
+        except LogbookError as error:
+            yield LogbookDefect(where, str(error))
+
+
+def _wrong_rows(
+    results_dir: Path, where: str, path: str, series: Sequence[SeriesFile]
+) -> Iterator[LogbookDefect]:
+    n_rows, columns = files.shape(files.checked(results_dir, series[0]))
+    for file in series:
+        if n_rows.get(file.kind, 0) != file.n_rows or not file.columns.keys() <= set(columns):
+            yield LogbookDefect(
+                where,
+                f"{path}: got {n_rows.get(file.kind, 0)} rows of {', '.join(columns)};"
+                f" expected {file.n_rows} of {', '.join(file.columns)}",
+            )
 
 
 def orphans(connection: Connection, results_dir: Path) -> list[Path]:
@@ -162,7 +173,8 @@ def delete_runs(connection: Connection, run_ids: Sequence[int]) -> tuple[int, li
         ids = run_ids[first : first + _CHUNK]
         ended = select(RunRow.id).where(RunRow.id.in_(ids), *prunable(None, ())).with_for_update()
         deleted_ids = connection.scalars(ended).all()
-        paths += connection.scalars(select(SeriesRow.path).where(SeriesRow.run_id.in_(deleted_ids)))
+        of_runs = select(SeriesRow.path).where(SeriesRow.run_id.in_(deleted_ids)).distinct()
+        paths += connection.scalars(of_runs)
         gone = select(RunRow.fingerprint).where(RunRow.id.in_(deleted_ids))
         connection.execute(delete(PlannedRow).where(PlannedRow.fingerprint.in_(gone)))
         connection.execute(delete(RunRow).where(RunRow.id.in_(deleted_ids)))

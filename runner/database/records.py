@@ -4,8 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from numbers import Integral
 from pathlib import Path
-from typing import Literal, SupportsFloat, SupportsInt
+from typing import Literal, SupportsFloat
 
 import numpy as np
 
@@ -98,13 +99,12 @@ class RunDetail:
 
 @dataclass(frozen=True)
 class SeriesFile:
-    """The path of a series file, and the properties that the file must have."""
+    """Where a series of a run is, and the properties that its file must have."""
 
     kind: str
-    path: str  # relative to the results folder
-    format: str
+    path: str  # relative to the results folder; that of all series of a run
     n_rows: int
-    sha256: str
+    sha256: str  # of the file
     columns: dict[str, str]  # name: unit
 
 
@@ -177,17 +177,14 @@ class PruneResult:
 # Conversion to what a database can store: numbers without NaN, text without NUL.
 
 
-def number(value: SupportsFloat | None) -> float | None:
-    """Convert `value` to a float; NaN and None become None (NULL)."""
-    if value is None:
-        return None
-    result = float(value)
-    return None if math.isnan(result) else result
-
-
-def integer(value: SupportsInt | None) -> int | None:
-    """Convert `value` to a Python int; None stays None."""
-    return None if value is None else int(value)
+def cell(value: str | SupportsFloat | None) -> str | float | None:
+    """Convert a value, also one of NumPy, to text, float or int; NaN becomes None (NULL)."""
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, Integral):
+        return int(value)
+    number = float(value)
+    return None if math.isnan(number) else number
 
 
 def text(value: str) -> str:

@@ -22,7 +22,7 @@ from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.tables import Base
 
 VERSION_TABLE = "seatrial_version"
-SCHEMA = "0004"
+SCHEMA = "0005"
 _LOCK = 0x5EA721A1  # key of PostgreSQL's advisory lock, the same in every version
 _NAMES = {
     "sqlite": "SELECT name FROM sqlite_master WHERE type IN ('table', 'view')"

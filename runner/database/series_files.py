@@ -1,17 +1,19 @@
-"""Series files: time series as Parquet files beside the database.
+"""Series files: the time series of a run as one Parquet file beside the database.
 
+The column `kind` tells the series of a run apart; a column that a kind does not have is null there.
 A file is written under a temporary name, flushed to the disk and renamed before any row refers to
 it, so it is never incomplete. Its name holds the number of its run and a mark that is unique over
 all logbooks, so no file replaces another. pyarrow is imported only when a file is written or read.
 """
 
+import json
 import os
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,18 +24,16 @@ from seatrial.runner.record.rows import Series
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from pyarrow import parquet
 else:
     import lazy_loader
 
     pa = lazy_loader.load("pyarrow")
 
 FOLDER = "series"
-FORMAT = "parquet"
 _KIND = re.compile(r"[a-z][a-z0-9_]*")
-# run-NUMBER-KIND-MARK.parquet (no mark in older versions); temporary: a dot before, .PID.tmp after
-_NAME = re.compile(
-    r"\.?run-(?P<run>\d+)-[a-z][a-z0-9_]*(?:-(?P<mark>[0-9a-f]{12}))?\.parquet(?:\.\d+\.tmp)?"
-)
+# run-NUMBER-MARK.parquet; temporary: a dot before, .PID.tmp after
+_NAME = re.compile(r"\.?run-(?P<run>\d+)-(?P<mark>[0-9a-f]{12})\.parquet(?:\.\d+\.tmp)?")
 
 
 def mark(fingerprint: str, attempt: int, started_at: datetime) -> str:
@@ -42,7 +42,7 @@ def mark(fingerprint: str, attempt: int, started_at: datetime) -> str:
     return sha256(run.encode()).hexdigest()[:12]
 
 
-def owner(path: Path) -> tuple[int, str | None] | None:
+def owner(path: Path) -> tuple[int, str] | None:
     """Return the run number and mark in the name of a file; None for any other file."""
     match = _NAME.fullmatch(path.name)
     return (int(match["run"]), match["mark"]) if match else None
@@ -62,65 +62,65 @@ def listed(results_dir: Path) -> list[Path]:
 def write(
     results_dir: Path, run_id: int, run_mark: str, series: Sequence[Series]
 ) -> list[SeriesFile]:
-    """Write each series to a file of run `run_id`; on an error none of the files remains.
+    """Write the series of run `run_id` to its file; returns where each kind is.
 
-    Raises LogbookError if the disk is full or the folder cannot be written.
+    Raises LogbookError, and leaves no file, if the disk is full or the folder cannot be written.
     """
-    written: list[SeriesFile] = []
-    try:
-        for item in series:
-            written.append(_write_series(results_dir, f"run-{run_id:06d}", run_mark, item))
-    except BaseException:
-        discard(results_dir, written)
-        raise
-    return written
-
-
-def _write_series(results_dir: Path, run: str, run_mark: str, series: Series) -> SeriesFile:
-    if not _KIND.fullmatch(series.kind):
-        raise ValueError(f"kind of series: got {series.kind!r}, expected a name like recording")
     content = parquet_of(series)
-    relative = f"{FOLDER}/{run}-{series.kind}-{run_mark}.{FORMAT}"
+    relative = f"{FOLDER}/run-{run_id:06d}-{run_mark}.parquet"
     path = results_dir / relative
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _write_atomically(path, content)
     except OSError as error:
         raise LogbookError(f"{path}: cannot be written: {error.strerror}") from error
-    return SeriesFile(
-        kind=series.kind,
-        path=relative,
-        format=FORMAT,
-        n_rows=len(next(iter(series.columns.values()), ())),
-        sha256=sha256(content).hexdigest(),
-        columns=dict(series.units),
-    )
+    digest = sha256(content).hexdigest()
+    return [
+        SeriesFile(item.kind, relative, _length(item), digest, dict(item.units)) for item in series
+    ]
 
 
-def _array(column: NDArray[np.generic]) -> "pa.Array":
-    """Convert a column to pyarrow, without a copy if it holds floats.
+def _length(series: Series) -> int:
+    return len(next(iter(series.columns.values()), ()))
 
-    `pyarrow.array` is avoided for floats because it imports pandas.
+
+def _array(column: NDArray[Any]) -> "pa.Array":
+    """Convert a column to pyarrow without a copy; `pyarrow.array` would import pandas."""
+    values = np.ascontiguousarray(column, dtype=np.float64)
+    return pa.Array.from_buffers(pa.float64(), len(values), [None, pa.py_buffer(values)])
+
+
+def parquet_of(series: Sequence[Series]) -> memoryview:
+    """Return the content of a Parquet file with the columns of all series, and their units.
+
+    Each kind is a row group of its own, so that one is read without the others. LZ4 of separated
+    bytes takes less time than zstd, and less space.
     """
-    if column.dtype != np.float64:
-        return pa.array(column)
-    return pa.Array.from_buffers(
-        pa.float64(), len(column), [None, pa.py_buffer(np.ascontiguousarray(column))]
-    )
-
-
-def parquet_of(series: Series) -> memoryview:
-    """Return the content of a Parquet file with the columns of a series, and their units."""
     from pyarrow import parquet
 
-    arrays = [_array(column) for column in series.columns.values()]
-    fields = [
-        pa.field(name, array.type, metadata={"unit": series.units[name]})
-        for name, array in zip(series.columns, arrays, strict=True)
-    ]
-    schema = pa.schema(fields, metadata={"kind": series.kind})
+    if wrong := [item.kind for item in series if not _KIND.fullmatch(item.kind)]:
+        raise ValueError(f"kind of series: got {wrong[0]!r}, expected a name like recording")
+    names = list(dict.fromkeys(name for item in series for name in item.columns))
+    fields = [pa.field("kind", pa.string()), *(pa.field(name, pa.float64()) for name in names)]
+    units = json.dumps({item.kind: dict(item.units) for item in series})
+    schema = pa.schema(fields, metadata={"units": units})
     sink = pa.BufferOutputStream()
-    parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), sink, compression="zstd")
+    with parquet.ParquetWriter(
+        sink,
+        schema,
+        compression="lz4",
+        use_dictionary=["kind"],
+        write_statistics=["kind"],
+        use_byte_stream_split=names,
+    ) as writer:
+        for item in filter(_length, series):  # a row group without rows would have no kind
+            n_rows = _length(item)
+            absent = pa.nulls(n_rows, pa.float64())
+            arrays = [
+                _array(item.columns[name]) if name in item.columns else absent for name in names
+            ]
+            batch = [pa.repeat(item.kind, n_rows), *arrays]
+            writer.write_batch(pa.RecordBatch.from_arrays(batch, schema=schema), n_rows)
     return memoryview(sink.getvalue())
 
 
@@ -152,7 +152,7 @@ def _flush_folder(folder: Path) -> None:
 
 def discard(results_dir: Path, files: Sequence[SeriesFile]) -> None:
     """Remove files that no row refers to, as far as possible."""
-    for file in files:
+    for file in files[:1]:  # of one run, which has one file
         try:
             locate(results_dir, file.path).unlink(missing_ok=True)
         except (OSError, LogbookError):
@@ -173,29 +173,39 @@ def locate(results_dir: Path, relative: str) -> Path:
 
 def read(results_dir: Path, file: SeriesFile) -> Series:
     """Read a series; raises LogbookError if the file is missing or was changed."""
-    from pyarrow import parquet
-
     content = checked(results_dir, file)
     try:
-        table = parquet.read_table(pa.BufferReader(content))
-        columns = {name: table.column(name).to_numpy() for name in table.column_names}
-    except pa.ArrowException as error:
-        raise LogbookError(f"{file.path}: not a Parquet file: {error}") from error
+        stored = _open(content)
+        groups = [i for i, (kind, _) in enumerate(_groups(stored)) if kind == file.kind]
+        table = stored.read_row_groups(groups, columns=[*file.columns], use_threads=False)
+        columns = {name: table.column(name).to_numpy() for name in file.columns}
+    except (pa.ArrowException, KeyError) as error:
+        raise LogbookError(f"{file.path}: cannot be read: {error}") from error
     return Series(file.kind, columns, dict(file.columns))
 
 
-def shape(content: bytes) -> tuple[int, list[str]]:
-    """Return the number of rows and the column names of a file.
+def shape(content: bytes) -> tuple[dict[str, int], list[str]]:
+    """Return the number of rows of each kind in a file, and the names of all columns.
 
     Raises LogbookError if it is not a Parquet file.
     """
-    from pyarrow import parquet
-
     try:
-        metadata = parquet.read_metadata(pa.BufferReader(content))
+        stored = _open(content)
+        return dict(_groups(stored)), stored.schema_arrow.names[1:]
     except pa.ArrowException as error:
         raise LogbookError(f"not a Parquet file: {error}") from error
-    return metadata.num_rows, list(metadata.schema.names)
+
+
+def _open(content: bytes) -> "parquet.ParquetFile":
+    from pyarrow import parquet
+
+    return parquet.ParquetFile(pa.BufferReader(content))
+
+
+def _groups(stored: "parquet.ParquetFile") -> list[tuple[str, int]]:
+    """Return the kind and the number of rows of each row group."""
+    groups = map(stored.metadata.row_group, range(stored.metadata.num_row_groups))
+    return [(group.column(0).statistics.min, group.num_rows) for group in groups]
 
 
 def checked(results_dir: Path, file: SeriesFile) -> bytes:

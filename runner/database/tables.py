@@ -208,7 +208,7 @@ class DiagnosticRow(Base):
 
 
 class SeriesRow(Base):
-    """One file of sampled columns; `path` is relative to the results folder."""
+    """One kind of series in the file of a run; `path` is relative to the results folder."""
 
     __tablename__ = "series"
     __table_args__ = (UniqueConstraint("run_id", "kind"),)
@@ -217,7 +217,6 @@ class SeriesRow(Base):
     run_id: Mapped[int] = mapped_column(ForeignKey("run.id", ondelete="CASCADE"))
     kind: Mapped[str]
     path: Mapped[str]
-    format: Mapped[str]
     n_rows: Mapped[int]
     sha256: Mapped[str] = mapped_column(String(64))
     columns: Mapped[dict[str, str]]  # name: unit

@@ -30,7 +30,7 @@ HEADLINES = tuple(
     if metric.headline
     for model in ("nominal", "identified")
 )
-NAMES = ("run_overview", "metric_wide", "coefficient_error", "view_version")
+NAMES = ("run_overview", "metric_wide", "coefficient_error", "comparison", "view_version")
 # A finished attempt supersedes one that did not finish; of equal attempts, the later one is valid.
 _SUPERSEDED = """CASE WHEN EXISTS (
       SELECT 1 FROM run AS other
@@ -57,27 +57,49 @@ _HEADLINE = """(SELECT value FROM metric WHERE metric.run_id = run.id AND name =
       AND stage = '{stage}' AND model = '{model}' AND dof = '{dof}') AS {column}"""
 _WIDE = """
 CREATE VIEW metric_wide AS
+  WITH trial AS MATERIALIZED (
+    SELECT run.id AS run_id, run.sweep_id,
+      {status} AS status,
+      {superseded} AS superseded,
+      {choices}
+    FROM run
+  )
+  SELECT trial.*, wide.stage, wide.model, wide.dof, {names}
+  FROM (
+    SELECT run_id, stage, model, dof,
+      {columns}
+    FROM metric GROUP BY run_id, stage, model, dof
+  ) AS wide JOIN trial ON trial.run_id = wide.run_id"""
+_ERROR = """
+CREATE VIEW coefficient_error AS
   SELECT run.id AS run_id, run.sweep_id,
     {status} AS status,
     {superseded} AS superseded,
     {choices},
-    wide.stage, wide.model, wide.dof, {names}
-  FROM run JOIN (
-    SELECT run_id, stage, model, dof, {columns}
-    FROM metric GROUP BY run_id, stage, model, dof
-  ) AS wide ON wide.run_id = run.id"""
-_ERROR = """
-CREATE VIEW coefficient_error AS
-  SELECT run.id AS run_id, run.sweep_id,
-    {superseded} AS superseded,
-    {choices},
     coefficient.model, coefficient.dof, coefficient.term, coefficient.value,
     coefficient.std_error, coefficient.true_value,
-    abs(coefficient.value - coefficient.true_value) / abs(coefficient.true_value)
+    coefficient.value - coefficient.true_value AS error,
+    abs(coefficient.value - coefficient.true_value) / nullif(abs(coefficient.true_value), 0)
       AS relative_error,
     coefficient.unit
   FROM coefficient JOIN run ON run.id = coefficient.run_id
-  WHERE coefficient.true_value <> 0"""
+  WHERE coefficient.true_value IS NOT NULL"""
+# One row a metric and experiment, which is all that a trial computes from but its seed: options,
+# files and code. A trial counts once, by its valid attempt.
+_COMPARISON = """
+CREATE VIEW comparison AS
+  WITH trial AS (
+    SELECT run.id, run.status, {groups}, coalesce(run.experiment, run.fingerprint) AS experiment,
+      count(*) OVER (PARTITION BY coalesce(run.experiment, run.fingerprint)) AS trials
+    FROM run WHERE {superseded} = 0
+  )
+  SELECT {trial_groups}, trial.experiment,
+    metric.stage, metric.model, metric.dof, metric.name,
+    avg(metric.value) AS mean, min(metric.value) AS smallest, max(metric.value) AS largest,
+    metric.unit, count(metric.value) AS n, trial.trials - count(metric.value) AS without_value
+  FROM trial JOIN metric ON metric.run_id = trial.id AND trial.status = 'finished'
+  GROUP BY {trial_groups}, trial.experiment, trial.trials,
+    metric.stage, metric.model, metric.dof, metric.name, metric.unit"""
 run_overview = table(
     "run_overview",
     column("run_id", Integer),
@@ -109,6 +131,8 @@ def statements(dialect: str) -> tuple[str, ...]:
         " THEN 'interrupted' ELSE run.status END",
         "superseded": _SUPERSEDED,
         "choices": ", ".join(f"run.{name}" for name in (*GROUPS, "seed")),
+        "groups": ", ".join(f"run.{name}" for name in GROUPS),
+        "trial_groups": ", ".join(f"trial.{name}" for name in GROUPS),
     }
     headlines = ",\n    ".join(
         _HEADLINE.format(column=column, stage=stage, model=model, dof=dof, name=name)
@@ -117,10 +141,12 @@ def statements(dialect: str) -> tuple[str, ...]:
     columns = ",\n      ".join(
         f"max(CASE WHEN name = '{name}' THEN value END) AS {name}" for name in METRIC_NAMES
     )
+    names = ", ".join(f"wide.{name}" for name in METRIC_NAMES)
     views = (
         _OVERVIEW.format(headlines=headlines, **parts),
-        _WIDE.format(columns=columns, names=", ".join(f"wide.{n}" for n in METRIC_NAMES), **parts),
+        _WIDE.format(columns=columns, names=names, **parts),
         _ERROR.format(**parts),
+        _COMPARISON.format(**parts),
     )
     return *views, f"CREATE VIEW view_version AS SELECT '{_digest(views)}' AS digest"
 

@@ -14,9 +14,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
+
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.record.rows import Results
+from seatrial.runner.record.rows import Metric, Results, Series
 from tests.benchmarks import sweeps
 from tests.benchmarks.conftest import growth
 from tests.runner.database.samples import make_results, make_start
@@ -165,6 +168,59 @@ def test_storing_against_a_batch(in_turn: Callable[..., None], tmp_path: Path) -
 
 def test_storing_against_single_calls(in_turn: Callable[..., None], tmp_path: Path) -> None:
     _storing(in_turn, tmp_path, in_a_batch=False, peer_name="MLflow on SQLite, one by one")
+
+
+def _ferry_run() -> Results:
+    """As much as a trial of the ferry with its deployments stores."""
+    rng = np.random.default_rng(0)
+    sizes = {
+        "recording": (7200, 17), "residual": (7200, 14), "prediction": (3600, 32),
+        "deployment_nominal": (7200, 24), "deployment_identified": (7200, 24),
+    }  # fmt: skip
+    series = [
+        Series(
+            kind,
+            {f"c{k}": rng.standard_normal(length).cumsum() for k in range(columns)},
+            {f"c{k}": "m" for k in range(columns)},
+        )
+        for kind, (length, columns) in sizes.items()
+    ]
+    metrics = [
+        Metric("deployment", "identified", "surge", f"m{k}", float(k), "m") for k in range(548)
+    ]
+    diagnostics = [Diagnostic("d", "surge", float(k), "m", i=k) for k in range(59)]
+    return Results(metrics, make_results().coefficients, diagnostics, series)
+
+
+def test_storing_a_run_of_the_ferry(stated: Callable[..., None], tmp_path: Path) -> None:
+    results, trials = _ferry_run(), itertools.count()
+    asked_ms = 30.0
+
+    def work() -> dict[str, dict[str, Any]]:
+        spent = []
+        url = f"sqlite:///{tmp_path}/results.db"
+        with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
+            for _ in range(25):
+                begun_s = time.process_time()
+                run = logbook.begin_run(make_start(next(trials))).run_id
+                logbook.finish_run(run, results)
+                spent.append((time.process_time() - begun_s) * 1e3)
+            stored = [logbook.series(run, item.kind) for item in results.series]
+        for item, found in zip(results.series, stored, strict=True):
+            for name, column in item.columns.items():
+                np.testing.assert_array_equal(found.columns[name], column)
+        ms = median(spent[5:])  # warm
+        short = {"short": f"{ms - asked_ms:.1f} ms more"} if ms > asked_ms else {}
+        megabytes = sum(file.stat().st_size for file in (tmp_path / "series").iterdir()) / 25e6
+        shown = f"{ms:.1f} ms of CPU, {megabytes:.1f} MB"
+        limit = f"at most {asked_ms:g} ms"
+        return {"its begin, its end and its file": {"shown": shown, "limit": limit} | short}
+
+    stated(
+        work,
+        item="6",
+        what="store a run of the ferry: 548 metrics, 100 coefficients, 5 series of 111 columns",
+    )
 
 
 def test_help(stated: Callable[..., None]) -> None:

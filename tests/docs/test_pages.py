@@ -147,7 +147,7 @@ def test_every_table_and_column_of_the_database_is_told_and_drawn() -> None:
             assert column.name in words
     keys = sum(len(held.foreign_keys) for held in Base.metadata.tables.values())
     assert len([one for one in drawn.iter(f"{SVG}path") if one.get("marker-end")]) == keys
-    for view in ("run_overview", "metric_wide", "coefficient_error"):
+    for view in ("run_overview", "metric_wide", "coefficient_error", "comparison"):
         assert f"### {view}\n" in text
 
 

@@ -92,15 +92,15 @@ def test_prune_shows_and_deletes_only_with_yes(program: Program, voyage_copy: Pa
     arguments = ["prune", *database(voyage_copy), "--where", "identifier=plsr"]
     code, out, err = program(*arguments)
     assert code == 0
-    assert "2 runs with 8 files" in out
+    assert "2 runs with 8 series" in out
     assert "--yes deletes" in err
     assert _count(voyage_copy, "run") == 9
     code, _, err = program(*arguments, "--yes")
-    assert (code, err.strip()) == (0, "deleted 2 runs and 8 files")
+    assert (code, err.strip()) == (0, "deleted 2 runs and 2 files")
     assert _count(voyage_copy, "run") == 7
     assert _count(voyage_copy, "diagnostic WHERE run_id IN (2, 4)") == 0
     files = sorted(path.name for path in (voyage_copy / "series").iterdir())
-    assert len(files) == 13  # of 21
+    assert len(files) == 4  # of 6
     assert not any("000002" in name or "000004" in name for name in files)
     assert program("verify", *database(voyage_copy))[0] == 0
 
@@ -142,13 +142,13 @@ def test_export_writes_every_table_twice(program: Program, plain: Path, tmp_path
 def test_verify_of_a_whole_logbook_says_so(program: Program, sailed: Path) -> None:
     code, out, _ = program("verify", *database(sailed))
     assert code == 0
-    assert "checked 9 runs and 21 series files: no problems" in out
+    assert "checked 9 runs and 6 series files: no problems" in out
 
 
 def test_verify_names_what_is_damaged_missing_or_left_over(
     program: Program, voyage_copy: Path
 ) -> None:
-    files = sorted((voyage_copy / "series").glob("run-000001-*"))
+    files = sorted((voyage_copy / "series").glob("run-*"))
     files[0].write_bytes(files[0].read_bytes() + b"x")
     files[1].unlink()
     (voyage_copy / "series" / "stray.parquet").write_text("")
@@ -158,7 +158,7 @@ def test_verify_names_what_is_damaged_missing_or_left_over(
     assert code == 1
     assert len(problems) == 4
     assert sum("unused" in problem["problem"] for problem in problems) == 1
-    assert {p["where"] for p in problems} >= {"run 1, series deployment_nominal"}
+    assert any(p["where"].startswith("run 1, series ") for p in problems)
     assert any("stray.parquet" in p["where"] for p in problems)
 
 
@@ -167,7 +167,7 @@ def test_what_killed_programs_left_is_no_damage_and_can_be_deleted(
 ) -> None:
     series = voyage_copy / "series"
     whole = sorted(series.iterdir())
-    left = ["run-000009-recording.parquet", ".run-000001-recording-0123456789ab.parquet.7.tmp"]
+    left = ["run-000009-0123456789ab.parquet", ".run-000001-0123456789ab.parquet.7.tmp"]
     for name in left:
         (series / name).write_bytes(b"half")
     code, out, _ = program("verify", *database(voyage_copy))
@@ -197,7 +197,7 @@ def test_a_new_logbook_does_not_take_the_place_of_one_that_is_lost(
         if lost is not None:
             file.write_bytes(lost)
         with pytest.raises(
-            LogbookError, match=r"results\.db: there is no logbook.* 21 series"
+            LogbookError, match=r"results\.db: there is no logbook.* 6 series"
         ) as e:
             stored.logbook_at(voyage_copy)
         assert "\n" not in str(e.value)

@@ -252,7 +252,7 @@ def test_an_interval_that_does_not_cover_is_not_drawn_as_one_that_does(tmp_path:
 def test_a_damaged_series_file_is_named(sailed: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(sailed, copy)
-    file = next((copy / "series").glob("run-000004-residual*"))
+    file = next((copy / "series").glob("run-000004-*"))
     file.write_bytes(file.read_bytes()[:-1] + b"x")
     with (
         open_results(f"sqlite:///{copy}/results.db") as damaged,

@@ -91,7 +91,7 @@ def test_a_page_that_is_not_complete_is_removed(tmp_path: Path) -> None:
 
 def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(page.parent.parent, tmp_path / "copy"))
-    for file in (folder / "series").glob("*-residual-*.parquet"):
+    for file in (folder / "series").glob("*.parquet"):
         file.write_bytes(b"x")
     with open_results(f"sqlite:///{folder}/results.db") as results:
         request = ReportRequest(sweep="all", where="vessel=milliampere and identifier=plsr")

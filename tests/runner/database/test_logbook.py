@@ -15,7 +15,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.engine import BUSY_TIMEOUT_S
 from seatrial.runner.database.tables import RunRow
-from seatrial.runner.record.rows import Metric, Results
+from seatrial.runner.record.rows import Metric, Results, Series
 from tests.runner.database.samples import make_results, make_start
 
 
@@ -44,6 +44,31 @@ def test_a_run_comes_back_as_it_was_stored(
     assert abs(datetime.now(UTC) - summary.started_at) < timedelta(minutes=1)
     assert summary.duration_s is not None
     assert summary.duration_s >= 0.0
+
+
+def test_series_of_a_run_share_a_file_and_keep_their_own_columns(
+    logbook: LogbookWriter, results_dir: Path
+) -> None:
+    """Kinds of other lengths and units; NaN and infinity stay, and an empty kind is none."""
+    t = np.arange(5.0)
+    stored = [
+        Series("recording", {"t": t, "u": np.array([1.0, math.nan, math.inf, -0.0, 5e-324])},
+               {"t": "s", "u": "m/s"}),
+        Series("prediction", {"t": t[:2], "x": t[2:4], "a.b": t[:4:2]},
+               {"t": "s", "x": "m", "a.b": ""}),
+        Series("waters", {"u": np.array([3, 4, 5])}, {"u": "km"}),
+        Series("plan", {"x": t[:0]}, {"x": "m"}),
+    ]  # fmt: skip
+    run = logbook.begin_run(make_start()).run_id
+    logbook.finish_run(run, Results(series=stored))
+    assert len(list((results_dir / "series").iterdir())) == 1
+    for expected in stored:
+        found = logbook.series(run, expected.kind)
+        assert (found.units, found.columns.keys()) == (expected.units, expected.columns.keys())
+        for name, column in expected.columns.items():
+            np.testing.assert_array_equal(found.columns[name], column)
+    verified = logbook.verify()
+    assert (verified.series, verified.problems, verified.leftovers) == (1, [], [])
 
 
 def test_not_a_number_is_null_and_infinity_stays(logbook: LogbookWriter) -> None:

@@ -33,11 +33,11 @@ def filled(logbook: LogbookWriter) -> LogbookWriter:
 
 def test_what_happened_to_series_files_is_found(filled: LogbookWriter, results_dir: Path) -> None:
     folder = results_dir / "series"
-    next(folder.glob("run-000001-recording-*.parquet")).write_bytes(b"changed")
-    next(folder.glob("run-000002-recording-*.parquet")).unlink()
-    (folder / "run-000009-recording.parquet").touch()
-    (folder / ".run-000004-recording.parquet.77.tmp").touch()
-    (folder / "run-000005-recording.parquet").touch()  # run 5 may be about to name it
+    next(folder.glob("run-000001-*.parquet")).write_bytes(b"changed")
+    next(folder.glob("run-000002-*.parquet")).unlink()
+    (folder / "run-000009-0123456789ab.parquet").touch()
+    (folder / ".run-000004-0123456789ab.parquet.77.tmp").touch()
+    (folder / "run-000005-0123456789ab.parquet").touch()  # run 5 may be about to name it
     (folder / "notes.txt").touch()  # not ours: named, and left alone
     verified = filled.verify()
     problems = verified.problems
@@ -48,17 +48,17 @@ def test_what_happened_to_series_files_is_found(filled: LogbookWriter, results_d
     assert "the file was changed: got SHA-256" in problems[0].what
     assert "cannot be read: No such file" in problems[1].what
     assert [path.name for path in verified.leftovers] == [
-        ".run-000004-recording.parquet.77.tmp",
+        ".run-000004-0123456789ab.parquet.77.tmp",
         "notes.txt",
-        "run-000009-recording.parquet",
+        "run-000009-0123456789ab.parquet",
     ]
     with pytest.raises(LogbookError, match="the file was changed"):
         filled.series(1, "recording")
     with pytest.raises(LogbookError, match="run 1 has no series 'other'"):
         filled.series(1, "other")
     assert [path.name for path in filled.remove_orphans()] == [
-        ".run-000004-recording.parquet.77.tmp",
-        "run-000009-recording.parquet",
+        ".run-000004-0123456789ab.parquet.77.tmp",
+        "run-000009-0123456789ab.parquet",
     ]
     verified = filled.verify()
     assert len(verified.problems) == 2
@@ -84,7 +84,7 @@ def test_rows_that_were_changed_are_found(filled: LogbookWriter, url: str) -> No
 def test_paths_lead_nowhere_else(tmp_path: Path, path: str) -> None:
     (tmp_path / "results" / "series").mkdir(parents=True)
     (tmp_path / "results" / "series" / "link").symlink_to("/etc/passwd")
-    file = SeriesFile("recording", path, "parquet", 1, "0" * 64, {})
+    file = SeriesFile("recording", path, 1, "0" * 64, {})
     with pytest.raises(LogbookError, match="expected a file within"):
         series_files.read(tmp_path / "results", file)
 
@@ -105,9 +105,9 @@ def test_prune_deletes_rows_with_their_files(filled: LogbookWriter, results_dir:
     assert (pruned.runs, pruned.files, pruned.left) == (2, 1, [])
     assert [run.run_id for run in filled.runs()] == [1, 4, 5]
     assert filled.sql("SELECT DISTINCT run_id FROM metric ORDER BY run_id").rows == [(1,), (4,)]
-    assert sorted(path.name[:20] for path in (results_dir / "series").iterdir()) == [
-        "run-000001-recording",
-        "run-000004-recording",
+    assert sorted(path.name[:10] for path in (results_dir / "series").iterdir()) == [
+        "run-000001",
+        "run-000004",
     ]
     assert filled.verify().problems == []
     assert filled.begin_run(make_start(2)).run_id == 6  # a number is never given twice

@@ -84,7 +84,7 @@ def whole(url: str, results_dir: Path, reported: set[int]) -> None:
         assert reader.verify().problems == []  # a row without its file would be one
 
 
-@pytest.mark.parametrize(("number", "place"), [(0, "results.db"), (1, "-long-")])
+@pytest.mark.parametrize(("number", "place"), [(0, "results.db"), (1, "/series/run-")])
 def test_a_full_disk_leaves_a_whole_logbook(tmp_path: Path, number: int, place: str) -> None:
     results_dir = tmp_path / "results"
     url = f"sqlite:///{results_dir}/results.db"

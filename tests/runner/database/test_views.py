@@ -49,7 +49,7 @@ def test_metrics_stand_side_by_side(filled: LogbookWriter) -> None:
     assert set(METRIC_NAMES) <= set(names)
 
 
-def test_coefficient_errors_are_relative_and_leave_out_zeros(logbook: LogbookWriter) -> None:
+def test_coefficient_errors_keep_terms_whose_truth_is_zero(logbook: LogbookWriter) -> None:
     run = logbook.begin_run(make_start()).run_id
     rows = [
         Coefficient("identified", "surge", "u", 9.0, 0.1, -10.0, "kg/s"),
@@ -57,9 +57,44 @@ def test_coefficient_errors_are_relative_and_leave_out_zeros(logbook: LogbookWri
         Coefficient("identified", "surge", "r", 9.0, None, None, "kg/s"),
         Coefficient("identified", "surge", "u_dot", float("nan"), None, 4.0, "kg"),
     ]
-    logbook.finish_run(run, Results(coefficients=rows))
-    answer = logbook.sql("SELECT term, relative_error FROM coefficient_error ORDER BY term")
-    assert answer.rows == [("u", 1.9), ("u_dot", None)]
+    logbook.fail_run(run, "diverged", "Diverged", "no", None, Results(coefficients=rows))
+    answer = logbook.sql(
+        "SELECT status, term, error, relative_error FROM coefficient_error ORDER BY term"
+    )
+    assert answer.rows == [
+        ("diverged", "u", 19.0, 1.9),
+        ("diverged", "u_dot", None, None),
+        ("diverged", "v", 9.0, None),
+    ]
+
+
+def test_the_comparison_keeps_conditions_apart_and_counts_what_is_lost(
+    logbook: LogbookWriter,
+) -> None:
+    """Another option or code is another experiment; only seeds are averaged, attempts once."""
+
+    def store(trial: int, experiment: str, value: float | None, **changes: object) -> None:
+        start = make_start(trial, experiment=experiment, **changes)
+        run = logbook.begin_run(start, rerun=True).run_id
+        row = Metric("deployment", "identified", "position", "e_pos_mae", value, "m")
+        logbook.finish_run(run, Results(metrics=[row]))
+
+    store(1, "pid", 9.0)  # an earlier attempt
+    for seed, value in ((1, 0.25), (2, 0.75), (3, None)):
+        store(seed, "pid", value)
+    start = make_start(4, experiment="pid")
+    logbook.fail_run(logbook.begin_run(start).run_id, "failed", "ValueError", "no", None)
+    store(5, "other gain", 2.0)
+    store(6, "lqi", 4.0, controller="lqi")
+    answer = logbook.sql(
+        "SELECT controller, experiment, mean, smallest, largest, n, without_value"
+        " FROM comparison WHERE name = 'e_pos_mae' ORDER BY mean"
+    )
+    assert answer.rows == [
+        ("pid", "pid", 0.5, 0.25, 0.75, 2, 2),
+        ("pid", "other gain", 2.0, 2.0, 2.0, 1, 0),
+        ("lqi", "lqi", 4.0, 4.0, 4.0, 1, 0),
+    ]
 
 
 def test_headline_names_are_those_of_metrics() -> None:
