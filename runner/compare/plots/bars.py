@@ -1,15 +1,22 @@
 """A metric by identifier and disturbance: mean over seeds, its spread, and every seed."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from seatrial.runner.compare.comparison_table import INFEASIBLE, MARK, UNSETTLED
+from seatrial.runner.compare.comparability import with_conditions
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.pivot import Pivot, PivotCell, pivot
+from seatrial.runner.compare.frame import (
+    DIVERGED,
+    NOT_APPLICABLE,
+    WITHOUT,
+    Queries,
+    complete,
+    observations,
+)
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
     MUTED,
@@ -20,8 +27,8 @@ from seatrial.runner.compare.plots.style import (
     metric_label,
     panels,
 )
-from seatrial.runner.compare.results import BELOW_TRUE_MODEL, DESIGN_FLAWS, FINISHED, Queries
-from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
+from seatrial.runner.compare.statistics import Cell, Pivot, pivot
+from seatrial.runner.compare.table import INFEASIBLE, MARK, UNSETTLED
 from seatrial.runner.record.catalogue import definition_of
 
 FIGURE = Figure(
@@ -34,7 +41,7 @@ FIGURE = Figure(
     place=1,
 )
 
-NO_SUCH = "n/a"
+SHORT = {DIVERGED: "diverged", WITHOUT: "no value", NOT_APPLICABLE: "n/a"}  # reasons
 NOTES = {
     MARK: "below the true model: fits lag or feedback, not the vessel",
     UNSETTLED: "the controller is not stable on its own model",
@@ -44,7 +51,6 @@ LOGARITHMIC_FROM = 100.0  # largest over smallest mean
 GROUP_WIDTH = 0.8  # of the distance between two groups
 FRAME, WORD = 0.9, 0.7  # [in] beside the axes of a panel, and of a count above a bar
 GOLDEN = 0.6180339887498949  # spreads any number of points evenly
-Flaws = Mapping[str, Collection[int]]  # runs by the mark of the flaw of their controller
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -57,47 +63,40 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
-    names = (request.metric, BELOW_TRUE_MODEL, *DIVERGENCE, *DESIGN_FLAWS)
-    numbers = results.metrics(facet.runs, names, facet.condition)
-    flagged = frozenset((o.run.id, o.dof) for o in numbers if o.name == names[1] and o.value)
-    flaws = {
-        mark: {o.run.id for o in numbers
-               if (o.name, o.model) == (name, request.model) and (o.value or 0.0) >= 1.0}
-        for mark, name in zip((UNSETTLED, INFEASIBLE), DESIGN_FLAWS, strict=True)
-    }  # fmt: skip
-    diverged = diverged_predictions(numbers)
-    observations = [o for o in numbers if o.name == request.metric and o.run.status == FINISHED]
-    observations = [o for o in observations if o.model == request.model]
-    dofs = request.shown(lambda d: any(o.dof == d for o in observations))
+    numbers = results.metrics([request.metric], facet.condition)
+    frame = observations(numbers, facet.trials, results.marks(facet.condition))
+    frame = frame[frame["model"] == request.model]
+    dofs = request.shown(lambda d: bool((frame["dof"] == d).any()))
     if not dofs:
         return None
+    frame, _ = with_conditions(results, facet.trials, frame.assign(is_baseline=False))
+    factors = (request.rows, request.columns)
     tables = {
         dof: pivot(
-            [o for o in observations if o.dof == dof], [*facet.runs, *facet.planned],
-            (request.rows,), (request.columns,), flagged, facet.likeness, diverged,
+            complete(frame[frame["dof"] == dof], facet.trials, factors), factors[:1], factors[1:]
         )
         for dof in dofs
-    }  # fmt: skip
+    }
     first = tables[dofs[0]]
     width = max(3.4, FRAME + 0.32 * len(first.row_keys) * len(first.column_keys))
     width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
     figure, axes = panels(1, len(dofs), width, 3.8)
     for panel, dof in zip(axes, dofs, strict=True):
-        unit = next(o.unit for o in observations if o.dof == dof)
-        _panel(panel, tables[dof], request, metric_label(request.metric, dof, unit), width, flaws)
+        unit = frame.loc[frame["dof"] == dof, "unit"].iloc[0]
+        _panel(panel, tables[dof], request, metric_label(request.metric, dof, unit), width)
     title = facet.title(f"{definition_of(request.metric).heading}, {request.model} model")
     marks = {mark for table in tables.values() for cell in table.cells.values()
-             for mark in _marks_of(cell, flaws)}  # fmt: skip
+             for mark in _marks_of(cell)}  # fmt: skip
     notes = [_legend(tables), *(f"{mark} {NOTES[mark]}" for mark in NOTES if mark in marks)]
-    if any(cell.not_applicable for table in tables.values() for cell in table.cells.values()):
-        notes.append(f"{NO_SUCH}: the run finished, and its method has no such number")
+    reasons = {why for table in tables.values() for cell in table.cells.values()
+               for why in cell.missing}  # fmt: skip
+    if NOT_APPLICABLE in reasons:
+        notes.append(f"{SHORT[NOT_APPLICABLE]}: the run finished, its method has no such number")
     notes += [f"bars average over {', '.join(request.pool)}"] if request.pool else []
     return drawing_of(facet.file(f"bars-{request.metric}"), figure, axes, title, notes)
 
 
-def _panel(
-    axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_width: float, flaws: Flaws
-) -> None:
+def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_width: float) -> None:
     width = GROUP_WIDTH / len(table.row_keys)
     for i, row in enumerate(table.row_keys):
         shift = (i - (len(table.row_keys) - 1) / 2) * width
@@ -106,7 +105,7 @@ def _panel(
         _bars(axes, centres, cells, width, i, row[0])
         _whiskers(axes, centres, cells)
         for centre, cell in zip(centres, cells, strict=True):
-            _write_counts(axes, centre, cell, _marks_of(cell, flaws))
+            _write_counts(axes, centre, cell, _marks_of(cell))
     axes.set_xticks(np.arange(len(table.column_keys)), [key[0] for key in table.column_keys])
     axes.set_xlabel(request.columns)
     axes.set_ylabel(label)
@@ -135,14 +134,14 @@ def _logarithmic(table: Pivot, request: PlotRequest) -> bool:
     """Return whether the axis is logarithmic: as requested, else by the range of the means."""
     if request.log is not None:
         return request.log
-    means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.observed]
+    means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.experiments]
     return len(means) > 0 and min(means) > 0.0 and max(means) > LOGARITHMIC_FROM * min(means)
 
 
 def _bars(
     axes: Axes,
     centres: NDArray[np.float64],
-    cells: Sequence[PivotCell],
+    cells: Sequence[Cell],
     width: float,
     i: int,
     label: str,
@@ -161,7 +160,7 @@ def _bars(
             )  # fmt: skip
 
 
-def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[PivotCell]) -> None:
+def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[Cell]) -> None:
     """Draw the standard deviation of bars of several seeds.
 
     A bar of one seed has none. Where the lower end of positive values would be zero or less, which
@@ -177,19 +176,15 @@ def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[PivotCel
             )  # fmt: skip
 
 
-def _marks_of(cell: PivotCell, flaws: Flaws) -> list[str]:
+def _marks_of(cell: Cell) -> list[str]:
     """Return the marks of a cell, which are those of the tables."""
-    deployed = {o.run.id for o in cell.observed if o.stage == "deployment"}
-    marks = [MARK] if cell.flagged else []
-    return marks + [mark for mark, runs in flaws.items() if deployed.intersection(runs)]
+    held = {MARK: cell.flagged, UNSETTLED: cell.unstable, INFEASIBLE: cell.infeasible}
+    return [mark for mark, holds in held.items() if holds]
 
 
-def _write_counts(axes: Axes, centre: float, cell: PivotCell, marks: Sequence[str]) -> None:
+def _write_counts(axes: Axes, centre: float, cell: Cell, marks: Sequence[str]) -> None:
     """Write the counts of lost runs and the marks above a bar, or at the foot of a missing one."""
-    lines = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
-    lines += [f"{cell.diverged} diverged"] if cell.diverged else []
-    lines += [f"{cell.without} no value"] if cell.without else []
-    lines += [f"{cell.not_applicable} {NO_SUCH}"] if cell.not_applicable else []
+    lines = [f"{n} {SHORT.get(why, why)}" for why, n in sorted(cell.missing.items())]
     only_marks = not lines
     lines += [" ".join(marks)] if marks else []
     if not lines:
@@ -207,6 +202,6 @@ def _write_counts(axes: Axes, centre: float, cell: PivotCell, marks: Sequence[st
 
 def _legend(tables: Mapping[str, Pivot]) -> str:
     """Return what bars, whiskers and points are."""
-    largest = max(len(cell.observed) for table in tables.values() for cell in table.cells.values())
+    largest = max(cell.experiments for table in tables.values() for cell in table.cells.values())
     several = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
     return several if largest > 1 else "one experiment a bar"

@@ -12,9 +12,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
+from seatrial.runner.compare.comparability import distinct, with_conditions
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, observations, ordered
 from seatrial.runner.compare.grid import number_text, unit_text
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
@@ -25,7 +28,6 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import FINISHED, Observation, Queries, ordered
 from seatrial.runner.compare.statistics import confidence_interval
 
 FIGURE = Figure(
@@ -77,19 +79,15 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
-    numbers = [
-        observation
-        for observation in results.coefficients(facet.runs, facet.condition)
-        if observation.model == request.model
-        and observation.run.status == FINISHED
-        and observation.value is not None
-    ]
-    covering = results.covering(facet.runs, facet.condition)
-    by_dof = {
-        dof: _estimates(facet.likeness.distinct(o for o in numbers if o.dof == dof), request,
-                        covering)
-        for dof in request.shown(lambda dof: any(o.dof == dof for o in numbers))
-    }  # fmt: skip
+    marks = results.marks(facet.condition)
+    numbers = observations(results.coefficients(facet.condition), facet.trials, marks)
+    numbers = numbers[(numbers["model"] == request.model) & (numbers["reason"] == "")]
+    if numbers.empty:
+        return None
+    numbers = distinct(with_conditions(results, facet.trials, numbers)[0])
+    numbers["covers"] = numbers["run"].isin(results.covering(facet.condition))
+    dofs = request.shown(lambda dof: bool((numbers["dof"] == dof).any()))
+    by_dof = {dof: _estimates(numbers[numbers["dof"] == dof], request) for dof in dofs}
     by_dof = {dof: estimates for dof, estimates in by_dof.items() if estimates}
     if not by_dof:
         return None
@@ -104,8 +102,9 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     if len({panel.get_position().y0 for panel in axes}) == 1:  # side by side: lines of one height
         for panel in axes:
             panel.set_ylim(lowest, 0.0)
-    zero = dict.fromkeys(f"{o.name} ({o.dof})" for o in numbers
-                         if o.true_value == 0.0 and o.dof in by_dof)  # fmt: skip
+    known = numbers[(numbers["true_value"] == 0.0) & numbers["dof"].isin([*by_dof])]
+    terms = zip(known["metric"], known["dof"], strict=True)
+    zero = dict.fromkeys(f"{term} ({dof})" for term, dof in terms)
     notes = [OF_SEEDS] * any(e.of_seeds for estimates in by_dof.values() for e in estimates)
     if zero:
         named = ", ".join(zero) if len(zero) <= MOST_NAMED else f"{len(zero)} terms"
@@ -114,35 +113,26 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     return drawing_of(facet.file("coefficients"), figure, axes, title, notes)
 
 
-def _estimates(
-    numbers: Sequence[Observation], request: PlotRequest, covering: frozenset[int]
-) -> list[CoefficientEstimate]:
+def _estimates(numbers: pd.DataFrame, request: PlotRequest) -> list[CoefficientEstimate]:
     """Return the estimates of each group (row, and column and vessel if several) and term."""
     factors = [request.rows]
     for name in (request.columns, "vessel"):
-        if name not in factors and len({observation.level(name) for observation in numbers}) > 1:
+        if name not in factors and numbers[name].nunique() > 1:
             factors.append(name)
-    samples: dict[tuple[str, str], list[Observation]] = {}
-    for observation in numbers:
-        group = ", ".join(observation.level(name) for name in factors)
-        samples.setdefault((group, observation.name), []).append(observation)
-    estimates = (_estimate(group, sample, covering) for (group, _), sample in samples.items())
+    groups = numbers.groupby([*factors, "metric"], observed=True, sort=False)
+    estimates = (_estimate(", ".join(levels[:-1]), sample) for levels, sample in groups)
     return [estimate for estimate in estimates if estimate is not None]
 
 
-def _estimate(
-    group: str, sample: Sequence[Observation], covering: frozenset[int]
-) -> CoefficientEstimate | None:
+def _estimate(group: str, sample: pd.DataFrame) -> CoefficientEstimate | None:
     """Return mean and interval over seeds, or of a single run; None if it cannot be shown.
 
-    `covering` are the runs whose intervals are of the coefficient.
     A term whose true value is zero has no relative scale. Neither has a term without a true value
     whose standard error is missing or whose mean is zero.
     """
-    values = np.array([observation.value for observation in sample], dtype=np.float64)
-    truths = {observation.true_value for observation in sample}
-    truth = truths.pop() if len(truths) == 1 else None
-    errors = [observation.std_error for observation in sample if observation.std_error is not None]
+    values, first = sample["value"].to_numpy(), sample.iloc[0]
+    truths, errors = sample["true_value"].unique(), sample["std_error"].dropna().tolist()
+    truth = None if len(truths) > 1 or np.isnan(truths[0]) else float(truths[0])
     mean = float(np.mean(values))
     if truth == 0.0 or (truth is None and (not errors or mean == 0.0)):
         return None
@@ -155,8 +145,8 @@ def _estimate(
     reference = mean if truth is None else truth
     ends = sorted((low / reference, high / reference))
     return CoefficientEstimate(
-        group, sample[0].name, sample[0].unit, reference, truth is not None, mean / reference,
-        ends[0], ends[1], of_seeds, covers=all(o.run.id in covering for o in sample),
+        group, first["metric"], first["unit"], reference, truth is not None, mean / reference,
+        ends[0], ends[1], of_seeds, bool(sample["covers"].all()),
     )  # fmt: skip
 
 

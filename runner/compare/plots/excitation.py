@@ -21,6 +21,7 @@ from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredDiagnostic, StoredRun
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, diagnostics_of, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
@@ -38,7 +39,6 @@ from seatrial.runner.compare.plots.style import (
     prefixed,
     shaded,
 )
-from seatrial.runner.compare.results import Queries, StoredDiagnostic, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import DOFS, Config

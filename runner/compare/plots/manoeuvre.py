@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun, stored_runs
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, notes_of
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
@@ -16,7 +17,6 @@ from seatrial.runner.compare.plots.style import (
     drawing_of,
     panels,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.export.manoeuvre_tracks import (
     Recorded,
     Sheet,
@@ -39,7 +39,9 @@ FIGURE = Figure(
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw the newest run of each vessel and excitation that is a manoeuvre, or one run."""
-    newest = newest_manoeuvres(results, request.runs(results, []), ("turn", "zigzag"))
+    newest = newest_manoeuvres(
+        results, stored_runs(request.trials(results, [], False)), ("turn", "zigzag")
+    )
     drawn = [_drawing(run, recorded) for run, recorded in newest]
     if not drawn:
         raise ConfigurationError(

@@ -15,10 +15,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import PALETTE, Drawing, drawing_of, marker_of, panels
-from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(

@@ -2,31 +2,35 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from hashlib import sha256
 from typing import TypeVar
 
 import numpy as np
+import pandas as pd
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.likeness import Likeness, differing, require_few
-from seatrial.runner.compare.results import (
+from seatrial.runner.compare.comparability import differing, of_runs, require_few, with_conditions
+from seatrial.runner.compare.frame import (
     FINISHED,
-    Observation,
+    NO_LEVELS,
     Queries,
     StoredDiagnostic,
     StoredRun,
+    codes,
     ordered,
+    stored_runs,
 )
-from seatrial.runner.compare.where import Comparison, Condition, Joined
+from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import DOF_ORDER, NOT_STARTED
 
 Drawing = TypeVar("Drawing")
-Choice = Callable[[Queries, Sequence[StoredRun], Condition | None], StoredRun]
+Choice = Callable[[Queries, Sequence[StoredRun], Condition], StoredRun]
 Voyages = Mapping[str, Series]  # deployments by model, or the recording
 PREFIX = "deployment_"
 DEPLOYMENTS = (f"{PREFIX}nominal", f"{PREFIX}identified")
@@ -55,32 +59,33 @@ class PlotRequest:
         """Return the requested degrees of freedom for which `has` is true, in reading order."""
         return [dof for dof in DOF_ORDER if (not self.dofs or dof in self.dofs) and has(dof)]
 
-    def condition(self, results: Queries) -> Condition | None:
+    def condition(self, results: Queries) -> Condition:
         """Return the condition that its runs meet."""
         if self.run is None:
             return results.selected(self.where, self.sweep, self.tag)[0]
-        only, where = Comparison("id", "=", self.run), results.where(self.where)
-        return only if where is None else Joined("and", (where, only))
+        return replace(results.where(self.where), run=self.run)
 
-    def runs(self, results: Queries, factors: Sequence[str]) -> list[StoredRun]:
-        """Return its runs with their levels of the factors, as matplotlib can draw them."""
+    def trials(self, results: Queries, factors: Sequence[str], planned: bool) -> pd.DataFrame:
+        """Return its trials with their levels of the factors, as matplotlib can draw them."""
         for factor in factors:
             results.names.check(factor, "--rows/--columns/--facet")
         attempts = self.run is not None  # the run asked for may be one that was repeated
-        runs = results.runs(self.condition(results), factors, superseded=attempts)
-        return [_drawable(run) for run in runs]
+        return _drawable(results.trials(self.condition(results), factors, attempts, planned))
 
 
 @dataclass(frozen=True)
 class Facet:
     """The runs of one figure, and its label."""
 
-    runs: Sequence[StoredRun]
-    condition: Condition | None
-    likeness: Likeness
+    trials: pd.DataFrame  # see `frame`; also those that were planned and not started
+    condition: Condition
     label: str = ""  # "vessel = milliampere", empty if there is one figure
     run: int | None = None  # the requested run
-    planned: Sequence[StoredRun] = ()  # trials that were not started
+
+    @cached_property
+    def runs(self) -> Sequence[StoredRun]:
+        """The runs as objects, without the trials that were not started."""
+        return stored_runs(self.trials[self.trials["status"] != NOT_STARTED])
 
     def title(self, text: str) -> str:
         """Return the title of the figure with the vessel and the facet."""
@@ -101,13 +106,14 @@ class Facet:
         return f"{safe[:LONGEST_STEM]}-{sha256(stem.encode()).hexdigest()[:12]}"
 
 
-def _drawable(run: StoredRun) -> StoredRun:
-    """Return a run whose levels matplotlib draws as text, not as formulas between $.
+def _drawable(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return trials whose levels matplotlib draws as text, not as formulas between $.
 
     A level that is long or has control characters ends with a part of its digest, so that levels
     stay distinct.
     """
-    return replace(run, levels={name: _label(level) for name, level in run.levels.items()})
+    names = [name for name in trials if name not in ("status", *NO_LEVELS)]
+    return trials.assign(**{name: trials[name].cat.rename_categories(_label) for name in names})
 
 
 def _label(level: str) -> str:
@@ -129,43 +135,37 @@ def facets(
     """
     own = [*(rows or [request.rows]), request.columns]
     names = [] if request.facet is None else [request.facet]
-    runs = request.runs(results, [*own, *names])
-    likeness = Likeness(results, runs)
+    trials = request.trials(results, [*own, *names], planned=True)
     if averages and "all" not in request.pool:
-        split = _unlike(likeness, runs, [*own, *names], request)
-        vessels = {run.levels["vessel"] for run in runs}
-        if len(vessels) > 1 and "vessel" not in (*own, *names, *split, *request.pool):
+        split = _unlike(results, trials, [*own, *names], request)
+        if trials["vessel"].nunique() > 1 and "vessel" not in (*own, *names, *split, *request.pool):
             split.append("vessel")
         names += split
-        runs = request.runs(results, [*own, *names]) if split else runs
+        trials = request.trials(results, [*own, *names], planned=True) if split else trials
     condition = request.condition(results)
-    planned = map(_drawable, results.not_started(condition, [*own, *names], runs))
-    parts: dict[tuple[str, ...], list[StoredRun]] = defaultdict(list)
-    for run in (*runs, *planned):
-        parts[tuple(run.levels[name] for name in names)].append(run)
+    if not names:
+        return [Facet(trials, condition, run=request.run)]
+    parts = dict(iter(trials.groupby(names, observed=True)))
     ranks = [ordered(levels) for levels in zip(*parts, strict=True)]
     return [
         Facet(
-            [run for run in parts[key] if run.status != NOT_STARTED], condition, likeness,
+            parts[key], condition,
             ", ".join(f"{name} = {level}" for name, level in zip(names, key, strict=True)),
-            request.run, [run for run in parts[key] if run.status == NOT_STARTED],
+            request.run,
         )
         for key in sorted(parts, key=lambda key: list(map(list.index, ranks, key)))
     ]  # fmt: skip
 
 
 def _unlike(
-    likeness: Likeness, runs: Sequence[StoredRun], factors: Sequence[str], request: PlotRequest
+    results: Queries, trials: pd.DataFrame, factors: Sequence[str], request: PlotRequest
 ) -> list[str]:
     """Return what the runs of one group of a figure differ in, apart from the seed."""
     stages = definition_of(request.metric).stages
     stage = "deployment" if "deployment" in stages else "validation"
-    groups: dict[Hashable, list[Observation]] = defaultdict(list)
-    for run in runs:
-        if run.status == FINISHED:
-            number = Observation(run, stage, request.model, "all", request.metric, None, "")
-            groups[tuple(run.levels[name] for name in factors)].append(number)
-    split = differing(likeness, groups, request.pool)
+    frame, facts = with_conditions(results, trials, of_runs(trials, stage, request.model))
+    groups = codes(frame, list(dict.fromkeys(factors)))
+    split = differing(facts, groups, frame["condition"], request.pool)
     require_few(split, "the groups of this figure")
     return split
 
@@ -192,7 +192,7 @@ def diagnostics_of(
     results: Queries, run: StoredRun, names: Sequence[str]
 ) -> Sequence[StoredDiagnostic]:
     """Return the diagnostics of one run with these names."""
-    return results.diagnostics([run], names, Comparison("id", "=", run.id))[run.id]
+    return results.diagnostics([run], names, Condition(run=run.id))[run.id]
 
 
 def each_run(
@@ -210,7 +210,7 @@ def each_run(
     condition, facet = request.condition(results), request.facet
     stored = results.series_columns(condition)
     candidates: dict[str, list[StoredRun]] = defaultdict(list)
-    for run in request.runs(results, [] if facet is None else [facet]):
+    for run in stored_runs(request.trials(results, [facet] if facet else [], planned=False)):
         has = any(kind in stored.get(run.id, ()) for kind in kinds)
         if has and (request.run is not None or run.status == FINISHED):
             candidates[run.levels[facet] if facet is not None else ""].append(run)

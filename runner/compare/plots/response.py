@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun, ordered, stored_runs
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.excitation import commanded_signals
 from seatrial.runner.compare.plots.request import (
@@ -39,7 +40,6 @@ from seatrial.runner.compare.plots.style import (
     panels,
     prefixed,
 )
-from seatrial.runner.compare.results import FINISHED, Queries, StoredRun, ordered
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import DOFS, GROUPS, POSES, Config
@@ -112,7 +112,7 @@ def _of_levels(
     fixed = [name for name in SHARED_CHOICES if name not in rows]
     newest: dict[str, StoredRun] = {}
     lost: dict[str, str] = {}
-    for run in (*facet.runs, *facet.planned):
+    for run in stored_runs(facet.trials):
         if all(run.levels[name] == last.levels[name] for name in fixed):
             label = ", ".join(run.levels[name] for name in rows)
             if run in deployed:

@@ -15,10 +15,10 @@ from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredDiagnostic
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet, subtitle
 from seatrial.runner.compare.plots.style import Drawing, drawing_of, panels
-from seatrial.runner.compare.results import Queries, StoredDiagnostic
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(

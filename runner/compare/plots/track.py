@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots.excitation import EAST, NORTH
 from seatrial.runner.compare.plots.request import (
@@ -39,7 +40,6 @@ from seatrial.runner.compare.plots.style import (
     panels,
     trim,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.record.rows import Series

@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots.request import (
     DEPLOYMENTS,
@@ -22,7 +23,6 @@ from seatrial.runner.compare.plots.style import (
     drawing_of,
     panels,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 

@@ -6,22 +6,17 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import sqlalchemy as sa
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.compare.frame import INTERVAL_OF_ESTIMATE, RUN, Queries, StoredRun
 from seatrial.runner.compare.headlines import Headline, answers, headlines, in_words
-from seatrial.runner.compare.results import (
-    INTERVAL_OF_ESTIMATE,
-    RUN,
-    Observation,
-    Queries,
-    StoredRun,
-)
 from seatrial.runner.compare.runs import run_details
-from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.site.measures import StoredMeasures
 from seatrial.runner.compare.site.run_columns import Json, run_columns
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.table import TableRequest
 from seatrial.runner.database.tables import Reuse
 from seatrial.runner.invocation import results_program
 from seatrial.runner.record.catalogue import definition_of
@@ -51,7 +46,9 @@ def summary(results: Queries, database: str, measures: StoredMeasures, opened: i
         "database": database,
         "program": results_program(),
         "opened": opened,
-        "runs": {**run_columns(results, runs), **_times(results, runs)} if runs else None,
+        "runs": {**run_columns(results, results.trials()), **_times(results, runs)}
+        if runs
+        else None,
         "sweeps": _sweeps(results, runs, places),
         "measures": measures.told(results),
         "opening": tabled(results),
@@ -155,28 +152,22 @@ def metric(results: Queries, name: str) -> list[Json]:
 
     `runs` are run numbers in the order of storage; a value is None where it is not finite.
     """
-    return [
-        {**part, "runs": [o.run.id for o in of_part], "values": [number(o.value) for o in of_part]}
-        for part, of_part in _parts(results.metrics(all_runs(results), [name]))
-    ]
+    return _parts(results, results.metrics([name]))
 
 
 def coefficient(results: Queries, term: str) -> list[Json]:
     """Return the coefficients of one term as `metric` does."""
-    return [
-        {**part, "runs": [o.run.id for o in of_part], "values": [number(o.value) for o in of_part]}
-        for part, of_part in _parts(results.coefficients(all_runs(results), terms=[term]))
-    ]
+    return _parts(results, results.coefficients(terms=[term]))
 
 
-def _parts(numbers: Sequence[Observation]) -> list[tuple[Json, list[Observation]]]:
+def _parts(results: Queries, numbers: pd.DataFrame) -> list[Json]:
     """Return numbers by stage, model and degree of freedom."""
-    parts: dict[tuple[str, str, str], list[Observation]] = defaultdict(list)
-    for o in numbers:
-        parts[o.stage, o.model, o.dof].append(o)
+    own = numbers[numbers["run"].isin([run.id for run in all_runs(results)])]
+    place = ["stage", "model", "dof"]
     return [
-        ({"stage": stage, "model": model, "dof": dof}, of_part)
-        for (stage, model, dof), of_part in parts.items()
+        dict(zip(place, levels, strict=True))
+        | {"runs": part["run"].tolist(), "values": list(map(number, part["value"].tolist()))}
+        for levels, part in own.groupby(place, observed=True, sort=False)
     ]
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import sqlalchemy as sa
 
-from seatrial.runner.compare.results import COEFFICIENT_STAGE, Queries
+from seatrial.runner.compare.frame import COEFFICIENT_STAGE, Queries
 from seatrial.runner.compare.site.run_columns import Json
 from seatrial.runner.compare.site.scripts import coefficient_script, metric_script
 from seatrial.runner.database.tables import CoefficientRow, MetricRow

@@ -2,19 +2,12 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
+import pandas as pd
 import sqlalchemy as sa
 
-from seatrial.runner.compare.likeness import Likeness
-from seatrial.runner.compare.results import (
-    MOST_VARIABLES,
-    RUN,
-    Queries,
-    StoredRun,
-    level_text,
-    ordered,
-)
+from seatrial.runner.compare.comparability import experiments
+from seatrial.runner.compare.frame import MOST_VARIABLES, RUN, Queries, level_text, ordered
 from seatrial.runner.compare.where import NAME
 from seatrial.runner.vocabulary import GROUPS
 
@@ -22,41 +15,20 @@ MOST_KEYS = 200  # in one query
 Json = Mapping[str, object]
 
 
-@dataclass(frozen=True)
-class Experiments:
-    """Runs that differ in nothing but the seed, with one of them for each experiment."""
-
-    of_run: Sequence[int]
-    first: Sequence[StoredRun]
-
-    @classmethod
-    def of(cls, runs: Sequence[StoredRun], likeness: Likeness) -> "Experiments":
-        """Return the experiments of some runs, in the order of their first run."""
-        numbers: dict[str, int] = {}
-        first: list[StoredRun] = []
-        of_run = []
-        for run in runs:
-            name = likeness.experiment_of(run)
-            if name not in numbers:
-                numbers[name] = len(first)
-                first.append(run)
-            of_run.append(numbers[name])
-        return cls(of_run, first)
-
-
-def run_columns(results: Queries, runs: Sequence[StoredRun]) -> Json:
-    """Return status and factors of runs."""
-    likeness = Likeness(results, runs)
-    experiments = Experiments.of(runs, likeness)
+def run_columns(results: Queries, trials: pd.DataFrame) -> Json:
+    """Return status and factors of runs, and their experiments, which differ in the seed alone."""
+    names = experiments(trials)
+    first = names.index[~names.duplicated()].tolist()
+    code = trials["of_code"].astype(object)
     return {
         "groups": GROUPS,
-        "ids": [run.id for run in runs],
-        "statuses": [run.status for run in runs],
-        "experiments": experiments.of_run,
+        "ids": trials.index.tolist(),
+        "statuses": trials["status"].tolist(),
+        "experiments": pd.factorize(names)[0].tolist(),
         "factors": [
-            *(_run_factor(name, [r.levels[name] for r in runs]) for name in (*GROUPS, "seed")),
-            _run_factor("code", [run.code or "none" for run in runs]),
-            *_configured(results, experiments),
+            *(_run_factor(name, trials[name].tolist()) for name in (*GROUPS, "seed")),
+            _run_factor("code", code.where(code.notna(), "none").tolist()),
+            *_configured(results, first),
         ],
     }
 
@@ -73,20 +45,20 @@ def _run_factor(name: str, levels_of_runs: Sequence[str]) -> Json:
     return {"name": name, "levels": levels, "kinds": kinds, "codes": codes, "offered": True}
 
 
-def _configured(results: Queries, experiments: Experiments) -> list[Json]:
+def _configured(results: Queries, first: Sequence[int]) -> list[Json]:
     """Return the keys of the configuration with several levels, by experiment.
 
-    An `offered` factor is one that a command may name; `kinds` are the types of the values behind a
-    level, which a condition must quote or not.
+    `first` is a run of each experiment. An `offered` factor is one that a command may name; `kinds`
+    are the types of the values behind a level, which a condition must quote or not.
     """
-    configs = results.configs_of([run.id for run in experiments.first])
-    each = [configs[run.id] for run in experiments.first]
+    configs = results.configs_of(first)
+    each = [configs[run] for run in first]
     names = [
         name
         for name in dict.fromkeys(name for config in each for name in config)
         if name not in results.names.columns and _varies([config.get(name) for config in each])
     ]
-    texts = _level_texts(results, [run.id for run in experiments.first], names)
+    texts = _level_texts(results, first, names)
     return [
         _key_factor(name, texts[name], [config.get(name) for config in each])
         | {"offered": name in results.names.keys}

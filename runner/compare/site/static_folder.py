@@ -6,7 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.compare.results import Queries
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.site import contents
 from seatrial.runner.compare.site.measures import StoredMeasures
 from seatrial.runner.compare.site.scripts import (

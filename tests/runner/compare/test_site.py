@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.site import write_site
 from seatrial.runner.compare.site.contents import STRETCHES, extremes
 from seatrial.runner.compare.site.scripts import metric_script, script_of
