@@ -82,11 +82,12 @@ ENTRIES: Mapping[str, Entry] = {
         "Entrants that a bar joins cannot be told apart on these tasks.",
         f"--database {BENCHMARK}/results.db",
     ),
-    "controllers": Entry(
-        "positioning", "With a preview the vessel begins to move before the set-point does."
-    ),
     "errors": Entry("ferry", "Tracking errors of the nominal and of the identified model."),
-    "excitation": Entry("mix", "Where the spectrum is empty, nothing is learnt about the vessel."),
+    "excitation": Entry(
+        "subspace",
+        "Where the spectrum is empty, nothing is learnt about the vessel; the order of a subspace"
+        " model is where the singular values fall off.",
+    ),
     "manoeuvre": Entry("zigzag", "The measures of the sheet stand where they are read."),
     "orders": Entry(
         "ferry",
@@ -94,17 +95,19 @@ ENTRIES: Mapping[str, Entry] = {
         "--where identifier=plsr",
     ),
     "pareto": Entry("front", "What is lost in velocity for what is won in pose."),
-    "plan": Entry("mix", "The planned path of the mix, clear of the obstacle."),
     "prediction": Entry(
         "ferry", "A free run of the held-out part: the vessel is simulated from its forces alone."
     ),
     "residual": Entry("ferry", "What the model leaves of the force should look like noise."),
-    "response": Entry("positioning", "Pose, command and limits of one run."),
-    "spectrum": Entry("subspace", "The order is where the singular values fall off."),
+    "response": Entry(
+        "positioning",
+        "Pose, command and limits. With a preview the vessel begins to move before the set-point"
+        " does.",
+        "--rows controller",
+    ),
     "surface": Entry("surface", "Error over order and number of terms; the choice is marked."),
-    "track": Entry("ferry", "The hull to scale; both models sail in the same weather."),
-    "wind": Entry(
-        "ferry", "The wind of the mission, and its force.", "--where \"disturbance='wind+noise'\""
+    "track": Entry(
+        "mix", "The hull to scale; a mix is drawn on its planned path, clear of the obstacle."
     ),
 }
 

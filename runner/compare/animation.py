@@ -21,7 +21,14 @@ from matplotlib.patches import Polygon
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import PlotRequest, of_identified, subtitle, voyages
+from seatrial.runner.compare.plots.request import (
+    DEPLOYMENTS,
+    PlotRequest,
+    distinct,
+    each_run,
+    in_plane,
+    subtitle,
+)
 from seatrial.runner.compare.plots.style import largest_of
 from seatrial.runner.compare.plots.track import drawn_length, outline
 from seatrial.runner.compare.statistics import Sample
@@ -108,7 +115,10 @@ def animate(results: Queries, run: int, file: Path | None) -> Path:
 def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     """Return the film of a run in at most so many frames: a panel for each of its voyages."""
     config = results.reader.run(number).config  # that there is one
-    ((run, whole),) = voyages(results, PlotRequest(run=number), "animate", "recording")
+    ((run, stored),) = each_run(results, PlotRequest(run=number), (*DEPLOYMENTS, "recording"))
+    deployed = {kind: stored[kind] for kind in DEPLOYMENTS if kind in stored}
+    whole, absent = distinct(results, run, deployed or stored)
+    in_plane(run, "animate", whole)
     for kind, series in whole.items():
         if "psi" not in series.columns:
             raise ConfigurationError(f"animate: run {number} has no heading psi in {kind}")
@@ -120,7 +130,7 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     notes = [note, "lines from the hull: thrust, relative to the largest or its limit"]
     if any(part.kind == "rudder" for parts in devices for part in parts):
         notes.append("rudder longer than it is")
-    notes += of_identified(results, run, whole)
+    notes += absent
     sheet, panels = style.panels(1, len(sails), INCHES, INCHES)
     moves = [
         _drawn(axes, name, series, parts, length)

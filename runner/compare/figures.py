@@ -1,16 +1,17 @@
 """The declaration of a figure, and the search for figures.
 
 Each file of the folder `plots` with `FIGURE = Figure(...)` and `drawings(results, request)` is a
-figure; there is no other list of figures. The arguments of the declaration are literals and are
-read without importing the file, because the help shows them and matplotlib is slow to import.
-Files of plug-ins are searched for figures too (seatrial.runner.configuration.plugins). Any other
-module with the same two names is a figure as well; it is selected by its module name.
+figure; there is no other list of figures. The declaration says which options of `plot` the figure
+takes. Its arguments are literals and are read without importing the file, because the help shows
+them and matplotlib is slow to import. Files of plug-ins are searched for figures too
+(configuration/plugins.py). Any other module with the same two names is a figure as well; it is
+selected by its module name.
 """
 
 import ast
 import logging
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -30,24 +31,28 @@ if TYPE_CHECKING:
 PLOTS = Path(__file__).with_name("plots")
 log = logging.getLogger(__name__)
 LONGEST_NAME = 200  # of a module
+OPTIONS = (*("run", "metric", "rows", "columns", "dof", "model"), *("facet", "band", "log", "pool"))
 
 
 @dataclass(frozen=True)
 class Figure:
     """A kind of figure.
 
-    `needs` is the data that runs must have stored. `rows` is the default of --rows. A report shows
-    the figure with `caption` at position `place`, once for every level of `each`; a figure without
-    a caption is not in the report.
+    `needs` is the data that runs must have stored. `options` are those of the command `plot` that
+    the figure takes, beside those that select runs and files; `rows` is the default of --rows. A
+    report shows the figure with `caption` at position `place`, once for every level of `each` and
+    for each of `report_rows`; a figure without a caption is not in the report.
     """
 
     name: str
     help: str
     needs: str
+    options: Sequence[str] = OPTIONS
     rows: str = ""
     caption: str = ""
     place: int = 0
     each: Literal["", "dof", "column", "metric and dof"] = ""
+    report_rows: Sequence[str] = ()
 
 
 @cache
@@ -70,23 +75,25 @@ def figure_of(name: str) -> Figure:
 def drawings_of(name: str) -> "Drawings":
     """Return the function that draws a figure; raises ConfigurationError for an unknown name.
 
-    Errors of a function from elsewhere are PartErrors with the name of its module.
+    A request without rows gets the default of the figure. Errors of a function from elsewhere are
+    PartErrors with the name of its module.
     """
     module = _module(name)
     drawings: Drawings | None = vars(module).get("drawings")
     if drawings is None:
         raise ConfigurationError(f"plot: {name} has no function drawings(results, request)")
-    return drawings if is_own(module.__name__) else _guarded(drawings, module.__name__)
+    declared = vars(module).get("FIGURE")
+    rows = (declared.rows if isinstance(declared, Figure) else "") or "identifier"
 
-
-def _guarded(drawings: "Drawings", module: str) -> "Drawings":
     def draw(results: "Queries", request: "PlotRequest") -> "list[Drawing]":
         try:
-            return drawings(results, request)
+            return drawings(results, request if request.rows else replace(request, rows=rows))
         except SeatrialError:
             raise
         except Exception as error:
-            raise PartError(failure(f"{module}.drawings", error)) from error
+            if is_own(module.__name__):
+                raise
+            raise PartError(failure(f"{module.__name__}.drawings", error)) from error
 
     return draw
 

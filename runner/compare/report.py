@@ -168,18 +168,20 @@ def _pictures(results: Queries, request: ReportRequest) -> tuple[list[Picture], 
 
 def _variants(figure: Figure, shared: PlotRequest, rows: str) -> Iterator[tuple[str, PlotRequest]]:
     """Split a wide figure into requests of narrower ones, with their captions."""
-    request = replace(shared, rows=figure.rows or rows)
-    by_dof = [replace(request, dofs=(dof,)) for dof in DOF_ORDER]
-    match figure.each:
-        case "metric and dof":
-            for metric in (entry for entry in METRICS if entry.headline):
-                yield from ((metric.heading, replace(part, metric=metric.name)) for part in by_dof)
-        case "dof":
-            yield from ((figure.caption, part) for part in by_dof)
-        case "column":
-            yield figure.caption, replace(request, facet=request.columns)
-        case _:
-            yield figure.caption, request
+    for own in figure.report_rows or (figure.rows or rows,):
+        request = replace(shared, rows=own)
+        by_dof = [replace(request, dofs=(dof,)) for dof in DOF_ORDER]
+        match figure.each:
+            case "metric and dof":
+                for metric in (entry for entry in METRICS if entry.headline):
+                    parts = (replace(part, metric=metric.name) for part in by_dof)
+                    yield from ((metric.heading, part) for part in parts)
+            case "dof":
+                yield from ((figure.caption, part) for part in by_dof)
+            case "column":
+                yield figure.caption, replace(request, facet=request.columns)
+            case _:
+                yield figure.caption, request
 
 
 def _warnings(results: Queries, condition: Condition) -> list[str]:

@@ -34,6 +34,12 @@ REPLACED: Mapping[str, str] = {
     "search.dof": "write search.metric=name:dof",
     "search.sampler": "the sampler is TPE; search.startup=<search.trials> makes a random search",
     "seatrial-results published": "in a checkout, use make published",
+    "seatrial-results plot controllers": "use plot response --rows controller",
+    "seatrial-results plot plan": "use plot track, which draws the plan of a mix too",
+    "seatrial-results plot spectrum": "use plot excitation, which draws singular values and"
+    " eigenvalues of a subspace identification too",
+    "seatrial-results plot wind": "use plot excitation, which draws the wind of the recording, or"
+    " plot response for its force on a mission",
     "seatrial-results plot quality": "use seatrial data check FILE --html PAGE.html",
     "search.model": "the objective is a metric of the identified model",
     "search.stage": "the objective is of the deployment, or of the first stage that has the metric",

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from seatrial.runner.compare.__main__ import run as run_compare
-from seatrial.runner.compare.plots import orders, pareto, spectrum, surface
+from seatrial.runner.compare.plots import excitation, orders, pareto, surface
 from tests.runner.programs import program, rows
 
 IDENTIFIERS = ("none", "ls", "ridge", "iv", "plsr", "surface_plsr", "output_error", "nsga2", "dsr")
@@ -118,8 +118,9 @@ def test_every_coefficient_that_was_estimated_has_its_standard_error(folder: Pat
 
 def test_the_figures_find_what_they_draw(folder: Path) -> None:
     stored = {name for (name,) in rows(folder, "SELECT DISTINCT name FROM diagnostic")}
-    wanted = {pareto.OBJECTIVE, pareto.CHOSEN, spectrum.SINGULAR, spectrum.ORDER, spectrum.REAL}
-    wanted |= {spectrum.IMAGINARY, surface.SURFACE, surface.VARIABLES, *orders.NAMES}
+    wanted = {pareto.OBJECTIVE, pareto.CHOSEN, excitation.SINGULAR, excitation.REAL}
+    wanted |= {excitation.IMAGINARY, surface.SURFACE, surface.VARIABLES, *orders.NAMES}
     assert wanted <= stored
-    for kind in ("pareto", "surface", "spectrum", "orders", "coefficients"):
+    for kind in ("pareto", "surface", "orders", "coefficients"):
         assert ".png" in compare(folder, "plot", kind)
+    assert ".png" in compare(folder, "plot", "excitation", "--where", "identifier=dsr")

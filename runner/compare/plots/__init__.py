@@ -7,16 +7,26 @@ from matplotlib.figure import Figure
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare import cli
-from seatrial.runner.compare.figures import drawings_of, figure_of
+from seatrial.runner.compare.figures import OPTIONS, drawings_of, figure_of
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn, save
 
 
 def request_of(options: cli.PlotOptions) -> PlotRequest:
-    """Return the request of the options; raises ConfigurationError for an unknown figure."""
-    rows = options.rows or figure_of(options.kind).rows or None
-    rows, columns = cli.axes_of(rows, options.columns)
+    """Return the request of the options.
+
+    Raises ConfigurationError for an unknown figure, and for an option that it does not take.
+    """
+    figure, untouched = figure_of(options.kind), cli.PlotOptions(options.kind)
+    for name in OPTIONS:
+        given = getattr(options, name) != getattr(untouched, name)
+        if given and name not in figure.options:
+            taken = ", ".join(f"--{option}" for option in figure.options) or "those of runs alone"
+            raise ConfigurationError(
+                f"plot {options.kind}: --{name}: not an option of this figure, expected {taken}"
+            )
+    rows, columns = cli.axes_of(options.rows or figure.rows or None, options.columns)
     return PlotRequest(
         run=options.run,
         metric=options.metric,
@@ -62,10 +72,6 @@ def draw(
     with drawn(width_mm=width_mm):
         figures = drawings(results, request)
         try:
-            return [
-                path
-                for drawing in figures
-                for path in save(drawing, folder, print_=width_mm is not None)
-            ]
+            return [path for one in figures for path in save(one, folder, width_mm is not None)]
         except OSError as error:
             raise LogbookError(f"{folder}: cannot write the figure: {error.strerror}") from error

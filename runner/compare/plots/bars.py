@@ -1,55 +1,65 @@
 """A metric by identifier and disturbance: mean over seeds, its spread, and every seed."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.comparability import with_conditions
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.frame import Queries, complete, observations
-from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
+from seatrial.runner.compare.frame import (
+    DIVERGED,
+    NOT_APPLICABLE,
+    WITHOUT,
+    Queries,
+    complete,
+    observations,
+)
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
     MUTED,
     PALETTE,
     Drawing,
-    footnote,
-    headed,
+    drawing_of,
     marker_of,
     metric_label,
     panels,
 )
 from seatrial.runner.compare.statistics import Cell, Pivot, pivot
+from seatrial.runner.compare.table import INFEASIBLE, MARK, UNSETTLED
 from seatrial.runner.record.catalogue import definition_of
 
 FIGURE = Figure(
     "bars",
-    "A metric by rows and columns: mean over seeds, its spread, and every seed.",
+    "A metric by rows and columns: mean over seeds, its spread, every seed, and what is missing.",
     "a metric",
+    ("run", "metric", "rows", "columns", "dof", "model", "facet", "log", "pool"),
     each="metric and dof",
     caption="A metric",
     place=1,
 )
 
+SHORT = {DIVERGED: "diverged", WITHOUT: "no value", NOT_APPLICABLE: "n/a"}  # reasons
+NOTES = {
+    MARK: "below the true model: fits lag or feedback, not the vessel",
+    UNSETTLED: "the controller is not stable on its own model",
+    INFEASIBLE: "the weather needs more force than the limits allow",
+}
 LOGARITHMIC_FROM = 100.0  # largest over smallest mean
 GROUP_WIDTH = 0.8  # of the distance between two groups
 FRAME, WORD = 0.9, 0.7  # [in] beside the axes of a panel, and of a count above a bar
+GOLDEN = 0.6180339887498949  # spreads any number of points evenly
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, with one panel for each degree of freedom."""
-    candidates = [
-        _drawing(results, request, facet) for facet in facets(results, request, averages=True)
-    ]
-    complete = [drawing for drawing in candidates if drawing is not None]
-    if not complete:
-        raise ConfigurationError(
-            f"plot bars: no finished run has {request.metric} of model {request.model}"
-            f"; metrics are {', '.join(results.metric_names()) or 'none yet'}"
-        )
-    return complete
+    missing = (
+        f"plot bars: no finished run has {request.metric} of model {request.model}"
+        f"; metrics are {', '.join(results.metric_names()) or 'none yet'}"
+    )
+    return each_facet(results, request, partial(_drawing, results, request), missing, averages=True)
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
@@ -72,12 +82,18 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
     figure, axes = panels(1, len(dofs), width, 3.8)
     for panel, dof in zip(axes, dofs, strict=True):
-        label = metric_label(request.metric, dof, frame.loc[frame["dof"] == dof, "unit"].iloc[0])
-        _panel(panel, tables[dof], request, label, width)
-    heading = definition_of(request.metric).heading
-    headed(figure, axes, facet.title(f"{heading}, {request.model} model"))
-    footnote(figure, _notes(tables, request.pool))
-    return Drawing(facet.file(f"bars-{request.metric}"), figure)
+        unit = frame.loc[frame["dof"] == dof, "unit"].iloc[0]
+        _panel(panel, tables[dof], request, metric_label(request.metric, dof, unit), width)
+    title = facet.title(f"{definition_of(request.metric).heading}, {request.model} model")
+    marks = {mark for table in tables.values() for cell in table.cells.values()
+             for mark in _marks_of(cell)}  # fmt: skip
+    notes = [_legend(tables), *(f"{mark} {NOTES[mark]}" for mark in NOTES if mark in marks)]
+    reasons = {why for table in tables.values() for cell in table.cells.values()
+               for why in cell.missing}  # fmt: skip
+    if NOT_APPLICABLE in reasons:
+        notes.append(f"{SHORT[NOT_APPLICABLE]}: the run finished, its method has no such number")
+    notes += [f"bars average over {', '.join(request.pool)}"] if request.pool else []
+    return drawing_of(facet.file(f"bars-{request.metric}"), figure, axes, title, notes)
 
 
 def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_width: float) -> None:
@@ -88,11 +104,13 @@ def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_wid
         cells = [table.cell(row, column) for column in table.column_keys]
         _bars(axes, centres, cells, width, i, row[0])
         _whiskers(axes, centres, cells)
+        for centre, cell in zip(centres, cells, strict=True):
+            _write_counts(axes, centre, cell, _marks_of(cell))
     axes.set_xticks(np.arange(len(table.column_keys)), [key[0] for key in table.column_keys])
     axes.set_xlabel(request.columns)
     axes.set_ylabel(label)
     axes.grid(axis="x", visible=False)
-    axes.margins(y=0.35 if _turn_marks(axes, table, panel_width) else 0.12)
+    axes.margins(y=0.35 if _turn_counts(axes, table, panel_width) else 0.12)
     if _logarithmic(table, request):
         axes.set_yscale("log")
     else:
@@ -101,9 +119,9 @@ def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_wid
         axes.tick_params(axis="x", rotation=20)
 
 
-def _turn_marks(axes: Axes, table: Pivot, panel_width: float) -> bool:
+def _turn_counts(axes: Axes, table: Pivot, panel_width: float) -> bool:
     """Turn the counts above narrow bars, which would overlap; return whether there are any."""
-    words = [text for text in axes.texts if text.get_text() != "†"]
+    words = [text for text in axes.texts if any(map(str.isdigit, text.get_text()))]
     bars = len(table.column_keys) * len(table.row_keys)
     if not words or (panel_width - FRAME) * GROUP_WIDTH / bars > WORD:
         return False
@@ -128,28 +146,18 @@ def _bars(
     i: int,
     label: str,
 ) -> None:
-    samples = [cell.sample for cell in cells]
-    means = [float(np.mean(s)) if s.size else np.nan for s in samples]
-    spreads = [float(np.std(s, ddof=1)) if s.size > 1 else 0.0 for s in samples]
+    means = [float(np.mean(cell.sample)) if cell.by_seed else np.nan for cell in cells]
     colour = PALETTE[i % len(PALETTE)]
     axes.bar(centres, means, 0.92 * width, color=colour, alpha=0.75, label=label)
-    for centre, cell, sample, mean, spread in zip(
-        centres, cells, samples, means, spreads, strict=True
-    ):
+    ends = np.add.outer((-0.46 * width, 0.46 * width), centres).ravel()
+    axes.update_datalim(np.column_stack([ends, ends]), updatey=False)  # room for missing bars
+    for centre, sample in zip(centres, (cell.sample for cell in cells), strict=True):
         if sample.size > 1:
-            golden = 0.6180339887498949  # spreads any number of points evenly
-            places = centre + 0.5 * width * (np.arange(sample.size) * golden % 1.0 - 0.5)
+            places = centre + 0.5 * width * (np.arange(sample.size) * GOLDEN % 1.0 - 0.5)
             axes.plot(
-                places,
-                sample,
-                marker_of(i),
-                color="white",
-                markeredgecolor="black",
-                markeredgewidth=0.6,
-                markersize=3.2,
-                zorder=3,
-            )
-        _marks(axes, centre, cell, mean, max([mean + spread, *sample.tolist()], default=0.0))
+                places, sample, marker_of(i), color="white", markeredgecolor="black",
+                markeredgewidth=0.6, markersize=3.2, zorder=3,
+            )  # fmt: skip
 
 
 def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[Cell]) -> None:
@@ -168,31 +176,32 @@ def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[Cell]) -
             )  # fmt: skip
 
 
-def _marks(axes: Axes, centre: float, cell: Cell, mean: float, top: float) -> None:
-    """Write the counts of missing runs and the mark † above a bar."""
-    lines = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
-    lines += [f"{cell.diverged} diverged"] if cell.diverged else []
-    lines += [f"{cell.without} no value"] if cell.without else []
-    lines += ["†"] if cell.flagged else []
-    if lines:
-        axes.annotate(
-            "\n".join(lines),
-            (centre, 0.0 if np.isnan(mean) else top),
-            xytext=(0, 4),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            fontsize=7.5,
-            color=MUTED if lines != ["†"] else "black",
-        )
+def _marks_of(cell: Cell) -> list[str]:
+    """Return the marks of a cell, which are those of the tables."""
+    held = {MARK: cell.flagged, UNSETTLED: cell.unstable, INFEASIBLE: cell.infeasible}
+    return [mark for mark, holds in held.items() if holds]
 
 
-def _notes(tables: Mapping[str, Pivot], pool: Sequence[str]) -> list[str]:
-    cells = [cell for table in tables.values() for cell in table.cells.values()]
-    largest = max(cell.experiments for cell in cells)
-    legend = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
-    texts = [legend if largest > 1 else "one experiment a bar"]
-    texts += [f"bars average over {', '.join(pool)}"] if pool else []
-    if any(cell.flagged for cell in cells):
-        texts.append("† below the true model: fits lag or feedback, not the vessel")
-    return texts
+def _write_counts(axes: Axes, centre: float, cell: Cell, marks: Sequence[str]) -> None:
+    """Write the counts of lost runs and the marks above a bar, or at the foot of a missing one."""
+    lines = [f"{n} {SHORT.get(why, why)}" for why, n in sorted(cell.missing.items())]
+    only_marks = not lines
+    lines += [" ".join(marks)] if marks else []
+    if not lines:
+        return
+    sample, top = cell.sample, 0.0
+    if sample.size:
+        spread = float(np.std(sample, ddof=1)) if sample.size > 1 else 0.0
+        top = max(float(np.mean(sample)) + spread, *sample.tolist(), 0.0)
+    axes.annotate(
+        "\n".join(lines), (centre, top), xytext=(0, 4), textcoords="offset points", ha="center",
+        va="bottom", fontsize=7.5, color="black" if only_marks else MUTED,
+        xycoords="data" if sample.size else axes.get_xaxis_transform(),
+    )  # fmt: skip
+
+
+def _legend(tables: Mapping[str, Pivot]) -> str:
+    """Return what bars, whiskers and points are."""
+    largest = max(cell.experiments for table in tables.values() for cell in table.cells.values())
+    several = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
+    return several if largest > 1 else "one experiment a bar"

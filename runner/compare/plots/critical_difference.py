@@ -16,8 +16,7 @@ from seatrial.runner.compare.plots.style import (
     PALETTE,
     REFERENCE,
     Drawing,
-    footnote,
-    headed,
+    drawing_of,
     panels,
 )
 from seatrial.runner.compare.ranking import Ranking, critical_difference
@@ -27,6 +26,7 @@ FIGURE = Figure(
     "Mean ranks of the benchmark's entrants, in each task and over tasks with the same ones; bars"
     " join those that do not differ significantly.",
     "runs of the command benchmark",
+    (),
 )
 
 ROW = 0.24  # height of a line of the figure [inch]
@@ -65,9 +65,8 @@ def chart(title: str, ranked: Ranked) -> Chart:
     _names(axes, names, ranks, below)
     axes.set_axis_off()
     cases = f"{len(ranked.losses)} case{'s' if len(ranked.losses) != 1 else ''}"
-    headed(figure, [axes], f"{title}: mean ranks over {cases}")
-    footnote(figure, [NOTE])
-    return figure
+    title = f"{title}: mean ranks over {cases}"
+    return drawing_of("critical_difference", figure, [axes], title, [NOTE]).figure
 
 
 def _axis(axes: Axes, count: int, difference: float) -> None:

@@ -12,14 +12,13 @@ from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
-    SHADE,
     Drawing,
     beside,
-    footnote,
-    headed,
+    drawing_of,
     largest_of,
     panels,
     prefixed,
+    shaded,
 )
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.compare.where import Condition
@@ -29,6 +28,7 @@ FIGURE = Figure(
     "residual",
     "Force residual of one run over time, before and after identification.",
     "series residual",
+    ("run", "dof", "facet"),
     caption="Force residual of a typical run",
     place=12,
 )
@@ -41,8 +41,8 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
     Without --run it is a typical run: the one with the median ratio of its force residuals.
     """
-    runs = each_run(results, request, ["residual"], typical=typical)
-    return [_drawing(results, request, run) for run, _ in runs]
+    runs = each_run(results, request, ("residual",), typical)
+    return [_drawing(request, run, series_of["residual"]) for run, series_of in runs]
 
 
 def typical(results: Queries, runs: Sequence[StoredRun], condition: Condition) -> StoredRun:
@@ -67,8 +67,7 @@ def typical(results: Queries, runs: Sequence[StoredRun], condition: Condition) -
     return [run for run in judged if float(np.mean(ratios[run.id])) == median][-1]
 
 
-def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
-    series = results.reader.series(run.id, "residual")
+def _drawing(request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
     dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in series.columns)
     if not dofs:
         raise ConfigurationError(f"plot residual: run {run.id} has no residual of these DOFs")
@@ -76,15 +75,16 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
     for panel, dof in zip(axes, dofs, strict=True):
         _panel(panel, series, dof)
     axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
-    headed(figure, axes, f"Force residual, {subtitle(run)}")
-    shaded = bool(np.any(_training(series)))
-    notes = ["shaded: training part"] if shaded else []
-    samples = "the part that is not shaded" if shaded else "all samples"
+    training = bool(np.any(_training(series)))
+    notes = ["shaded: training part"] if training else []
+    samples = "the part that is not shaded" if training else "all samples"
     notes.append(f"dashed, and at the right: root mean square over {samples}")
+    lacking = [dof for dof in dofs if f"residual_identified_{dof}" not in series.columns]
+    notes += [f"no identified model in {', '.join(lacking)}"] if lacking else []
     if request.run is None:
         notes.append("a run of median improvement; --run shows another")
-    footnote(figure, notes)
-    return Drawing(f"residual-run-{run.id}", figure)
+    name = f"residual-run-{run.id}"
+    return drawing_of(name, figure, axes, f"Force residual, {subtitle(run)}", notes)
 
 
 def _training(series: Series) -> Sample:
@@ -107,14 +107,7 @@ def _panel(axes: Axes, series: Series, dof: str) -> None:
         level = float(np.sqrt(np.mean(np.square(held_out))))
         texts.append((level, f"rms {number_text(level / size, 3)} {unit}", MODEL_COLOURS[model]))
         axes.axhline(level / size, color=MODEL_COLOURS[model], linewidth=0.9, linestyle="--")
-    shade(axes, t, train)
+    shaded(axes, t, train)
     axes.set_ylabel(with_unit(dof.capitalize(), unit))
     axes.margins(x=0)
     beside(axes, [(value / size, text, colour) for value, text, colour in texts])
-
-
-def shade(axes: Axes, t: Sample, train: Sample) -> None:
-    """Shade the training samples; `t` [s] and `train` (0 or 1) have shape (n,)."""
-    chosen = np.concatenate([[False], train > 0, [False]])
-    for first, end in np.flatnonzero(np.diff(chosen)).reshape(-1, 2):
-        axes.axvspan(t[first], t[end - 1], color=SHADE, linewidth=0, zorder=0)

@@ -1,23 +1,22 @@
 """Free runs of several models over one test file: velocities over time, and tracks with hulls."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.plots.prediction import ROOM, fit_text
+from seatrial.runner.compare.plots.prediction import draw_motion
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     PALETTE,
     REFERENCE,
-    footnote,
-    headed,
+    drawing_of,
     panels,
 )
-from seatrial.runner.compare.plots.track import outline
+from seatrial.runner.compare.plots.track import draw_hull, draw_plane
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 
@@ -38,7 +37,7 @@ def part_of(series: Series, rows: slice) -> Series:
 
 def colours_of(names: Sequence[str]) -> dict[str, str]:
     """Return a colour of each entrant; the nominal model has the same on every figure."""
-    others = iter(COLOURS * len(names))
+    others = cycle(COLOURS)
     return {name: MODEL_COLOURS["nominal"] if name == "none" else next(others) for name in names}
 
 
@@ -48,38 +47,17 @@ def velocities(
     """Return the measured velocities and those of the free runs, one panel for each output."""
     figure, axes = panels(len(outputs), 1, 7.0, 1.9, share_x=True)
     first = next(iter(runs.values()))
+    since = {**first.columns, "t": first.columns["t"] - first.columns["t"][0]}
+    measured = Series(first.kind, since, first.units)
     for panel, dof in zip(axes, outputs, strict=True):
-        measured = first.columns[dof]
-        _line(panel, first, measured, REFERENCE, "measured")
-        for name, series in runs.items():
-            predicted = series.columns.get(f"{dof}_{MODEL}")
-            if predicted is not None:
-                _line(panel, series, predicted, colours[name], name)
-        margin = ROOM * float(np.std(measured)) or 1.0  # one that runs away leaves the panel
-        low, high = np.nanmin(measured) - margin, np.nanmax(measured) + margin
-        panel.set_ylim(*np.clip(panel.get_ylim(), low, high).tolist())
-        panel.set_ylabel(with_unit(dof.capitalize(), first.units[dof]))
-        panel.margins(x=0)
-        fits = [
-            f"{name} {fit_text(measured, series.columns[f'{dof}_{MODEL}'])}"
+        predicted = [
+            (name, series.columns[f"{dof}_{MODEL}"], colours[name])
             for name, series in runs.items()
             if f"{dof}_{MODEL}" in series.columns
         ]
-        panel.set_title("FIT: " + ", ".join(fits), loc="left", fontsize=8.5, fontweight="normal")
+        draw_motion(panel, measured, dof, predicted, max(len(since["t"]) // POINTS, 1))
     axes[-1].set_xlabel(with_unit("Time from the first state", first.units["t"]))
-    headed(figure, axes, title)
-    return figure
-
-
-def _line(axes: Axes, series: Series, values: Sample, colour: str, label: str) -> None:
-    """A line with gaps between the pieces, of a limited number of points."""
-    t, starts = (
-        series.columns["t"] - series.columns["t"][0],
-        np.flatnonzero(series.columns["start"] > 0.0),
-    )
-    t, values = np.insert(t, starts[1:], np.nan), np.insert(values, starts[1:], np.nan)
-    shown = np.unique([*range(0, len(t), max(len(t) // POINTS, 1)), *np.flatnonzero(np.isnan(t))])
-    axes.plot(t[shown], values[shown], color=colour, label=label, linewidth=1.0, alpha=0.9)
+    return drawing_of("velocities", figure, axes, title).figure
 
 
 def tracks(
@@ -100,17 +78,11 @@ def tracks(
     for name, series in runs.items():
         if f"x_{MODEL}" in series.columns:
             _track(axes, series, f"_{MODEL}", colours[name], name, length_m, instants)
-    axes.set_xlim(*east)
-    axes.set_ylim(*north)
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel(with_unit("East", first.units["y"]))
-    axes.set_ylabel(with_unit("North", first.units["x"]))
-    headed(figure, [axes], title)
+    draw_plane(axes, first, north, east)
     note = "dots: the same instants; the vessel states no length"
     if length_m is not None:
         note = f"hulls at the same instants, their length of {number_text(length_m, 3)} m to scale"
-    footnote(figure, [note])
-    return figure
+    return drawing_of("tracks", figure, [axes], title, [note]).figure
 
 
 def _limits(runs: Runs, length_m: float) -> tuple[Sample, Sample]:
@@ -140,5 +112,4 @@ def _track(
         if length_m is None:
             axes.plot(east[k], north[k], "o", color=colour, markersize=4)
         else:
-            corners = outline(north[k], east[k], psi[k], length_m)
-            axes.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
+            draw_hull(axes, north[k], east[k], psi[k], length_m, colour)

@@ -5,17 +5,16 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.frame import Queries, StoredRun
+from seatrial.runner.compare.frame import Queries, StoredRun, stored_runs
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, notes_of
-from seatrial.runner.compare.plots.request import PlotRequest, subtitle, with_run
+from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.style import (
     MUTED,
     PALETTE,
     REFERENCE,
     Drawing,
-    footnote,
-    headed,
+    drawing_of,
     panels,
 )
 from seatrial.runner.export.manoeuvre_tracks import (
@@ -32,6 +31,7 @@ FIGURE = Figure(
     "manoeuvre",
     "Turning circle or zig-zag of a run, with its measures.",
     "a recording of a manoeuvre of a steered vessel",
+    ("run",),
     caption="Manoeuvre",
     place=16,
 )
@@ -39,10 +39,9 @@ FIGURE = Figure(
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw the newest run of each vessel and excitation that is a manoeuvre, or one run."""
-    condition, _ = results.selected(request.where, request.sweep, request.tag)
-    if request.run is not None:
-        condition = with_run(results.where(request.where), request.run)
-    newest = newest_manoeuvres(results, results.runs(condition), ("turn", "zigzag"))
+    newest = newest_manoeuvres(
+        results, stored_runs(request.trials(results, [], False)), ("turn", "zigzag")
+    )
     drawn = [_drawing(run, recorded) for run, recorded in newest]
     if not drawn:
         raise ConfigurationError(
@@ -68,9 +67,8 @@ def _drawing(run: StoredRun, recorded: Recorded) -> Drawing:
         _zigzag(axes[0], track, result.measures)
         helm, turned = abs(result.measures.helm_deg), result.measures.turn_deg
         title = f"Zig-zag {round(helm)}/{round(turned)}"
-    headed(figure, axes, f"{title}, {subtitle(run)}")
-    footnote(figure, notes_of(result))
-    return Drawing(f"manoeuvre-run-{run.id}", figure)
+    name, title = f"manoeuvre-run-{run.id}", f"{title}, {subtitle(run)}"
+    return drawing_of(name, figure, axes, title, notes_of(result))
 
 
 def _circle(axes: Axes, track: Track, measures: Turn) -> None:

@@ -9,23 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.frame import Queries, ordered
+from seatrial.runner.compare.frame import Queries, StoredDiagnostic, ordered
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
-from seatrial.runner.compare.plots.style import (
-    PALETTE,
-    Drawing,
-    footnote,
-    headed,
-    marker_of,
-    panels,
-)
+from seatrial.runner.compare.plots.style import PALETTE, Drawing, drawing_of, marker_of, panels
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(
     "orders",
     "Force MSE over model order; the selected orders are marked.",
     "diagnostic order_mse, as of identifier=plsr",
+    ("run", "rows", "columns", "dof", "facet", "pool"),
     caption="Error over model order",
     each="dof",
     place=2,
@@ -64,7 +58,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     if not dofs:
         return None
     figure, axes = panels(1, len(dofs), max(3.6, 5.0 / len(dofs)), 3.8)
-    rows, columns = ordered(row for row, _ in curves), ordered(column for _, column in curves)
+    rows, columns = (ordered(levels) for levels in zip(*curves, strict=True))
     for panel, dof in zip(axes, dofs, strict=True):
         for (row, column), by_dof in sorted(curves.items()):
             if dof in by_dof:
@@ -77,10 +71,8 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
         panel.set_yscale("log")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         _limit(panel, [by_dof[dof] for by_dof in curves.values() if dof in by_dof])
-    identifiers = ", ".join(rows)
-    headed(figure, axes, facet.title(f"Force MSE over model order, {identifiers}"))
-    footnote(figure, _notes(curves))
-    return Drawing(facet.file("orders"), figure)
+    title = facet.title(f"Force MSE over model order, {', '.join(rows)}")
+    return drawing_of(facet.file("orders"), figure, axes, title, _notes(curves))
 
 
 def _curves(
@@ -88,37 +80,27 @@ def _curves(
 ) -> Mapping[tuple[str, str], Mapping[str, Curves]]:
     """Curves by (row, column) and degree of freedom."""
     diagnostics = results.diagnostics(facet.runs, NAMES, facet.condition)
-    groups: dict[tuple[str, str], dict[str, list[list[tuple[int, float, str, str]]]]] = {}
-    chosen: dict[tuple[str, str, str], list[int]] = {}
+    groups: dict[tuple[str, str], dict[str, list[StoredDiagnostic]]] = {}
     for run in facet.runs:
-        key = (run.levels[request.rows], run.levels[request.columns])
         rows = diagnostics[run.id]
+        key = (run.levels[request.rows], run.levels[request.columns])
         for dof in {row.dof for row in rows if row.name == NAMES[0] and row.i is not None}:
-            points = [
-                (int(row.i), np.nan if row.value is None else row.value, row.unit, row.label or "")
-                for row in rows
-                if row.name == NAMES[0] and row.dof == dof and row.i is not None
-            ]
-            groups.setdefault(key, {}).setdefault(dof, []).append(points)
-        for row in rows:
-            if row.name == NAMES[1] and row.value is not None:
-                chosen.setdefault((*key, row.dof), []).append(int(row.value))
+            own = groups.setdefault(key, {}).setdefault(dof, [])
+            own += [row for row in rows if row.dof == dof]
     return {
-        key: {dof: _joined(lines, chosen.get((*key, dof), [])) for dof, lines in by_dof.items()}
-        for key, by_dof in groups.items()
+        key: {dof: _joined(rows) for dof, rows in by_dof.items()} for key, by_dof in groups.items()
     }
 
 
-def _joined(
-    lines: Sequence[Sequence[tuple[int, float, str, str]]], selected: Sequence[int]
-) -> Curves:
-    orders = sorted({point[0] for line in lines for point in line})
-    mse = np.full((len(lines), len(orders)), np.nan)
-    for row, line in enumerate(lines):
-        for order, value, _, _ in line:
-            mse[row, orders.index(order)] = value
-    _, _, unit, label = lines[0][0]
-    return Curves(orders, mse, selected, unit, label)
+def _joined(rows: Sequence[StoredDiagnostic]) -> Curves:
+    """Return the curves of all runs of a group in one degree of freedom."""
+    points = [row for row in rows if row.name == NAMES[0] and row.i is not None]
+    runs, orders = (sorted({getattr(row, name) for row in points}) for name in ("run_id", "i"))
+    mse = np.full((len(runs), len(orders)), np.nan)
+    for row in points:
+        mse[runs.index(row.run_id), orders.index(row.i)] = row.value
+    selected = [int(row.value) for row in rows if row.name == NAMES[1] and row.value is not None]
+    return Curves(orders, mse, selected, points[0].unit, points[0].label or "")
 
 
 def _line(axes: Axes, curves: Curves, colour_index: int, style: str, label: str) -> None:
@@ -131,14 +113,9 @@ def _line(axes: Axes, curves: Curves, colour_index: int, style: str, label: str)
     for order in sorted(set(curves.selected)):
         if order in curves.orders:
             axes.plot(
-                [order],
-                [middle[curves.orders.index(order)]],
-                marker_of(colour_index),
-                color=colour,
-                markeredgecolor="black",
-                markersize=7,
-                zorder=3,
-            )
+                [order], [middle[curves.orders.index(order)]], marker_of(colour_index),
+                color=colour, markeredgecolor="black", markersize=7, zorder=3,
+            )  # fmt: skip
 
 
 def _limit(axes: Axes, curves: Sequence[Curves]) -> None:

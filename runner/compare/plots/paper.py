@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import pairwise
-from math import ceil
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
@@ -89,22 +88,6 @@ def columns_of(columns: int) -> int:
     """Return how many panels stand side by side, of those that do on the screen."""
     paper = _width.get()
     return columns if paper is None else max(1, min(columns, int(paper / PANEL_INCH)))
-
-
-def stacked(chart: Figure, rows: int, columns: int, share_x: bool) -> list[Axes]:
-    """Return rows x columns axes by row; those of too wide a row stand below each other."""
-    abreast = columns_of(columns)
-    bands = ceil(columns / abreast)
-    grid = chart.add_gridspec(rows * bands, abreast)
-    axes: list[Axes] = []
-    for i in range(rows * columns):
-        row, column = divmod(i, columns)
-        band, place = divmod(column, abreast)
-        first = axes[0] if axes and share_x else None
-        axes.append(chart.add_subplot(grid[band * rows + row, place], sharex=first))
-        if share_x and row < rows - 1:
-            axes[-1].tick_params(labelbottom=False)
-    return axes
 
 
 def fit(chart: Figure) -> None:

@@ -18,20 +18,14 @@ from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
-from seatrial.runner.compare.plots.style import (
-    PALETTE,
-    Drawing,
-    footnote,
-    headed,
-    marker_of,
-    panels,
-)
+from seatrial.runner.compare.plots.style import PALETTE, Drawing, drawing_of, marker_of, panels
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(
     "pareto",
     "The Pareto set of a multi-objective identification.",
     "diagnostic pareto_objective, as of identifier=nsga2",
+    ("run", "rows", "columns", "facet"),
     caption="Pareto set",
     place=4,
 )
@@ -84,12 +78,11 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     axes = axes[: len(pairs)]
     for panel, pair in zip(axes, pairs, strict=True):
         _panel(panel, fronts, names, pair)
-    headed(figure, axes, facet.title("Pareto set"))
     seeds = "; one front for each run" if len(fronts) > 1 else ""
     left_out = f"; {len(pairs)} of {len(all_pairs)} pairs" if len(pairs) < len(all_pairs) else ""
     moved = "; diamond: what the polish made of it" if any(map(_moved, fronts)) else ""
-    footnote(figure, [f"circle: the chosen point{moved}{seeds}{left_out}"])
-    return Drawing(facet.file("pareto"), figure)
+    notes = [f"circle: the chosen point{moved}{seeds}{left_out}"]
+    return drawing_of(facet.file("pareto"), figure, axes, facet.title("Pareto set"), notes)
 
 
 class _Front(NamedTuple):

@@ -5,6 +5,8 @@ measured values lie at that level, by what the data leave open of its parameters
 error.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -13,14 +15,13 @@ from seatrial.runner.compare.benchmark.scores import half_width
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
+from seatrial.runner.compare.plots.request import PlotRequest, diagnostics_of, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     REFERENCE,
     Drawing,
     beside,
-    footnote,
-    headed,
+    drawing_of,
     panels,
 )
 from seatrial.runner.compare.statistics import Sample
@@ -31,32 +32,40 @@ FIGURE = Figure(
     "prediction",
     "Velocities of one run, measured and predicted in a free run over the held-out part.",
     "series prediction",
+    ("run", "dof", "facet", "band"),
     caption="Free run of the newest run's models over the held-out part",
     place=17,
 )
 
-MODELS = (("nominal", "nominal"), ("identified", "identified"))
+MODELS = ("nominal", "identified")
 ROOM = 3.0  # standard deviations of the measured velocity around its range that are shown
+Line = tuple[str, Sample, str]  # label, values over time, colour
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level), one panel for each DOF."""
     return [
-        _drawing(results, request, run) for run, _ in each_run(results, request, ["prediction"])
+        _drawing(results, request, run, series_of["prediction"])
+        for run, series_of in each_run(results, request, ("prediction",))
     ]
 
 
-def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
-    series = results.reader.series(run.id, "prediction")
+def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
     dofs = request.shown(lambda dof: dof in series.columns)
     if not dofs:
         raise ConfigurationError(f"plot prediction: run {run.id} has no prediction of these DOFs")
     names = dofs if request.band is None else _banded(series, dofs, request.band, run)
     figure, axes = panels(len(names), 1, 8.0, 2.3, share_x=True)
     for panel, name in zip(axes, names, strict=True):
-        _panel(panel, series, name, request.band)
+        lines = [
+            (model, series.columns[f"{name}_{model}"], MODEL_COLOURS[model])
+            for model in MODELS
+            if f"{name}_{model}" in series.columns
+        ]
+        if request.band is not None:
+            _band(panel, series, name, request.band)
+        draw_motion(panel, series, name, lines)
     axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
-    headed(figure, axes, f"Free run, {subtitle(run)}")
     begins = "the first measured state"
     if np.sum(series.columns["start"]) > 1:
         begins += " of each piece"
@@ -66,8 +75,10 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
             f"band: {request.band:g} % of what is measured, by what the data leave open of the"
             " parameters, the model error and the noise"
         )
-    footnote(figure, notes)
-    return Drawing(f"prediction-run-{run.id}", figure)
+    reasons = diagnostics_of(results, run, ("no_prediction",))
+    notes += [f"no prediction: {row.label}" for row in reasons]
+    title = f"Free run, {subtitle(run)}"
+    return drawing_of(f"prediction-run-{run.id}", figure, axes, title, notes)
 
 
 def _banded(series: Series, dofs: list[str], band: float, run: StoredRun) -> list[str]:
@@ -84,32 +95,41 @@ def _banded(series: Series, dofs: list[str], band: float, run: StoredRun) -> lis
     return names
 
 
-def _panel(axes: Axes, series: Series, dof: str, band: float | None) -> None:
-    measured, starts = series.columns[dof], series.columns["start"] > 0.0
-    lines = [("measured", measured, REFERENCE)]
-    for model, label in MODELS:
-        values = series.columns.get(f"{dof}_{model}")
-        if values is not None:
-            lines.append((label, values, MODEL_COLOURS[model]))
-    for label, values, colour in lines:
-        # With a gap before each piece, so that no line joins two pieces.
-        gaps = np.flatnonzero(starts)[1:]
-        t, shown = (np.insert(each, gaps, np.nan) for each in (series.columns["t"], values))
-        axes.plot(t, shown, color=colour, label=label, linewidth=0.9, alpha=0.9)
-        if band is not None and label == "identified":
-            half = half_width(series.columns[f"{dof}_{IDENTIFIED_STD}"], 0.01 * band)
-            half = np.insert(half, gaps, np.nan)
-            label = f"{band:g} % band"
-            axes.fill_between(
-                t, shown - half, shown + half, color=colour, alpha=0.2, linewidth=0, label=label
-            )
-    margin = ROOM * float(np.std(measured)) or 1.0  # a free run that runs away leaves the panel
-    axes.set_ylim(
-        *np.clip(axes.get_ylim(), np.min(measured) - margin, np.max(measured) + margin).tolist()
-    )
-    axes.set_ylabel(with_unit(dof.capitalize(), series.units[dof]))
+def _band(axes: Axes, series: Series, name: str, band: float) -> None:
+    """Draw the band of the identified model at a level [%]."""
+    half = half_width(series.columns[f"{name}_{IDENTIFIED_STD}"], 0.01 * band)
+    t, shown, half = with_gaps(series, series.columns[f"{name}_identified"], half)
+    axes.fill_between(
+        t, shown - half, shown + half, color=MODEL_COLOURS["identified"], alpha=0.2, linewidth=0,
+        label=f"{band:g} % band",
+    )  # fmt: skip
+
+
+def draw_motion(
+    axes: Axes, series: Series, name: str, lines: Sequence[Line], every: int = 1
+) -> None:
+    """Draw a measured motion and predictions of it over time, with their FIT at the right.
+
+    `series` has the time, the pieces and the measured motion in the column `name`. A prediction
+    that runs away leaves the panel. Of long series only each sample of number `every` is drawn.
+    """
+    measured = series.columns[name]
+    for label, values, colour in [("measured", measured, REFERENCE), *lines]:
+        t, shown = with_gaps(series, values)
+        chosen = (np.arange(len(t)) % every == 0) | np.isnan(shown)
+        axes.plot(t[chosen], shown[chosen], color=colour, label=label, linewidth=0.9, alpha=0.9)
+    margin = ROOM * float(np.std(measured)) or 1.0
+    low, high = float(np.min(measured)) - margin, float(np.max(measured)) + margin
+    axes.set_ylim(*np.clip(axes.get_ylim(), low, high).tolist())
+    axes.set_ylabel(with_unit(name.capitalize(), series.units[name]))
     axes.margins(x=0)
-    beside(axes, [(_end(v), f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines[1:]])
+    beside(axes, [(_end(v), f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines])
+
+
+def with_gaps(series: Series, *signals: Sample) -> list[Sample]:
+    """Return time and signals with NaN before each piece, so that no line joins two pieces."""
+    gaps = np.flatnonzero(series.columns["start"] > 0.0)[1:]
+    return [np.insert(values, gaps, np.nan) for values in (series.columns["t"], *signals)]
 
 
 def _end(values: Sample) -> float:

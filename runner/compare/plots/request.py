@@ -1,7 +1,4 @@
-"""The request of a figure, and the selection of its runs.
-
-The sailed missions of one run, for the figures of deployments.
-"""
+"""The request of a figure, the runs that it selects, and the series that they have stored."""
 
 import re
 from collections import defaultdict
@@ -26,14 +23,17 @@ from seatrial.runner.compare.frame import (
     ordered,
     stored_runs,
 )
-from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Series
-from seatrial.runner.record.vocabulary import DOF_ORDER
+from seatrial.runner.record.vocabulary import DOF_ORDER, NOT_STARTED
 
 Drawing = TypeVar("Drawing")
+Choice = Callable[[Queries, Sequence[StoredRun], Condition], StoredRun]
+Voyages = Mapping[str, Series]  # deployments by model, or the recording
+PREFIX = "deployment_"
+DEPLOYMENTS = (f"{PREFIX}nominal", f"{PREFIX}identified")
 LONGEST_STEM = 150  # characters of a file name; file systems take 255 bytes
 
 
@@ -43,7 +43,7 @@ class PlotRequest:
 
     run: int | None = None
     metric: str = "force_mse"
-    rows: str = "identifier"
+    rows: str = ""  # empty: the default of the kind
     columns: str = "disturbance"
     dofs: Sequence[str] = ()
     model: str = "identified"
@@ -59,20 +59,33 @@ class PlotRequest:
         """Return the requested degrees of freedom for which `has` is true, in reading order."""
         return [dof for dof in DOF_ORDER if (not self.dofs or dof in self.dofs) and has(dof)]
 
+    def condition(self, results: Queries) -> Condition:
+        """Return the condition that its runs meet."""
+        if self.run is None:
+            return results.selected(self.where, self.sweep, self.tag)[0]
+        return replace(results.where(self.where), run=self.run)
+
+    def trials(self, results: Queries, factors: Sequence[str], planned: bool) -> pd.DataFrame:
+        """Return its trials with their levels of the factors, as matplotlib can draw them."""
+        for factor in factors:
+            results.names.check(factor, "--rows/--columns/--facet")
+        attempts = self.run is not None  # the run asked for may be one that was repeated
+        return _drawable(results.trials(self.condition(results), factors, attempts, planned))
+
 
 @dataclass(frozen=True)
 class Facet:
     """The runs of one figure, and its label."""
 
-    trials: pd.DataFrame  # see `frame`
+    trials: pd.DataFrame  # see `frame`; also those that were planned and not started
     condition: Condition
     label: str = ""  # "vessel = milliampere", empty if there is one figure
     run: int | None = None  # the requested run
 
     @cached_property
     def runs(self) -> Sequence[StoredRun]:
-        """The runs as objects."""
-        return stored_runs(self.trials)
+        """The runs as objects, without the trials that were not started."""
+        return stored_runs(self.trials[self.trials["status"] != NOT_STARTED])
 
     def title(self, text: str) -> str:
         """Return the title of the figure with the vessel and the facet."""
@@ -99,9 +112,8 @@ def _drawable(trials: pd.DataFrame) -> pd.DataFrame:
     A level that is long or has control characters ends with a part of its digest, so that levels
     stay distinct.
     """
-    names = [name for name in trials if name not in NO_LEVELS]
-    drawable = {name: trials[name].cat.rename_categories(_label) for name in names}
-    return trials.assign(**drawable)
+    names = [name for name in trials if name not in ("status", *NO_LEVELS)]
+    return trials.assign(**{name: trials[name].cat.rename_categories(_label) for name in names})
 
 
 def _label(level: str) -> str:
@@ -121,24 +133,18 @@ def facets(
     `rows` are the factors of a figure with several row factors. A figure that `averages` over runs
     is drawn once for each level of what the runs of a group differ in, and for each vessel.
     """
-    condition, _ = results.selected(request.where, request.sweep, request.tag)
-    if request.run is not None:
-        condition = with_run(results.where(request.where), request.run)
-    factors = [*(rows or [request.rows]), request.columns]
-    factors += [request.facet] if request.facet is not None else []
-    for factor in factors:
-        results.names.check(factor, "--rows/--columns/--facet")
-    trials = _drawable(results.trials(condition, factors))
-    split = []
+    own = [*(rows or [request.rows]), request.columns]
+    names = [] if request.facet is None else [request.facet]
+    trials = request.trials(results, [*own, *names], planned=True)
     if averages and "all" not in request.pool:
-        split = _unlike(results, trials, factors, request)
-        if "vessel" not in (*factors, *split, *request.pool):
-            split += ["vessel"] if trials["vessel"].nunique() > 1 else []
-    names = [*([] if request.facet is None else [request.facet]), *split]
-    if split:
-        trials = _drawable(results.trials(condition, [*factors, *split]))
+        split = _unlike(results, trials, [*own, *names], request)
+        if trials["vessel"].nunique() > 1 and "vessel" not in (*own, *names, *split, *request.pool):
+            split.append("vessel")
+        names += split
+        trials = request.trials(results, [*own, *names], planned=True) if split else trials
+    condition = request.condition(results)
     if not names:
-        return [Facet(trials, condition, "", request.run)]
+        return [Facet(trials, condition, run=request.run)]
     parts = dict(iter(trials.groupby(names, observed=True)))
     ranks = [ordered(levels) for levels in zip(*parts, strict=True)]
     return [
@@ -182,71 +188,39 @@ def each_facet(
     return drawings
 
 
-def newest_with(
-    results: Queries, facet: Facet, names: Sequence[str]
-) -> tuple[StoredRun, Sequence[StoredDiagnostic]] | None:
-    """Return the newest run with the diagnostic `names[0]` and its diagnostics of these names.
-
-    The result is None if no run of the facet has it.
-    """
-    diagnostics = results.diagnostics(facet.runs, names, facet.condition)
-    for run in reversed(facet.runs):
-        if any(row.name == names[0] for row in diagnostics[run.id]):
-            return run, diagnostics[run.id]
-    return None
-
-
-def with_run(condition: Condition, run: int) -> Condition:
-    """Restrict the condition to one run."""
-    return replace(condition, run=run)
-
-
-Choice = Callable[[Queries, Sequence[StoredRun], Condition], StoredRun]
+def diagnostics_of(
+    results: Queries, run: StoredRun, names: Sequence[str]
+) -> Sequence[StoredDiagnostic]:
+    """Return the diagnostics of one run with these names."""
+    return results.diagnostics([run], names, Condition(run=run.id))[run.id]
 
 
 def each_run(
     results: Queries,
     request: PlotRequest,
     kinds: Sequence[str],
-    column: str | None = None,
     typical: Choice = lambda results, runs, condition: runs[-1],  # the newest
-) -> list[tuple[StoredRun, list[str]]]:
-    """Return the runs of figures over time, and which of the series `kinds` each run has.
+) -> list[tuple[StoredRun, dict[str, Series]]]:
+    """Return the runs of figures over time, and those of the series `kinds` that each run has.
 
     The run is the requested one, else the newest finished run that meets --where and has such a
-    series (with the given column); with --facet it is the newest run of each level. `typical` may
-    choose another one of these runs, which are ordered by age.
+    series; with --facet it is the newest run of each level. `typical` may choose another one of
+    these runs, which are ordered by age.
     """
-    condition, _ = results.selected(request.where, request.sweep, request.tag)
-    if request.run is not None:
-        condition = with_run(results.where(request.where), request.run)
-    facet = request.facet
-    if facet is not None:
-        results.names.check(facet, "--rows/--columns/--facet")
-    factors = [] if facet is None else [facet]
-    superseded = request.run is not None
-    runs = stored_runs(_drawable(results.trials(condition, factors, superseded)))
+    condition, facet = request.condition(results), request.facet
     stored = results.series_columns(condition)
-    candidates: dict[str, list[tuple[StoredRun, list[str]]]] = defaultdict(list)
-    for run in runs:
-        available = {k: stored[run.id][k] for k in kinds if k in stored.get(run.id, ())}
-        available = {
-            kind: names for kind, names in available.items() if column is None or column in names
-        }
-        if available and (request.run is not None or run.status == FINISHED):
-            level = run.levels[facet] if facet is not None else ""
-            candidates[level].append((run, list(available)))
+    candidates: dict[str, list[StoredRun]] = defaultdict(list)
+    for run in stored_runs(request.trials(results, [facet] if facet else [], planned=False)):
+        has = any(kind in stored.get(run.id, ()) for kind in kinds)
+        if has and (request.run is not None or run.status == FINISHED):
+            candidates[run.levels[facet] if facet is not None else ""].append(run)
     if not candidates:
-        subject = f"run {request.run}" if request.run is not None else "no finished run"
-        verb = "has no" if request.run is not None else "that matches has a"
-        suffix = f" with {column}" if column else ""
-        raise ConfigurationError(f"plot: {subject} {verb} series {' or '.join(kinds)}{suffix}")
-    chosen = []
-    for level in ordered(candidates):
-        has = {run.id: names for run, names in candidates[level]}
-        run = typical(results, [run for run, _ in candidates[level]], condition)
-        chosen.append((run, has[run.id]))
-    return chosen
+        subject = "no finished run that matches has a" if request.run is None else (
+            f"run {request.run} has no")  # fmt: skip
+        raise ConfigurationError(f"plot: {subject} series {' or '.join(kinds)}")
+    chosen = [typical(results, candidates[level], condition) for level in ordered(candidates)]
+    read = results.reader.series
+    return [(run, {k: read(run.id, k) for k in kinds if k in stored[run.id]}) for run in chosen]
 
 
 def subtitle(run: StoredRun) -> str:
@@ -256,50 +230,36 @@ def subtitle(run: StoredRun) -> str:
     return f"run {run.id}: {levels}, seed {run.levels['seed']}"
 
 
-PREFIX = "deployment_"
-KINDS = ("deployment_nominal", "deployment_identified")
-Voyages = Mapping[str, Series]
+def in_plane(run: StoredRun, what: str, series_of: Voyages) -> Voyages:
+    """Return the voyages of a run; raises ConfigurationError if one has no track in the plane."""
+    for series in series_of.values():
+        missing = [name for name in ("t", "x", "y") if name not in series.columns]
+        if missing:
+            raise ConfigurationError(
+                f"{what}: run {run.id} has no {missing[0]} in its series {series.kind}; it needs a"
+                " vessel that moves in the plane"
+            )
+    return series_of
 
 
-def voyages(
-    results: Queries, request: PlotRequest, what: str, instead: str | None = None
-) -> list[tuple[StoredRun, Voyages]]:
-    """Return the runs, one for each figure, and their sailed missions by model.
+def distinct(
+    results: Queries, run: StoredRun, series_of: Mapping[str, Series]
+) -> tuple[Voyages, list[str]]:
+    """Return the deployments of a run by model, and notes on the models that are not among them.
 
-    A run without a deployment uses the series `instead`. `what` names the figure in the error
-    message. Of two equal voyages it is the first. Raises ConfigurationError if there is no such
-    series or no motion in the plane.
+    The deployment of the identified model is left out if it is that of the nominal one, as it is
+    without identification. Of a model that was not deployed the note says why.
     """
-    kinds = KINDS if instead is None else (*KINDS, instead)
-    return [
-        (
-            run,
-            distinct(
-                _planar_series(results, run, what, [k for k in stored if k in KINDS] or stored)
-            ),
-        )
-        for run, stored in each_run(results, request, kinds)
-    ]
-
-
-def of_identified(results: Queries, run: StoredRun, missions: Voyages) -> list[str]:
-    """Say why only the nominal model is drawn: the identified one sails alike, or did not sail."""
-    if list(missions) != ["nominal"]:
-        return []
-    if any(file.kind == f"{PREFIX}identified" for file in results.reader.series_files(run.id)):
-        return ["the identified model sails the same track"]
-    return [results.reader.run(run.id).note or "the identified model did not sail"]
-
-
-def distinct(series_of: Voyages) -> Voyages:
-    """Leave out the voyage of the identified model if it is that of the nominal one.
-
-    So it is without identification, and if nothing is taken from the model.
-    """
-    pair = [series_of.get(name) for name in ("nominal", "identified")]
-    if pair[0] is None or pair[1] is None or not _equal(pair[0], pair[1]):
-        return series_of
-    return {"nominal": pair[0]}
+    voyages = {kind.removeprefix(PREFIX): series for kind, series in series_of.items()}
+    nominal, identified = voyages.get("nominal"), voyages.get("identified")
+    if nominal is None and identified is None:
+        return voyages, []
+    if nominal is not None and identified is not None and _equal(nominal, identified):
+        del voyages["identified"]
+        return voyages, ["the identified model sails the same track"]
+    reason = results.reader.run(run.id).note
+    absent = [model for model in ("nominal", "identified") if model not in voyages]
+    return voyages, [reason or f"the {model} model did not sail" for model in absent]
 
 
 def _equal(first: Series, second: Series) -> bool:
@@ -307,20 +267,3 @@ def _equal(first: Series, second: Series) -> bool:
         np.array_equal(first.columns[name], second.columns[name], equal_nan=True)
         for name in first.columns
     )
-
-
-def _planar_series(results: Queries, run: StoredRun, what: str, kinds: Sequence[str]) -> Voyages:
-    series_of = {kind.removeprefix(PREFIX): results.reader.series(run.id, kind) for kind in kinds}
-    for kind, series in zip(kinds, series_of.values(), strict=True):
-        missing = [name for name in ("t", "x", "y") if name not in series.columns]
-        if missing:
-            raise ConfigurationError(
-                f"{what}: run {run.id} has no {missing[0]} in its series"
-                f" {kind}; it needs a vessel that moves in the plane"
-            )
-    return series_of
-
-
-def degrees(values: Sample) -> Sample:
-    """Convert radians to degrees."""
-    return np.asarray(np.degrees(values), dtype=np.float64)

@@ -159,18 +159,26 @@ def panels(
     """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
 
     With `share_x` all axes have the same range of x. `rigid` panels have the same height in print:
-    their lines of text need it. One panel is drawn into the axes of the caller, if there are any.
+    their lines of text need it. Panels that are too narrow in print stand below each other. One
+    panel is drawn into the axes of the caller, if there are any.
     """
     given = _GIVEN.get()
     if given is not None and rows * columns == 1:
         return cast(Figure, given.figure), [given]
     abreast = paper.columns_of(columns)
-    if abreast < columns:
-        chart = figure(abreast * width, rows * height * -(-columns // abreast), rigid)
-        return chart, paper.stacked(chart, rows, columns, share_x)
-    chart = figure(columns * width, rows * height, rigid)
-    axes = chart.subplots(rows, columns, squeeze=False, sharex="all" if share_x else "none")
-    return chart, [panel for row in axes for panel in row]
+    bands = -(-columns // abreast)
+    chart = figure(abreast * width, rows * bands * height, rigid)
+    grid = chart.subplots(rows * bands, abreast, squeeze=False, sharex="all" if share_x else "none")
+    axes = [
+        grid[column // abreast * rows + row, column % abreast]
+        for row in range(rows)
+        for column in range(columns)
+    ]
+    for spare in {*grid.flat} - {*axes}:
+        spare.remove()
+    for panel in axes[(rows - 1) * columns :]:  # the lowest of each column
+        panel.tick_params(labelbottom=True)
+    return chart, axes
 
 
 def metric_label(name: str, dof: str, unit: str | None) -> str:
@@ -276,6 +284,27 @@ def footnote(chart: Figure, notes: Sequence[str]) -> None:
     lines = [line for note in notes for line in wrap(note, width)]
     if lines:
         chart.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=MUTED)
+
+
+def drawing_of(
+    name: str, chart: Figure, axes: Sequence[Axes], title: str, notes: Sequence[str] = ()
+) -> Drawing:
+    """Return a figure with its title, its legend and its notes; `name` is that of its files."""
+    headed(chart, axes, title)
+    footnote(chart, notes)
+    return Drawing(name, chart)
+
+
+def shaded(axes: Axes, t: Sample, train: Sample) -> None:
+    """Shade the training samples; `t` [s] and `train` (0 or 1) have shape (n,)."""
+    chosen = np.concatenate([[False], train > 0, [False]])
+    for first, end in np.flatnonzero(np.diff(chosen)).reshape(-1, 2):
+        axes.axvspan(t[first], t[end - 1], color=SHADE, linewidth=0, zorder=0)
+
+
+def degrees(values: Sample) -> Sample:
+    """Convert radians to degrees."""
+    return np.asarray(np.degrees(values), dtype=np.float64)
 
 
 def save(drawing: Drawing, folder: Path, print_: bool = False) -> list[Path]:

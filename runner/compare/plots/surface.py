@@ -17,20 +17,15 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredDiagnostic
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots.request import (
-    Facet,
-    PlotRequest,
-    each_facet,
-    newest_with,
-    subtitle,
-)
-from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
+from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet, subtitle
+from seatrial.runner.compare.plots.style import Drawing, drawing_of, panels
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(
     "surface",
     "MSE over model order and number of variables.",
     "diagnostic surface_mse, as of identifier=surface_plsr",
+    ("run", "dof", "facet"),
     caption="Error over order and variables",
     place=3,
 )
@@ -48,10 +43,12 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
-    newest = newest_with(results, facet, (SURFACE, ORDER, VARIABLES))
-    if newest is None:
+    diagnostics = results.diagnostics(facet.runs, (SURFACE, ORDER, VARIABLES), facet.condition)
+    having = [r for r in facet.runs if any(row.name == SURFACE for row in diagnostics[r.id])]
+    if not having:
         return None
-    run, rows = newest
+    run = having[-1]
+    rows = diagnostics[run.id]
     dofs = request.shown(lambda d: any(o.name == SURFACE and o.dof == d for o in rows))
     if not dofs:
         raise ConfigurationError(f"plot surface: run {run.id} has no surface of these DOFs")
@@ -67,15 +64,12 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
         if len(chosen) == 2:
             place = [chosen[VARIABLES]], [chosen[ORDER]]
             panel.plot(*place, "D", color="#D55E00", mec="black", ms=9, label="selected")
-    headed(figure, axes, f"Force MSE over order and variables, {subtitle(run)}")
-    footnote(
-        figure,
-        [
-            f"contours: powers of ten; brightest: {WORST:g} times the smallest error and more; "
-            "blank: no model of that order"
-        ],
-    )
-    return Drawing(f"surface-run-{run.id}", figure)
+    notes = [
+        f"contours: powers of ten; brightest: {WORST:g} times the smallest error and more; "
+        "blank: no model of that order"
+    ]
+    title = f"Force MSE over order and variables, {subtitle(run)}"
+    return drawing_of(f"surface-run-{run.id}", figure, axes, title, notes)
 
 
 def _panel(axes: Axes, dof: str, points: Sequence[StoredDiagnostic]) -> QuadMesh:

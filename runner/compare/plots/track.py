@@ -1,45 +1,87 @@
-"""The sailed track in NED: north up, east right, equal axes, with reference, headings and wind.
+"""The track in NED: north up, east right, equal axes, with reference, headings, wind and waters.
 
-The outline of a vessel seen from above, to scale, for tracks and their animation.
+A mix of manoeuvres with a route has a panel of its own: series `plan` (poses, with the number of
+the manoeuvre, -1 on a passage) and `waters` (corners of the area and the obstacles), with the
+recorded track. `outline` and `draw_waters` are for other figures of hulls in the plane too.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import count
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
+from numpy.typing import NDArray
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.plots.excitation import EAST, NORTH
 from seatrial.runner.compare.plots.request import (
+    DEPLOYMENTS,
     PlotRequest,
     Voyages,
-    of_identified,
+    diagnostics_of,
+    distinct,
+    each_run,
+    in_plane,
     subtitle,
-    voyages,
 )
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
+    MUTED,
+    PALETTE,
     REFERENCE,
+    SHADE,
     WIND,
     Drawing,
-    footnote,
-    headed,
+    drawing_of,
     panels,
     trim,
 )
-from seatrial.runner.compare.plots.wind_force import EAST, NORTH
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import Config
 
+FIGURE = Figure(
+    "track",
+    "The sailed track of one run in the plane, with headings and wind; a mix with its plan.",
+    "series deployment_* or recording, in the plane",
+    ("run", "facet"),
+    caption="Track of the newest deployed run",
+    place=7,
+)
+
 # A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).
 HULL = np.array([[0.5, 0.0], [0.2, 0.18], [-0.5, 0.18], [-0.5, -0.18], [0.2, -0.18]])
 HULL_SHARE = 0.045  # of the extent of the track, the length of a hull whose vessel's is not known
 LEAST_SHARE = 0.02  # of the extent, the shortest hull that shows its heading
+MARKS = 24  # hulls along a track, at most
+SLENDEREST = 0.35  # smaller over larger side of the picture, at least
+ARROWS = 16  # arrows of the wind along a track, at most
+ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
+SIDE, PLAN_SIDE = 4.6, 6.4  # of a panel [inch]
+TESTING = 2.0  # the role of a manoeuvre that is held out
+STYLES = ("-", (0, (5, 1)), (0, (1, 0.6)))  # for more manoeuvres than colours
+
+
+def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
+    """Draw one figure of one run (with --facet, for each level): one panel for each model.
+
+    Models that sail alike share a panel. A run without a deployment shows the track of the
+    recording, on its plan if it has one.
+    """
+    drawn = []
+    for run, series_of in each_run(results, request, (*DEPLOYMENTS, "recording", "plan")):
+        deployed = {kind: series_of[kind] for kind in DEPLOYMENTS if kind in series_of}
+        if "plan" in series_of:
+            drawn.append(_plan(results, run, series_of["plan"], series_of["recording"]))
+        if deployed or "plan" not in series_of:
+            own, notes = distinct(results, run, deployed or {"recording": series_of["recording"]})
+            drawn.append(_drawing(results, run, in_plane(run, "plot track", own), notes))
+    return drawn
 
 
 def drawn_length(config: Config, extent_m: float) -> tuple[float, str]:
@@ -68,60 +110,48 @@ def outline(north: float, east: float, psi: float, length_m: float) -> Sample:
     return np.column_stack([easts, norths])
 
 
-FIGURE = Figure(
-    "track",
-    "The sailed track of one run in the plane, with headings and wind.",
-    "series deployment_* or recording, in the plane",
-    caption="Track of the newest deployed run",
-    place=7,
-)
-
-MARKS = 24  # hulls along a track, at most
-SLENDEREST = 0.35  # smaller over larger side of the picture, at least
-ARROWS = 16  # arrows of the wind along a track, at most
-ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
+def draw_hull(
+    axes: Axes, north: float, east: float, psi: float, length_m: float, colour: str
+) -> None:
+    """Draw the outline of a hull [m, rad] to scale."""
+    corners = outline(north, east, psi, length_m)
+    axes.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure of one run (with --facet, for each level): one panel for each model.
+def draw_plane(axes: Axes, series: Series, north: Sample, east: Sample) -> None:
+    """Give axes the limits of north and east [m], shape (2,) each, equal scales and labels."""
+    axes.set_xlim(*east)
+    axes.set_ylim(*north)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel(with_unit("East", series.units["y"]))
+    axes.set_ylabel(with_unit("North", series.units["x"]))
 
-    Models that sail alike share a panel. A run without a deployment shows the track of the
-    recording.
-    """
-    runs = voyages(results, request, "plot track", instead="recording")
-    return [_drawing(results, run, missions) for run, missions in runs]
 
-
-def _drawing(results: Queries, run: StoredRun, missions: Voyages) -> Drawing:
-    series_of = list(missions.values())
+def _drawing(results: Queries, run: StoredRun, voyages: Voyages, absent: list[str]) -> Drawing:
+    series_of = list(voyages.values())
     extent = max(float(np.ptp(limits)) for limits in _ranges(series_of))
     length, note = drawn_length(results.reader.run(run.id).config, extent)
     north, east = _limits(series_of, length)
-    side = 4.6
-    height = side * float(np.clip(np.ptp(north) / np.ptp(east), 0.45, 1.6))
-    figure, axes = panels(1, len(missions), side, height + 0.9)
-    for panel, (model, series) in zip(axes, missions.items(), strict=True):
+    height = SIDE * float(np.clip(np.ptp(north) / np.ptp(east), 0.45, 1.6))
+    figure, axes = panels(1, len(voyages), SIDE, height + 0.9)
+    for panel, (model, series) in zip(axes, voyages.items(), strict=True):
         _panel(panel, model, series, length, max(np.ptp(north), np.ptp(east)))
-        panel.set_xlim(*east)
-        panel.set_ylim(*north)
-    headed(figure, axes, f"Track, {subtitle(run)}")
+        draw_plane(panel, series, north, east)
     notes = [f"{note}, at equal distances sailed"]
-    if any(NORTH in series.columns for series in missions.values()):
+    if any(NORTH in series.columns for series in series_of):
         notes.append("arrows: direction and speed of the wind at the position of the tip")
-    notes += of_identified(results, run, missions)
-    footnote(figure, notes)
+    name, title = f"track-run-{run.id}", f"Track, {subtitle(run)}"
+    drawing = drawing_of(name, figure, axes, title, [*notes, *absent])
     trim(figure)
-    return Drawing(f"track-run-{run.id}", figure)
+    return drawing
 
 
 def _ranges(series_of: list[Series]) -> list[Sample]:
     """Return smallest and largest north and east [m], each of shape (2,)."""
     ranges = []
-    for actual, desired in (("x", "x_d"), ("y", "y_d")):
-        names = (actual, desired)
-        values = np.concatenate(
-            [v.columns[name] for v in series_of for name in names if name in v.columns]
-        )
+    for names in (("x", "x_d"), ("y", "y_d")):
+        own = [s.columns[name] for s in series_of for name in names if name in s.columns]
+        values = np.concatenate(own)
         ranges.append(np.array([np.nanmin(values), np.nanmax(values)]))
     return ranges
 
@@ -150,17 +180,13 @@ def _panel(axes: Axes, model: str, series: Series, length: float, extent: float)
     if "psi" in columns:
         for index in _equidistant(columns["x"], columns["y"], length):
             x, y, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
-            corners = outline(x, y, psi, length)
-            axes.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
+            draw_hull(axes, x, y, psi, length, colour)
     if NORTH in columns:
         _arrows(axes, series, extent)
     axes.plot(
         columns["y"][0], columns["x"][0], "o", color=REFERENCE, markersize=7, label="start",
         markeredgecolor="white", markeredgewidth=1.2, zorder=5,
     )  # fmt: skip
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel(with_unit("East", series.units["y"]))
-    axes.set_ylabel(with_unit("North", series.units["x"]))
 
 
 def _arrows(axes: Axes, series: Series, extent: float) -> None:
@@ -170,7 +196,10 @@ def _arrows(axes: Axes, series: Series, extent: float) -> None:
     middle = np.array([part[len(part) // 2] for part in parts if len(part)])
     wind = np.array([[np.mean(columns[w][p]) for w in (EAST, NORTH)] for p in parts if len(p)])
     places = np.column_stack([columns["y"][middle], columns["x"][middle]])
-    rows = _separated(places, 0.5 * ARROW_SHARE * extent)
+    rows: list[int] = []  # far enough from each other to be told apart
+    for i, place in enumerate(places):
+        if all(np.hypot(*(place - places[j])) >= 0.5 * ARROW_SHARE * extent for j in rows):
+            rows.append(i)
     strongest = float(np.max(np.hypot(*wind.T)))
     if strongest <= 0.0:
         return
@@ -182,21 +211,105 @@ def _arrows(axes: Axes, series: Series, extent: float) -> None:
     axes.plot([], [], color=WIND, marker=">", linewidth=2.0, label=label)
 
 
-def _separated(places: Sample, distance: float) -> list[int]:
-    """Return rows of places (n, 2) [m] that are at least `distance` [m] from each other."""
-    chosen: list[int] = []
-    for i, place in enumerate(places):
-        if all(np.hypot(*(place - places[j])) >= distance for j in chosen):
-            chosen.append(i)
-    return chosen
-
-
 def _equidistant(north: Sample, east: Sample, length: float) -> list[int]:
     """Return samples at equal distances along the track, so that hulls do not overlap.
 
     `length` is that of the hulls [m]; the last sample is always one of them.
     """
     sailed = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
-    count = int(np.clip(sailed[-1] / (1.2 * length), 1, MARKS))
-    marks = np.linspace(0.0, sailed[-1], count + 1)[1:]
+    number = int(np.clip(sailed[-1] / (1.2 * length), 1, MARKS))
+    marks = np.linspace(0.0, sailed[-1], number + 1)[1:]
     return sorted({int(index) for index in np.searchsorted(sailed, marks).clip(0, len(sailed) - 1)})
+
+
+def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> Drawing:
+    """Draw the planned path in its waters, manoeuvres by colour, and the recorded track."""
+    waters = results.reader.series(run.id, "waters")
+    margin = 0.03 * max(float(np.ptp(waters.columns[name])) for name in ("x", "y"))
+    north, east = (
+        np.array([np.min(waters.columns[name]) - margin, np.max(waters.columns[name]) + margin])
+        for name in ("x", "y")
+    )
+    ratio = float(np.clip(np.ptp(north) / np.ptp(east), 0.4, 1.6))
+    figure, (axes,) = panels(1, 1, PLAN_SIDE, 1.2 + 0.9 * PLAN_SIDE * ratio)
+    draw_waters(axes, waters)
+    sailed = recording.columns
+    axes.plot(sailed["y"], sailed["x"], color=MUTED, linewidth=0.9, label="sailed", zorder=2.2)
+    for i, part in enumerate(_intervals(plan.columns["manoeuvre"] < 0.0)):
+        passage = plan.columns["y"][part], plan.columns["x"][part]
+        label = None if i else "passage"
+        axes.plot(*passage, ":", color=REFERENCE, linewidth=1.2, label=label, zorder=2.5)
+    rows = diagnostics_of(results, run, ("mix_count", "plan_deviation", "sailed_clearance"))
+    names = {float(row.i): str(row.label) for row in rows if row.name == "mix_count"}
+    if not names:
+        raise ConfigurationError(f"plot track: run {run.id} has no diagnostic mix_count")
+    planned = sorted({n for n in plan.columns["manoeuvre"].tolist() if n >= 0.0})
+    for place, number in enumerate(planned):
+        _manoeuvre(axes, plan, number, place, names[number])
+    _ends(axes, plan)
+    draw_plane(axes, plan, north, east)
+    clearance = float(waters.columns["clearance"][0])
+    notes = [f"clearance of the plan: {clearance:g} m; thin: held out for testing"]
+    values = {row.name: row.value for row in rows if row.name != "mix_count"}
+    if len(values) == 2:
+        notes.append(
+            f"the vessel deviated from the plan by at most {values['plan_deviation']:.3g} m and"
+            f" came within {values['sailed_clearance']:.3g} m of an obstacle or the boundary"
+        )
+    title = f"Track and plan, {subtitle(run)}"
+    drawing = drawing_of(f"track-plan-run-{run.id}", figure, [axes], title, notes)
+    trim(figure)
+    return drawing
+
+
+def draw_waters(axes: Axes, waters: Series) -> None:
+    """Draw the area (polygon 0) in white on grey and the obstacles hatched."""
+    axes.set_facecolor(SHADE)
+    axes.grid(visible=False)
+    numbers = waters.columns["polygon"]
+    corners = np.column_stack([waters.columns["y"], waters.columns["x"]])
+    for number in np.unique(numbers):
+        polygon = Polygon(
+            corners[numbers == number], facecolor="white", edgecolor=MUTED, zorder=0.5
+        )
+        if number:
+            polygon.set(facecolor="#D9D9D9", hatch="///")
+        axes.add_patch(polygon)
+
+
+def _intervals(chosen: NDArray[np.bool_]) -> Iterator[slice]:
+    """Yield the intervals of consecutive chosen samples, each with the sample after it."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
+    return (slice(int(a), int(b) + 1) for a, b in edges.reshape(-1, 2))
+
+
+def _manoeuvre(axes: Axes, plan: Series, number: float, place: int, name: str) -> None:
+    """Draw each repetition of a manoeuvre from a dot on; thin if it is held out for testing."""
+    columns = plan.columns
+    colour, style = PALETTE[place % len(PALETTE)], STYLES[place // len(PALETTE) % len(STYLES)]
+    # the first line, which is in the legend, is thick
+    held_out = columns["role"] == TESTING
+    parts = sorted(_intervals(columns["manoeuvre"] == number), key=lambda p: held_out[p.start])
+    for i, part in enumerate(parts):
+        path = columns["y"][part], columns["x"][part]
+        axes.plot(
+            *path, color=colour, linestyle=style, linewidth=1.4 if held_out[part.start] else 2.6,
+            label=None if i else name, zorder=3,
+        )  # fmt: skip
+        axes.plot(path[0][0], path[1][0], "o", color=colour, markersize=4, zorder=3.2)
+
+
+def _ends(axes: Axes, plan: Series) -> None:
+    """Draw start and goal with their headings."""
+    columns = plan.columns
+    reach = 0.03 * max(np.ptp(columns["x"]), np.ptp(columns["y"]), 1e-9)
+    for index, label, marker, size in ((0, "start", "o", 7), (-1, "goal", "s", 12)):
+        east, north, psi = (float(columns[name][index]) for name in ("y", "x", "psi"))
+        axes.plot(
+            east, north, marker, color=REFERENCE, markersize=size, label=label, zorder=4,
+            markerfacecolor="none" if label == "goal" else REFERENCE, linestyle="none",
+        )  # fmt: skip
+        axes.annotate(
+            "", (east + 2.2 * reach * np.sin(psi), north + 2.2 * reach * np.cos(psi)),
+            (east, north), arrowprops={"arrowstyle": "->", "color": REFERENCE}, zorder=4,
+        )  # fmt: skip

@@ -3,16 +3,24 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.plots.request import PlotRequest, Voyages, degrees, subtitle, voyages
+from seatrial.runner.compare.plots.request import (
+    DEPLOYMENTS,
+    PlotRequest,
+    Voyages,
+    distinct,
+    each_run,
+    subtitle,
+)
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
     Drawing,
     beside,
-    footnote,
-    headed,
+    degrees,
+    drawing_of,
     panels,
 )
 from seatrial.runner.compare.statistics import Sample
@@ -22,6 +30,7 @@ FIGURE = Figure(
     "errors",
     "Tracking errors of one run over time.",
     "series deployment_*",
+    ("run", "facet"),
     caption="Tracking error of the newest deployed run",
     place=9,
 )
@@ -31,26 +40,31 @@ ERRORS = (("e_pos", "Position error", "m"), ("e_psi", "Heading error", "deg"))
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure of one run (with --facet, for each level): position and, if any, heading."""
-    return [_drawing(run, missions) for run, missions in voyages(results, request, "plot errors")]
+    return [
+        _drawing(run, *distinct(results, run, series_of))
+        for run, series_of in each_run(results, request, DEPLOYMENTS)
+    ]
 
 
-def _drawing(run: StoredRun, missions: Voyages) -> Drawing:
-    errors = [error for error in ERRORS if any(error[0] in v.columns for v in missions.values())]
+def _drawing(run: StoredRun, voyages: Voyages, absent: list[str]) -> Drawing:
+    errors = [error for error in ERRORS if any(error[0] in v.columns for v in voyages.values())]
+    if not errors:
+        raise ConfigurationError(f"plot errors: run {run.id} tracks no position or heading")
     figure, axes = panels(len(errors), 1, 8.0, 2.5, share_x=True)
     for panel, (name, label, unit) in zip(axes, errors, strict=True):
         panel.axhline(0.0, color="black", linewidth=0.8)
         texts = [
             _line(panel, series, name, model, unit)
-            for model, series in missions.items()
+            for model, series in voyages.items()
             if name in series.columns
         ]
         panel.margins(x=0)
         beside(panel, texts)
         panel.set_ylabel(f"{label} [{unit}]")
     axes[-1].set_xlabel("Time [s]")
-    headed(figure, axes, f"Tracking error, {subtitle(run)}")
-    footnote(figure, ["dashed, and at the right: mean absolute error (MAE)"])
-    return Drawing(f"errors-run-{run.id}", figure)
+    notes = ["dashed, and at the right: mean absolute error (MAE)", *absent]
+    name = f"errors-run-{run.id}"
+    return drawing_of(name, figure, axes, f"Tracking error, {subtitle(run)}", notes)
 
 
 def _line(axes: Axes, series: Series, name: str, model: str, unit: str) -> tuple[float, str, str]:

@@ -174,7 +174,9 @@ def fill_sailed(logbook: LogbookWriter) -> None:
     truth = [coefficient("u_dot", 1200.0, None, 1200.0), coefficient("u", 10.0, None, 10.0)]
     finish(logbook, start("nsga2", "calm"), coefficients=truth, diagnostics=_pareto(), sweep=sweep)
     finish(logbook, start("surface", "calm"), diagnostics=_surface(), sweep=sweep)
-    finish(logbook, start("dsr", "calm"), diagnostics=_spectrum(), sweep=sweep)
+    finish(
+        logbook, start("dsr", "calm"), diagnostics=_spectrum(), series=[_recording()], sweep=sweep
+    )
     finish(
         logbook,
         start("iv", "calm"),

@@ -1,6 +1,7 @@
 """What holds of a figure whatever its data: one vessel, hulls to scale, limits at their value."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -147,19 +148,75 @@ def test_an_outline_has_the_length_and_the_heading_of_the_vessel() -> None:
 def voyage(model: str, radius: float) -> Series:
     angle = 2.0 * np.pi * T / T[-1]
     columns = {"t": T, "x": radius * np.sin(angle), "y": radius * np.cos(angle), "psi": -angle}
-    columns["tau_surge"] = 2e5 * np.sin(angle)
+    columns |= {"tau_surge": 2e5 * np.sin(angle), "e_pos": np.full_like(T, 1.0)}
     columns |= {f"{name}_d": columns[name] for name in ("x", "y", "psi")}
     units = {"t": "s", "psi": "rad", "psi_d": "rad", "tau_surge": "N"}
     return Series(f"deployment_{model}", columns, dict.fromkeys(columns, "m") | units)
 
 
-def sail(identified: float, limit: float = 2.5e5) -> Fill:
+def sail(identified: float | None, limit: float = 2.5e5) -> Fill:
     def fill(logbook: LogbookWriter) -> None:
         vessel = {"length_m": 50.0, "dofs": ["surge"], "force_limits": [limit]}
-        series = [voyage("nominal", 200.0), voyage("identified", identified)]
+        series = [voyage("nominal", 200.0)]
+        series += [] if identified is None else [voyage("identified", identified)]
         stored.finish(logbook, stored.start(config={"vessel": vessel}), series=series)
 
     return fill
+
+
+def notes_of(drawing: Drawing) -> str:
+    return " ".join(drawing.figure._supxlabel.get_text().split())  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("kind", ["track", "errors", "response"])
+@pytest.mark.parametrize(
+    ("identified", "said"), [(None, "did not sail"), (200.0, "sails the same track"), (190.0, "")]
+)
+def test_a_model_that_did_not_sail_is_not_one_that_sails_alike(
+    draw: Callable[..., list[Drawing]], kind: str, identified: float | None, said: str
+) -> None:
+    (drawing,) = draw(kind, sail(identified))
+    assert ("the identified model" in notes_of(drawing)) == bool(said)
+    assert said in notes_of(drawing)
+
+
+def test_a_controller_that_was_lost_is_named_beside_those_that_sailed(
+    draw: Callable[..., list[Drawing]],
+) -> None:
+    def fill(logbook: LogbookWriter) -> None:
+        for controller in ("lqi", "mpc_integral", "pid_ff"):
+            begin = replace(stored.start(config={"by": controller}), controller=controller)
+            if controller == "pid_ff":
+                stored.fail(logbook, begin, "diverged")
+            else:
+                stored.finish(logbook, begin, series=[voyage("identified", 200.0)])
+
+    (drawing,) = draw("response", fill, rows="controller")
+    assert "not shown: pid_ff: diverged" in notes_of(drawing)
+
+
+def test_bars_mark_lost_runs_and_unstable_designs_as_tables_do(
+    draw: Callable[..., list[Drawing]],
+) -> None:
+    """Also on a logarithmic axis, and of a trial that was planned alone."""
+
+    def fill(logbook: LogbookWriter) -> None:
+        begins = [stored.start(name) for name in ("none", "ls", "plsr", "iv")]
+        plan = stored.planned(begins)
+        sweep = logbook.begin_sweep("night", "command", [], 4, trials=plan)
+        for begin, value, radius in zip(begins, (1.0, 900.0), (0.9, 1.1), strict=False):
+            metrics = [stored.tracking(value), stored.deployed("spectral_radius", radius)]
+            stored.finish(logbook, begin, metrics, sweep=sweep)
+        stored.fail(logbook, begins[2])
+
+    (drawing,) = draw("bars", fill, metric="e_pos_mae", sweep="all")
+    (axes,) = drawing.figure.axes
+    assert axes.get_yscale() == "log"
+    texts = {text.get_text(): text for text in axes.texts}
+    assert texts.keys() == {"‡", "1 failed", "1 not started"}
+    assert "‡ the controller is not stable" in notes_of(drawing)
+    frame = axes.get_window_extent()
+    assert all(frame.overlaps(text.get_window_extent()) for text in texts.values())
 
 
 def test_forces_of_ships_are_in_kilonewtons_with_their_limits(
@@ -193,7 +250,7 @@ def test_inputs_of_a_steered_vessel_have_an_excitation(draw: Callable[..., list[
     assert np.max(lines["acting"]) == pytest.approx(18.0)
     limits = [line.get_ydata()[0] for line in helm.lines if line.get_label() == "limit"]
     assert limits == pytest.approx([-35.0, 35.0])
-    assert "constant: n 10.0 1/s" in drawing.figure._supxlabel.get_text()  # type: ignore[attr-defined]
+    assert "constant: n 10.0 1/s" in notes_of(drawing)
 
 
 def test_a_steered_vessel_responds_with_heading_and_inputs(

@@ -7,6 +7,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, PartError
 from seatrial.runner.compare import figures
+from seatrial.runner.compare.plots.request import PlotRequest
 from tests.runner.compare.conftest import Program
 
 ELSEWHERE = '''
@@ -29,7 +30,7 @@ def test_what_is_read_from_a_file_is_what_it_declares() -> None:
     for figure, name in figures._declared().values():
         module = import_module(name)
         assert figure == module.FIGURE
-        assert figures.drawings_of(figure.name) is module.drawings
+        assert callable(module.drawings)
 
 
 def test_the_help_lists_every_figure(program: Program) -> None:
@@ -76,4 +77,22 @@ def test_a_fault_in_a_module_from_elsewhere_is_its_own(
         figures.figure_of("faulty_figures.one")
     (tmp_path / "faulty_figures" / "two.py").write_text("def drawings(*_):\n    return 1 / 0\n")
     with pytest.raises(PartError, match=r"faulty_figures\.two\.drawings: ZeroDivisionError: "):
-        figures.drawings_of("faulty_figures.two")(None, None)  # type: ignore[arg-type]
+        figures.drawings_of("faulty_figures.two")(None, PlotRequest())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("controllers",), "controllers is gone: use plot response --rows controller"),
+        (("spectrum",), "spectrum is gone: use plot excitation"),
+        (
+            ("track", "--band", "90"),
+            "--band: not an option of this figure, expected --run",
+        ),
+    ],
+)
+def test_what_a_figure_does_not_have_is_one_line(
+    program: Program, plain: Path, words: tuple[str, ...], said: str
+) -> None:
+    code, _, err = program("plot", *words, "--database", f"sqlite:///{plain}/results.db")
+    assert (code, err.count("\n"), said in err) == (2, 1, True), err

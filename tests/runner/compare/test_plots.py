@@ -164,31 +164,36 @@ def recorded(tmp_path: Path) -> Iterator[Queries]:
 
 
 def test_wind_of_a_recording_has_speed_direction_and_force(recorded: Queries) -> None:
-    speed, direction, surge, yaw = axes_of("wind", recorded)
+    *_, speed, direction, force, moment = axes_of("excitation", recorded)
     np.testing.assert_allclose(speed.lines[0].get_ydata(), 10.0)
     blown = direction.lines[0].get_ydata()
     assert np.mean(blown) == pytest.approx(350.0, abs=1.0)
     assert np.max(blown) > 360.0  # no jump to 0
-    assert surge.get_ylabel() == "Surge [N]"
-    assert "force" in [line.get_label() for line in surge.lines]
-    np.testing.assert_array_equal(yaw.lines[1].get_ydata(), -4.0)
-    assert yaw.texts[0].get_text() == "-4.00 ± 0 Nm"
-    (_, _, only) = axes_of("wind", recorded, dofs=("yaw",))
-    assert only.get_ylabel() == "Yaw [Nm]"
+    assert [panel.get_ylabel() for panel in (force, moment)] == [
+        "Wind force [N]",
+        "Wind moment [Nm]",
+    ]
+    assert "wind, surge" in [line.get_label() for line in force.lines]
+    np.testing.assert_array_equal(moment.lines[1].get_ydata(), -4.0)
+    assert moment.texts[0].get_text() == "-4.00 ± 0 Nm"
+    *_, only = axes_of("excitation", recorded, dofs=("yaw",))
+    assert only.get_ylabel() == "Wind moment [Nm]"
 
 
-def test_wind_of_a_mission_is_not_that_of_the_recording(voyages: Queries) -> None:
-    speed, direction, surge, sway = axes_of("wind", voyages, run=1)
-    np.testing.assert_allclose(np.unique(speed.lines[0].get_ydata()), [4.0, 8.0])
-    assert sorted(np.unique(direction.lines[0].get_ydata())) == [90.0, 180.0]
-    assert sway.get_xlim() == (0.0, 199.5)  # of the mission
-    labels = [line.get_label() for line in surge.lines[1:]]
-    assert labels == [f"force, sailed with {model} model" for model in ("nominal", "identified")]
+def test_singular_values_are_filled_within_the_order_beside_the_eigenvalues(
+    voyages: Queries,
+) -> None:
+    *_, singular, eigenvalues = axes_of("excitation", voyages, where="identifier=dsr")
+    every, filled = singular.lines
+    assert [len(every.get_xdata()), len(filled.get_xdata())] == [8, 3]
+    assert every.get_ydata()[0] == pytest.approx(np.exp(-1.0))
+    assert eigenvalues.get_aspect() == 1.0
+    np.testing.assert_allclose(eigenvalues.lines[0].get_xydata()[1], [0.9, -0.2])
 
 
 def test_an_excitation_stands_against_the_limits_with_its_spectrum(voyages: Queries) -> None:
     (drawing,) = drawings("excitation", voyages, run=1)
-    surge, spectrum, yaw, _ = drawing.figure.axes
+    surge, spectrum, yaw, *_ = drawing.figure.axes
     assert surge.get_title(loc="left") == "peak 90.0 N, 90% of the limit"
     limits = [line.get_ydata()[0] for line in surge.lines if line.get_label() == "limit"]
     assert limits == [-100.0, 100.0]
@@ -223,10 +228,11 @@ def test_coefficients_are_relative_to_the_truth_with_their_intervals(voyages: Qu
     ticks = [label.get_text() for label in surge.get_yticklabels()]
     assert ticks == ["u_dot: 1195 kg", "u: 13.80 kg/s", "|u|u: 55.00 kg/m"]  # u^3 is truly zero
     assert sway.get_xlabel() == "relative to the estimate"
-    (container,) = surge.containers
-    mark, _, (whiskers,) = container.lines
-    assert mark.get_xdata()[1] == pytest.approx(15.0 / 13.8)
-    low, high = whiskers.get_segments()[1][:, 0]
+    marks = {line.get_label(): line for line in surge.lines if line.get_marker() == "o"}
+    assert list(marks) == ["ls"]  # the last one is of |u|u
+    spans = [line.get_xdata() for line in surge.lines if line.get_linestyle() == "--"]
+    low, high = spans[1]
+    assert 0.5 * (low + high) == pytest.approx(15.0 / 13.8)
     assert (high - low) / 2.0 == pytest.approx(1.959964 * 3.0 / 13.8, rel=1e-6)
     assert any("→" in text.get_text() for text in surge.texts)  # 9000 of 55 is off the axis
 
@@ -237,16 +243,17 @@ def test_an_interval_that_does_not_cover_is_not_drawn_as_one_that_does(tmp_path:
         for identifier, of_estimate in (("iv", False), ("ridge", True)):
             diagnostics = [stored.interval(of_estimate)]
             stored.finish(logbook, stored.start(identifier), (), found, diagnostics)
-    styles, notes = {}, {}
+    styles, legends = {}, {}
     with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
         for identifier in ("iv", "ridge"):
-            where = f"identifier={identifier}"
-            (one,) = drawings_of("coefficients")(opened, PlotRequest(where=where))
-            (whiskers,) = one.figure.axes[0].containers[0].lines[2]
-            styles[identifier] = whiskers.get_linestyle()[0][1] is not None  # dashed
-            note = " ".join(one.figure._supxlabel.get_text().split())
-            notes[identifier] = "interval of the estimate, not of the coefficient" in note
-    assert styles == notes == {"iv": False, "ridge": True}
+            (axes,) = axes_of("coefficients", opened, where=f"identifier={identifier}")
+            (interval,) = [line for line in axes.lines if np.ptp([*line.get_xdata(), 1.0]) > 0.02
+                           and len(line.get_xdata()) == 2]  # fmt: skip
+            styles[identifier] = interval.get_linestyle()
+            _, labels = axes.get_legend_handles_labels()
+            legends[identifier] = [label for label in labels if "95 %" in label]
+    assert styles == {"iv": "-", "ridge": "--"}
+    assert legends == {"iv": ["95 % interval"], "ridge": ["95 % interval, without bias"]}
 
 
 def test_a_damaged_series_file_is_named(sailed: Path, tmp_path: Path) -> None:
@@ -267,8 +274,8 @@ def test_a_folder_that_cannot_be_written_is_one_line(voyages: Queries, tmp_path:
         draw("bars", voyages, PlotRequest(), tmp_path / "file" / "figures")
 
 
-def test_a_plan_shows_what_is_sailed_and_what_is_in_the_way(voyages: Queries) -> None:
-    (axes,) = axes_of("plan", voyages)
+def test_the_track_of_a_mix_shows_its_plan_and_what_is_in_the_way(voyages: Queries) -> None:
+    (axes,) = axes_of("track", voyages, where="identifier=iv")
     _, labels = axes.get_legend_handles_labels()
     assert sorted(labels) == ["goal", "multisine", "passage", "sailed", "start", "zigzag_10"]
     width = {line.get_label(): line.get_linewidth() for line in axes.lines}

@@ -1,4 +1,4 @@
-"""`plot response` and `plot controllers`: three panels an axis, and what may stand over what."""
+"""`plot response`: what stands over what, of one run and of runs of several controllers."""
 
 from dataclasses import replace
 from hashlib import sha256
@@ -10,8 +10,8 @@ import pytest
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.figures import drawings_of
 from seatrial.runner.compare.frame import Queries
-from seatrial.runner.compare.plots import controllers, response
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.database import LogbookWriter
@@ -67,9 +67,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def axes_of(module: Any, results: Queries, **options: Any) -> list[Axes]:
+def axes_of(results: Queries, **options: Any) -> list[Axes]:
     with drawn():
-        (made,) = module.drawings(results, PlotRequest(**options))
+        (made,) = drawings_of("response")(results, PlotRequest(**options))
         made.figure.draw_without_rendering()
     return list(made.figure.axes)
 
@@ -83,7 +83,7 @@ def labels(axes: Axes) -> list[str]:
 
 
 def test_response_has_three_panels_an_axis(results: Queries) -> None:
-    axes = axes_of(response, results, run=1)
+    axes = axes_of(results, run=1)
     assert [one.get_ylabel() for one in axes] == [
         "North [m]", "East [m]", "Heading [deg]",
         "Force, surge [N]", "Force, sway [N]", "Force, yaw [Nm]",
@@ -101,21 +101,21 @@ def test_response_has_three_panels_an_axis(results: Queries) -> None:
 def test_without_wind_there_are_two_panels_and_a_reference_of_its_own_is_shown(
     results: Queries,
 ) -> None:
-    axes = axes_of(response, results)  # the newest
+    axes = axes_of(results)  # the newest
     assert len(axes) == 6
     assert line(axes[0], "reference").max() == pytest.approx(9.0)
     assert line(axes[0], "set-point").max() == pytest.approx(10.0)
 
 
 def test_one_axis_alone(results: Queries) -> None:
-    assert len(axes_of(response, results, run=1, dofs=("yaw",))) == 3
+    assert len(axes_of(results, run=1, dofs=("yaw",))) == 3
     with pytest.raises(ConfigurationError, match="run 1 has no response of these degrees"):
-        axes_of(response, results, run=1, dofs=("heave",))
+        axes_of(results, run=1, dofs=("heave",))
 
 
 def test_controllers_lie_over_one_another_where_all_else_is_equal(results: Queries) -> None:
     """Seed 0: its newest run of each level, and never one of another seed."""
-    axes = axes_of(controllers, results, rows="controller", where="seed=0")
+    axes = axes_of(results, rows="controller", where="seed=0")
     assert labels(axes[0]) == ["set-point", "lqi", "mpc_integral"]
     late = {name: T[np.argmax(line(axes[0], name) > 5.0)] for name in ("lqi", "mpc_integral")}
     assert late == {"lqi": 24.0, "mpc_integral": 21.0}  # the newest of mpc_integral: run 3
@@ -124,17 +124,17 @@ def test_controllers_lie_over_one_another_where_all_else_is_equal(results: Queri
 
 def test_rows_are_any_factors(results: Queries) -> None:
     rows = "controller, controller.preview"
-    axes = axes_of(controllers, results, rows=rows, where="seed=0")
+    axes = axes_of(results, rows=rows, where="seed=0")
     expected = ["set-point", "lqi, none", "mpc_integral, none", "mpc_integral, setpoint"]
     assert labels(axes[0]) == expected
-    axes = axes_of(controllers, results, rows="controller.preview", where="seed=0")
+    axes = axes_of(results, rows="controller.preview", where="seed=0")
     assert labels(axes[0]) == ["set-point", "none", "setpoint"]  # of mpc_integral alone
 
 
 def test_one_controller_is_nothing_to_compare(results: Queries) -> None:
     with pytest.raises(ConfigurationError, match="no two finished runs that differ in controller"):
-        axes_of(controllers, results, rows="controller", where="seed=1")
+        axes_of(results, rows="controller", where="seed=1")
     with pytest.raises(ConfigurationError, match="sailed with the adaptive model"):
-        axes_of(controllers, results, rows="controller", model="adaptive")
+        axes_of(results, rows="controller", model="adaptive")
     with pytest.raises(ConfigurationError, match="'controler' is not known"):
-        axes_of(controllers, results, rows="controler")
+        axes_of(results, rows="controler")
