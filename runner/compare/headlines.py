@@ -42,6 +42,7 @@ class Headline:
     table: TextTable
     shown: bool
     command: Sequence[str]
+    baseline: bool = False
 
 
 def headlines(
@@ -67,7 +68,7 @@ def headlines(
         if any(cell.sort is not None for row in table.rows for cell in row):
             words = ["table", "--metric", metric, "--rows", rows, "--columns", columns]
             words += [word for name in baseline for word in ("--baseline", f"{name}=none")]
-            found.append(Headline(metric, rows, columns, table, shown, words))
+            found.append(Headline(metric, rows, columns, table, shown, words, bool(baseline)))
     return found, messages
 
 
