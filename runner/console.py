@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
 from seatrial.runner.database.terminal import error_line
+from seatrial.runner.invocation import DEFAULT_DATABASE as DEFAULT_DATABASE
 from seatrial.runner.invocation import results_program, trial_program
 from seatrial.runner.vocabulary import ENDINGS
 
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from seatrial.runner.job import Outcome
 
 
-DEFAULT_DATABASE = "sqlite:///results/results.db"
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
 
 

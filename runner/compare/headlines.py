@@ -68,6 +68,8 @@ def headlines(
         if any(cell.sort is not None for row in table.rows for cell in row):
             words = ["table", "--metric", metric, "--rows", rows, "--columns", columns]
             words += [word for name in baseline for word in ("--baseline", f"{name}=none")]
+            chosen = {"--where": request.where, "--sweep": request.sweep, "--tag": request.tag}
+            words += [word for pair in chosen.items() if pair[1] for word in map(str, pair)]
             found.append(Headline(metric, rows, columns, table, shown, words, bool(baseline)))
     return found, messages
 

@@ -37,7 +37,7 @@ from seatrial.runner.compare.selection import TableRequest
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import sheet
-from seatrial.runner.invocation import results_program
+from seatrial.runner.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.record.catalogue import METRICS, definition_of
 from seatrial.runner.vocabulary import COMBINED, DOF_ORDER, GROUPS, LOST
 
@@ -54,6 +54,7 @@ class ReportRequest:
     sweep: str | None = None  # a number, a name or `all`; by default the newest one
     tag: str | None = None  # only sweeps with it
     title: str | None = None
+    database: str = DEFAULT_DATABASE  # as the user wrote it, for the commands on the page
 
 
 def write_report(results: Queries, request: ReportRequest, file: Path) -> None:
@@ -82,7 +83,7 @@ def render_report(
     )  # fmt: skip
     found, refused = headlines(results, runs, asked)
     sections = [Section("Result", "result", _result(results, request, runs, found))]
-    if tables := _tables(results, runs, found, refused):
+    if tables := _tables(results, request, runs, found, refused):
         sections.append(Section("Tables", "tables", tables))
     if figures:
         metric = found[0].metric if found else ""
@@ -125,7 +126,7 @@ def _result(
     baseline = f"{request.rows} none" if found and found[0].baseline else "none is named"
     told = facts([*_varied(runs), ("baseline", baseline), ("failures", failed)])
     blocks = [group("beside", told, *_first(results, request, found))]
-    return [*blocks, *(block for one in found[:1] for block in _table(one))]
+    return [*blocks, *(block for one in found[:1] for block in _table(one, request))]
 
 
 def _first(results: Queries, request: ReportRequest, found: Sequence[Headline]) -> Iterator[Markup]:
@@ -137,18 +138,21 @@ def _first(results: Queries, request: ReportRequest, found: Sequence[Headline]) 
                 yield picture(drawing.figure, definition_of(one.metric).heading, f"first{k}-")
 
 
-def _table(one: Headline) -> list[Markup]:
+def _table(one: Headline, request: ReportRequest) -> list[Markup]:
     """A table and the command that makes it."""
-    command = shlex.join([*results_program().split(), *one.command])
-    return [html_table(in_words(one.table)), code(command)]
+    words = [*results_program().split(), *one.command]
+    if request.database != DEFAULT_DATABASE:
+        words += ["--database", request.database]
+    return [html_table(in_words(one.table)), code(shlex.join(words))]
 
 
 def _tables(
-    results: Queries, runs: Sequence[StoredRun], found: Sequence[Headline], refused: Sequence[str]
-) -> list[Markup]:
+    results: Queries, request: ReportRequest, runs: Sequence[StoredRun],
+    found: Sequence[Headline], refused: Sequence[str],
+) -> list[Markup]:  # fmt: skip
     """The tables beside the first one, and why others are not shown."""
     blocks = [
-        folded(definition_of(one.metric).heading, *_table(one), opened=one.shown)
+        folded(definition_of(one.metric).heading, *_table(one, request), opened=one.shown)
         for one in found[1:]
     ]
     blocks += _sheets(results, runs)
