@@ -87,10 +87,10 @@ def render_report(
         sections.append(Section("Tables", "tables", tables))
     if figures:
         metric = found[0].metric if found else ""
-        drawn, trouble = _pictures(results, request, metric)
-        trouble = [paragraph(f"Not drawn: {text}", "wide") for text in trouble]
-        none = [] if drawn or trouble else [paragraph("None of these runs has data for a figure.")]
-        blocks = [group("figures", *drawn, *trouble, *none)]
+        pictures, messages = _pictures(results, request, metric)
+        pictures += [paragraph(f"Not drawn: {text}", "wide") for text in messages]
+        none = paragraph("None of these runs has data for a figure.")
+        blocks = [group("figures", *(pictures or [none]))]
         sections.append(Section("Figures", "figures", blocks))
     if warnings := _warnings(results, condition):
         sections.append(Section("Warnings", "warnings", [bullets(warnings)]))

@@ -9,6 +9,7 @@ import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from markupsafe import Markup
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.benchmark.scores import half_width
 from seatrial.runner.compare.formats import html_table
-from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.grid import TextTable, number_text, with_unit
 from seatrial.runner.compare.headlines import TABLES, in_words
 from seatrial.runner.compare.page import Section, bullets, code, link, page, paragraph
 from seatrial.runner.compare.plots.request import PREFIX, subtitle
@@ -54,10 +55,10 @@ def write_site(results: Queries, folder: Path, database: str, opened: int) -> Pa
     """
     try:
         _require_own(folder)
-        (folder / "data").mkdir(parents=True, exist_ok=True)
         for old in (*folder.glob("*.html"), *folder.glob("data/*.js")):
             old.unlink()
         for name, text in _files(results, database, opened):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(visible(text), encoding="utf-8")
     except OSError as error:
         raise LogbookError(f"{folder}: cannot write the site: {error.strerror}") from error
@@ -85,15 +86,16 @@ def _files(results: Queries, database: str, opened: int) -> Iterator[tuple[str, 
     runs = results.runs()
     links = {INDEX: "Newest sweep", "sweep-all.html": "All runs together", RUNS: "List of runs"}
     sweeps = [str(sweep.id) for sweep in results.reader.sweeps()][-MOST_SWEEPS:]
-    told = dict[str, str]()
-    for sweep in ("all", *sweeps):
+    made = list[str]()
+    for sweep in (*reversed(sweeps), "all"):
+        request = ReportRequest(sweep=sweep, database=database)
         with suppress(ConfigurationError):  # a sweep without a run
-            request = ReportRequest(sweep=sweep, database=database)
-            told[f"sweep-{sweep}.html"] = render_report(results, request, links, figures=False)
-    yield from told.items()
-    yield INDEX, list(told.values())[-1]
+            text = render_report(results, request, links, figures=False)
+            names = [f"sweep-{sweep}.html"] if made else [INDEX, f"sweep-{sweep}.html"]
+            yield from ((name, text) for name in names)
+            made += names
     whole = runs[::-1][:opened]
-    yield RUNS, _list_page(results, list(told), links)
+    yield RUNS, _list_page(results, made, links)
     yield "data/runs.js", script_of("runs", _runs(results, runs, whole, database))
     for run in whole:
         drawn, trouble = figures_of(results, run.id)
@@ -141,19 +143,23 @@ def _run_page(
     tables = {table.title: table for table in run_details(results, run.id)}
     own = f"run {run.id}"
     last = [tables.pop(name) for name in (*LAST, own) if name in tables]
-    numbers = [Section(name.capitalize(), name, [html_table(in_words(table))])
-               for name, table in tables.items()]  # fmt: skip
+    numbers = [_numbers(name.capitalize(), table) for name, table in tables.items()]
     refused = [paragraph(text, "refused") for text in trouble]
     figures = Section("Figures", "figures", [*refused, PLOTS])
     show = [*results_program().split(), "show", str(run.id), *words_of(database)]
-    origin = [Section(name, name.lower(), [html_table(in_words(table))]) for name, table in
-              zip(("Configuration", "Provenance")[-len(last):], last, strict=True)]  # fmt: skip
+    titles = ("Configuration", "Provenance")[-len(last) :]
+    origin = [_numbers(title, table) for title, table in zip(titles, last, strict=True)]
     sections = [*numbers[:1], figures, *numbers[1:], *origin]
     lead = [code(" ".join(show))]
     overlay = {f"{RUNS}#runs={run.id}": "Overlay with other runs"}
     scripts, programs = (f"data/run-{run.id}.js",), ("elements.js", "plot.js")
     title = f"R{subtitle(run)[1:]}"
     return page(title, lead, sections, {**links, **overlay}, scripts, programs)
+
+
+def _numbers(title: str, table: TextTable) -> Section:
+    """A table of a run under its own heading."""
+    return Section(title, title.lower(), [html_table(replace(in_words(table), title=""))])
 
 
 # The list of runs.
@@ -207,7 +213,7 @@ def _factors(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
     keys = [key for key in _varied(results) if key not in levels][:MOST_FILTERS]
     known = {run.id: run.levels for run in results.runs(None, keys)} if keys else {}
     levels |= {key: [known[run.id][key] for run in runs] for key in keys}
-    factors = []
+    factors = list[Json]()
     for name, texts in levels.items():
         distinct = ordered(texts)
         if len(distinct) > 1:
@@ -251,11 +257,11 @@ def _measures(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
         if one.model == "identified":
             label = with_unit(f"{definition_of(one.name).label}, {one.dof}", one.unit)
             empty: list[str | None] = [None] * len(runs)
-            measure = {"metric": one.name, "label": label, "values": empty}
+            measure: dict[str, object] = {"metric": one.name, "label": label, "values": empty}
             values = found.setdefault((one.name, one.dof), measure)["values"]
             assert isinstance(values, list)
             values[places[one.run.id]] = _text(one.value)
-    return [found[key] for key in sorted(found, key=lambda key: names.index(key[0]))]
+    return [*map(found.__getitem__, sorted(found, key=lambda key: names.index(key[0])))]
 
 
 def words_of(database: str) -> list[str]:
