@@ -11,8 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+import pandas as pd
+
 from docs.pages.markdown import table
-from seatrial.runner.compare.results import Observation, Queries, StoredRun, open_results
+from seatrial.runner.compare.frame import Queries, StoredRun, open_results
 from seatrial.runner.vocabulary import LOST
 
 LOGBOOK = Path(__file__).parents[1] / "results" / "robustness" / "results.db"
@@ -64,20 +67,15 @@ class Outcome:
 
 def outcomes(results: Queries) -> list[Outcome]:
     """The outcomes of all runs that ended."""
-    runs = [run for run in results.runs(None, (PATH, SECONDS)) if run.status != "running"]
-    numbers: dict[int, list[Observation]] = {run.id: [] for run in runs}
-    for number in results.metrics(runs, METRICS):
-        numbers[number.run.id].append(number)
-    return [outcome_of(run, numbers[run.id]) for run in runs]
+    runs = [run for run in results.runs(factors=(PATH, SECONDS)) if run.status != "running"]
+    numbers = results.metrics(METRICS)
+    by_run = dict(iter(numbers[np.isfinite(numbers["value"])].groupby("run")))
+    return [outcome_of(run, by_run.get(run.id, numbers[:0])) for run in runs]
 
 
-def outcome_of(run: StoredRun, numbers: Iterable[Observation]) -> Outcome:
+def outcome_of(run: StoredRun, numbers: pd.DataFrame) -> Outcome:
     """The outcome of a run with these metrics."""
-    held = {
-        (number.model, number.name, number.dof): number.value
-        for number in numbers
-        if number.value is not None and math.isfinite(number.value)
-    }
+    held = numbers.set_index(["model", "metric", "dof"])["value"].to_dict()
     errors: dict[str, dict[str, float]] = {"nominal": {}, "identified": {}, "mean_motion": {}}
     for (model, name, dof), value in held.items():
         if name == RMSE and model in errors:

@@ -15,7 +15,7 @@ from seatrial.models.notation import PLANAR, VELOCITY_UNIT
 from seatrial.models.recording.reader import Signals
 from seatrial.models.vessel import scales
 from seatrial.runner import export, in_process, init
-from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.data_commands import Force, VesselName, map_columns, run_typer
 from seatrial.runner.data_convert import File, MapFile
 from seatrial.runner.recording_map import read_map, reader_of

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from docs.robustness import Case, Cells, Outcome, cell, outcomes, page, ratios
-from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.frame import open_results
 
 ROOT = Path(__file__).parents[1]
 CASE = Case("ferry", "noise", recorded=False)

@@ -14,7 +14,7 @@ from docs.published.printed import by_table, judged, read_folder
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare.cli import DEFAULT_DATABASE, show_grids
 from seatrial.runner.compare.formats import OutputFormat
-from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.frame import open_results
 
 
 def main(words: Sequence[str] | None = None) -> int:

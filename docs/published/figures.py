@@ -8,6 +8,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from seatrial.models.simulation import metrics
+from seatrial.runner.compare.frame import Queries, StoredDiagnostic
 from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
@@ -21,9 +22,8 @@ from seatrial.runner.compare.plots.style import (
     prefixed,
 )
 from seatrial.runner.compare.plots.surface import COLOURS
-from seatrial.runner.compare.results import Queries, StoredDiagnostic
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.compare.where import OfSweeps
+from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.rows import Series
 
 DECADES = 4.0  # range of the colours of an objective below its highest value
@@ -36,15 +36,15 @@ def objective_figure(results: Queries, sweep: int) -> Figure:
     There is a panel for each run. Diagnostics: `topology` (i, j), and `topology_first` (i) and
     `topology_second` (j), the values of the parameters.
     """
-    condition = OfSweeps((sweep,))
+    condition = Condition(sweeps=(sweep,))
     runs = results.runs(condition)
     names = ("topology_first", "topology_second", "topology")
     stored = results.diagnostics(runs, names, condition)
     configs = results.configs_of([run.id for run in runs])
     truths = {
-        (row.run.id, f"{row.dof}.{row.name}"): row.true_value
-        for row in results.coefficients(runs, condition)
-        if row.model == "identified" and row.true_value is not None
+        (row.run, f"{row.dof}.{row.metric}"): row.true_value
+        for row in results.coefficients(condition).dropna(subset="true_value").itertuples()
+        if row.model == "identified"
     }
     chart, axes = panels(-(-len(runs) // 2), 2, 4.7, 3.9)
     for panel, run in zip(axes, runs, strict=False):
@@ -95,7 +95,7 @@ def times_figure(results: Queries, sweep: int) -> Figure:
     Diagnostics: `prediction_time` (i = n, label = way), which includes the compilation, and
     `prediction_time_compiled`, which does not.
     """
-    condition = OfSweeps((sweep,))
+    condition = Condition(sweeps=(sweep,))
     run = results.runs(condition)[-1]
     lines = {"prediction_time": "-", "prediction_time_compiled": ":"}
     rows = results.diagnostics([run], list(lines), condition)[run.id]
@@ -122,7 +122,7 @@ def scaled_coefficients_figure(results: Queries, sweep: int) -> Figure:
     A row for each run whose orders were selected on the test half, as in the thesis; a panel for
     each degree of freedom. Diagnostics: `scaled_coefficient` (dof, label) and `selected_order`.
     """
-    condition = OfSweeps((sweep,))
+    condition = Condition(sweeps=(sweep,))
     runs = results.runs(condition)
     configs = results.configs_of([run.id for run in runs])
     runs = [run for run in runs if configs[run.id]["identifier.selection"] == "test"]
@@ -151,7 +151,7 @@ def iaew_figure(results: Queries, sweep: int) -> Figure:
 
     The curve without a model is that of the first run; the others are of the identified models.
     """
-    runs = results.runs(OfSweeps((sweep,)))
+    runs = results.runs(Condition(sweeps=(sweep,)))
     configs = results.configs_of([run.id for run in runs])
     curves = {"nominal model": _iaew(results, runs[0].id, "nominal")}
     for run in runs:
@@ -191,7 +191,7 @@ def force_error_figure(results: Queries, sweep: int) -> Figure:
 
     Both are magnitudes over surge and sway, on the test half; a panel for each run.
     """
-    runs = results.runs(OfSweeps((sweep,)))
+    runs = results.runs(Condition(sweeps=(sweep,)))
     chart, axes = panels(len(runs), 1, 8.0, 2.3, share_x=True)
     for panel, run in zip(axes, runs, strict=True):
         series = results.reader.series(run.id, "residual")

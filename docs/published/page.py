@@ -20,10 +20,10 @@ from docs.published.printed import (
     newest_sweep,
 )
 from seatrial.runner.compare.formats import html_table
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import Scalar, TableCell, TextTable, number_text, with_unit
 from seatrial.runner.compare.page import Section, code, page, paragraph, picture, write_page
 from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
-from seatrial.runner.compare.results import Queries
 from seatrial.runner.search_path import CONF
 
 HEADERS = (

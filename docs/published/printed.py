@@ -16,17 +16,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.results import (
-    BELOW_TRUE_MODEL,
-    FINISHED,
-    Observation,
-    Queries,
-    StoredRun,
-)
+from seatrial.runner.compare.frame import BELOW_TRUE_MODEL, FINISHED, Queries, StoredRun
 from seatrial.runner.compare.statistics import RELATIVE_ROUNDING, confidence_interval
-from seatrial.runner.compare.where import Condition, Joined, OfSweeps
+from seatrial.runner.compare.where import EVERY_RUN, Condition
 from seatrial.runner.invocation import trial_program
 
 HERE = Path(__file__).parent
@@ -292,7 +287,7 @@ def _judged(results: Queries, figure: Printed, sweep: int | None) -> Judged:
     if not figure.source:
         return Judged(figure, "not reproducible", figure.note)
     condition, runs = _runs_of(results, figure, sweep)
-    if not runs or condition is None:
+    if not runs:
         reasons = (command_of(figure.experiment), figure.note)
         return Judged(figure, "no runs", "; ".join(filter(None, reasons)))
     stored = _Stored(results, condition, [run for run in runs if run.status == FINISHED], figure)
@@ -315,12 +310,11 @@ def _judged(results: Queries, figure: Printed, sweep: int | None) -> Judged:
 
 def _runs_of(
     results: Queries, figure: Printed, sweep: int | None
-) -> tuple[Condition | None, list[StoredRun]]:
+) -> tuple[Condition, list[StoredRun]]:
     """Return the condition on the runs of a printed figure, and the runs, finished or not."""
     if sweep is None:
-        return None, []
-    of_sweep, own = OfSweeps((sweep,)), results.where(figure.where)
-    condition: Condition = of_sweep if own is None else Joined("and", (own, of_sweep))
+        return EVERY_RUN, []
+    condition = replace(results.where(figure.where), sweeps=(sweep,))
     try:
         return condition, results.runs(condition)
     except ConfigurationError:  # no run matches: the sweep is not complete yet
@@ -341,13 +335,13 @@ class _Stored:
         figure = self.figure
         if figure.source == "diagnostic":
             return self._diagnostics(), []
-        observed = self._metrics(figure.name) if figure.source == "metric" else self._coefficients()
-        matching = [row for row in observed if self._matches(row)]
+        stored = self._metrics(figure.name) if figure.source == "metric" else self._coefficients()
+        matching = self._matching(stored)
         if "/" in figure.model:
             return _ratios(matching, figure.model), []
-        matching = [row for row in matching if row.model == figure.model]
-        truths = [row.true_value for row in matching if row.true_value is not None]
-        return [row.value for row in matching if row.value is not None], truths
+        matching = matching[matching["model"] == figure.model]
+        truths = matching["true_value"].dropna().tolist() if "true_value" in matching else []
+        return matching["value"].tolist(), truths
 
     def below_true_model(self, value: float) -> bool:
         """Whether our figure is below that of the exact plant: it fits lag or feedback.
@@ -359,26 +353,32 @@ class _Stored:
         identified = figure.source == "metric" and figure.model.startswith("identified")
         if not (identified or "/" in figure.name) or not metric.startswith("force_m"):
             return False
-        rows = [row for row in self._metrics(BELOW_TRUE_MODEL, metric) if row.dof == figure.dof]
-        flags = [bool(row.value) for row in rows if row.name == BELOW_TRUE_MODEL]
-        if identified and 2 * sum(flags) > len(flags):
+        rows = self._metrics(BELOW_TRUE_MODEL, metric)
+        rows = rows[rows["dof"] == figure.dof]
+        flags = rows.loc[rows["metric"] == BELOW_TRUE_MODEL, "value"].fillna(0.0) != 0.0
+        if identified and 2 * flags.sum() > len(flags):
             return True
         divisor = figure.model.partition("/")[2]
-        own = [row for row in rows if self._matches(row)]
+        own = self._matching(rows)
         plant = (
             _ratios(own, f"plant/{divisor}")
             if divisor
-            else [row.value for row in own if row.model == "plant" and row.value is not None]
+            else own.loc[own["model"] == "plant", "value"].tolist()
         )
         return bool(plant) and value < figure.factor * float(np.mean(plant))
 
-    def _metrics(self, *names: str) -> list[Observation]:
-        return self.results.metrics(self.runs, names, self.condition)
+    def _metrics(self, *names: str) -> pd.DataFrame:
+        return self._of_finished(self.results.metrics(names, self.condition))
 
-    def _matches(self, row: Observation) -> bool:
+    def _of_finished(self, numbers: pd.DataFrame) -> pd.DataFrame:
+        return numbers[numbers["run"].isin([run.id for run in self.runs])]
+
+    def _matching(self, numbers: pd.DataFrame) -> pd.DataFrame:
+        """Return the numbers of the figure that have a value."""
         figure, name = self.figure, self.figure.name.split("/")[-1]
-        of_figure = (row.name, row.dof) == (name, figure.dof) and figure.stage in ("", row.stage)
-        return of_figure and _known(row.value)
+        own = (numbers["metric"] == name) & (numbers["dof"] == figure.dof)
+        own &= np.isfinite(numbers["value"])
+        return numbers[own & (numbers["stage"] == figure.stage) if figure.stage else own]
 
     def _diagnostics(self) -> list[float]:
         """Return the diagnostic of each run, over a metric of the run for the model `/nominal`."""
@@ -396,43 +396,33 @@ class _Stored:
         ]
         if not metric:
             return [row.value for row in chosen]
-        divisors = {
-            row.run.id: row.value
-            for row in self._metrics(metric)
-            if self._matches(row) and row.model == figure.model.removeprefix("/")
-        }
+        own = self._matching(self._metrics(metric))
+        own = own[own["model"] == figure.model.removeprefix("/")]
+        divisors = dict(zip(own["run"], own["value"], strict=True))
         pairs = [(row.value, divisors.get(row.run_id)) for row in chosen]
         return [value / divisor for value, divisor in pairs if divisor]
 
-    def _coefficients(self) -> list[Observation]:
+    def _coefficients(self) -> pd.DataFrame:
         """Return the coefficients of one term; a stored model without the term has a zero."""
-        place = (self.figure.name, self.figure.dof)
-        observed = self.results.coefficients(self.runs, self.condition)
-        found = [row for row in observed if (row.name, row.dof) == place]
-        models_with = {(row.run.id, row.model) for row in found}
-        tables = {(row.run.id, row.model): row for row in observed}
-        zeros = [
-            replace(
-                row, name=place[0], dof=place[1], value=0.0, std_error=None,
-                true_value=None if row.true_value is None else 0.0,
-            )
-            for table, row in tables.items()
-            if table not in models_with
-        ]  # fmt: skip
-        return found + zeros
+        stored = self._of_finished(self.results.coefficients(self.condition))
+        name, dof = self.figure.name, self.figure.dof
+        own = stored[(stored["metric"] == name) & (stored["dof"] == dof)]
+        models = stored.drop_duplicates(["run", "model"], keep="last")
+        known = pd.MultiIndex.from_frame(own[["run", "model"]])
+        lacking = models[~pd.MultiIndex.from_frame(models[["run", "model"]]).isin(known)]
+        truth = lacking["true_value"].where(lacking["true_value"].isna(), 0.0)
+        zeros = lacking.assign(metric=name, dof=dof, value=0.0, true_value=truth)
+        return pd.concat([own, zeros])
 
 
-def _ratios(observations: Sequence[Observation], models: str) -> list[float]:
+def _ratios(numbers: pd.DataFrame, models: str) -> list[float]:
     """Return for each run the value of one model over that of another, `identified/nominal`."""
-    numerators, denominators = (
-        {row.run.id: row.value for row in observations if row.model == model}
+    above, below = (
+        numbers[numbers["model"] == model].groupby("run")["value"].last()
         for model in models.split("/", 1)
     )
-    return [
-        value / divisor
-        for number, value in numerators.items()
-        if value is not None and (divisor := denominators.get(number))
-    ]
+    ratios = above / below[below != 0.0]
+    return ratios.dropna().tolist()
 
 
 def _known(value: float | None) -> bool:

@@ -1,7 +1,7 @@
 """Comparison of stored runs: tables, figures and SQL, from the results database alone.
 
 The modules that need SQLAlchemy or matplotlib are loaded when a command first uses them, as
-`compare.results`, so that --help starts fast (SPEC 1 of Scientific Python).
+`compare.frame`, so that --help starts fast (SPEC 1 of Scientific Python).
 """
 
 from typing import TYPE_CHECKING
@@ -10,24 +10,22 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import animation as animation
     from seatrial.runner.compare import audit as audit
     from seatrial.runner.compare import benchmark_page as benchmark_page
-    from seatrial.runner.compare import comparison_table as comparison_table
+    from seatrial.runner.compare import frame as frame
     from seatrial.runner.compare import housekeeping as housekeeping
     from seatrial.runner.compare import leaderboard as leaderboard
     from seatrial.runner.compare import manoeuvre_comparison as manoeuvre_comparison
     from seatrial.runner.compare import plots as plots
     from seatrial.runner.compare import report as report
-    from seatrial.runner.compare import results as results
     from seatrial.runner.compare import runs as runs
-    from seatrial.runner.compare import selection as selection
     from seatrial.runner.compare import site as site
+    from seatrial.runner.compare import table as table
 else:
     import lazy_loader
 
     __getattr__, __dir__, __all__ = lazy_loader.attach(
         __name__,
         [
-            *("animation", "audit", "benchmark_page", "comparison_table", "housekeeping"),
-            *("leaderboard", "manoeuvre_comparison", "plots", "report", "results", "runs"),
-            *("selection", "site"),
+            *("animation", "audit", "benchmark_page", "frame", "housekeeping", "leaderboard"),
+            *("manoeuvre_comparison", "plots", "report", "runs", "site", "table"),
         ],
     )

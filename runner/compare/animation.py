@@ -19,11 +19,11 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import PlotRequest, of_identified, subtitle, voyages
 from seatrial.runner.compare.plots.style import largest_of
 from seatrial.runner.compare.plots.track import drawn_length, outline
-from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import Config

@@ -1,28 +1,26 @@
 """Audit of a logbook: which of its runs mislead if they are compared without a second look."""
 
 import math
-from collections import defaultdict
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
-from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text, one_line
-from seatrial.runner.compare.likeness import Likeness, differing
-from seatrial.runner.compare.results import (
+import pandas as pd
+
+from seatrial.runner.compare.comparability import EXPERIMENT, differing, of_runs, with_conditions
+from seatrial.runner.compare.frame import (
     BELOW_TRUE_MODEL,
     FINISHED,
-    Observation,
     Queries,
-    StoredRun,
+    diverged_predictions,
+    stored_runs,
 )
+from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text, one_line
 from seatrial.runner.compare.runs import runs_of
-from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
 from seatrial.runner.compare.where import Condition
+from seatrial.runner.database.records import RunSummary
 from seatrial.runner.vocabulary import DOF_ORDER, LOST
 
 HEADERS = ("check", "runs", "what", "remedy")
-K = TypeVar("K", bound=Hashable)
-V = TypeVar("V")
 CELL = ("identifier", "disturbance")  # the factors of a table without options
 DEPLOYED = ("tau_mean_abs", "e_pos_mae")  # metrics that every deployment has
 MOST_RANGES = 8
@@ -56,12 +54,14 @@ def audit(
     ConfigurationError for a wrong one of them, and if no run matches.
     """
     condition, scope = results.selected(where, sweep or "all", tag)
-    runs = results.runs(condition)
-    finished = [run for run in runs if run.status == FINISHED]
+    runs = results.trials(condition)
+    finished = runs[runs["status"] == FINISHED]
+    marks = results.marks(condition)
+    marks = marks[marks["run"].isin(finished.index)].join(finished["identifier"], on="run")
     entries = [
         *_unlike(results, finished, condition),
-        *_below_true_model(results, finished, condition),
-        *_diverged(results, finished, condition),
+        *_below_true_model(marks[marks["metric"] == BELOW_TRUE_MODEL]),
+        *_diverged(results, finished, marks, condition),
         *_without_coverage(results, finished, condition),
         *_lost(results, condition),
     ]
@@ -88,79 +88,67 @@ def ranges(runs: Iterable[int], most: int | None = None) -> str:
     return ", ".join(texts)
 
 
-def _unlike(
-    results: Queries, finished: Sequence[StoredRun], condition: Condition | None
-) -> Iterator[AuditEntry]:
+def _unlike(results: Queries, finished: pd.DataFrame, condition: Condition) -> Iterator[AuditEntry]:
     """Find runs that differ in a cell of a table, and runs that are one experiment."""
-    likeness = Likeness(results, finished)
-    deployed = {o.run.id for o in results.metrics(finished, DEPLOYED, condition)}
-    for cell, runs in _grouped((_cell(run), run) for run in finished).items():
-        validation = [_number(run, "validation") for run in runs]
-        deployment = [_number(run, "deployment") for run in runs if run.id in deployed]
-        factors = differing(likeness, {"validation": validation, "deployment": deployment})
-        ids = [run.id for run in runs]
+    deployed = finished.index.isin(results.metrics(DEPLOYED, condition)["run"])
+    parts = of_runs(finished, "validation"), of_runs(finished[deployed], "deployment")
+    frame, facts = with_conditions(results, finished, pd.concat(parts, ignore_index=True))
+    for levels, own in frame.groupby([*CELL], observed=True, sort=False):
+        factors = differing(facts, own["stage"], own["condition"])
         if "code" in factors:
-            codes = len({run.code for run in runs})
-            yield _entry("code", ids, f"{cell}: computed by {codes} versions of the code")
+            codes = own["of_code"].nunique(dropna=False)
+            what = f"{_cell(levels)}: computed by {codes} versions of the code"
+            yield _entry("code", own["run"], what)
         names = [name for name in factors if name != "code"]
         if names:
             listed = one_line(", ".join(names), 120)
-            yield _entry("pooled", ids, f"{cell}: would be averaged over {listed}")
-    yield from _replicates(likeness, finished)
+            yield _entry("pooled", own["run"], f"{_cell(levels)}: would be averaged over {listed}")
+    yield from _replicates(frame[frame["stage"] == "validation"])
 
 
-def _number(run: StoredRun, stage: str) -> Observation:
-    return Observation(run, stage, "identified", "all", "", None, "")
-
-
-def _replicates(likeness: Likeness, finished: Sequence[StoredRun]) -> Iterator[AuditEntry]:
+def _replicates(frame: pd.DataFrame) -> Iterator[AuditEntry]:
     """Find experiments that are stored more than once, by what their runs differ in."""
-    experiments = _grouped((likeness.experiment(_number(r, "validation")), r) for r in finished)
-    stored: dict[tuple[str, tuple[str, ...]], list[list[StoredRun]]] = defaultdict(list)
-    for runs in experiments.values():
-        if len(runs) > 1:
-            varied = [n for n in ("seed", "evaluation") if len({r.levels[n] for r in runs}) > 1]
-            stored[_cell(runs[0]), tuple(varied)].append(runs)
-    for (cell, several), groups in stored.items():
+    experiments = frame.groupby([*EXPERIMENT], observed=True, sort=False)
+    varied = {name: experiments[name].transform("nunique") > 1 for name in ("seed", "evaluation")}
+    stored = frame.assign(**varied, number=experiments.ngroup())
+    stored = stored[experiments["run"].transform("size") > 1]
+    for key, runs in stored.groupby([*CELL, *varied], observed=True, sort=False):
+        several = [name for name, varies in zip(varied, key[len(CELL) :], strict=True) if varies]
         under = (
             f"under several {' and '.join(f'{name}s' for name in several)}" if several else "again"
         )
         reason = ", but nothing random was drawn" if "seed" in several else ""
-        number = "one experiment is" if len(groups) == 1 else f"{len(groups)} experiments are"
-        ids = [run.id for runs in groups for run in runs]
-        yield _entry("replicates", ids, f"{cell}: {number} stored {under}{reason}")
+        count = runs["number"].nunique()
+        number = "one experiment is" if count == 1 else f"{count} experiments are"
+        what = f"{_cell(key[: len(CELL)])}: {number} stored {under}{reason}"
+        yield _entry("replicates", runs["run"], what)
 
 
-def _below_true_model(
-    results: Queries, finished: Sequence[StoredRun], condition: Condition | None
-) -> Iterator[AuditEntry]:
-    flags = [o for o in results.metrics(finished, [BELOW_TRUE_MODEL], condition) if o.value]
-    for identifier, rows in _grouped((o.run.levels["identifier"], o) for o in flags).items():
-        dofs = ", ".join(dof for dof in DOF_ORDER if any(o.dof == dof for o in rows))
+def _below_true_model(flags: pd.DataFrame) -> Iterator[AuditEntry]:
+    for (identifier,), rows in flags.groupby(["identifier"], observed=True, sort=False):
+        dofs = ", ".join(dof for dof in DOF_ORDER if (rows["dof"] == dof).any())
         what = f"identifier={identifier}: force error below the true plant's in {dofs}"
-        yield _entry("below true model", [o.run.id for o in rows], what)
+        yield _entry("below true model", rows["run"], what)
 
 
 def _diverged(
-    results: Queries, finished: Sequence[StoredRun], condition: Condition | None
+    results: Queries, finished: pd.DataFrame, marks: pd.DataFrame, condition: Condition
 ) -> Iterator[AuditEntry]:
     """Find predictions that diverged, and models that cannot be simulated."""
-    predictions = diverged_predictions(results.metrics(finished, DIVERGENCE, condition))
-    reasons = results.diagnostics(finished, ["no_prediction"], condition)
+    reasons = results.diagnostics(stored_runs(finished), ["no_prediction"], condition)
     impossible = {(id_, str(r.label).split()[0]) for id_, rows in reasons.items() for r in rows}
-    identifiers = {run.id: run.levels["identifier"] for run in finished}
-    groups = _grouped(
-        ((identifiers[id_], model, (id_, model) in impossible), (id_, horizon, held_s))
-        for (id_, model, horizon), held_s in predictions.items()
-    )
-    for (identifier, model, without_inertia), rows in groups.items():
-        ids, about = [id_ for id_, _, _ in rows], f"identifier={identifier}, {model} model"
-        if without_inertia:
-            yield _entry("inertia", ids, f"{about}: its inertia is not positive definite")
+    lost = diverged_predictions(marks).join(finished["identifier"], on="run")
+    lost["singular"] = [pair in impossible for pair in zip(lost["run"], lost["model"], strict=True)]
+    for (identifier, model, singular), rows in lost.groupby(
+        ["identifier", "model", "singular"], observed=True, sort=False
+    ):
+        about = f"identifier={identifier}, {model} model"
+        if singular:
+            yield _entry("inertia", rows["run"], f"{about}: its inertia is not positive definite")
         else:
-            horizons = ", ".join(dict.fromkeys(horizon for _, horizon, _ in rows))
-            held = _held_text([held_s for _, _, held_s in rows])
-            yield _entry("diverged validation", ids, f"{about}: {horizons} diverged{held}")
+            horizons = ", ".join(rows["horizon"].unique())
+            held = _held_text(rows["held_s"].tolist())
+            yield _entry("diverged validation", rows["run"], f"{about}: {horizons} diverged{held}")
 
 
 def _held_text(times_s: Sequence[float]) -> str:
@@ -173,19 +161,20 @@ def _held_text(times_s: Sequence[float]) -> str:
 
 
 def _without_coverage(
-    results: Queries, finished: Sequence[StoredRun], condition: Condition | None
+    results: Queries, finished: pd.DataFrame, condition: Condition
 ) -> Iterator[AuditEntry]:
-    covering = results.covering(finished, condition)
-    uncertain = results.with_standard_errors(condition) - covering
-    rows = _grouped((r.levels["identifier"], r.id) for r in finished if r.id in uncertain)
-    for identifier, ids in rows.items():
+    uncertain = results.with_standard_errors(condition) - results.covering(condition)
+    own = finished[finished.index.isin(uncertain)]
+    for identifier, rows in own.groupby("identifier", observed=True, sort=False):
         what = f"identifier={identifier}: standard errors of the estimate, not of the coefficient"
-        yield _entry("coverage", ids, what)
+        yield _entry("coverage", rows.index, what)
 
 
-def _lost(results: Queries, condition: Condition | None) -> Iterator[AuditEntry]:
+def _lost(results: Queries, condition: Condition) -> Iterator[AuditEntry]:
     lost = [run for run in runs_of(results, condition, LOST) if not run.superseded]
-    groups = _grouped(((run.status, run.error_type), run) for run in reversed(lost))
+    groups: dict[tuple[str, str | None], list[RunSummary]] = {}
+    for run in reversed(lost):
+        groups.setdefault((run.status, run.error_type), []).append(run)
     for (status, error_type), runs in groups.items():
         reason = ": ".join(text for text in (error_type, runs[0].error) if text)
         remedy = f"show {runs[0].run_id} --traceback; retry --status {status}"
@@ -193,17 +182,9 @@ def _lost(results: Queries, condition: Condition | None) -> Iterator[AuditEntry]
         yield AuditEntry(f"{status} run", ids, one_line(reason or "no reason known", 120), remedy)
 
 
-def _cell(run: StoredRun) -> str:
-    return ", ".join(f"{name}={run.levels[name]}" for name in CELL)
+def _cell(levels: Sequence[str]) -> str:
+    return ", ".join(f"{name}={level}" for name, level in zip(CELL, levels, strict=True))
 
 
-def _entry(check: str, runs: Sequence[int], what: str) -> AuditEntry:
-    return AuditEntry(check, runs, what, REMEDIES[check])
-
-
-def _grouped(pairs: Iterable[tuple[K, V]]) -> Mapping[K, list[V]]:
-    """Return the values by key, in the order of the first of each."""
-    groups: dict[K, list[V]] = defaultdict(list)
-    for key, value in pairs:
-        groups[key].append(value)
-    return groups
+def _entry(check: str, runs: Iterable[int], what: str) -> AuditEntry:
+    return AuditEntry(check, [*runs], what, REMEDIES[check])

@@ -11,6 +11,7 @@ from seatrial.runner.compare.benchmark.entries import REFERENCES, BenchmarkRun
 from seatrial.runner.compare.benchmark.manoeuvre_scores import pieces
 from seatrial.runner.compare.benchmark.task import Case, located
 from seatrial.runner.compare.formats import html_table
+from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.leaderboard import leaderboard, manoeuvre_grids, summary
 from seatrial.runner.compare.page import (
@@ -27,7 +28,6 @@ from seatrial.runner.compare.page import (
 from seatrial.runner.compare.plots.critical_difference import chart
 from seatrial.runner.compare.plots.free_runs import Runs, colours_of, part_of, tracks, velocities
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.results import FINISHED, Queries
 from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.invocation import results_program, trial_program
 

@@ -2,7 +2,7 @@
 
 The commands are in `commands` and `logbook_commands`; the options of `table` and `plot` are
 dataclasses. This module and the commands are imported by --help and therefore import nothing slow:
-they take it from the package, as `compare.results`, which loads it at its first use.
+they take it from the package, as `compare.frame`, which loads it at its first use.
 """
 
 import inspect
@@ -26,12 +26,12 @@ from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.vocabulary import DOF_ORDER, Stage
 
 if TYPE_CHECKING:
-    results: Any
+    frame: Any
     runs: Any
 else:  # by name: they take their requests from here
     import lazy_loader
 
-    results = lazy_loader.load("seatrial.runner.compare.results", suppress_warning=True)
+    frame = lazy_loader.load("seatrial.runner.compare.frame", suppress_warning=True)
     runs = lazy_loader.load("seatrial.runner.compare.runs", suppress_warning=True)
 
 MOST_CELLS = 250_000  # of a table, at about 3 kB
@@ -162,7 +162,7 @@ def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]
 
 def _run_numbers(incomplete: str) -> list[tuple[str, str]]:
     """Return the numbers of the newest runs in the default folder; none if it cannot be read."""
-    with suppress(SeatrialError), results.open_results(DEFAULT_DATABASE) as opened:
+    with suppress(SeatrialError), frame.open_results(DEFAULT_DATABASE) as opened:
         numbers: list[tuple[str, str]] = runs.numbers(opened, incomplete)
         return numbers
     return []

@@ -44,7 +44,7 @@ def runs(
     form: Form = OutputFormat.RICH,
 ) -> None:
     """List runs, newest first, including failed ones."""
-    with compare.results.open_results(database) as results:
+    with compare.frame.open_results(database) as results:
         show_grid(compare.runs.run_list(results, where, status, limit, sweep, tag), form)
 
 
@@ -61,7 +61,7 @@ def show(
     form: Form = OutputFormat.RICH,
 ) -> None:
     """Show everything stored about one run."""
-    with compare.results.open_results(database) as results:
+    with compare.frame.open_results(database) as results:
         if command:
             typer.echo(compare.runs.command_of(results, run))
         elif traceback:
@@ -88,7 +88,7 @@ def benchmark_ranks(
 ) -> None:
     """Rank the entrants of the benchmark, task by task; `seatrial benchmark` runs them."""
     board = compare.leaderboard
-    with compare.results.open_results(database, results_dir) as results:
+    with compare.frame.open_results(database, results_dir) as results:
         boards = board.boards(results, task or (), entrant or ())
         if page is not None:
             compare.benchmark_page.write_benchmark(results, boards, page)
@@ -106,9 +106,9 @@ def table(options: TableOptions) -> None:
     evaluation, seed, ...), a dotted name of the configuration (plant.scale), or metric, term, dof,
     stage or model.
     """
-    request = compare.selection.request_of(options)
-    with compare.results.open_results(options.database) as results:
-        show_grid(compare.comparison_table.comparison(results, request), options.form)
+    request = compare.table.request_of(options)
+    with compare.frame.open_results(options.database) as results:
+        show_grid(compare.table.comparison(results, request), options.form)
         _say(results.left_out(options.where, options.sweep, options.tag))
 
 
@@ -140,7 +140,7 @@ def plot(options: PlotOptions) -> None:
     """
     request = compare.plots.request_of(options)
     width = None if options.width is None else compare.plots.paper.width_of(options.width)
-    with compare.results.open_results(options.database, options.results_dir) as results:
+    with compare.frame.open_results(options.database, options.results_dir) as results:
         folder = options.output or shown_path(results.reader.results_dir / "figures")
         for path in compare.plots.draw(options.kind, results, request, folder, width):
             typer.echo(path)
@@ -167,7 +167,7 @@ def stats(
     form: Form = OutputFormat.RICH,
 ) -> None:
     """Show the stored statistics of the columns of a measured recording."""
-    with compare.results.open_results(database) as results:
+    with compare.frame.open_results(database) as results:
         show_grid(compare.runs.recording_statistics(results, run, digits), form)
 
 
@@ -224,7 +224,7 @@ def sql(
 
     For PostgreSQL use a role that can only read: GRANT pg_read_all_data TO reader.
     """
-    with compare.results.open_results(database) as results:
+    with compare.frame.open_results(database) as results:
         grid, more = compare.runs.answer(results, query, timeout, limit)
     show_grid(grid, form)
     if more:
@@ -268,7 +268,7 @@ def model(
     compiler of this machine.
     """
     linear = export.model_formats.format_of(to).linear and at is None
-    with compare.results.open_results(database, results_dir) as results:
+    with compare.frame.open_results(database, results_dir) as results:
         stored = export.stored_model.read_model(results.reader, run, model, linear)
     for path in export.model_formats.write(stored, to, output, at, force):
         typer.echo(path)

@@ -21,9 +21,9 @@ from seatrial.models.errors import ConfigurationError, PartError, SeatrialError
 from seatrial.runner.plugins import failure, is_own, plugins
 
 if TYPE_CHECKING:
+    from seatrial.runner.compare.frame import Queries
     from seatrial.runner.compare.plots.request import PlotRequest
     from seatrial.runner.compare.plots.style import Drawing
-    from seatrial.runner.compare.results import Queries
 
     Drawings = Callable[[Queries, PlotRequest], list[Drawing]]
 

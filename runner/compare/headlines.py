@@ -5,10 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.comparison_table import comparison
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import Scalar, TextTable, number_text, unit_text
-from seatrial.runner.compare.results import Queries, StoredRun
-from seatrial.runner.compare.selection import TableRequest
+from seatrial.runner.compare.table import TableRequest, comparison
 from seatrial.runner.record.catalogue import all_declared, definition_of
 
 # The metrics that have a table, and whether the table is unfolded at first.

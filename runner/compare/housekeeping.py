@@ -9,8 +9,8 @@ from datetime import timedelta
 from pathlib import Path
 
 from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
-from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.runs import repeat_command, runs_of
 from seatrial.runner.database.engine import Address
 from seatrial.runner.database.logbook import LogbookWriter
@@ -76,8 +76,7 @@ def prunable(
             "prune: expected --older-than, --status or --where, or --orphans; got none"
         )
     _check_statuses(statuses, PRUNED)
-    condition = results.where(where)
-    clauses = [] if condition is None else [results.names.clause(condition)]
+    clauses = results.names.clauses(results.where(where))
     summaries = results.reader.prunable(
         *clauses, older_than=age(older_than) if older_than else None, statuses=statuses
     )

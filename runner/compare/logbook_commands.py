@@ -59,7 +59,7 @@ def report(
     request = compare.report.ReportRequest(
         *axes_of(rows, columns), where, sweep, tag, title, database
     )
-    with compare.results.open_results(database, results_dir) as results:
+    with compare.frame.open_results(database, results_dir) as results:
         file = output or shown_path(results.reader.results_dir / "report" / "report.html")
         compare.report.write_report(results, request, file)
     typer.echo(file)
@@ -86,7 +86,7 @@ def site(
 
     Tables, figures, runs and failures; every view has a link and the command that repeats it.
     """
-    with compare.results.open_results(database, results_dir) as results:
+    with compare.frame.open_results(database, results_dir) as results:
         folder = to or shown_path(results.reader.results_dir / "site")
         typer.echo(compare.site.write_site(results, folder, database, runs))
 
@@ -104,7 +104,7 @@ def retry(
 ) -> None:
     """Print the commands that repeat failed trials, or run them."""
     statuses = split(status) or ("failed", "interrupted")
-    with compare.results.open_results(database) as results:
+    with compare.frame.open_results(database) as results:
         commands = compare.housekeeping.retry_commands(results, where, statuses)
     if not commands:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
@@ -120,7 +120,7 @@ def export(
     database: Database = DEFAULT_DATABASE,
 ) -> None:
     """Write every table as Parquet and as CSV."""
-    with compare.results.open_results(database) as results:
+    with compare.frame.open_results(database) as results:
         for path in results.reader.export(folder):
             typer.echo(path)
 
@@ -146,7 +146,7 @@ def prune(
     results_dir: ResultsDir = None,
 ) -> None:
     """Show which runs would be deleted with their files, and with --yes delete them."""
-    with compare.results.open_results(database, results_dir) as results:
+    with compare.frame.open_results(database, results_dir) as results:
         address, folder = results.reader.address, results.reader.results_dir
         if orphans:
             compare.housekeeping.require_no_choice(older_than, status, where)
@@ -171,7 +171,7 @@ def verify(
     results_dir: ResultsDir = None,
 ) -> None:
     """Check the database, every foreign key and the checksum of every series file."""
-    with compare.results.open_results(database, results_dir) as results:
+    with compare.frame.open_results(database, results_dir) as results:
         intact, grid = compare.housekeeping.verification(results)
     show_grid(grid, form)
     if not intact:
@@ -187,7 +187,7 @@ def audit(
     form: Form = OutputFormat.RICH,
 ) -> None:
     """List runs that mislead in a comparison, with the remedy: nothing is changed."""
-    with compare.results.open_results(database) as results:
+    with compare.frame.open_results(database) as results:
         show_grid(compare.audit.audit(results, where, sweep, tag), form)
 
 
@@ -211,5 +211,5 @@ def animate(
 
     The hull is to scale, with thrust and rudder; nominal and identified model are side by side.
     """
-    with compare.results.open_results(database, results_dir) as results:
+    with compare.frame.open_results(database, results_dir) as results:
         typer.echo(shown_path(compare.animation.animate(results, run, to)))

@@ -8,8 +8,8 @@ import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun, open_results
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text
-from seatrial.runner.compare.results import FINISHED, Queries, StoredRun, open_results
 from seatrial.runner.export.manoeuvre_tracks import (
     COMPARED,
     DIAGNOSTIC,

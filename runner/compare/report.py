@@ -10,11 +10,12 @@ from pathlib import Path
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError, PartError, RecordingError
+from seatrial.runner.compare.comparability import TooDifferentError
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
+from seatrial.runner.compare.frame import Queries, StoredRun, ordered
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.headlines import Headline, answers, headlines, in_words
-from seatrial.runner.compare.likeness import TooDifferentError
 from seatrial.runner.compare.manoeuvre_comparison import grid_of_sheet, newest_manoeuvres
 from seatrial.runner.compare.page import (
     Section,
@@ -31,9 +32,8 @@ from seatrial.runner.compare.page import (
 )
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.results import Queries, StoredRun, ordered
 from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
-from seatrial.runner.compare.selection import TableRequest
+from seatrial.runner.compare.table import TableRequest
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import sheet
@@ -277,7 +277,7 @@ def _variants(
             yield figure.caption, request
 
 
-def _warnings(results: Queries, condition: Condition | None) -> list[str]:
+def _warnings(results: Queries, condition: Condition) -> list[str]:
     """Return the warnings with the numbers of their runs."""
     messages = []
     for text, ids in results.warnings(condition)[:MOST_LISTED]:
@@ -286,7 +286,7 @@ def _warnings(results: Queries, condition: Condition | None) -> list[str]:
     return messages
 
 
-def _provenance(results: Queries, condition: Condition | None) -> list[tuple[str, Markup]]:
+def _provenance(results: Queries, condition: Condition) -> list[tuple[str, Markup]]:
     """Return each property of provenance with its distinct values."""
     counts_of: dict[str, Counter[str]] = {}
     for row in results.provenance(condition):

@@ -13,10 +13,9 @@ import sqlalchemy as sa
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.factors import flat
+from seatrial.runner.compare.frame import RUN, Queries, flat
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line, unit_text
-from seatrial.runner.compare.results import RUN, Queries
-from seatrial.runner.compare.where import Comparison, Condition
+from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.engine import Address, file_url
 from seatrial.runner.database.records import RunDetail, RunSummary
 from seatrial.runner.database.terminal import error_line
@@ -100,7 +99,7 @@ def run_rows(
 
 
 def runs_of(
-    results: Queries, condition: Condition | None, statuses: Sequence[str], limit: int | None = None
+    results: Queries, condition: Condition, statuses: Sequence[str], limit: int | None = None
 ) -> list[RunSummary]:
     """Return runs that meet the condition and have one of the statuses, newest first.
 
@@ -111,7 +110,7 @@ def runs_of(
         if status not in STATUSES:
             expected = ", ".join(STATUSES)
             raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
-    conditions = [] if condition is None else [results.names.clause(condition)]
+    conditions = results.names.clauses(condition)
     if statuses:  # the view may still show an interrupted run as running
         candidates = [*statuses, *(["running"] if "interrupted" in statuses else [])]
         conditions.append(run_overview.c.status.in_(candidates))
@@ -174,7 +173,7 @@ def run_details(results: Queries, run_id: int) -> list[TextTable]:
     after = next((i for i, (name, _) in enumerate(properties) if name == "sweep"), 0) + 1
     properties[after:after] = _labels(results, run.summary.sweep_id)
     position = next(i for i, (name, _) in enumerate(properties) if name == "vessel")
-    warnings = results.warnings(Comparison("id", "=", run_id))
+    warnings = results.warnings(Condition(run=run_id))
     properties[position:position] = [["warning", text] for text, _ in warnings]
     grids = [
         grid_of(f"run {run_id}", ("property", "value"), properties, labels=2),

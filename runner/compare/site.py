@@ -20,12 +20,12 @@ from markupsafe import Markup
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.benchmark.scores import half_width
 from seatrial.runner.compare.formats import html_table
+from seatrial.runner.compare.frame import RUN, Queries, StoredRun, ordered
 from seatrial.runner.compare.grid import TextTable, number_text, with_unit
 from seatrial.runner.compare.headlines import TABLES, in_words
 from seatrial.runner.compare.page import Section, bullets, code, link, page, paragraph
 from seatrial.runner.compare.plots.request import PREFIX, subtitle
 from seatrial.runner.compare.report import ReportRequest, render_report
-from seatrial.runner.compare.results import RUN, Queries, StoredRun, ordered
 from seatrial.runner.compare.runs import run_details
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.database.tables import Reuse
@@ -208,17 +208,18 @@ def _factors(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
     `codes` are the places of the runs' levels; `conditions` say how --where writes a level.
     """
     own = [*GROUPS, "seed"]
-    levels = {name: [run.levels[name] for run in runs] for name in own}
-    levels |= {"status": [run.status for run in runs], "code": [run.code or "none" for run in runs]}
-    keys = [key for key in _varied(results) if key not in levels][:MOST_FILTERS]
-    known = {run.id: run.levels for run in results.runs(None, keys)} if keys else {}
-    levels |= {key: [known[run.id][key] for run in runs] for key in keys}
+    keys = [key for key in _varied(results) if key not in own][:MOST_FILTERS]
+    trials = results.trials(factors=keys)
+    levels = {name: trials[name].astype(str).tolist() for name in (*own, "status", *keys)}
+    levels["code"] = [str(code) for code in trials["of_code"].astype(object).fillna("none")]
     factors = list[Json]()
     for name, texts in levels.items():
         distinct = ordered(texts)
         if len(distinct) > 1:
             codes = {text: i for i, text in enumerate(distinct)}
             conditions = [_quoted(text) if name != "seed" else text for text in distinct]
+            if name == "code":  # a run of before has none
+                conditions = ["null" if text == "none" else _quoted(text) for text in distinct]
             if name in keys:
                 first = {text: runs[i].id for i, text in reversed(list(enumerate(texts)))}
                 configs = results.configs_of([*first.values()])
@@ -252,16 +253,16 @@ def _measures(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
     places = {run.id: i for i, run in enumerate(runs)}
     stored = set(results.metric_names())
     names = [name for name, shown in TABLES.items() if shown and name in stored]
-    found = dict[tuple[str, str], dict[str, object]]()
-    for one in results.metrics(runs, names) if names else ():
-        if one.model == "identified":
-            label = with_unit(f"{definition_of(one.name).label}, {one.dof}", one.unit)
-            empty: list[str | None] = [None] * len(runs)
-            measure: dict[str, object] = {"metric": one.name, "label": label, "values": empty}
-            values = found.setdefault((one.name, one.dof), measure)["values"]
-            assert isinstance(values, list)
-            values[places[one.run.id]] = _text(one.value)
-    return [*map(found.__getitem__, sorted(found, key=lambda key: names.index(key[0])))]
+    numbers = results.metrics(names, only={"model": ["identified"]})
+    numbers = numbers[numbers["run"].isin(list(places))]
+    found = list[Json]()
+    for (name, dof), rows in numbers.groupby(["metric", "dof"], observed=True, sort=False):
+        values: list[str | None] = [None] * len(runs)
+        for run, value in zip(rows["run"], rows["value"], strict=True):
+            values[places[run]] = _text(value)
+        label = with_unit(f"{definition_of(name).label}, {dof}", rows["unit"].iloc[0])
+        found.append({"metric": name, "label": label, "values": values})
+    return sorted(found, key=lambda measure: names.index(str(measure["metric"])))
 
 
 def words_of(database: str) -> list[str]:

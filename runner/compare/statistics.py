@@ -1,21 +1,36 @@
-"""Statistics over the seeds of a cell: location, spread, intervals and the paired test.
+"""Statistics of cells: location, spread, intervals, the paired test, and the best of them.
 
-Samples are arrays of finite numbers, shape (n,), one number for each run. A statistic is NaN if the
-sample is too small for it.
+Samples are arrays of finite numbers, shape (n,), one number for each seed. A statistic is NaN if
+the sample is too small for it. `pivot` groups the frame of observations into cells.
 """
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 import scipy  # its subpackages are loaded at their first use
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.record.catalogue import Better
+from seatrial.runner.compare.comparability import EVERY_SEED, by_seed, distinct, pairs, within
+from seatrial.runner.compare.frame import (
+    BELOW_TRUE_MODEL,
+    COEFFICIENT_STAGE,
+    DIVERGED,
+    METRIC_FACTORS,
+    NOT_APPLICABLE,
+    POOLED,
+    WITHOUT,
+    codes,
+    ordered,
+)
+from seatrial.runner.record.catalogue import Better, definition_of
+from seatrial.runner.vocabulary import DOF_ORDER, MODELS, UNFINISHED
 
 Sample = NDArray[np.float64]
 IntervalKind = Literal["t", "bootstrap"]
@@ -213,3 +228,259 @@ def holm(p_values: Sequence[float]) -> list[float]:
         largest = max(largest, min((len(known) - place) * float(values[k]), 1.0))
         adjusted[k] = largest
     return adjusted.tolist()
+
+
+Key = tuple[str, ...]
+Place = tuple[Key, Key]
+# Cells are compared with each other if they differ in nothing but these.
+COMPARED = ("identifier", "controller", "update")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The content of one cell.
+
+    `by_seed` are the values that the statistics are of: the average over the levels that a cell
+    pools, for each seed that has them all; EVERY_SEED is the seed of numbers that depend on none.
+    `uneven` counts the other seeds. `missing` counts the trials without a value by the reason.
+    `experiments` is the number of experiments with a value, `flagged` that of their runs below the
+    true model, which fit lag or feedback instead of the vessel. `lost_seeds` are those of the
+    trials, started or planned, that have no value, and `units` those of all numbers.
+    """
+
+    by_seed: Mapping[str, float] = field(default_factory=dict)
+    missing: Mapping[str, int] = field(default_factory=dict)
+    experiments: int = 0
+    flagged: int = 0
+    held_s: float = math.nan  # median time that the diverged free runs held
+    lost_seeds: frozenset[str] = frozenset()
+    units: frozenset[str] = frozenset()
+    uneven: int = 0
+    metric: str = ""
+    stage: str = ""
+    condition: int = -1  # of its first number
+    is_baseline: bool = False
+    unstable: bool = False  # a controller of it, on its own model
+    infeasible: bool = False  # the limits of a controller of it
+    std_error: float = math.nan  # root mean square
+    true_value: float = math.nan  # if all of its runs share it
+    of_estimate: bool = False  # a standard error is of the estimate, not of the coefficient
+
+    @property
+    def unfinished(self) -> Mapping[str, int]:
+        """The number of unfinished trials by status."""
+        return {status: n for status, n in self.missing.items() if status in UNFINISHED}
+
+    @property
+    def diverged(self) -> int:
+        """The number of finished runs whose prediction diverged."""
+        return self.missing.get(DIVERGED, 0)
+
+    @property
+    def without(self) -> int:
+        """The number of other finished runs whose number has no value."""
+        return self.missing.get(WITHOUT, 0)
+
+    @property
+    def deterministic(self) -> bool:
+        """Whether no number depends on a seed."""
+        return [*self.by_seed] == [EVERY_SEED]
+
+    @property
+    def sample(self) -> Sample:
+        """The values by seed, shape (n,)."""
+        return np.array([*self.by_seed.values()], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """Cells by row key and column key; a key holds one level for each factor.
+
+    `known` are the distinct numbers with a value, each with the number of its `cell`, and `places`
+    the keys of the cells by that number.
+    """
+
+    row_factors: Key
+    column_factors: Key
+    row_keys: Sequence[Key]
+    column_keys: Sequence[Key]
+    cells: Mapping[Place, Cell]
+    known: pd.DataFrame
+    places: Sequence[Place]
+
+    def cell(self, row: Key, column: Key) -> Cell:
+        """Return the cell, which is empty if no run belongs to it."""
+        return self.cells.get((row, column), Cell())
+
+
+def pivot(frame: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str] = ()) -> Pivot:
+    """Group a completed frame by the levels of the factors; every experiment counts once.
+
+    `metrics` is the order of the metrics in the request.
+    """
+    factors = (*rows, *columns)
+    frame = frame.assign(cell=codes(frame, factors))
+    finite, own = frame["reason"] == "", frame["reason"].isin([DIVERGED, WITHOUT])
+    known, lacking = (distinct(frame[chosen], ["cell"]) for chosen in (finite, own))
+    missing = pd.concat([lacking, frame[~finite & ~own]])
+    contents: dict[int, dict[str, object]] = defaultdict(dict)
+    for name, of_cells in _contents(frame, known, missing):
+        for cell, value in of_cells.items():
+            contents[cell][name] = value
+    values = by_seed(known)
+    for (cell,), group in values[values["whole"]].groupby(["cell"], sort=False):
+        contents[cell]["by_seed"] = dict(zip(group["replicate"], group["value"], strict=True))
+    for (cell,), group in missing.groupby(["cell"]):
+        counts = group.groupby("reason", observed=True)["run"].nunique()
+        contents[cell]["missing"] = {str(reason): int(n) for reason, n in counts.items()}
+    for cell, uneven in (~values["whole"]).groupby(values["cell"]).sum().items():
+        contents[cell]["uneven"] = int(uneven)
+    split = len(rows)
+    levels = frame.loc[~frame["cell"].duplicated(), list(factors)].astype(str)
+    keys = [tuple(each) for each in levels.itertuples(index=False)] if factors else [()]
+    places = [(key[:split], key[split:]) for key in keys]
+    cells = {place: Cell(**contents[n]) for n, place in enumerate(places)}  # type: ignore[arg-type]
+    return Pivot(
+        rows, columns, _sorted((row for row, _ in places), rows, metrics),
+        _sorted((column for _, column in places), columns, metrics), cells, known, places,
+    )  # fmt: skip
+
+
+def _contents(
+    frame: pd.DataFrame, known: pd.DataFrame, missing: pd.DataFrame
+) -> Iterable[tuple[str, "pd.Series[object]"]]:
+    """Yield the name and the values by cell of what cells hold, apart from counts and values."""
+    observed = known.groupby("cell")
+    yield "experiments", observed.size()
+    yield "condition", observed["condition"].first()
+    for name in ("metric", "stage"):
+        yield name, observed[name].first()
+    yield "flagged", known[known[BELOW_TRUE_MODEL]].groupby("cell")["run"].nunique()
+    for name in ("unstable", "infeasible"):
+        yield name, observed[name].any()
+    yield "is_baseline", observed["is_baseline"].all()
+    held = frame[frame["reason"] == DIVERGED].groupby("cell")["held_s"]
+    yield "held_s", held.agg(lambda times: float(np.median(times)))
+    lost = missing[missing["reason"] != NOT_APPLICABLE]
+    yield "lost_seeds", lost.groupby("cell")["seed"].agg(frozenset)
+    yield "units", frame[frame["unit"].notna()].groupby("cell")["unit"].agg(frozenset)
+    if "std_error" in frame:
+        squares = known.assign(std_error=known["std_error"] ** 2).groupby("cell")["std_error"]
+        yield "std_error", np.sqrt(squares.mean())
+        truth = known.groupby("cell")["true_value"]
+        yield "true_value", truth.first().where(truth.nunique(dropna=False) == 1)
+        yield "of_estimate", observed["of_estimate"].any()
+
+
+def _sorted(keys: Iterable[Key], factors: Key, metrics: Sequence[str]) -> list[Key]:
+    """Return the distinct keys: metrics as requested, DOFs and models in their usual order."""
+    first = {"metric": tuple(metrics), "dof": DOF_ORDER, "model": MODELS, "file": (POOLED,)}
+    distinct_keys = {*keys}
+    ranks = []
+    for place, factor in enumerate(factors):
+        levels = ordered(key[place] for key in distinct_keys)
+        known = [level for level in first.get(factor, ()) if level in levels]
+        ranks.append({v: i for i, v in enumerate(dict.fromkeys([*known, *levels]))})
+    return sorted(distinct_keys, key=lambda k: [r[v] for r, v in zip(ranks, k, strict=True)])
+
+
+def best_cells(
+    table: Pivot,
+    facts: pd.DataFrame,
+    loss_of: Callable[[Cell, Sample], float],
+    resolution: Callable[[Cell], float],
+) -> set[Place]:
+    """Return the cells to set in bold: the best among those under equal conditions.
+
+    Cells are compared over the same seeds: those of the baseline, without one those that most of
+    the cells have. A cell that lacks one of them is not best, nor is one that lost a trial, because
+    the others are the easier ones, nor one below the true model, which does not fit the vessel.
+
+    Args:
+        table: the cells.
+        facts: the facts of the conditions.
+        loss_of: the number that a cell is compared by, of its values over those seeds, shape (n,);
+            smaller is better, NaN excludes it.
+        resolution: losses of a cell that differ by less are equal.
+    """
+    shared = codes(facts, [name for name in facts if not within(name, COMPARED)])
+    apart = [
+        k for k, factor in enumerate((*table.row_factors, *table.column_factors))
+        if factor in ("metric", "stage", "dof", "file")
+        or not within(factor, (*COMPARED, *METRIC_FACTORS))
+    ]  # fmt: skip
+    groups: dict[Hashable, list[Place]] = defaultdict(list)
+    for place, cell in table.cells.items():
+        own = tuple((place[0] + place[1])[k] for k in apart)
+        groups[own, int(shared[cell.condition]) if cell.experiments else -1].append(place)
+    best = set()
+    for members in groups.values():
+        cells = {place: table.cells[place] for place in members}
+        seeds = reference_seeds(cells.values())
+        losses = {
+            place: loss_of(cell, np.array([*on_seeds(cell, seeds).values()]))
+            for place, cell in cells.items()
+            if cell.experiments and not (cell.flagged or cell.lost_seeds or cell.uneven)
+            and (cell.deterministic or seeds <= cell.by_seed.keys())
+        }  # fmt: skip
+        finite = {place: value for place, value in losses.items() if np.isfinite(value)}
+        if len(members) > 1 and finite:
+            lowest = min(finite.values())
+            best |= {
+                place
+                for place, value in finite.items()
+                if equal(np.array([value]), lowest, resolution(cells[place]))[0]
+            }
+    return best
+
+
+def reference_seeds(cells: Iterable[Cell]) -> frozenset[str]:
+    """Return the seeds that cells are compared over.
+
+    They are the seeds of the baseline, or those that more than half of the cells have.
+    """
+    drawn = [cell for cell in cells if cell.experiments and not cell.deterministic]
+    reference = [cell for cell in drawn if cell.is_baseline]
+    counts = Counter(seed for cell in reference or drawn for seed in cell.by_seed)
+    most = 0 if reference else len(drawn) / 2.0
+    return frozenset(seed for seed, n in counts.items() if seed != EVERY_SEED and n > most)
+
+
+def on_seeds(cell: Cell, seeds: frozenset[str]) -> Mapping[str, float]:
+    """Return the values of a cell over some seeds; a deterministic cell has every seed."""
+    return {seed: v for seed, v in cell.by_seed.items() if seed == EVERY_SEED or seed in seeds}
+
+
+def against_baseline(
+    table: Pivot, frame: pd.DataFrame, facts: pd.DataFrame, baseline: Mapping[str, str]
+) -> dict[Place, PairedTest]:
+    """Test each cell against its counterparts in the frame, which have the levels of `baseline`.
+
+    Cells of the baseline itself are omitted; a cell without a counterpart has a test without pairs.
+    """
+    factors = (*table.row_factors, *table.column_factors)
+    named = [name for name in factors if name not in baseline and name not in METRIC_FACTORS]
+    references = distinct(frame[(frame["reason"] == "") & frame["is_baseline"]]).assign(cell=-1)
+    own = table.known[~table.known["is_baseline"]]
+    both = pd.concat([own, references], ignore_index=True)
+    beside, seeds = pairs(both, facts, baseline, named)
+    of_cell, known_of = dict(iter(beside.groupby("cell"))), seeds.groupby("cell")["replicate"]
+    known = known_of.agg(set).to_dict()
+    tests = {}
+    for number in sorted(own["cell"].unique()):
+        place = table.places[number]
+        cell, pair = table.cells[place], of_cell.get(number, beside[:0])
+        of_baseline = known.get(number, set())
+        lost = {
+            seed for seed in cell.lost_seeds - {*pair["replicate"]}
+            if seed in of_baseline or EVERY_SEED in of_baseline
+        }  # fmt: skip
+        metric = definition_of(cell.metric)
+        resolution = 0.0 if cell.stage == COEFFICIENT_STAGE else metric.resolution
+        left, right = pair["value"].to_numpy(), pair["other"].to_numpy()
+        tests[place] = paired_test(left, right, metric.better, resolution, len(lost))
+    adjusted = holm([test.p_value for test in tests.values()])
+    return {
+        place: replace(test, p_holm=p)
+        for (place, test), p in zip(tests.items(), adjusted, strict=True)
+    }

@@ -4,7 +4,7 @@ Every query opens the logbook and closes it again, so that nothing is locked bet
 notebook. Tables and figures are those of `seatrial-results`.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from html import escape
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from seatrial.runner.compare.results import Observation, Queries
+    from seatrial.runner.compare.frame import Queries
     from seatrial.runner.database import RunDetail
     from seatrial.runner.record import rows
 else:
@@ -68,7 +68,7 @@ class Logbook:
     @contextmanager
     def opened(self) -> Iterator["Queries"]:
         """Open the logbook for the queries of tables and figures."""
-        with compare.results.open_results(self.address, self._results_dir) as results:
+        with compare.frame.open_results(self.address, self._results_dir) as results:
             yield results
 
     def runs(
@@ -116,9 +116,12 @@ class Logbook:
         with self.opened() as results:
             condition, _ = results.selected(*self._selection(selected, "all"))
             wanted = listed(names) or results.metric_names()
-            runs = results.runs(condition)
-            numbers = results.metrics(runs, wanted, condition)
-            return _long(numbers)
+            numbers = results.metrics(wanted, condition)
+            labels = results.trials(condition)[[*GROUPS, "seed"]].astype({"seed": "int64"})
+        frame = numbers.join(labels, on="run", how="inner")
+        frame = frame.rename(columns={"run": "run_id", "metric": "name"})
+        columns = ("run_id", *labels, "stage", "model", "dof", "name", "value", "unit")
+        return frame[list(columns)].reset_index(drop=True)
 
     def table(self, **options: Unpack[TableArguments]) -> Table:
         """Compare a metric or coefficients over seeds, as `seatrial-results table` does.
@@ -135,9 +138,9 @@ class Logbook:
             Shown by a notebook; its numbers are `table.frame`.
         """
         chosen = self._options(options, TABLE_LISTS)
-        request = compare.selection.request_of(TableOptions(**chosen))
+        request = compare.table.request_of(TableOptions(**chosen))
         with self.opened() as results:
-            return Table(compare.comparison_table.comparison(results, request))
+            return Table(compare.table.comparison(results, request))
 
     @overload
     def plot(self, kind: str, ax: None = None, **options: Unpack[PlotArguments]) -> "Figure": ...
@@ -417,16 +420,3 @@ MODELS = ("nominal", "identified")
 def _rows(record: type[Any], rows: Sequence[Any]) -> "pd.DataFrame":
     """Return records as a frame, which has its columns also without a row."""
     return pd.DataFrame(list(map(asdict, rows)), columns=[field.name for field in fields(record)])
-
-
-def _long(numbers: Iterable["Observation"]) -> "pd.DataFrame":
-    """Return observations as a frame, one row a number."""
-    names = (*GROUPS, "seed")
-    columns = ("run_id", *names, "stage", "model", "dof", "name", "value", "unit")
-    rows = [
-        (o.run.id, *(o.run.levels[n] for n in names), o.stage, o.model, o.dof, o.name, o.value,
-         o.unit)
-        for o in numbers
-    ]  # fmt: skip
-    frame = pd.DataFrame(rows, columns=list(columns))
-    return frame.astype({"seed": "int64", "value": "float64"})

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from seatrial.runner.compare.cli import TableOptions
-from seatrial.runner.compare.comparison_table import comparison
-from seatrial.runner.compare.results import open_results
-from seatrial.runner.compare.selection import request_of
+from seatrial.runner.compare.frame import open_results
+from seatrial.runner.compare.table import comparison, request_of
 from tests.audit.recomputed import frame, table
 from tests.runner.compare import stored
 

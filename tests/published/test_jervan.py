@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from docs.published.figures import force_error_figure, iaew_figure, scaled_coefficients_figure
 from docs.published.printed import read_folder
-from seatrial.runner.compare.results import Queries, open_results
+from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.record.coefficient_rows import vessel_of
 from seatrial.runner.record.rows import Results
 from tests.runner.compare import stored

@@ -16,7 +16,7 @@ from docs.published.figures import objective_figure, times_figure
 from docs.published.printed import COLUMNS, Printed, judged, read_folder, verdict_of
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.results import Queries, open_results
+from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 

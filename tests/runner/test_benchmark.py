@@ -11,9 +11,9 @@ from seatrial.runner import benchmark, search_path
 from seatrial.runner.compare.benchmark.boards import boards
 from seatrial.runner.compare.benchmark.cells import cells, entrants_of, lacking
 from seatrial.runner.compare.benchmark.task import GROUP, located, task_of
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.grid import TableCell
 from seatrial.runner.compare.leaderboard import grids
-from seatrial.runner.compare.results import open_results
 from tests.trials import composed
 
 TASKS = search_path.options(GROUP)

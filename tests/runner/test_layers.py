@@ -90,7 +90,7 @@ def test_the_rules_see_a_breach() -> None:
     assert refused("models.vessel.table", "seatrial.runner.trial.run")
     assert refused("runner.trial", "hydra.utils")
     assert refused("models.excitation.missions", "seatrial.models.control.pid.Pid")
-    assert refused("runner.compare.comparison_table", "seatrial.models.vessel.table.Vessel")
+    assert refused("runner.compare.table", "seatrial.models.vessel.table.Vessel")
     assert not refused("runner.trial", "seatrial.models.vessel.table.Vessel")
     assert len(SOURCES) > 100
 

@@ -14,7 +14,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from seatrial.models.errors import ConfigurationError, Diverged, LogbookError
 from seatrial.runner import trial as trials
 from seatrial.runner.compare.__main__ import run as compare
-from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.config import Trial
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.record.rows import Metric, Results

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from seatrial.runner.compare.results import StoredRun, open_results
+from seatrial.runner.compare.frame import StoredRun, open_results
 from seatrial.runner.database import LogbookWriter
 from tests.runner.command import Command
 

@@ -17,8 +17,8 @@ from seatrial.runner.compare.benchmark.cells import cells, entrants_of
 from seatrial.runner.compare.benchmark.entries import REFERENCES, BenchmarkRun, entries, references
 from seatrial.runner.compare.benchmark.scores import AT_REST, chance
 from seatrial.runner.compare.benchmark.task import GROUP, Task, task_of
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.ranking import SIGNIFICANCE, Ranking, ranking
-from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.statistics import Sample, holm
 
 

@@ -23,7 +23,7 @@ from seatrial.runner.compare.benchmark.scores import (
     score,
 )
 from seatrial.runner.compare.benchmark.task import Task
-from seatrial.runner.compare.results import FINISHED, Queries
+from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.database.tables import DiagnosticRow
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.record.rows import Coefficient, Series

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare import cli
 from seatrial.runner.compare.figures import drawings_of, figure_of
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn, save
-from seatrial.runner.compare.results import Queries
 
 
 def request_of(options: cli.PlotOptions) -> PlotRequest:

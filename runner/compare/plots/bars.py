@@ -7,8 +7,9 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.comparability import with_conditions
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.pivot import Pivot, PivotCell, pivot
+from seatrial.runner.compare.frame import Queries, complete, observations
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.style import (
     MUTED,
@@ -20,8 +21,7 @@ from seatrial.runner.compare.plots.style import (
     metric_label,
     panels,
 )
-from seatrial.runner.compare.results import BELOW_TRUE_MODEL, FINISHED, Queries
-from seatrial.runner.compare.selection import DIVERGENCE, diverged_predictions
+from seatrial.runner.compare.statistics import Cell, Pivot, pivot
 from seatrial.runner.record.catalogue import definition_of
 
 FIGURE = Figure(
@@ -53,31 +53,26 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
-    names = (request.metric, BELOW_TRUE_MODEL, *DIVERGENCE)
-    numbers = results.metrics(facet.runs, names, facet.condition)
-    flagged = frozenset((o.run.id, o.dof) for o in numbers if o.name == names[1] and o.value)
-    diverged = diverged_predictions(numbers)
-    observations = [o for o in numbers if o.name == request.metric and o.run.status == FINISHED]
-    observations = [o for o in observations if o.model == request.model]
-    dofs = request.shown(lambda d: any(o.dof == d for o in observations))
+    numbers = results.metrics([request.metric], facet.condition)
+    frame = observations(numbers, facet.trials, results.marks(facet.condition))
+    frame = frame[frame["model"] == request.model]
+    dofs = request.shown(lambda d: bool((frame["dof"] == d).any()))
     if not dofs:
         return None
-    rows, columns = (request.rows,), (request.columns,)
+    frame, _ = with_conditions(results, facet.trials, frame.assign(is_baseline=False))
+    factors = (request.rows, request.columns)
     tables = {
         dof: pivot(
-            [o for o in observations if o.dof == dof], facet.runs, rows, columns, flagged,
-            facet.likeness, diverged,
+            complete(frame[frame["dof"] == dof], facet.trials, factors), factors[:1], factors[1:]
         )
         for dof in dofs
-    }  # fmt: skip
+    }
     first = tables[dofs[0]]
     width = max(3.4, FRAME + 0.32 * len(first.row_keys) * len(first.column_keys))
     width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
     figure, axes = panels(1, len(dofs), width, 3.8)
     for panel, dof in zip(axes, dofs, strict=True):
-        label = metric_label(
-            request.metric, dof, next(o.unit for o in observations if o.dof == dof)
-        )
+        label = metric_label(request.metric, dof, frame.loc[frame["dof"] == dof, "unit"].iloc[0])
         _panel(panel, tables[dof], request, label, width)
     heading = definition_of(request.metric).heading
     headed(figure, axes, facet.title(f"{heading}, {request.model} model"))
@@ -121,14 +116,14 @@ def _logarithmic(table: Pivot, request: PlotRequest) -> bool:
     """Return whether the axis is logarithmic: as requested, else by the range of the means."""
     if request.log is not None:
         return request.log
-    means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.observed]
+    means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.experiments]
     return len(means) > 0 and min(means) > 0.0 and max(means) > LOGARITHMIC_FROM * min(means)
 
 
 def _bars(
     axes: Axes,
     centres: NDArray[np.float64],
-    cells: Sequence[PivotCell],
+    cells: Sequence[Cell],
     width: float,
     i: int,
     label: str,
@@ -157,7 +152,7 @@ def _bars(
         _marks(axes, centre, cell, mean, max([mean + spread, *sample.tolist()], default=0.0))
 
 
-def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[PivotCell]) -> None:
+def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[Cell]) -> None:
     """Draw the standard deviation of bars of several seeds.
 
     A bar of one seed has none. Where the lower end of positive values would be zero or less, which
@@ -173,7 +168,7 @@ def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[PivotCel
             )  # fmt: skip
 
 
-def _marks(axes: Axes, centre: float, cell: PivotCell, mean: float, top: float) -> None:
+def _marks(axes: Axes, centre: float, cell: Cell, mean: float, top: float) -> None:
     """Write the counts of missing runs and the mark † above a bar."""
     lines = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
     lines += [f"{cell.diverged} diverged"] if cell.diverged else []
@@ -194,7 +189,7 @@ def _marks(axes: Axes, centre: float, cell: PivotCell, mean: float, top: float) 
 
 def _notes(tables: Mapping[str, Pivot], pool: Sequence[str]) -> list[str]:
     cells = [cell for table in tables.values() for cell in table.cells.values()]
-    largest = max(len(cell.observed) for cell in cells)
+    largest = max(cell.experiments for cell in cells)
     legend = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
     texts = [legend if largest > 1 else "one experiment a bar"]
     texts += [f"bars average over {', '.join(pool)}"] if pool else []

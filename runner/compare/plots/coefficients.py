@@ -11,9 +11,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
+from seatrial.runner.compare.comparability import distinct, with_conditions
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, observations, ordered
 from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
@@ -25,7 +28,6 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import FINISHED, Observation, Queries, ordered
 from seatrial.runner.compare.statistics import confidence_interval
 
 FIGURE = Figure(
@@ -72,19 +74,15 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
-    numbers = [
-        observation
-        for observation in results.coefficients(facet.runs, facet.condition)
-        if observation.model == request.model
-        and observation.run.status == FINISHED
-        and observation.value is not None
-    ]
-    dofs = request.shown(lambda dof: any(observation.dof == dof for observation in numbers))
-    covering = results.covering(facet.runs, facet.condition)
-    by_dof = {
-        dof: _groups(facet.likeness.distinct(o for o in numbers if o.dof == dof), request, covering)
-        for dof in dofs
-    }
+    marks = results.marks(facet.condition)
+    numbers = observations(results.coefficients(facet.condition), facet.trials, marks)
+    numbers = numbers[(numbers["model"] == request.model) & (numbers["reason"] == "")]
+    if numbers.empty:
+        return None
+    numbers = distinct(with_conditions(results, facet.trials, numbers)[0])
+    numbers["covers"] = numbers["run"].isin(results.covering(facet.condition))
+    dofs = request.shown(lambda dof: bool((numbers["dof"] == dof).any()))
+    by_dof = {dof: _groups(numbers[numbers["dof"] == dof], request) for dof in dofs}
     by_dof = {dof: groups for dof, groups in by_dof.items() if any(groups.values())}
     if not by_dof:
         return None
@@ -104,36 +102,32 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
 
 
 def _groups(
-    numbers: Sequence[Observation], request: PlotRequest, covering: frozenset[int]
+    numbers: pd.DataFrame, request: PlotRequest
 ) -> Mapping[str, Sequence[CoefficientEstimate]]:
     """Return estimates by group: the row, and column and vessel if there are several."""
     factors = [request.rows]
     for name in (request.columns, "vessel"):
-        if name not in factors and len({observation.level(name) for observation in numbers}) > 1:
+        if name not in factors and numbers[name].nunique() > 1:
             factors.append(name)
-    samples: dict[str, dict[str, list[Observation]]] = {}
-    for observation in numbers:
-        label = ", ".join(observation.level(name) for name in factors)
-        samples.setdefault(label, {}).setdefault(observation.name, []).append(observation)
-    return {
-        label: [e for s in by_term.values() if (e := _estimate(s, covering)) is not None]
-        for label, by_term in samples.items()
-    }
+    groups: dict[str, list[CoefficientEstimate]] = {}
+    for levels, group in numbers.groupby(factors, observed=True, sort=False):
+        estimates = groups.setdefault(", ".join(levels), [])
+        for _, sample in group.groupby("metric", observed=True, sort=False):
+            if (estimate := _estimate(sample)) is not None:
+                estimates.append(estimate)
+    return groups
 
 
-def _estimate(
-    sample: Sequence[Observation], covering: frozenset[int]
-) -> CoefficientEstimate | None:
+def _estimate(sample: pd.DataFrame) -> CoefficientEstimate | None:
     """Return mean and interval over seeds, or of a single run; None if it cannot be shown.
 
-    `covering` are the runs whose intervals are of the coefficient.
     A term whose true value is zero has no relative scale. Neither has a term without a true value
     whose standard error is missing or whose mean is zero.
     """
-    values = np.array([observation.value for observation in sample], dtype=np.float64)
-    truths = {observation.true_value for observation in sample}
-    truth = truths.pop() if len(truths) == 1 else None
-    errors = [observation.std_error for observation in sample if observation.std_error is not None]
+    values = sample["value"].to_numpy()
+    truths = sample["true_value"].unique()
+    truth = None if len(truths) > 1 or np.isnan(truths[0]) else float(truths[0])
+    errors = sample["std_error"].dropna().tolist()
     mean = float(np.mean(values))
     if truth == 0.0 or (truth is None and (not errors or mean == 0.0)):
         return None
@@ -145,10 +139,9 @@ def _estimate(
         low, high = mean - half, mean + half
     reference = mean if truth is None else truth
     ends = sorted((low / reference, high / reference))
-    first = sample[0]
     return CoefficientEstimate(
-        first.name, first.unit, reference, truth is not None, mean / reference, ends[0], ends[1],
-        covers=all(observation.run.id in covering for observation in sample),
+        sample["metric"].iloc[0], sample["unit"].iloc[0], reference, truth is not None,
+        mean / reference, ends[0], ends[1], covers=bool(sample["covers"].all()),
     )  # fmt: skip
 
 
@@ -286,19 +279,11 @@ def _arrow(axes: Axes, value: float, place: float, colour: str) -> None:
 
 
 def _notes(
-    numbers: Sequence[Observation],
-    by_dof: Mapping[str, Mapping[str, Sequence[CoefficientEstimate]]],
+    numbers: pd.DataFrame, by_dof: Mapping[str, Mapping[str, Sequence[CoefficientEstimate]]]
 ) -> list[str]:
-    zero = len(
-        {
-            (observation.dof, observation.name)
-            for observation in numbers
-            if observation.true_value == 0.0
-        }
-    )
-    seeds = len({observation.run.id for observation in numbers}) > sum(
-        map(len, by_dof.values())
-    ) / len(by_dof)
+    known = numbers.loc[numbers["true_value"] == 0.0, ["dof", "metric"]]
+    zero = len(known.drop_duplicates())
+    seeds = numbers["run"].nunique() > sum(map(len, by_dof.values())) / len(by_dof)
     notes = [
         "whiskers: 95 % interval, of the mean over seeds (t) where they differ, else of the fit"
     ]

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun, ordered
 from seatrial.runner.compare.plots.request import PREFIX, Facet, PlotRequest, facets
 from seatrial.runner.compare.plots.response import NOTE, overlaid
 from seatrial.runner.compare.plots.style import PALETTE, Drawing, footnote, headed, limits_of
-from seatrial.runner.compare.results import FINISHED, Queries, StoredRun, ordered
 from seatrial.runner.vocabulary import GROUPS
 
 FIGURE = Figure(

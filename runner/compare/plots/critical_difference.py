@@ -8,6 +8,7 @@ from matplotlib.figure import Figure as Chart
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.benchmark.boards import Ranked, boards, overall
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import (
@@ -20,7 +21,6 @@ from seatrial.runner.compare.plots.style import (
     panels,
 )
 from seatrial.runner.compare.ranking import Ranking, critical_difference
-from seatrial.runner.compare.results import Queries
 
 FIGURE = Figure(
     "critical_difference",

@@ -17,9 +17,10 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredDiagnostic, StoredRun
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
 from seatrial.runner.compare.plots.force_residual import shade
-from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle, with_run
+from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     PALETTE,
     REFERENCE,
@@ -32,8 +33,8 @@ from seatrial.runner.compare.plots.style import (
     panels,
     prefixed,
 )
-from seatrial.runner.compare.results import Queries, StoredDiagnostic, StoredRun
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import Config
 
@@ -121,7 +122,7 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
     idle = [signal for signal in signals if signal not in excited]
     if not excited:
         raise ConfigurationError(f"plot excitation: run {run.id} has no force in these DOFs")
-    diagnostics = results.diagnostics([run], (*REPORT, GROUPS), with_run(None, run.id))[run.id]
+    diagnostics = results.diagnostics([run], (*REPORT, GROUPS), Condition(run=run.id))[run.id]
     figure, axes = panels(len(excited), 2, 5.4, 2.3 if len(excited) > 1 else 3.2)
     for left, right, signal in zip(axes[::2], axes[1::2], excited, strict=True):
         _over_time(left, series, signal)

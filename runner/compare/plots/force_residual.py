@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
@@ -20,7 +21,6 @@ from seatrial.runner.compare.plots.style import (
     panels,
     prefixed,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.rows import Series
@@ -45,18 +45,16 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     return [_drawing(results, request, run) for run, _ in runs]
 
 
-def typical(results: Queries, runs: Sequence[StoredRun], condition: Condition | None) -> StoredRun:
+def typical(results: Queries, runs: Sequence[StoredRun], condition: Condition) -> StoredRun:
     """Return the run with the median improvement of the force, of the runs that identify a model.
 
     The improvement is the mean logarithm over degrees of freedom of the force MSE after over that
     before. Of equal runs, and without these metrics, it is the newest.
     """
     identified = [run for run in runs if run.levels["identifier"] != "none"] or runs
-    mse: dict[tuple[int, str, str], float] = {
-        (o.run.id, o.dof, o.model): o.value
-        for o in results.metrics(identified, ("force_mse",), condition)
-        if o.value is not None and o.value > 0.0
-    }
+    numbers = results.metrics(("force_mse",), condition)
+    numbers = numbers[(numbers["value"] > 0.0) & numbers["run"].isin([r.id for r in identified])]
+    mse = numbers.set_index(["run", "dof", "model"])["value"].to_dict()
     ratios: dict[int, list[float]] = {}
     for (run, dof, model), value in mse.items():
         if model == "identified" and (run, dof, "nominal") in mse:

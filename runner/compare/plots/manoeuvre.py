@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, notes_of
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle, with_run
@@ -17,7 +18,6 @@ from seatrial.runner.compare.plots.style import (
     headed,
     panels,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.export.manoeuvre_tracks import (
     Recorded,
     Sheet,

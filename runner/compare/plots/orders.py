@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, ordered
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
@@ -19,7 +20,6 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import Queries, ordered
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(

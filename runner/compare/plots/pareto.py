@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
@@ -25,7 +26,6 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import Queries
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle, with_run
+from seatrial.runner.compare.frame import Queries, StoredRun
+from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
     MUTED,
     PALETTE,
@@ -23,7 +24,7 @@ from seatrial.runner.compare.plots.style import (
     panels,
     trim,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
+from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.rows import Series
 
 FIGURE = Figure(
@@ -61,7 +62,7 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun) -> Drawing:
         passage = plan.columns["y"][part], plan.columns["x"][part]
         label = None if i else "passage"
         axes[0].plot(*passage, ":", color=REFERENCE, linewidth=1.2, label=label, zorder=2.5)
-    rows = results.diagnostics([run], ("mix_count",), with_run(None, run.id))[run.id]
+    rows = results.diagnostics([run], ("mix_count",), Condition(run=run.id))[run.id]
     if not rows:
         raise ConfigurationError(f"plot plan: run {run.id} has no diagnostic mix_count")
     for number, name in {int(row.i): str(row.label) for row in rows}.items():
@@ -147,7 +148,7 @@ def _track(axes: Axes, results: Queries, run: StoredRun) -> list[str]:
     east, north = recording.columns["y"], recording.columns["x"]
     axes.plot(east, north, color=MUTED, linewidth=0.9, label="sailed", zorder=2.2)
     names = ("plan_deviation", "sailed_clearance")
-    rows = results.diagnostics([run], names, with_run(None, run.id))[run.id]
+    rows = results.diagnostics([run], names, Condition(run=run.id))[run.id]
     values = {row.name: row.value for row in rows}
     if not all(name in values for name in names):
         return []

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.benchmark.scores import half_width
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
@@ -22,7 +23,6 @@ from seatrial.runner.compare.plots.style import (
     headed,
     panels,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import DOFS, IDENTIFIED_STD, POSES

@@ -5,25 +5,29 @@ The sailed missions of one run, for the figures of deployments.
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from hashlib import sha256
 from typing import TypeVar
 
 import numpy as np
+import pandas as pd
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.likeness import Likeness, differing, require_few
-from seatrial.runner.compare.results import (
+from seatrial.runner.compare.comparability import differing, of_runs, require_few, with_conditions
+from seatrial.runner.compare.frame import (
     FINISHED,
-    Observation,
+    NO_LEVELS,
     Queries,
     StoredDiagnostic,
     StoredRun,
+    codes,
     ordered,
+    stored_runs,
 )
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.compare.where import Comparison, Condition, Joined
+from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Series
@@ -60,11 +64,15 @@ class PlotRequest:
 class Facet:
     """The runs of one figure, and its label."""
 
-    runs: Sequence[StoredRun]
-    condition: Condition | None
-    likeness: Likeness
+    trials: pd.DataFrame  # see `frame`
+    condition: Condition
     label: str = ""  # "vessel = milliampere", empty if there is one figure
     run: int | None = None  # the requested run
+
+    @cached_property
+    def runs(self) -> Sequence[StoredRun]:
+        """The runs as objects."""
+        return stored_runs(self.trials)
 
     def title(self, text: str) -> str:
         """Return the title of the figure with the vessel and the facet."""
@@ -85,14 +93,15 @@ class Facet:
         return f"{safe[:LONGEST_STEM]}-{sha256(stem.encode()).hexdigest()[:12]}"
 
 
-def _drawable(run: StoredRun) -> StoredRun:
-    """Return a run whose levels matplotlib draws as text, not as formulas between $.
+def _drawable(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return trials whose levels matplotlib draws as text, not as formulas between $.
 
     A level that is long or has control characters ends with a part of its digest, so that levels
     stay distinct.
     """
-    levels = {name: _label(level) for name, level in run.levels.items()}
-    return run if levels == run.levels else replace(run, levels=levels)
+    names = [name for name in trials if name not in NO_LEVELS]
+    drawable = {name: trials[name].cat.rename_categories(_label) for name in names}
+    return trials.assign(**drawable)
 
 
 def _label(level: str) -> str:
@@ -119,23 +128,22 @@ def facets(
     factors += [request.facet] if request.facet is not None else []
     for factor in factors:
         results.names.check(factor, "--rows/--columns/--facet")
-    runs = [_drawable(run) for run in results.runs(condition, factors)]
-    likeness = Likeness(results, runs)
+    trials = _drawable(results.trials(condition, factors))
     split = []
     if averages and "all" not in request.pool:
-        split = _unlike(likeness, runs, factors, request)
+        split = _unlike(results, trials, factors, request)
         if "vessel" not in (*factors, *split, *request.pool):
-            split += ["vessel"] if len({run.levels["vessel"] for run in runs}) > 1 else []
+            split += ["vessel"] if trials["vessel"].nunique() > 1 else []
     names = [*([] if request.facet is None else [request.facet]), *split]
     if split:
-        runs = [_drawable(run) for run in results.runs(condition, [*factors, *split])]
-    parts: dict[tuple[str, ...], list[StoredRun]] = defaultdict(list)
-    for run in runs:
-        parts[tuple(run.levels[name] for name in names)].append(run)
+        trials = _drawable(results.trials(condition, [*factors, *split]))
+    if not names:
+        return [Facet(trials, condition, "", request.run)]
+    parts = dict(iter(trials.groupby(names, observed=True)))
     ranks = [ordered(levels) for levels in zip(*parts, strict=True)]
     return [
         Facet(
-            parts[key], condition, likeness,
+            parts[key], condition,
             ", ".join(f"{name} = {level}" for name, level in zip(names, key, strict=True)),
             request.run,
         )
@@ -144,17 +152,14 @@ def facets(
 
 
 def _unlike(
-    likeness: Likeness, runs: Sequence[StoredRun], factors: Sequence[str], request: PlotRequest
+    results: Queries, trials: pd.DataFrame, factors: Sequence[str], request: PlotRequest
 ) -> list[str]:
     """Return what the runs of one group of a figure differ in, apart from the seed."""
     stages = definition_of(request.metric).stages
     stage = "deployment" if "deployment" in stages else "validation"
-    groups: dict[Hashable, list[Observation]] = defaultdict(list)
-    for run in runs:
-        if run.status == FINISHED:
-            number = Observation(run, stage, request.model, "all", request.metric, None, "")
-            groups[tuple(run.levels[name] for name in factors)].append(number)
-    split = differing(likeness, groups, request.pool)
+    frame, facts = with_conditions(results, trials, of_runs(trials, stage, request.model))
+    groups = codes(frame, list(dict.fromkeys(factors)))
+    split = differing(facts, groups, frame["condition"], request.pool)
     require_few(split, "the groups of this figure")
     return split
 
@@ -191,13 +196,12 @@ def newest_with(
     return None
 
 
-def with_run(condition: Condition | None, run: int) -> Condition:
+def with_run(condition: Condition, run: int) -> Condition:
     """Restrict the condition to one run."""
-    comparison = Comparison("id", "=", run)
-    return comparison if condition is None else Joined("and", (condition, comparison))
+    return replace(condition, run=run)
 
 
-Choice = Callable[[Queries, Sequence[StoredRun], Condition | None], StoredRun]
+Choice = Callable[[Queries, Sequence[StoredRun], Condition], StoredRun]
 
 
 def each_run(
@@ -221,7 +225,7 @@ def each_run(
         results.names.check(facet, "--rows/--columns/--facet")
     factors = [] if facet is None else [facet]
     superseded = request.run is not None
-    runs = [_drawable(run) for run in results.runs(condition, factors, superseded)]
+    runs = stored_runs(_drawable(results.trials(condition, factors, superseded)))
     stored = results.series_columns(condition)
     candidates: dict[str, list[tuple[StoredRun, list[str]]]] = defaultdict(list)
     for run in runs:

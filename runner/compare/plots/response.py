@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.excitation import commanded_signals
 from seatrial.runner.compare.plots.request import PREFIX, PlotRequest, degrees, each_run
@@ -30,7 +31,6 @@ from seatrial.runner.compare.plots.style import (
     panels,
     prefixed,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.vocabulary import Config

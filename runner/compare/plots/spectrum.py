@@ -13,6 +13,7 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredDiagnostic
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import (
@@ -24,7 +25,6 @@ from seatrial.runner.compare.plots.style import (
     marker_of,
     panels,
 )
-from seatrial.runner.compare.results import Queries, StoredDiagnostic
 
 FIGURE = Figure(
     "spectrum",

@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredDiagnostic
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots.request import (
     Facet,
@@ -24,7 +25,6 @@ from seatrial.runner.compare.plots.request import (
     subtitle,
 )
 from seatrial.runner.compare.plots.style import Drawing, footnote, headed, panels
-from seatrial.runner.compare.results import Queries, StoredDiagnostic
 from seatrial.runner.compare.statistics import Sample
 
 FIGURE = Figure(

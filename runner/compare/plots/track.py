@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots.request import (
     PlotRequest,
@@ -30,7 +31,6 @@ from seatrial.runner.compare.plots.style import (
     trim,
 )
 from seatrial.runner.compare.plots.wind_force import EAST, NORTH
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.record.rows import Series

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots.request import PlotRequest, Voyages, degrees, subtitle, voyages
 from seatrial.runner.compare.plots.style import (
@@ -14,7 +15,6 @@ from seatrial.runner.compare.plots.style import (
     headed,
     panels,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 

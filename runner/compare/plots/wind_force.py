@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
 from seatrial.runner.compare.plots.request import PREFIX, PlotRequest, distinct, each_run, subtitle
 from seatrial.runner.compare.plots.style import (
@@ -19,7 +20,6 @@ from seatrial.runner.compare.plots.style import (
     panels,
     prefixed,
 )
-from seatrial.runner.compare.results import Queries, StoredRun
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 

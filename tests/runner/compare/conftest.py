@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from seatrial.runner.compare.__main__ import run as run_program
-from seatrial.runner.compare.results import Queries, open_results
+from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import start_browser

@@ -12,8 +12,8 @@ from PIL import Image
 
 from seatrial.runner.compare import animation
 from seatrial.runner.compare.animation import BLADE, film_of, parts_of, turning_side
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.results import open_results
 from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program

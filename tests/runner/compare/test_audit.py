@@ -9,8 +9,8 @@ import pytest
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.audit import HEADERS, audit, ranges
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import Scalar, TextTable
-from seatrial.runner.compare.results import Queries
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored

@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 
 from seatrial.runner.compare.cli import TableOptions
-from seatrial.runner.compare.comparison_table import comparison
+from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.grid import TextTable
-from seatrial.runner.compare.results import Queries, open_results
-from seatrial.runner.compare.selection import request_of
+from seatrial.runner.compare.table import comparison, request_of
 from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 

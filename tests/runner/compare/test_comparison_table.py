@@ -12,11 +12,10 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import TableOptions
-from seatrial.runner.compare.comparison_table import comparison
 from seatrial.runner.compare.formats import OutputFormat, render
+from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.grid import TextTable
-from seatrial.runner.compare.results import Queries, open_results
-from seatrial.runner.compare.selection import request_of
+from seatrial.runner.compare.table import comparison, request_of
 from seatrial.runner.record import catalogue
 from seatrial.runner.record.catalogue import Definition
 from seatrial.runner.record.rows import Metric

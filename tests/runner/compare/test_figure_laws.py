@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.figures import drawings_of
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
 from seatrial.runner.compare.plots.track import LEAST_SHARE, drawn_length, outline
-from seatrial.runner.compare.results import open_results
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored

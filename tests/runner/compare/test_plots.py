@@ -14,10 +14,10 @@ from matplotlib.quiver import Quiver
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.figures import drawings_of, figures
+from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.plots import draw, figures_of, paper
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
-from seatrial.runner.compare.results import Queries, open_results
 from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 

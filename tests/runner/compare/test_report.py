@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
 from seatrial.runner.compare import page as page_module
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.compare.report import ReportRequest, render_report
-from seatrial.runner.compare.results import open_results
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints, open_page
 from tests.runner.compare.conftest import Program

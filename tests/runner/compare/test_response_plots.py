@@ -10,10 +10,10 @@ import pytest
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.plots import controllers, response
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.results import Queries
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored

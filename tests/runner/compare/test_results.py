@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 from sqlalchemy import event
 
-from seatrial.runner.compare.comparison_table import comparison
-from seatrial.runner.compare.results import Queries
-from seatrial.runner.compare.selection import TableRequest
+from seatrial.runner.compare.frame import Queries
+from seatrial.runner.compare.table import TableRequest, comparison
 from seatrial.runner.database import LogbookWriter
 from tests.runner.database.samples import make_results, make_start
 

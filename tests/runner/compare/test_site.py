@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.results import open_results
 from seatrial.runner.compare.site import STRETCHES, extremes, script_of, write_site
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints

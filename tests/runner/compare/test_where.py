@@ -1,17 +1,18 @@
 """The language of --where: what it means, and that nothing else gets through."""
 
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.comparison_table import comparison
-from seatrial.runner.compare.results import Queries, open_results
-from seatrial.runner.compare.selection import TableRequest
-from seatrial.runner.compare.where import Among, Comparison, Joined, Not, parse
+from seatrial.runner.compare.frame import Queries, open_results
+from seatrial.runner.compare.table import TableRequest, comparison
+from seatrial.runner.compare.where import parse
 from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 from tests.runner.postgres import Postgres
@@ -26,21 +27,18 @@ INJECTIONS = (
 )  # fmt: skip
 
 
-def test_precedence_is_not_then_and_then_or() -> None:
-    condition = parse("seed<10 and not identifier=ls or vessel='a b'")
-    assert condition == Joined(
-        "or",
-        (
-            Joined("and", (Comparison("seed", "<", 10), Not(Comparison("identifier", "=", "ls")))),
-            Comparison("vessel", "=", "a b"),
-        ),
-    )
+@pytest.mark.parametrize("truth", [*product([False, True], repeat=3)])
+def test_precedence_is_not_then_and_then_or(truth: tuple[bool, ...]) -> None:
+    held = dict(zip("abc", map(np.bool_, truth), strict=True))
+    a, b, c = truth
+    met = parse("a=1 and not b=1 or c=1", lambda name, operator, value: held[name])
+    assert met == ((a and not b) or c)
 
 
 def test_values_have_the_type_they_look_like() -> None:
-    assert parse("a in (1, 2.5, -3e2, ls, 'it''s', \"2\", true, null)") == Among(
-        "a", (1, 2.5, -300.0, "ls", "it's", "2", True, None)
-    )
+    found = []
+    parse("a in (1, 2.5, -3e2, ls, 'it''s', \"2\", true, null)", lambda *read: found.append(read))
+    assert found == [("a", "in", (1, 2.5, -300.0, "ls", "it's", "2", True, None))]
 
 
 def test_anything_but_comparisons_of_known_names_is_refused(
@@ -56,13 +54,13 @@ def test_anything_but_comparisons_of_known_names_is_refused(
 @given(st.text(max_size=60))
 def test_no_text_is_more_than_refused(text: str) -> None:
     with suppress(ConfigurationError):
-        parse(text)
+        parse(text, lambda *_: np.True_)
 
 
 def test_deep_nesting_is_refused_and_not_a_crash() -> None:
     for text in ("(" * 5000, "not " * 5000 + "seed=1"):
         with pytest.raises(ConfigurationError, match="nested deeper"):
-            parse(text)
+            parse(text, lambda *_: np.True_)
 
 
 def test_a_value_that_looks_like_sql_is_only_a_value(results: Queries) -> None:

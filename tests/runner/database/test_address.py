@@ -12,7 +12,7 @@ from sqlalchemy.engine import URL, make_url
 import seatrial as st
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.__main__ import run as compare
-from seatrial.runner.compare.results import open_results
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.engine import file_url, parse
 from seatrial.runner.database.tables import Base

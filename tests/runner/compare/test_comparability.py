@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import Scalar, TextTable
-from seatrial.runner.compare.results import Queries
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Metric

@@ -1,0 +1,226 @@
+"""Like with like: which numbers a cell may pool, and what counts as a replicate.
+
+The *conditions* of a number are everything in its run that can change it, except the seed: the
+options, the configuration and the code. What happens after a stage of the trial cannot change its
+numbers, and neither the nominal model nor the plant depends on the identifier. Two numbers of equal
+conditions and equal seed are one experiment, stored twice. The seed counts only if one of the
+random streams that the number depends on was drawn.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.frame import FINISHED, METRIC_FACTORS, POOLED, Queries, codes
+from seatrial.runner.vocabulary import GROUPS, NOT_COMPARED
+
+STORAGE = (*NOT_COMPARED, "metrics", "seed")
+AFTER_VALIDATION = ("evaluation", "plant.change", "update")
+WITHOUT_IDENTIFIER = ("mean_motion", "nominal", "plant")
+MOST_SPLITS = 3
+EVERY_SEED = ""  # the `replicate` of a number that depends on no random stream
+EXPERIMENT = ("condition", "replicate", *METRIC_FACTORS)  # equal: one experiment, stored twice
+
+
+def within(key: str, names: Iterable[str]) -> bool:
+    """Return whether a dotted key is one of the names, or lies below one of them."""
+    return any(key == name or key.startswith(f"{name}.") for name in names)
+
+
+def with_conditions(
+    results: Queries, trials: pd.DataFrame, frame: pd.DataFrame
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Number the conditions of the numbers of a frame, and say which seed each depends on.
+
+    Args:
+        results: the logbook.
+        trials: the trials of the frame.
+        frame: observations of finished runs.
+
+    Returns:
+        The frame with the columns `condition` and `replicate`, which is the seed or EVERY_SEED; and
+        the facts of every condition: a row for each `condition`, a column for each name, of text,
+        missing where a name cannot change the number.
+    """
+    late = frame["stage"] != "deployment"
+    plain = frame["model"].isin(WITHOUT_IDENTIFIER)
+    own = pd.DataFrame({"experiment": frame["run"].map(experiments(trials)), "plain": plain})
+    own["late"] = late
+    kind = codes(own, [*own])
+    each = own[~kind.duplicated()]
+    facts = _facts(results, trials, each["experiment"])
+    for name in facts:
+        if within(name, AFTER_VALIDATION):
+            facts.loc[each["late"].to_numpy(), name] = np.nan
+        if within(name, ["identifier"]):
+            facts.loc[each["plain"].to_numpy(), name] = np.nan
+    number = codes(facts, [name for name in facts if facts[name].nunique(dropna=False) > 1])
+    fixed = (frame["streams"] == "") | (plain & frame["streams"].isin(["", "identifier"]))
+    replicate = frame["seed"].astype(object).where(~fixed, EVERY_SEED).astype("category")
+    condition = number.to_numpy()[kind.to_numpy()]
+    return frame.assign(condition=condition, replicate=replicate), facts[
+        ~number.duplicated()
+    ].reset_index(drop=True)
+
+
+def of_runs(trials: pd.DataFrame, stage: str, model: str = "identified") -> pd.DataFrame:
+    """Return a frame with one row for each finished run: a number of this stage and model."""
+    frame = trials[trials["status"] == FINISHED].reset_index(names="run")
+    own = {"stage": stage, "model": model, "metric": "", "dof": "all", "file": POOLED}
+    return frame.assign(**own)
+
+
+def experiments(trials: pd.DataFrame) -> pd.Series:
+    """Return by run a name that is equal for runs that differ in nothing but the seed."""
+    known = trials["of_experiment"].astype(object)
+    return known.where(known.notna(), "run " + trials.index.astype(str))  # of earlier versions
+
+
+def _facts(results: Queries, trials: pd.DataFrame, experiments_of: pd.Series) -> pd.DataFrame:
+    """Return what describes each experiment, a row: options, configuration and code."""
+    names = experiments(trials)
+    first = names[~names.duplicated()]
+    first = first[first.isin(experiments_of)]
+    configs = results.configs_of(first.index.tolist())
+    choices = trials.loc[first.index, list(GROUPS)].to_dict("index")
+    code = trials["of_code"]
+    facts = {
+        name: choices[run]
+        | {"code": code[run] if isinstance(code[run], str) else "unknown"}
+        | {key: str(value) for key, value in configs[run].items()}
+        for run, name in first.items()
+    }
+    table = pd.DataFrame.from_records([facts[name] for name in experiments_of])
+    return table.drop(columns=[name for name in table if within(name, STORAGE)])
+
+
+def distinct(frame: pd.DataFrame, within_columns: Sequence[str] = ()) -> pd.DataFrame:
+    """Return one number of every experiment, the newest, in the order of the first."""
+    keys = codes(frame, [*within_columns, *EXPERIMENT])
+    kept = ~keys.duplicated(keep="last")
+    return frame[kept].iloc[np.argsort(keys[kept], kind="stable")]
+
+
+def differing(
+    facts: pd.DataFrame, cells: pd.Series, conditions: pd.Series, pooled: Sequence[str] = ()
+) -> list[str]:
+    """Return the factors that make every cell alike if they become factors of the table.
+
+    Args:
+        facts: the facts of the conditions.
+        cells: the cell of each number, shape (n,).
+        conditions: the condition of each number, shape (n,).
+        pooled: the names that cells may average over, with all that lies below them.
+
+    Returns:
+        Options of a group before keys of the configuration, so that keys that follow from an option
+        are not named.
+    """
+    members = pd.DataFrame({"cell": cells, "condition": conditions}).drop_duplicates()
+    levels = facts.loc[members["condition"]].reset_index(drop=True)
+    hidden = [name for name in levels if within(name, pooled)]
+    part = codes(levels.assign(**{"": members["cell"].to_numpy()}), ["", *hidden])
+    factors = []
+    for name in [*GROUPS, *(name for name in levels if name not in GROUPS)]:
+        if not part.duplicated().any():
+            break
+        split = codes(pd.DataFrame({"part": part, "level": levels[name]}), ["part", "level"])
+        if split.nunique() > part.nunique():
+            factors.append(name)
+            part = split
+    return factors
+
+
+class TooDifferentError(ConfigurationError):
+    """Runs differ in too many factors for one table or figure."""
+
+
+def require_few(factors: Sequence[str], what: str) -> None:
+    """Raise TooDifferentError if the runs differ in too many factors to be told apart."""
+    if len(factors) > MOST_SPLITS:
+        names = ", ".join(factors[:8]) + (", ..." if len(factors) > 8 else "")
+        raise TooDifferentError(
+            f"{what} would average over {names}: name them in --rows or --columns, select by"
+            f" --where or --sweep, or say --pool {','.join(factors[:8])}"
+        )
+
+
+def by_seed(frame: pd.DataFrame) -> pd.DataFrame:
+    """Average the numbers of each cell over their levels within a seed: levels are no replicates.
+
+    Where every level has a seed of its own, the seeds are averaged over the levels that they have.
+    A number that depends on no seed belongs to every seed that its cell has.
+
+    Args:
+        frame: distinct observations with a value, and their `cell`.
+
+    Returns:
+        A row for each cell and replicate: cell, replicate, value, and whether it is `whole`: the
+        value of a seed that lacks a level is left out of the cell.
+    """
+    own = frame[["cell", "replicate", "value"]].assign(
+        level=codes(frame, ["condition", *METRIC_FACTORS]), replicate=frame["replicate"].astype(str)
+    )
+    count = own.groupby("cell")["level"].nunique()
+    alone = own.groupby(["cell", "level"]).size().groupby("cell").max() == 1
+    every = own["replicate"] == EVERY_SEED
+    seeds = own.loc[~every, ["cell", "replicate"]].drop_duplicates()
+    spread = own[every].drop(columns="replicate").merge(seeds, how="left", on="cell")
+    spread = spread.fillna({"replicate": EVERY_SEED})
+    own = pd.concat([own[~every], spread]).drop_duplicates(["cell", "level", "replicate"])
+    means = own.groupby(["cell", "replicate"], sort=False)["value"].agg(["mean", "size"])
+    means = means.reset_index().rename(columns={"mean": "value"})
+    several = means.groupby("cell")["replicate"].transform("size") > 1
+    nested = several & means["cell"].map(alone)
+    whole = nested | (means["size"] == means["cell"].map(count))
+    return means.drop(columns="size").assign(whole=whole)
+
+
+def pairs(
+    frame: pd.DataFrame, facts: pd.DataFrame, baseline: Mapping[str, str], named: Sequence[str]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Set the numbers of each cell beside their counterparts of a baseline.
+
+    A counterpart is equal in everything but the factors of the baseline, and in the seed if both
+    depend on one. Where the baseline has several configurations, a counterpart is also equal in
+    what they differ in. Each pair of experiments counts once, averaged within its seed.
+
+    Args:
+        frame: distinct observations with a value; those of the baseline have no `cell` (-1).
+        facts: the facts of their conditions.
+        baseline: the factors that the baseline fixes, with their levels.
+        named: the other factors of the table.
+
+    Returns:
+        The pairs: cell, replicate, own value, and `other`, that of the baseline; and the seeds that
+        the baseline has under the conditions of each cell: cell, replicate.
+    """
+    fixed = tuple(name for name in baseline if name not in METRIC_FACTORS)
+    ignored = fixed if "model" not in baseline else (*fixed, "identifier")
+    free = [name for name in METRIC_FACTORS if name not in baseline]
+    rows = frame[["cell", "condition", "replicate", "value", *free]].astype({"replicate": str})
+    shared = codes(facts, [name for name in facts if not within(name, ignored)])
+    rows["shared"] = shared.to_numpy()[rows["condition"]]
+    rows["key"] = codes(rows, [*free, "shared"])
+    below = [name for name in facts if within(name, fixed) and name not in baseline]
+    for _, candidates in rows[rows["cell"] < 0].groupby("key"):
+        levels = facts.loc[candidates["condition"].unique(), below]
+        decisive = [n for n in below if n in named or levels[n].nunique(dropna=False) > 1]
+        alike = codes(facts, decisive).to_numpy()
+        group = rows.index[rows["key"] == candidates["key"].iloc[0]]
+        rows.loc[group, "alike"] = alike[rows.loc[group, "condition"]]
+    rows["key"] = codes(rows, ["key", "alike"]) if "alike" in rows else rows["key"]
+    own = rows.loc[rows["cell"] >= 0, ["cell", "key", "replicate", "value"]]
+    other = rows.loc[rows["cell"] < 0, ["key", "replicate", "value"]]
+    other = other.rename(columns={"value": "other"})
+    known = own[["cell", "key"]].drop_duplicates().merge(other[["key", "replicate"]], on="key")
+    fix, free_ = own["replicate"] == EVERY_SEED, other["replicate"] == EVERY_SEED
+    each = [
+        own.merge(other, on=["key", "replicate"]),
+        own[~fix].merge(other[free_].drop(columns="replicate"), on="key"),
+        own[fix].drop(columns="replicate").merge(other[~free_], on="key"),
+    ]
+    both = pd.concat(each).groupby(["cell", "replicate"], sort=False)[["value", "other"]].mean()
+    return both.reset_index(), known[["cell", "replicate"]].drop_duplicates()

@@ -1,0 +1,629 @@
+"""The comparison table: statistics over seeds by rows and columns, with their qualifications."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.cli import MOST_CELLS, TableOptions, axes_of
+from seatrial.runner.compare.comparability import differing, require_few, with_conditions
+from seatrial.runner.compare.frame import (
+    FINISHED,
+    METRIC_FACTORS,
+    NOT_APPLICABLE,
+    Queries,
+    codes,
+    complete,
+    observations,
+    ordered,
+)
+from seatrial.runner.compare.grid import Scalar, TextTable, number_text, unit_text, with_unit
+from seatrial.runner.compare.grid import TableCell as GridCell
+from seatrial.runner.compare.statistics import (
+    DEFAULT,
+    RELATIVE_ROUNDING,
+    Cell,
+    IntervalKind,
+    Key,
+    PairedTest,
+    Pivot,
+    Place,
+    Sample,
+    against_baseline,
+    best_cells,
+    checked,
+    equal,
+    loss,
+    pivot,
+    summary,
+)
+from seatrial.runner.compare.where import Condition
+from seatrial.runner.record.catalogue import PER_FILE, definition_of
+from seatrial.runner.vocabulary import NOT_STARTED, UNFINISHED
+
+EMPTY = "–"
+MARK = "†"
+UNSETTLED, INFEASIBLE = "‡", "§"
+MIXED = "mixed"
+FLAG_NOTE = (
+    f"{MARK} below_true_model: the force error is below that of the true plant, so the model fits"
+    " lag or feedback, not the vessel; such a value is never set in bold"
+)
+UNSETTLED_NOTE = (
+    f"{UNSETTLED} the controller's closed loop has a spectral radius of 1 or more on its own model:"
+    " the design is not asymptotically stable"
+)
+INFEASIBLE_NOTE = (
+    f"{INFEASIBLE} infeasible_limits: the weather needs more force than the limits allow"
+)
+TEST_NOTE = (
+    "× is the ratio of means to {} with all else equal, over pairs of the same seed (of scores the"
+    " difference, + or -); p is that of the two-sided Wilcoxon signed-rank test over at least five"
+    " pairs, after Holm's correction over the tests of this table; r is its effect size, from 1"
+    " (better in every pair) to -1; won is the number of pairs in which it is better, of all pairs,"
+    " lost ones included"
+)
+BOLD_NOTE = "bold: the best under equal circumstances and seeds, of cells that lost no run"
+ESTIMATE_NOTE = (
+    "se of the estimate: an interval of this identifier is one of its estimate, not of the"
+    " coefficient, because it does not include the bias"
+)
+DIVERGED_NOTE = (
+    "not included: {} prediction{} that diverged (see the metrics limited_share_... and"
+    " held_free_run)"
+)
+
+
+@dataclass(frozen=True)
+class TableRequest:
+    """The request of a table.
+
+    `names` are metrics, or terms if `of_coefficients`; empty means all terms. Empty `dofs`,
+    `stages`, `models` mean all. `baseline` maps factors to the levels of the reference. Cells may
+    average over the factors of `pool`.
+    """
+
+    names: Sequence[str]
+    rows: Key = ("identifier",)
+    columns: Key = ("disturbance",)
+    of_coefficients: bool = False
+    dofs: Sequence[str] = ()
+    stages: Sequence[str] = ()
+    models: Sequence[str] = ("identified",)
+    statistics: Sequence[str] = DEFAULT
+    interval: IntervalKind = "t"
+    baseline: Mapping[str, str] = field(default_factory=dict)
+    where: str | None = None
+    sweep: str | None = None  # a number, a name or `all`; by default the newest one
+    tag: str | None = None  # only sweeps with it
+    pool: Key = ()
+    digits: int = 4
+    cells: int = MOST_CELLS  # most cells, with the empty ones
+
+    @property
+    def factors(self) -> Key:
+        """The factors that are properties of runs."""
+        wanted = (*self.rows, *self.columns, *self.baseline)
+        return tuple(dict.fromkeys(name for name in wanted if name not in METRIC_FACTORS))
+
+    @property
+    def by_file(self) -> bool:
+        """Whether each file that was tested on is shown beside all of them."""
+        return "file" in (*self.rows, *self.columns, *self.baseline)
+
+    @property
+    def metric_factors(self) -> Key:
+        """The factors that are properties of the number."""
+        return tuple(name for name in METRIC_FACTORS if name != "file" or self.by_file)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What a request selects.
+
+    `trials` are those started or planned; `frame` has the numbers of finished runs, the baseline's
+    included; those of the models that are `shown` fill the cells. `facts` describe their
+    conditions. `split` are the factors that the runs of a cell would differ in; `scope` names the
+    sweep. `fixed` are the metric factors with one level, `extra` those with several levels that are
+    neither rows nor columns.
+    """
+
+    trials: pd.DataFrame
+    frame: pd.DataFrame
+    shown: pd.DataFrame
+    facts: pd.DataFrame
+    fixed: Mapping[str, str]
+    extra: Key
+    scope: str = ""
+    split: Key = ()
+
+
+def comparison(results: Queries, request: TableRequest) -> TextTable:
+    """Return the table; raises ConfigurationError for unknown names or if no run matches.
+
+    `request` holds the names of metrics or coefficients, the factors of rows and columns, and the
+    statistics of a cell.
+    """
+    selection = select(results, request)
+    rows = (*selection.extra, *request.rows, *selection.split)
+    whole = complete(selection.shown, selection.trials, (*rows, *request.columns))
+    _check_size(whole, rows, request)
+    table = pivot(whole, rows, request.columns, request.names)
+    tests = {}
+    if request.baseline:
+        tests = against_baseline(table, selection.frame, selection.facts, request.baseline)
+    return _Writer(request, selection, table, tests).grid()
+
+
+def _check_size(frame: pd.DataFrame, row_factors: Key, request: TableRequest) -> None:
+    """Raise ConfigurationError for a table that is too large, before its cells are made."""
+    rows, columns = (
+        int(codes(frame, factors).max()) + 1 for factors in (row_factors, request.columns)
+    )
+    if rows * columns > request.cells:
+        axis = "rows" if rows > columns else "columns"
+        factors = ",".join(row_factors if rows > columns else request.columns)
+        raise ConfigurationError(
+            f"--{axis} {factors}: got {max(rows, columns)} {axis}, {rows * columns} cells; "
+            f"expected at most {request.cells} cells (--cells)"
+        )
+
+
+def request_of(options: TableOptions) -> TableRequest:
+    """Return the request of the options; raises ConfigurationError if they conflict."""
+    of_coefficients = bool(options.coefficient) or options.coefficients
+    if of_coefficients and options.metric:
+        raise ConfigurationError("--metric and --coefficient: got both, expected one of them")
+    row_factors, column_factors = (
+        _factors(axis) for axis in axes_of(options.rows, options.columns)
+    )
+    if options.coefficients and not options.coefficient:
+        row_factors = tuple(f for f in ("dof", "metric") if f not in column_factors) + tuple(
+            f for f in row_factors if f not in ("dof", "metric") and f not in column_factors
+        )
+    twice = [f for f in row_factors if f in column_factors]
+    if twice:
+        raise ConfigurationError(
+            f"--rows and --columns: both name {twice[0]}, expected one of them"
+        )
+    shown = _listed(options.model) or (
+        () if "model" in row_factors + column_factors else ("identified",)
+    )
+    return TableRequest(
+        names=_listed(options.coefficient if of_coefficients else options.metric or ["force_mse"]),
+        rows=row_factors,
+        columns=column_factors,
+        of_coefficients=of_coefficients,
+        dofs=_all_or(_listed(options.dof)),
+        stages=_all_or(_listed(options.stage)),
+        models=_all_or(shown),
+        statistics=checked(_listed(options.statistic) or DEFAULT),
+        interval=options.interval,
+        baseline=_baseline(options.baseline),
+        where=options.where,
+        sweep=options.sweep,
+        tag=options.tag,
+        pool=_listed(options.pool),
+        digits=options.digits,
+        cells=options.cells,
+    )
+
+
+def _listed(texts: Sequence[str] | None) -> Key:
+    """Return the distinct values of a repeated or comma-separated option."""
+    parts = (part.strip() for text in texts or () for part in text.split(","))
+    return tuple(dict.fromkeys(part for part in parts if part))
+
+
+def _all_or(levels: Key) -> Key:
+    return () if "all" in levels else levels
+
+
+def _factors(text: str) -> Key:
+    """Return factor names, none for `none`; the name of a coefficient, `term`, is its metric."""
+    names = _listed([text])
+    return () if names == ("none",) else tuple("metric" if n == "term" else n for n in names)
+
+
+def _baseline(texts: Sequence[str] | None) -> dict[str, str]:
+    """Return the levels of the baseline by factor."""
+    levels = {}
+    for text in _listed(texts):
+        factor, equals, level = (part.strip() for part in text.partition("="))
+        if not (factor and equals and level):
+            raise ConfigurationError(
+                f"--baseline: got {text!r}, expected a factor and its level such as identifier=none"
+            )
+        levels[factor] = level
+    return levels
+
+
+def select(results: Queries, request: TableRequest) -> Selection:
+    """Read what a request selects; raise ConfigurationError for an unknown name.
+
+    A cell whose runs differ in more than the seed is split by what they differ in, or refused.
+    """
+    for factor in request.factors:
+        results.names.check(factor, "--rows/--columns")
+    for factor in request.pool:
+        if factor != "all":
+            results.names.check(factor, "--pool")
+    condition, scope = results.selected(request.where, request.sweep, request.tag)
+    trials = results.trials(condition, request.factors, planned=True)
+    numbers = _selected(results, _read(results, request, condition), request)
+    started = trials[trials["status"] != NOT_STARTED]
+    _check_baseline(request, started, numbers)
+    frame = observations(numbers, trials, results.marks(condition))
+    if request.of_coefficients:
+        covering = frame["run"].isin(results.covering(condition))
+        frame["of_estimate"] = frame["std_error"].notna() & ~covering
+    frame["is_baseline"] = bool(request.baseline)
+    for factor, level in request.baseline.items():
+        frame["is_baseline"] &= frame[factor] == level
+    frame, facts = with_conditions(results, trials, frame)
+    shown = frame[frame["model"].isin(request.models)] if request.models else frame
+    levels = {name: ordered(shown[name].unique()) for name in request.metric_factors}
+    free = [name for name in levels if name not in request.rows + request.columns]
+    selection = Selection(
+        trials, frame, shown, facts,
+        fixed={name: each[0] for name, each in levels.items() if len(each) == 1},
+        extra=tuple(name for name in free if len(levels[name]) > 1), scope=scope,
+    )  # fmt: skip
+    cells = codes(shown, list(dict.fromkeys((*request.rows, *request.columns, *METRIC_FACTORS))))
+    every = "all" in request.pool
+    split = [] if every else differing(facts, cells, shown["condition"], request.pool)
+    require_few(split, "the cells of this table")
+    if not split:
+        return selection
+    named = replace(request, rows=(*request.rows, *split), pool=("all",))
+    return replace(select(results, named), split=tuple(split))
+
+
+def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.DataFrame:
+    """Return the numbers of a request; all levels if none has the requested ones."""
+    if request.of_coefficients:
+        return results.coefficients(condition)
+    only = {name: levels for name, levels in _wanted(request).items() if name != "metric"}
+    numbers = results.metrics(request.names, condition, only)
+    if numbers.empty:  # read all levels, for the error message
+        numbers = results.metrics(request.names, condition)
+    if request.by_file:
+        of_files = results.of_files(request.names, condition)
+        if of_files.empty:
+            raise ConfigurationError(
+                f"--rows/--columns: no run has {', '.join(request.names)} by file, expected "
+                f"one of {', '.join(PER_FILE)} of runs with several files for testing"
+            )
+        both = pd.concat([numbers.astype(object), of_files.astype(object)], ignore_index=True)
+        numbers = both.astype(numbers.dtypes.to_dict())
+    return numbers
+
+
+def _selected(results: Queries, numbers: pd.DataFrame, request: TableRequest) -> pd.DataFrame:
+    """Select numbers by name, DOF, stage and model; raises ConfigurationError if none is left."""
+    _check_names(results, request, {*numbers["metric"].unique()})
+    for factor, levels in _wanted(request).items():
+        available = ordered(numbers[factor].unique())
+        numbers = numbers[numbers[factor].isin(levels)] if levels else numbers
+        if levels and available and numbers.empty:
+            raise ConfigurationError(
+                f"--{factor}: no run has {', '.join(request.names) or 'a coefficient'} with"
+                f" {factor} {', '.join(levels)}; expected one of {', '.join(available)}"
+            )
+    return numbers
+
+
+def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
+    """Return the requested levels of the metric factors; an empty list means all levels."""
+    models = list(request.models)
+    if models and "model" in request.baseline:
+        models.append(request.baseline["model"])
+    return {"metric": request.names, "dof": request.dofs, "stage": request.stages, "model": models}
+
+
+def _check_names(results: Queries, request: TableRequest, names: set[str]) -> None:
+    """Reject a name that no run has; a name that only these runs lack gives an empty cell."""
+    if names.issuperset(request.names):
+        return
+    what = "coefficient" if request.of_coefficients else "metric"
+    known = names if request.of_coefficients else names | {*results.metric_names()}
+    for name in request.names:
+        if name not in known and known:
+            raise ConfigurationError(
+                f"--{what}: no {what} {name!r}; expected one of {', '.join(sorted(known))}"
+            )
+
+
+def _check_baseline(request: TableRequest, trials: pd.DataFrame, numbers: pd.DataFrame) -> None:
+    for factor, level in request.baseline.items():
+        of_factor = numbers if factor in METRIC_FACTORS else trials
+        available = ordered(of_factor[factor].unique())
+        if level not in available:
+            raise ConfigurationError(
+                f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
+            )
+
+
+class _Writer:
+    """Turns a pivot into a grid: texts, bold, marks, notes and records."""
+
+    def __init__(
+        self,
+        request: TableRequest,
+        selection: Selection,
+        table: Pivot,
+        tests: Mapping[Place, PairedTest],
+    ) -> None:
+        self.request, self.selection = request, selection
+        self.table, self.tests = table, tests
+        self.row_keys = table.row_keys
+        self.figures = {
+            place: summary(cell.sample, request.statistics, request.interval)
+            for place, cell in table.cells.items()
+        }
+        self.location = {place: self._location(cell.sample) for place, cell in table.cells.items()}
+        self.best = best_cells(
+            table,
+            selection.facts,
+            lambda cell, sample: self._loss(cell, self._location(sample)),
+            self._resolution,
+        )
+
+    def grid(self) -> TextTable:
+        """Return the table; it has a column of units if the rows have different units."""
+        by_row = self._unit() == MIXED and all(self._unit(row=r) != MIXED for r in self.row_keys)
+        rows = [
+            [
+                *map(GridCell, row),
+                *([GridCell(self._unit(row=row))] if by_row else []),
+                *(self._shown((row, column)) for column in self.table.column_keys),
+            ]
+            for row in self.row_keys
+        ]
+        labels = [*map(self._name, self.table.row_factors), *(["unit"] if by_row else [])]
+        headers = [*labels, *(self._header(c, not by_row) for c in self.table.column_keys)]
+        notes = self._qualifications()
+        return TextTable(self._title(), headers, rows, len(labels), notes, self._records())
+
+    def _name(self, factor: str) -> str:
+        """Return the displayed name of a factor: the name of a coefficient is its term."""
+        return "term" if factor == "metric" and self.request.of_coefficients else factor
+
+    def _location(self, sample: Sample) -> float:
+        """Return the value that represents a sample: the median if shown without the mean."""
+        shown = self.request.statistics
+        median = "median" in shown and "mean" not in shown
+        return summary(sample, ["median" if median else "mean"]).popitem()[1]
+
+    def _loss(self, cell: Cell, value: float) -> float:
+        """Return the loss of a value; for a coefficient the distance from the true value."""
+        if self.request.of_coefficients:
+            return abs(value - cell.true_value)
+        better = definition_of(cell.metric).better
+        return math.nan if better is None else float(loss(np.array(value), better))
+
+    def _resolution(self, cell: Cell) -> float:
+        """Return the difference below which two losses are equal."""
+        return 0.0 if self.request.of_coefficients else definition_of(cell.metric).resolution
+
+    def _shown(self, place: Place) -> GridCell:
+        cell = self.table.cells.get(place)
+        if cell is None:
+            return GridCell("")
+        text = _figures_text(self.figures[place], self.request) if cell.by_seed else EMPTY
+        marks = [MARK] if cell.flagged else []
+        marks += _flaws(cell)
+        text += f" {' '.join(marks)}" if marks else ""
+        text += _counts_text(cell, self.request)
+        if self.request.of_coefficients and cell.experiments:
+            text += _uncertainty_text(cell, self.request.digits, cell.of_estimate)
+        if place in self.tests:
+            text += "\n" + _test_text(
+                self.tests[place], len(cell.by_seed), self.request.digits,
+                definition_of(cell.metric).score,
+            )  # fmt: skip
+        elif cell.is_baseline:
+            text += "\nbaseline"
+        value = self.location[place]
+        return GridCell(text, place in self.best, None if math.isnan(value) else value)
+
+    def _unit(self, row: Key | None = None, column: Key | None = None) -> str:
+        """Return the unit of a row, a column or the whole table; MIXED if there are several."""
+        units = {
+            unit_text(unit)
+            for (left, top), cell in self.table.cells.items()
+            if row in (None, left) and column in (None, top)
+            for unit in cell.units
+        }
+        return units.pop() if len(units) == 1 else (MIXED if units else "")
+
+    def _header(self, column: Key, with_its_unit: bool) -> str:
+        header = "\n".join(column) or "value"
+        if with_its_unit and self._unit() == MIXED:
+            return with_unit(header, self._unit(column=column))
+        return header
+
+    def _title(self) -> str:
+        fixed, unit = self.selection.fixed, self._unit()
+        subject = fixed.get("metric") or ", ".join(self.request.names) or "coefficients"
+        factors = ("dof", "model") if self.request.of_coefficients else ("dof", "stage", "model")
+        about = [with_unit(subject, "" if unit == MIXED else unit)]
+        about += [fixed[name] for name in factors if name in fixed]
+        runs = int((self.selection.trials["status"] != NOT_STARTED).sum())
+        scope = f", {self.selection.scope}" if self.selection.scope else ""
+        counted = f"{runs} run{'s'[: runs != 1]}{scope}"
+        return f"{', '.join(about)}: {_statistics_text(self.request)}, {counted}"
+
+    def _qualifications(self) -> list[str]:
+        notes, cells = [], self.table.cells.values()
+        if self.best:
+            notes.append(BOLD_NOTE)
+        if self.selection.split:
+            notes.append(
+                f"split by {', '.join(self.selection.split)}, in which runs of one cell differ"
+                f" (--pool {','.join(self.selection.split)} averages over it)"
+            )
+        if self.request.pool:
+            notes.append(f"cells average over {', '.join(self.request.pool)}, as requested")
+        if any(cell.flagged for cell in cells):
+            notes.append(FLAG_NOTE)
+        notes += sorted({definition_of(cell.metric).note for cell in cells} - {""})
+        notes += [UNSETTLED_NOTE] if any(cell.unstable for cell in cells) else []
+        notes += [INFEASIBLE_NOTE] if any(cell.infeasible for cell in cells) else []
+        if self.tests:
+            notes.append(TEST_NOTE.format(_baseline_text(self.request)))
+        if any(cell.of_estimate for cell in cells):
+            notes.append(ESTIMATE_NOTE)
+        diverged = sum(cell.diverged for cell in cells)
+        if diverged:
+            notes.append(DIVERGED_NOTE.format(diverged, "s"[: diverged != 1]))
+        statuses = self.selection.trials["status"]
+        unfinished = Counter(statuses[statuses != FINISHED])
+        if unfinished:
+            counts = ", ".join(f"{n} {status}" for status, n in sorted(unfinished.items()))
+            notes.append(f"not included: {counts} (see: runs --status failed)")
+        return notes
+
+    def _records(self) -> list[dict[str, Scalar]]:
+        """Return one record for each cell, at full precision."""
+        return [
+            self._record(row, column)
+            for row in self.row_keys
+            for column in self.table.column_keys
+            if (row, column) in self.table.cells
+        ]
+
+    def _record(self, row: Key, column: Key) -> dict[str, Scalar]:
+        place, table = (row, column), self.table
+        cell = table.cells[place]
+        record: dict[str, Scalar] = {}
+        for factor, level in zip(
+            (*table.row_factors, *table.column_factors), row + column, strict=True
+        ):
+            record[self._name(factor)] = level
+        for factor in self.request.metric_factors:
+            if factor != "stage" or not self.request.of_coefficients:
+                record.setdefault(self._name(factor), self.selection.fixed.get(factor))
+        record["unit"] = " ".join(sorted(cell.units))
+        record |= self.figures[place]
+        if self.request.of_coefficients:
+            record["std_error"], record["true_value"] = cell.std_error, cell.true_value
+            record["interval_of_estimate"] = cell.of_estimate
+        record["n"] = len(cell.by_seed)
+        for status in UNFINISHED:
+            record[status.replace(" ", "_")] = cell.unfinished.get(status, 0)
+        record["without_value"] = cell.without
+        record["not_applicable"] = cell.missing.get(NOT_APPLICABLE, 0)
+        record["diverged_predictions"] = cell.diverged
+        record["held_s"] = None if math.isnan(cell.held_s) else cell.held_s
+        record["deterministic"] = cell.deterministic
+        record["below_true_model"] = cell.flagged
+        marks = _flaws(cell)
+        record["unsettled"], record["infeasible"] = UNSETTLED in marks, INFEASIBLE in marks
+        record["best"] = place in self.best
+        return record | self._test_record(place)
+
+    def _test_record(self, place: Place) -> dict[str, Scalar]:
+        if not self.request.baseline:
+            return {}
+        test = self.tests.get(place)
+        return {
+            "baseline": _baseline_text(self.request),
+            "ratio": test.ratio if test else None,
+            "difference": test.difference if test else None,
+            "p_value": test.p_value if test else None,
+            "p_holm": test.p_holm if test else None,
+            "effect": test.effect if test else None,
+            "wins": test.wins if test else None,
+            "pairs": test.pairs if test else None,
+            "lost_pairs": test.lost if test else None,
+        }
+
+
+def _statistics_text(request: TableRequest) -> str:
+    """Return the names of the statistics: `mean ± standard deviation (n)`."""
+    words = {
+        "std": "± standard deviation",
+        "n": "(n)",
+        "ci": f"[95 % interval, {request.interval}]",
+    }
+    text = " ".join(words.get(name, name) for name in request.statistics)
+    return f"{text}, se: standard error" if request.of_coefficients else text
+
+
+def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> str:
+    """Return `2757 ± 12`, `median 2757 q25 2750`, `2757 [2740, 2775]`; n is in the counts."""
+    digits = request.digits
+    texts: list[str] = []
+    for name in request.statistics:
+        if name == "std":
+            if math.isfinite(figures["std"]):
+                size = abs(figures.get("mean", figures.get("median", 0.0)))
+                rounding = figures["std"] < RELATIVE_ROUNDING * size  # of equal values
+                spread = "0" if rounding else number_text(figures["std"], 2)
+                texts.append(("± " if texts else "std ") + spread)
+        elif name == "ci":
+            low, high = figures["ci_low"], figures["ci_high"]
+            if math.isfinite(low):
+                texts.append(f"[{number_text(low, digits)}, {number_text(high, digits)}]")
+        elif name != "n":
+            label = "" if name == "mean" else f"{name} "
+            texts.append(label + number_text(figures[name], digits))
+    return " ".join(texts)
+
+
+def _counts_text(cell: Cell, request: TableRequest) -> str:
+    """Return ` (n=18, 2 failed)`; what is missing is shown with any choice of statistics."""
+    counts = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
+    if cell.diverged:
+        held = "" if math.isnan(cell.held_s) else f", held {number_text(cell.held_s, 2)} s"
+        counts.append(f"{cell.diverged} diverged in prediction{held}")
+    if cell.without:
+        counts.append(f"{cell.without} without value")
+    if other := cell.missing.get(NOT_APPLICABLE):
+        counts.append(f"{other} not applicable")
+    if cell.uneven:
+        counts.append(f"{cell.uneven} seed{'s'[: cell.uneven != 1]} without all levels")
+    if cell.experiments and ("n" in request.statistics or counts):
+        counts.insert(0, "deterministic" if cell.deterministic else f"n={len(cell.by_seed)}")
+        sample = cell.sample
+        if sample.size > 1 and np.all(equal(sample, float(sample[0]))):
+            counts[0] += ", all equal"
+    return f" ({', '.join(counts)})" if counts else ""
+
+
+def _uncertainty_text(cell: Cell, digits: int, of_estimate: bool) -> str:
+    """Return the standard error and the true value, if known."""
+    error, truth = cell.std_error, cell.true_value
+    what = " of the estimate" if of_estimate else ""
+    texts = [] if math.isnan(error) else [f"se {number_text(error, 2)}{what}"]
+    if not math.isnan(truth):
+        texts.append(f"true {number_text(truth, digits)}")
+    return "\n" + ", ".join(texts) if texts else ""
+
+
+def _flaws(cell: Cell) -> list[str]:
+    """Return the marks of the flaws of the controllers behind the deployment metrics."""
+    return [UNSETTLED] * cell.unstable + [INFEASIBLE] * cell.infeasible
+
+
+def _test_text(test: PairedTest, n: int, digits: int, is_score: bool) -> str:
+    if not test.pairs:
+        return "no counterpart"
+    p_value = f"p {test.p_holm:.2g}, r {number_text(test.effect, 2)}"
+    if math.isnan(test.p_holm):
+        p_value = f"{test.pairs} pair{'s'[: test.pairs != 1]}"
+    ratio = "× –" if math.isnan(test.ratio) else f"× {number_text(test.ratio, 3)}"
+    if is_score:
+        ratio = ("+" if test.difference >= 0.0 else "") + number_text(test.difference, 3)
+    won = "" if test.wins is None else f", won {test.wins}/{test.pairs + test.lost}"
+    own = f" (mean {number_text(test.mean, digits)} of the pairs)" if test.pairs != n else ""
+    return f"{ratio}, {p_value}{won}{own}"
+
+
+def _baseline_text(request: TableRequest) -> str:
+    return ", ".join(f"{name}={level}" for name, level in request.baseline.items())
