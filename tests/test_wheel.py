@@ -232,7 +232,7 @@ def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> 
     assert list((tmp_path / "results" / "figures").iterdir())
     said("seatrial-results", "report")
     assert said("seatrial-results", "site").strip() == "results/site/index.html"
-    assert (tmp_path / "results" / "site" / "assets" / "uPlot.LICENSE").is_file()
+    assert (tmp_path / "results" / "site" / "runs.html").is_file()
     assert list((tmp_path / "results").rglob("*.html"))
     with sqlite3.connect(tmp_path / "results" / "results.db") as database:
         (command, commit, versions) = database.execute(

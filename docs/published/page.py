@@ -3,17 +3,14 @@
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from docs.published.figures import FIGURES
 from docs.published.printed import (
     BY_CONSTRUCTION,
     CALIBRATED,
-    HERE,
     TOLERANCE,
     Judged,
     Verdict,
@@ -25,7 +22,7 @@ from docs.published.printed import (
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import Scalar, TableCell, TextTable, number_text, with_unit
-from seatrial.runner.compare.page import Picture, picture, render_page, write_page
+from seatrial.runner.compare.page import Section, code, page, paragraph, picture, write_page
 from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
 from seatrial.runner.configuration.search_path import CONF
 
@@ -191,17 +188,6 @@ def _count(number: int) -> TableCell:
 # The page.
 
 
-@dataclass(frozen=True)
-class Chapter:
-    """One experiment on the page."""
-
-    name: str
-    about: str
-    command: str
-    tables: Sequence[Markup]
-    pictures: Sequence[Picture]
-
-
 def write_published(results: Queries, tables: Sequence[Sequence[Judged]], file: Path) -> None:
     """Write the page of the judged figures of each experiment.
 
@@ -210,20 +196,18 @@ def write_published(results: Queries, tables: Sequence[Sequence[Judged]], file: 
     """
     with drawn():
         chapters = [_chapter(results, judged) for judged in tables]
-    page = render_page(
-        "published.html",
-        HERE,
-        title="Published figures, and ours",
-        database=str(results.reader.address),
-        summary=Markup("").join(html_table(grid) for grid in summary_grids(tables)),
-        chapters=chapters,
-    )
-    write_page(page, file)
+    summary = Section("Summary", "summary", [*map(html_table, summary_grids(tables))])
+    lead = [paragraph(f"From {results.reader.address}.", "small")]
+    write_page(page("Published figures, and ours", lead, [summary, *chapters]), file)
 
 
-def _chapter(results: Queries, judged: Sequence[Judged]) -> Chapter:
+def _chapter(results: Queries, judged: Sequence[Judged]) -> Section:
+    """One experiment: what it is, its command, tables and figures."""
     name, tables = judged[0].printed.experiment, by_table(judged)
-    pictures = [
+    text = about(name)
+    blocks = [paragraph(text), code(command_of(name))] if text else []
+    blocks += [html_table(published_grid(rows)) for rows in tables]
+    blocks += [
         picture(chart, f"{rows[0].printed.table}: ours over printed", f"{name}-{i}-")
         for i, rows in enumerate(tables)
         if (chart := _ratios(rows)) is not None
@@ -231,9 +215,8 @@ def _chapter(results: Queries, judged: Sequence[Judged]) -> Chapter:
     sweep = newest_sweep(results, name)
     if name in FIGURES and sweep is not None:
         caption, draw = FIGURES[name]
-        pictures.append(picture(draw(results, sweep), caption, f"{name}-figure-"))
-    grids = [html_table(published_grid(rows)) for rows in tables]
-    return Chapter(name, about(name), command_of(name), grids, pictures)
+        blocks.append(picture(draw(results, sweep), caption, f"{name}-figure-"))
+    return Section(name, name, blocks)
 
 
 def about(experiment: str) -> str:

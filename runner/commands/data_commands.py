@@ -84,7 +84,7 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
     node = node or options_of(drafted(file, sources).map)
     known = report(reader_of(file, node), sources)
     if html is not None:
-        write_page(recording_page.page(known), html)
+        write_page(recording_page.recording_page(known), html)
     _show(known)
 
 

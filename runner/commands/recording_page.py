@@ -1,7 +1,7 @@
 """The page about a recording: the tables of the report, and figures."""
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,19 +12,32 @@ from seatrial.models.recording.preprocessing import quality_checks
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.commands.recording_report import Report
-from seatrial.runner.compare.page import picture, render_page
+from seatrial.runner.compare.formats import html_table
+from seatrial.runner.compare.grid import grid_of
+from seatrial.runner.compare.page import Section, bullets, page, picture
 from seatrial.runner.compare.plots import style
 
+NUMBER = tuple("+-0123456789")  # how a number begins
 
-def page(report: Report) -> str:
+
+def recording_page(report: Report) -> str:
     """The report as one HTML file."""
+    told = {
+        "Result": report.verdict, "What was left out": report.left_out,
+        "What to do next": report.advice,
+    }  # fmt: skip
+    parts = [(title, bullets(lines)) for title, lines in told.items() if lines]
+    for sheet in report.tables:
+        numbers = sheet.rows[0] if sheet.rows else ()
+        labels = sum(1 for _ in takewhile(lambda text: text[:1] not in NUMBER, numbers))
+        grid = grid_of("", sheet.heads, sheet.rows, labels=max(labels, 1))
+        parts.append((sheet.title, html_table(grid)))
     with style.drawn():
         sheets = {} if report.examination is None else figures(report.examination)
         drawn = enumerate(sheets.items())
-        pictures = [picture(sheet, text, f"f{i}-") for i, (text, sheet) in drawn]
-    return render_page(
-        "recording.html", title=f"Recording {report.path}", report=report, pictures=pictures
-    )
+        parts += [(text, picture(sheet, text, f"f{i}-")) for i, (text, sheet) in drawn]
+    sections = [Section(title, f"s{i}", [block]) for i, (title, block) in enumerate(parts)]
+    return page(f"Recording {report.path}", [], sections)
 
 
 def figures(known: Examination) -> dict[str, Figure]:

@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from markupsafe import Markup
@@ -10,12 +9,22 @@ from markupsafe import Markup
 from seatrial.runner.compare.benchmark.boards import Board, overall
 from seatrial.runner.compare.benchmark.entries import REFERENCES, BenchmarkRun
 from seatrial.runner.compare.benchmark.manoeuvre_scores import pieces
-from seatrial.runner.compare.benchmark.task import Case, Located, located
+from seatrial.runner.compare.benchmark.task import Case, located
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.leaderboard import leaderboard, manoeuvre_grids, summary
-from seatrial.runner.compare.page import Picture, picture, render_page, write_page
+from seatrial.runner.compare.page import (
+    Section,
+    code,
+    facts,
+    group,
+    link,
+    page,
+    paragraph,
+    picture,
+    write_page,
+)
 from seatrial.runner.compare.plots.critical_difference import chart
 from seatrial.runner.compare.plots.free_runs import Runs, colours_of, part_of, tracks, velocities
 from seatrial.runner.compare.plots.style import drawn
@@ -23,65 +32,90 @@ from seatrial.runner.configuration.invocation import results_program, trial_prog
 from seatrial.runner.export.manoeuvre_tracks import length_of
 
 FIRST = 3  # entrants on the figures of free runs, beside `none`
-
-
-@dataclass(frozen=True)
-class TaskChapter:
-    """One task on the page; `lacking` are files that are not there."""
-
-    name: str
-    title: str
-    tables: Sequence[Markup]
-    ranks: Sequence[Picture]
-    pictures: Sequence[Picture]
-    lacking: Sequence[Located]
+ABOUT = (
+    "Each entrant identifies a model from the training files of a task. The model then predicts the"
+    " test files from their first measured state, without further measurements (free run)."
+    " FIT = 100 (1 - RMS error / standard deviation of the measured output) %: 100 % is perfect,"
+    " 0 % is as good as the mean of the measured motion."
+)
+LOST = "Trials that failed, and models that cannot predict or diverge: they rank behind all others."
+ENTRANT = (
+    "An entrant is an option of the group identifier: a YAML file in the folder conf/identifier of"
+    " your working folder that names a class, or a program in any language that reads a recording"
+    " and writes coefficients. With conf/identifier/mine.yaml, the first of these commands runs the"
+    " cells of mine that are not in the logbook, in all tasks, and nothing else; the second makes"
+    " this page again with it. An entrant with options of its own, and a task of your own, is a"
+    " file of conf/benchmark beside the tasks of the project."
+)
 
 
 def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> None:
     """Write the page; raises LogbookError if the file cannot be written."""
-    with drawn():
-        chapters = [_chapter(results, board) for board in boards]
-        ranks = []
-        for i, (group, every) in enumerate(overall(boards)):
-            if every.ranks is not None:
-                titles = "; ".join(board.task.title for board in group)
-                shown = picture(chart(titles, every), f"Mean ranks over {titles}", f"all-{i}-")
-                ranks.append(shown)
     own = [entry for board in boards for entry in _own(board)]
-    page = render_page(
-        "benchmark.html",
-        title="Benchmark of identifiers on measured and simulated vessels",
-        database=str(results.reader.address),
-        runs=len(own),
-        minutes=sum(entry.duration_s for entry in own) / 60.0,
-        summary=html_table(summary(boards)),
-        ranks=ranks,
-        chapters=chapters,
-        failures=html_table(failures(boards)),
-        data=[(board, located(board.task)) for board in boards],
-        program=trial_program(),
-        tables=results_program(),
-    )
-    write_page(page, file)
+    minutes = sum(entry.duration_s for entry in own) / 60.0
+    database = results.reader.address
+    lead = f"From {database}: {len(own)} trials, {minutes:.0f} minutes of computing."
+    with drawn():
+        ranks = [
+            picture(chart(titles, every), f"Mean ranks over {titles}", f"all-{i}-")
+            for i, (group, every) in enumerate(overall(boards))
+            if every.ranks is not None
+            for titles in ["; ".join(board.task.title for board in group)]
+        ]
+        chapters = [_chapter(results, board) for board in boards]
+    commands = [
+        f"{trial_program()} benchmark --entrant mine",
+        f"{results_program()} leaderboard --entrant mine --page results/benchmark/index.html",
+    ]
+    sections = [
+        Section("Summary", "summary", [paragraph(ABOUT), html_table(summary(boards)), *ranks]),
+        *chapters,
+        Section("Failures", "failures", [paragraph(LOST), html_table(failures(boards))]),
+        Section("Data and licences", "data", [_source(board) for board in boards]),
+        Section("Add an entrant", "entrants", [paragraph(ENTRANT), code("\n".join(commands))]),
+    ]
+    title = "Benchmark of identifiers on measured and simulated vessels"
+    write_page(page(title, [paragraph(lead, "small")], sections), file)
 
 
 def _own(board: Board) -> list[BenchmarkRun]:
     return [entry for entry in board.entries if entry.cell.entrant not in REFERENCES]
 
 
-def _chapter(results: Queries, board: Board) -> TaskChapter:
-    ranks = []
+def _chapter(results: Queries, board: Board) -> Section:
+    """One task: what is missing, the tables, the ranks, and the free runs."""
+    title = board.task.title
+    blocks = [code(f"{trial_program()} benchmark --task {board.name}")]
+    get = f"{trial_program()} data get {board.name}"
+    blocks += [
+        paragraph(f"{file.name} is {file.state}: its cases are left out; {get}", "small")
+        for file in located(board.task)
+        if file.state != "found"
+    ]
+    blocks += map(html_table, [leaderboard(board), *manoeuvre_grids(board)])
     if board.ranked.ranks is not None:
-        caption = f"{board.task.title}: mean ranks"
-        ranks = [picture(chart(board.task.title, board.ranked), caption, f"{board.name}-ranks-")]
-    grids = [leaderboard(board), *manoeuvre_grids(board)]
-    lacking = [file for file in located(board.task) if file.state != "found"]
-    tables = [html_table(grid) for grid in grids]
-    pictures = list(_free_runs(results, board))
-    return TaskChapter(board.name, board.task.title, tables, ranks, pictures, lacking)
+        figure = chart(title, board.ranked)
+        blocks.append(picture(figure, f"{title}: mean ranks", f"{board.name}-ranks-"))
+    return Section(title, board.name, [*blocks, group("figures", *_free_runs(results, board))])
 
 
-def _free_runs(results: Queries, board: Board) -> Iterator[Picture]:
+def _source(board: Board) -> Markup:
+    """Where the data of a task come from, and how many of their files are there."""
+    source, files = board.task.source, located(board.task)
+    title = Markup("<h3>{}</h3>").format(board.task.title)
+    if source is None:
+        return title + paragraph("Simulated: there is nothing to get.")
+    name = Markup.escape(source.name)
+    if source.url.startswith("https://"):
+        name += ", " + link(source.url, source.url)
+    known = sum(file.state == "found" for file in files)
+    return title + facts([
+        ("source", name), ("licence", source.licence), ("how to get", source.get),
+        ("files", f"{known} of {len(files)} were at hand"),
+    ])  # fmt: skip
+
+
+def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
     """Yield the figures of every test file, of the first entrants and `none`."""
     names = [*board.leaders(FIRST), "none"]
     colours = colours_of(names)

@@ -20,6 +20,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.grid import TextTable
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE as DEFAULT_DATABASE
 from seatrial.runner.configuration.invocation import program_version
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.record.vocabulary import DOF_ORDER, Stage
@@ -33,7 +34,6 @@ else:  # by name: they take their requests from here
     frame = lazy_loader.load("seatrial.runner.compare.frame", suppress_warning=True)
     runs = lazy_loader.load("seatrial.runner.compare.runs", suppress_warning=True)
 
-DEFAULT_DATABASE = "sqlite:///results/results.db"
 MOST_CELLS = 250_000  # of a table, at about 3 kB
 app = typer.Typer(name="seatrial-results", no_args_is_help=True, pretty_exceptions_enable=False)
 

@@ -41,6 +41,7 @@ class Headline:
     table: TextTable
     shown: bool
     command: Sequence[str]
+    baseline: bool = False
 
 
 def headlines(
@@ -66,7 +67,9 @@ def headlines(
         if any(cell.sort is not None for row in table.rows for cell in row):
             words = ["table", "--metric", metric, "--rows", rows, "--columns", columns]
             words += [word for name in baseline for word in ("--baseline", f"{name}=none")]
-            found.append(Headline(metric, rows, columns, table, shown, words))
+            chosen = {"--where": request.where, "--sweep": request.sweep, "--tag": request.tag}
+            words += [word for pair in chosen.items() if pair[1] for word in map(str, pair)]
+            found.append(Headline(metric, rows, columns, table, shown, words, bool(baseline)))
     return found, messages
 
 

@@ -56,7 +56,9 @@ def report(
     results_dir: ResultsDir = None,
 ) -> None:
     """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
-    request = compare.report.ReportRequest(*axes_of(rows, columns), where, sweep, tag, title)
+    request = compare.report.ReportRequest(
+        *axes_of(rows, columns), where, sweep, tag, title, database
+    )
     with compare.frame.open_results(database, results_dir) as results:
         file = output or shown_path(results.reader.results_dir / "report" / "report.html")
         compare.report.write_report(results, request, file)

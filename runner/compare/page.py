@@ -1,6 +1,11 @@
-"""Self-contained HTML pages: templates, figures as inline SVG, and atomic writing of files."""
+"""The one page maker: sections of blocks under one template, and atomic writing of files.
+
+Every page is made here: the report, those of the site, of the benchmark, of a recording and of the
+published figures. A block is Markup in which every text is escaped.
+"""
 
 import re
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -10,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from seatrial.models.errors import LogbookError
@@ -30,26 +35,88 @@ LEGIBLE = 0.72  # smallest scale of a figure; below it the figure scrolls
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A figure as inline SVG; `width` is its smallest legible width [CSS px]."""
+class Section:
+    """A part of a page: its heading, the name for links to it, and its blocks."""
 
-    caption: str
-    svg: Markup
-    width: int
-    wide: bool
+    title: str
+    anchor: str
+    blocks: Sequence[Markup]
 
 
-def render_page(template: str, folder: Path = TEMPLATES, **context: object) -> str:
-    """Render a page from a template of a folder; a missing value is an error."""
+def page(
+    title: str,
+    lead: Iterable[Markup],
+    sections: Sequence[Section],
+    links: Mapping[str, str] | None = None,
+    scripts: Sequence[str] = (),
+    programs: Sequence[str] = (),
+) -> str:
+    """Return a page; it needs no network.
+
+    `lead` stands above the links: those to its sections and `links` (text by address) to other
+    pages. `scripts` are files beside the page, `programs` templates of further scripts in it.
+    """
     environment = Environment(
-        loader=FileSystemLoader([folder, TEMPLATES]),
+        loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    written = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-    return environment.get_template(template).render(written=written, **context)
+    return environment.get_template("page.html").render(
+        written=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        **{"title": title, "lead": list(lead), "sections": sections, "links": links or {}},
+        **{"scripts": scripts, "programs": programs},
+    )
+
+
+# Blocks.
+
+
+def paragraph(text: str, kind: str = "") -> Markup:
+    """Return a paragraph of a class of the style sheet."""
+    return Markup('<p class="{}">{}</p>').format(kind, text)
+
+
+def bullets(lines: Iterable[str | Markup]) -> Markup:
+    """Return a list of lines; empty without any."""
+    items = Markup("").join(Markup("<li>{}</li>").format(line) for line in lines)
+    return Markup("<ul>{}</ul>").format(items) if items else items
+
+
+def code(text: str) -> Markup:
+    """Return lines of a command or a traceback."""
+    return Markup("<pre><code>{}</code></pre>").format(text)
+
+
+def link(address: str, text: str) -> Markup:
+    """Return a link to a page or a section."""
+    return Markup('<a href="{}" rel="noreferrer">{}</a>').format(address, text)
+
+
+def status(name: str, text: str) -> Markup:
+    """Return a text in the colour of a run's status."""
+    return Markup('<span class="status {}">{}</span>').format(name, text)
+
+
+def facts(pairs: Iterable[tuple[str, str | Markup]]) -> Markup:
+    """Return names with what stands for them."""
+    rows = (Markup("<dt>{}</dt><dd>{}</dd>").format(name, value) for name, value in pairs)
+    return Markup("<dl>{}</dl>").format(Markup("").join(rows))
+
+
+def folded(summary: str | Markup, *blocks: Markup, opened: bool = False) -> Markup:
+    """Return blocks that a click on their summary shows; `opened` ones are shown at first."""
+    state, inside = Markup(" open" if opened else ""), Markup("").join(blocks)
+    return Markup("<details{}><summary>{}</summary>{}</details>").format(state, summary, inside)
+
+
+def group(kind: str, *blocks: Markup) -> Markup:
+    """Return blocks in a box of a class of the style sheet."""
+    return Markup('<div class="{}">{}</div>').format(kind, Markup("").join(blocks))
+
+
+# Files.
 
 
 def write_page(page: str, file: Path) -> None:
@@ -102,8 +169,8 @@ def _extremes(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[int]:
     return sorted(kept)
 
 
-def picture(figure: "Figure", caption: str, prefix: str) -> Picture:
-    """Return a figure as an element of a page; the prefix makes its ids unique on the page.
+def picture(figure: "Figure", caption: str, prefix: str) -> Markup:
+    """Return a figure as inline SVG; the prefix makes its ids unique on the page.
 
     `caption` is also the label of the image. Lines of many samples are thinned, and coordinates
     are rounded to a hundredth of a point, so that pages stay small.
@@ -117,8 +184,11 @@ def picture(figure: "Figure", caption: str, prefix: str) -> Picture:
     svg = re.sub(r'(?<=[ \n]id=")', prefix, svg)
     svg = re.sub(r'(?<=href="#)', prefix, svg)
     svg = re.sub(r"(?<=url\(#)", prefix, svg)
-    label = str(Markup.escape(caption))
-    svg = svg.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)
-    width = figure.get_figwidth() * 72.0 * CSS_PX_PER_POINT
-    wide = figure.get_figwidth() > WIDE_FIGURE
-    return Picture(caption, Markup(svg), round(LEGIBLE * width), wide)
+    svg = svg.replace("<svg", f'<svg role="img" aria-label="{escape(caption)}"', 1)
+    least = round(LEGIBLE * figure.get_figwidth() * 72.0 * CSS_PX_PER_POINT)
+    kind = "wide" if figure.get_figwidth() > WIDE_FIGURE else ""
+    return Markup(
+        '<figure class="{}"><div class="scroll" tabindex="0">'
+        '<div style="min-width: min({}px, 300%)">{}</div></div>'
+        "<figcaption>{}</figcaption></figure>"
+    ).format(kind, least, Markup(svg), caption)

@@ -13,6 +13,7 @@ from seatrial import __version__
 ROOT = Path(__file__).resolve().parents[2]  # the checkout, or the installed package
 PROJECT = ROOT / "pyproject.toml"  # in a checkout only
 SCRIPTS = ("seatrial", "seatrial-results")
+DEFAULT_DATABASE = "sqlite:///results/results.db"
 # Commands and options that are gone, and what replaces them.
 REPLACED: Mapping[str, str] = {
     "seatrial-results browse": "use pip install datasette; datasette results/results.db",

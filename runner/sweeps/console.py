@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE as DEFAULT_DATABASE
 from seatrial.runner.configuration.invocation import results_program, trial_program
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.record.catalogue import definition_of
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from seatrial.runner.sweeps.job import Outcome
 
 
-DEFAULT_DATABASE = "sqlite:///results/results.db"
 # The metrics that are printed after a trial, at most so many lines, and of which models.
 SHOWN = ("e_pos_mae", "e_psi_mae", "velocity_rmse_restarts")
 LONGEST = 5

@@ -24,11 +24,5 @@ def show(browser: Any, url: str, address: str = "") -> None:
 
 def settle(browser: Any) -> None:
     """Wait until the view of the address is shown."""
-    shown = "return document.getElementById('main')?.dataset.shown === location.hash"
+    shown = "return document.body.dataset.shown === location.hash"
     assert until(lambda: browser.execute_script(shown)), browser.page_source[:3000]
-
-
-def commands_of(browser: Any) -> list[str]:
-    """The lines of the commands that the page shows."""
-    boxes = browser.find_elements("css selector", ".command code")
-    return [line for box in boxes for line in box.text.splitlines()]

@@ -104,12 +104,12 @@ def test_the_page_opens_alone_and_its_tables_sort_by_a_click(browser: Any, page:
     assert complaints(browser) == []
     assert browser.title == "Sea trials"
     assert browser.execute_script("return performance.getEntriesByType('resource').length") == 0
-    headings = browser.find_elements("css selector", "#tables table:first-of-type thead button")
+    headings = browser.find_elements("css selector", "#result table thead button")
     calm = next(i for i, heading in enumerate(headings) if heading.text == "calm")
     for backwards in (False, True):
         headings[calm].click()
         texts = browser.execute_script(
-            "return [...document.querySelector('#tables table').tBodies[0].rows]"
+            "return [...document.querySelector('#result table').tBodies[0].rows]"
             ".map((row) => row.cells[arguments[0]].textContent)", calm
         )  # fmt: skip
         values = [float(text.split()[0]) for text in texts if text[:1].isdigit()]

@@ -1,7 +1,6 @@
 """The site in a browser, without a network: filter, sort, overlay, failures, hostile names."""
 
 import json
-import random
 import re
 import shlex
 from pathlib import Path
@@ -13,16 +12,12 @@ import pytest
 from seatrial.models.errors import LogbookError
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.site import write_site
-from seatrial.runner.compare.site.contents import STRETCHES, extremes
-from seatrial.runner.compare.site.scripts import metric_script, script_of
-from seatrial.runner.compare.site.static_folder import assets
+from seatrial.runner.compare.site import STRETCHES, extremes, script_of, write_site
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints
 from tests.runner.compare.conftest import Program
-from tests.runner.compare.site_pages import commands_of, settle, show, until
+from tests.runner.compare.site_pages import settle, show, until
 
-MOST_BYTES = 4_000_000
 HOSTILE = (
     "</script><script>document.title='stolen'</script>",
     "<img src=x onerror=\"document.title='stolen'\">",
@@ -63,93 +58,101 @@ def click(browser: Any, selector: str) -> None:
     settle(browser)
 
 
-def tick(browser: Any, factor: str, level: str) -> None:
-    """Tick a level of a filter."""
-    legend = f"//fieldset[legend='{factor}']"
-    browser.find_element("xpath", f"{legend}//label[normalize-space()='{level}']/input").click()
-    settle(browser)
-
-
-def cell_texts(browser: Any) -> list[list[str]]:
-    """The texts of the first table, row by row."""
-    rows = browser.find_element("css selector", "main table").find_elements("tag name", "tr")
+def rows_of(browser: Any, table: str) -> list[list[str]]:
+    """The texts of a table, row by row."""
+    rows = browser.find_element("css selector", table).find_elements("tag name", "tr")
     return [[c.text for c in row.find_elements("css selector", "th, td")] for row in rows]
 
 
-def test_the_page_asks_for_nothing_outside() -> None:
-    files = assets()
-    assert sum(map(len, files.values())) < MOST_BYTES
-    assert b"Permission is hereby granted" in files["uPlot.LICENSE"]
-    index = files["index.html"].decode()
-    loaded = re.findall(r'(?:src|href)="([^"#]+)"', index)
-    assert {name.removeprefix("assets/") for name in loaded if name != "data:,"} == {
-        name for name in files if name.endswith((".js", ".css"))
-    }
-    for name, content in files.items():
-        if not name.startswith("uPlot"):
-            text = content.decode()
-            assert not re.search(r"https?://|\bfetch\(|XMLHttpRequest|import\(", text), name
-            assert not re.search(r"innerHTML|outerHTML|document\.write|eval\(", text), name
+def test_the_pages_ask_for_nothing_outside(site: Path) -> None:
+    pages = sorted(site.parent.glob("*.html"))
+    assert {"index.html", "runs.html", "run-18.html", "sweep-all.html"} <= {p.name for p in pages}
+    for file in pages:
+        text = file.read_text(encoding="utf-8")
+        assert not re.search(r"\bfetch\(|XMLHttpRequest|import\(", text), file
+        assert not re.search(r"innerHTML|outerHTML|document\.write|eval\(", text), file
+        loaded = re.findall(r'(?:src|href)="([^"#]+)[^"]*"', text)
+        assert all((site.parent / name).is_file() for name in loaded if name != "data:,"), file
 
 
 def test_a_script_holds_any_text() -> None:
     for text in (*HOSTILE, "\ud800", "\x00"):
-        script = script_of("data/x.js", {"text": text})
+        script = script_of("x", {"text": text})
         assert script.isascii()
         assert "<" not in script
-        told = script.removeprefix('seatrial.receive("data/x.js", ').removesuffix(");\n")
+        told = script.removeprefix('(window.seatrial ??= {})["x"] = ').removesuffix(";\n")
         assert json.loads(told) == {"text": text}
-    assert re.fullmatch(r"data/metric-[0-9a-f]{16}\.js", metric_script("../../\ud800/x"))
 
 
 def test_tables_are_those_of_their_commands_and_headings_sort(
     offline: Any, site: Path, program: Program
 ) -> None:
-    show(offline, site.as_uri(), "sweep=1")
-    assert "plsr has a force MSE of 400" in offline.find_element("css selector", ".answers").text
-    words = shlex.split(commands_of(offline)[0])[3:]
-    code, out, _ = program(*words, "--format", "json")
+    offline.get(site.as_uri())
+    assert "plsr has a force MSE of 400" in offline.find_element("css selector", ".answer").text
+    command = offline.find_element("css selector", "#result pre").text
+    code, out, _ = program(*shlex.split(command)[3:], "--format", "json")
     assert code == 0
-    (header, *rows), records = cell_texts(offline), json.loads(out)
+    (header, *rows), records = rows_of(offline, "#result table"), json.loads(out)
     last = [row["mean"] for row in records if row["disturbance"] == header[-1]]
     assert [row[-1].split()[0] for row in rows if row[-1]] == [*map(number_text, last)]
-    click(offline, f"main thead th:nth-child({len(header)}) button")
-    shown = [row[-1].split()[0] for row in cell_texts(offline)[1:] if row[-1]]
+    offline.find_elements("css selector", "#result thead button")[-1].click()
+    shown = [row[-1].split()[0] for row in rows_of(offline, "#result table")[1:] if row[-1]]
     assert shown == [*map(number_text, sorted(last))]
+
+
+def test_runs_are_filtered_and_sorted_and_the_command_selects_the_same(
+    offline: Any, site: Path, program: Program
+) -> None:
+    show(offline, (site.parent / "runs.html").as_uri())
+    everything = len(rows_of(offline, "#list table"))
     click(offline, "#filters summary")
-    tick(offline, "Identifier", "ls")
-    (command,) = commands_of(offline)  # of a selection, the command that makes its table
-    assert "--where identifier" in command.replace("'", "").replace('"', "")
-    assert program(*shlex.split(command)[3:])[0] == 0
+    place = next(
+        one.get_attribute("id")
+        for one in offline.find_elements("css selector", "input[id^=filter-identifier-]")
+        if one.find_element("xpath", "..").text == "ls"
+    )
+    click(offline, f"#{place}")
+    header, *rows = rows_of(offline, "#list table")
+    assert 0 < len(rows) < everything - 1
+    assert {row[header.index("identifier")] for row in rows} == {"ls"}
+    runs, table = offline.find_element("css selector", ".commands").text.splitlines()
+    code, out, _ = program(*shlex.split(runs)[3:], "--format", "json")
+    assert (code, [str(row["run_id"]) for row in json.loads(out)]) == (0, [row[0] for row in rows])
+    assert program(*shlex.split(table)[3:])[0] == 0
+    click(offline, "#sort-value")
+    header, *rows = rows_of(offline, "#list table")
+    values = [float(row[1]) for row in rows if row[1] != "–"]
+    assert values == sorted(values)
+    assert len(values) > 2
 
 
-def test_runs_overlay_with_the_numbers_of_their_commands(offline: Any, site: Path) -> None:
-    show(offline, site.as_uri(), "view=overlay&runs=18,20")
+def test_runs_are_overlaid_and_a_run_shows_numbers_and_figures(offline: Any, site: Path) -> None:
+    show(offline, (site.parent / "runs.html").as_uri(), "runs=18,20")
     titles = [one.text for one in offline.find_elements("css selector", "figcaption")]
-    for title in ("Track", "Position error", "Heading error", "Force residual", "Identified over"):
+    for title in ("Track", "Position error", "Heading error", "Force residual"):
         assert any(text.startswith(title) for text in titles), titles
-    table = cell_texts(offline)
-    assert table[0][-1] == "True value"
-    assert ["surge: u_dot [kg]", "1195\nse 8.0", "1200\nse 8.0", "1195"] in table
-    lines = commands_of(offline)
-    assert {shlex.split(line)[4] for line in lines} == {"track", "errors", "residual",
-                                                        "coefficients"}  # fmt: skip
+    errors = offline.find_elements("css selector", "figure")[
+        titles.index("Position error over time")
+    ]
+    names = errors.find_element("css selector", ".legend").text.splitlines()
+    assert [name[:6] for name in names] == ["run 18", "run 20"]
+    offline.get((site.parent / "run-18.html").as_uri())
+    drawn = [one.text for one in offline.find_elements("css selector", "figure")]
+    assert any("nominal\nidentified" in text for text in drawn), drawn
+    headings = [one.text for one in offline.find_elements("css selector", "h2")]
+    assert headings[:2] == ["Metrics", "Figures"]
+    assert headings[-2:] == ["Configuration", "Provenance"]
 
 
-def test_a_failure_is_told_with_its_traceback(offline: Any, site: Path, program: Program) -> None:
-    show(offline, site.as_uri(), "sweep=all")
-    click(offline, "nav a[href*=failures]")
-    summaries = [one.text for one in offline.find_elements("css selector", ".failure > summary")]
+def test_a_failure_is_told_with_its_traceback(offline: Any, site: Path) -> None:
+    offline.get((site.parent / "sweep-all.html").as_uri())
+    summaries = [one.text for one in offline.find_elements("css selector", "#failures summary")]
     assert len(summaries) == 2
-    assert "|r| = 9 rad/s exceeds 3 at t = 12 s" in summaries[0]
-    assert "singular matrix" in summaries[1]
-    click(offline, ".failure:last-of-type > summary")
-    body = offline.find_element("css selector", ".failure:last-of-type pre").text
+    assert "|r| = 9 rad/s exceeds 3 at t = 12 s" in summaries[1]
+    assert "singular matrix" in summaries[0]
+    offline.find_elements("css selector", "#failures summary")[0].click()
+    body = offline.find_element("css selector", "#failures pre").text
     assert body == "Traceback: here\nValueError"
-    code, out, _ = program(*shlex.split(commands_of(offline)[-1])[3:])
-    assert (code, out.strip()) == (0, body)
-    click(offline, ".failure:last-of-type a[href*='view=run&']")
-    assert "singular matrix" in offline.find_element("id", "main").text
 
 
 @pytest.mark.slow
@@ -172,18 +175,24 @@ def test_hostile_names_are_shown_and_do_nothing(
             stored.fail(logbook, stored.start(name, seed=seed + 9), error=name)
     with open_results(f"{tmp_path}/results.db") as results:
         page = write_site(results, tmp_path / "site", f"{tmp_path}/results.db", 100)
-    for address in ("", "sweep=all", "sweep=all&view=runs", "sweep=all&view=failures",
-                    "view=run&run=1", "view=overlay&runs=1,3,5,7"):  # fmt: skip
-        show(offline, page.as_uri(), address)
-        assert offline.title == "Sea trials"
-        assert offline.find_elements("css selector", "main img, main script") == []
-        assert "\u202e" not in offline.find_element("tag name", "body").text
-    show(offline, page.as_uri(), "sweep=all")
+    for name in ("index", "sweep-all", "run-1", "run-8"):
+        offline.get((page.parent / f"{name}.html").as_uri())
+        harmless(offline)
+    show(offline, (page.parent / "runs.html").as_uri(), "runs=1,3,5,7")
+    harmless(offline)
     click(offline, "#filters summary")
     click(offline, "input[id^=filter-identifier-]")
-    code, out, err = program(*shlex.split(commands_of(offline)[0])[3:], "--format", "json")
+    _, table = offline.find_element("css selector", ".commands").text.splitlines()
+    code, out, err = program(*shlex.split(table)[3:], "--format", "json")
     assert (code, err) == (0, "")
     assert json.loads(out)
+
+
+def harmless(browser: Any) -> None:
+    """The texts of the page that is open did nothing."""
+    assert browser.title != "stolen"
+    assert browser.find_elements("css selector", "main img, main script") == []
+    assert "\u202e" not in browser.find_element("tag name", "body").text
 
 
 def test_only_a_folder_of_its_own_is_written(tmp_path: Path, plain: Path) -> None:
@@ -206,20 +215,8 @@ def test_an_empty_logbook_has_a_page(offline: Any, tmp_path: Path) -> None:
     stored.logbook_at(tmp_path).close()
     with open_results(f"{tmp_path}/results.db") as results:
         page = write_site(results, tmp_path / "site", "results.db", 1)
-    show(offline, page.as_uri())
-    assert "No runs in the logbook yet" in offline.find_element("id", "main").text
-
-
-def test_numbers_are_written_as_by_the_command(offline: Any, site: Path) -> None:
-    draw = random.Random(4)
-    values = [0.0, 100.25, 0.125, 12344.5, 12345.5, 999999.5, 1e6, 1e-5, 9.9996, -2.5, 1234.5]
-    values += [draw.choice([-1, 1]) * 10 ** draw.uniform(-7, 9) for _ in range(300)]
-    show(offline, site.as_uri(), "")
-    for digits in (2, 4):
-        got = offline.execute_script(
-            f"return arguments[0].map((v) => numberText(v, {digits}))", values
-        )
-        assert got == [number_text(value, digits) for value in values]
+    offline.get(page.as_uri())
+    assert "No runs in the logbook yet" in offline.find_element("tag name", "header").text
 
 
 def test_thinning_keeps_every_extreme() -> None:

@@ -27,10 +27,11 @@ function sort(heading) {
 function cue(box) {
   box.classList.toggle("more", box.scrollLeft + box.clientWidth < box.scrollWidth - 2);
 }
-for (const box of document.querySelectorAll(".scroll")) {
+function watch(box) {
   box.addEventListener("scroll", () => cue(box), { passive: true });
   new ResizeObserver(() => cue(box)).observe(box);
 }
+document.querySelectorAll(".scroll").forEach(watch);
 for (const button of document.querySelectorAll("thead th > button")) {
   button.addEventListener("click", () => sort(button.parentElement));
 }

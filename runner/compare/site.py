@@ -1,0 +1,376 @@
+"""The site: a folder of pages that opens from disk and from any web server.
+
+`index.html` is the page of the newest sweep. Every sweep has one, so have all runs together, and
+the newest runs, with their numbers and figures. `runs.html` filters, sorts and overlays runs. A
+page that is opened from disk may not fetch files, but it may load scripts: they hold its data.
+"""
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import sqlalchemy as sa
+from markupsafe import Markup
+
+from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner.compare.benchmark.scores import half_width
+from seatrial.runner.compare.formats import html_table
+from seatrial.runner.compare.frame import RUN, Queries, StoredRun, ordered
+from seatrial.runner.compare.grid import TextTable, number_text, with_unit
+from seatrial.runner.compare.headlines import TABLES, in_words
+from seatrial.runner.compare.page import Section, bullets, code, link, page, paragraph
+from seatrial.runner.compare.plots.request import PREFIX, subtitle
+from seatrial.runner.compare.report import ReportRequest, render_report
+from seatrial.runner.compare.runs import run_details
+from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.configuration.invocation import results_program
+from seatrial.runner.database.tables import Reuse
+from seatrial.runner.database.terminal import visible
+from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.record.rows import Series
+from seatrial.runner.record.vocabulary import DOFS, GROUPS, IDENTIFIED_STD
+
+INDEX, RUNS = "index.html", "runs.html"
+MARK = '<meta name="generator" content="seatrial-results">'
+MOST_SWEEPS = 50  # that have a page, the newest ones
+MOST_FILTERS = 30  # keys of the configuration
+STRETCHES = 300  # of which a line keeps the lowest and the highest sample
+DIGITS = 5  # significant
+ERRORS = {"e_pos": ("Position error", 1.0, "m"), "e_psi": ("Heading error", 180.0 / np.pi, "deg")}
+LAST = ("configuration",)  # of the tables of a run, before its provenance
+PLOTS = Markup('<div class="figures" id="plots"></div>')
+Json = Mapping[str, object]
+
+
+def write_site(results: Queries, folder: Path, database: str, opened: int) -> Path:
+    """Write the site and return its first page.
+
+    `folder` is new, empty, or holds a site; `database` is the address as the user wrote it; the
+    newest `opened` runs have a page. Raises LogbookError if it cannot be written.
+    """
+    try:
+        _require_own(folder)
+        for old in (*folder.glob("*.html"), *folder.glob("data/*.js")):
+            old.unlink()
+        for name, text in _files(results, database, opened):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(visible(text), encoding="utf-8")
+    except OSError as error:
+        raise LogbookError(f"{folder}: cannot write the site: {error.strerror}") from error
+    except ValueError as error:
+        raise LogbookError(f"{folder}: cannot write the site: expected a name in UTF-8") from error
+    return folder / INDEX
+
+
+def _require_own(folder: Path) -> None:
+    """Refuse a folder with files of others."""
+    index = folder / INDEX
+    with suppress(FileNotFoundError):
+        if index.is_file() and MARK in index.read_text(encoding="utf-8", errors="replace"):
+            return
+        if any(folder.iterdir()):
+            raise LogbookError(f"{folder}: got a folder with files, expected a new or empty one")
+
+
+def _files(results: Queries, database: str, opened: int) -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of every file."""
+    ((number,),) = results.reader.select(sa.select(sa.func.count()).select_from(RUN))
+    if not number:
+        yield INDEX, page("Sea trials", [paragraph("No runs in the logbook yet.")], [])
+        return
+    runs = results.runs()
+    links = {INDEX: "Newest sweep", "sweep-all.html": "All runs together", RUNS: "List of runs"}
+    sweeps = [str(sweep.id) for sweep in results.reader.sweeps()][-MOST_SWEEPS:]
+    made = list[str]()
+    for sweep in (*reversed(sweeps), "all"):
+        request = ReportRequest(sweep=sweep, database=database)
+        with suppress(ConfigurationError):  # a sweep without a run
+            text = render_report(results, request, links, figures=False)
+            names = [f"sweep-{sweep}.html"] if made else [INDEX, f"sweep-{sweep}.html"]
+            yield from ((name, text) for name in names)
+            made += names
+    whole = runs[::-1][:opened]
+    yield RUNS, _list_page(results, made, links)
+    yield "data/runs.js", script_of("runs", _runs(results, runs, whole, database))
+    for run in whole:
+        drawn, trouble = figures_of(results, run.id)
+        content = {"label": subtitle(run), "figures": drawn, "trouble": trouble}
+        yield f"data/run-{run.id}.js", script_of(f"run-{run.id}", content)
+        yield f"run-{run.id}.html", _run_page(results, run, trouble, links, database)
+
+
+def script_of(name: str, content: object) -> str:
+    """Return a script in ASCII that holds `content` under a name.
+
+    No text of the database can end the script or a string in it: `<` and all that is not ASCII are
+    escaped. `content` may hold no NaN.
+    """
+    text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    text = text.replace("<", "\\u003c")
+    return f"(window.seatrial ??= {{}})[{json.dumps(name)}] = {text};\n"
+
+
+# The pages.
+
+
+def _list_page(results: Queries, pages: Sequence[str], links: Mapping[str, str]) -> str:
+    """The page that filters, sorts and overlays runs, and links to the pages of the sweeps."""
+    parts = [Markup('<div id="plots"></div><div id="list"></div>')]
+    sweeps = [
+        link(f"sweep-{sweep.id}.html", f"Sweep {sweep.id}: {sweep.name}")
+        for sweep in reversed(results.reader.sweeps())
+        if f"sweep-{sweep.id}.html" in pages
+    ]
+    sections = [Section("Runs", "runs", parts), Section("Sweeps", "sweeps", [bullets(sweeps)])]
+    programs = ("elements.js", "plot.js", "runs.js")
+    lead = [paragraph(f"From {results.reader.address}.", "small")]
+    return page("Sea trials: the runs", lead, sections, links, ("data/runs.js",), programs)
+
+
+def _run_page(
+    results: Queries,
+    run: StoredRun,
+    trouble: Sequence[str],
+    links: Mapping[str, str],
+    database: str,
+) -> str:  # fmt: skip
+    """The page of a run: its numbers, its figures, and at last where it comes from."""
+    tables = {table.title: table for table in run_details(results, run.id)}
+    own = f"run {run.id}"
+    last = [tables.pop(name) for name in (*LAST, own) if name in tables]
+    numbers = [_numbers(name.capitalize(), table) for name, table in tables.items()]
+    refused = [paragraph(text, "refused") for text in trouble]
+    figures = Section("Figures", "figures", [*refused, PLOTS])
+    show = [*results_program().split(), "show", str(run.id), *words_of(database)]
+    titles = ("Configuration", "Provenance")[-len(last) :]
+    origin = [_numbers(title, table) for title, table in zip(titles, last, strict=True)]
+    sections = [*numbers[:1], figures, *numbers[1:], *origin]
+    lead = [code(" ".join(show))]
+    overlay = {f"{RUNS}#runs={run.id}": "Overlay with other runs"}
+    scripts, programs = (f"data/run-{run.id}.js",), ("elements.js", "plot.js")
+    title = f"R{subtitle(run)[1:]}"
+    return page(title, lead, sections, {**links, **overlay}, scripts, programs)
+
+
+def _numbers(title: str, table: TextTable) -> Section:
+    """A table of a run under its own heading."""
+    return Section(title, title.lower(), [html_table(replace(in_words(table), title=""))])
+
+
+# The list of runs.
+
+
+def _runs(
+    results: Queries, runs: Sequence[StoredRun], whole: Sequence[StoredRun], database: str
+) -> Json:
+    """Return what the list needs: the runs in columns, their sweeps and metrics."""
+    columns = sa.select(RUN.c.id, RUN.c.started_at, RUN.c.duration_s)
+    rows = {row.id: row for row in results.reader.select(columns)}
+    return {
+        "program": results_program(),
+        "database": words_of(database),
+        "ids": [run.id for run in runs],
+        "written": [run.id for run in whole],
+        "factors": _factors(results, runs),
+        "measures": _measures(results, runs),
+        "sweeps": _sweeps(results, runs),
+        "started": [f"{rows[run.id].started_at:%Y-%m-%d %H:%M}" for run in runs],
+        "duration": [_text(rows[run.id].duration_s) for run in runs],
+    }
+
+
+def _text(value: float | None) -> str | None:
+    return None if value is None or not np.isfinite(value) else number_text(value)
+
+
+def _sweeps(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
+    """Return the sweeps with the places of their runs, those that they reuse included."""
+    places, members = {run.id: i for i, run in enumerate(runs)}, defaultdict[int, set[int]](set)
+    for run in runs:
+        if run.sweep is not None:
+            members[run.sweep].add(places[run.id])
+    reuse = Reuse.__table__.c
+    for sweep, run_id in results.reader.select(sa.select(reuse.sweep_id, reuse.run_id)):
+        if run_id in places:
+            members[sweep].add(places[run_id])
+    return [{"id": sweep.id, "name": sweep.name, "runs": sorted(members[sweep.id])}
+            for sweep in results.reader.sweeps()]  # fmt: skip
+
+
+def _factors(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
+    """Return choices, seed, status, code, and the keys that commands vary, with several levels.
+
+    `codes` are the places of the runs' levels; `conditions` say how --where writes a level.
+    """
+    own = [*GROUPS, "seed"]
+    keys = [key for key in _varied(results) if key not in own][:MOST_FILTERS]
+    trials = results.trials(factors=keys)
+    levels = {name: trials[name].astype(str).tolist() for name in (*own, "status", *keys)}
+    levels["code"] = [str(code) for code in trials["of_code"].astype(object).fillna("none")]
+    factors = list[Json]()
+    for name, texts in levels.items():
+        distinct = ordered(texts)
+        if len(distinct) > 1:
+            codes = {text: i for i, text in enumerate(distinct)}
+            conditions = [_quoted(text) if name != "seed" else text for text in distinct]
+            if name == "code":  # a run of before has none
+                conditions = ["null" if text == "none" else _quoted(text) for text in distinct]
+            if name in keys:
+                first = {text: runs[i].id for i, text in reversed(list(enumerate(texts)))}
+                configs = results.configs_of([*first.values()])
+                conditions = [_literal(text, configs[first[text]].get(name)) for text in distinct]
+            factor = {"name": name, "levels": distinct, "conditions": conditions}
+            shown = name in (*own, "status")
+            factors.append({**factor, "codes": [codes[text] for text in texts], "shown": shown})
+    return factors
+
+
+def _varied(results: Queries) -> list[str]:
+    """Return the keys of the configuration that the commands of the runs set."""
+    rows = results.reader.select(sa.select(RUN.c.overrides))
+    words = (text.partition("=")[0].lstrip("+~") for row in rows for text in row.overrides)
+    return [key for key in dict.fromkeys(words) if key in results.names.keys]
+
+
+def _literal(text: str, value: object) -> str:
+    """Return a level as the conditions of --where write it."""
+    if value is None:
+        return "null"
+    return text if isinstance(value, bool | int | float) else _quoted(text)
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"'
+
+
+def _measures(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
+    """Return the metrics of the first tables, of the identified models, as texts."""
+    places = {run.id: i for i, run in enumerate(runs)}
+    stored = set(results.metric_names())
+    names = [name for name, shown in TABLES.items() if shown and name in stored]
+    numbers = results.metrics(names, only={"model": ["identified"]})
+    numbers = numbers[numbers["run"].isin(list(places))]
+    found = list[Json]()
+    for (name, dof), rows in numbers.groupby(["metric", "dof"], observed=True, sort=False):
+        values: list[str | None] = [None] * len(runs)
+        for run, value in zip(rows["run"], rows["value"], strict=True):
+            values[places[run]] = _text(value)
+        label = with_unit(f"{definition_of(name).label}, {dof}", rows["unit"].iloc[0])
+        found.append({"metric": name, "label": label, "values": values})
+    return sorted(found, key=lambda measure: names.index(str(measure["metric"])))
+
+
+def words_of(database: str) -> list[str]:
+    """Return the words that name a logbook in a command; none for the one by default."""
+    return [] if database == ReportRequest.database else ["--database", database]
+
+
+# The figures of a run.
+
+
+def figures_of(results: Queries, run_id: int) -> tuple[Json, list[str]]:
+    """Return the lines of a run's figures by key, and the series that cannot be read.
+
+    Figures of the same key are drawn over each other: track, errors over time, velocities with
+    the band of the prediction, and residuals of the force.
+    """
+    figures = dict[str, dict[str, object]]()
+    trouble = []
+
+    def add(key: str, title: str, labels: tuple[str, str], line: Json) -> None:
+        figure = {"title": title, "x": labels[0], "y": labels[1], "equal": key.endswith("track")}
+        lines = figures.setdefault(key, {**figure, "lines": []})["lines"]
+        assert isinstance(lines, list)
+        if line["name"] not in [one["name"] for one in lines]:
+            lines.append(line)
+
+    for file in results.reader.series_files(run_id):
+        try:
+            series = results.reader.series(run_id, file.kind)
+        except LogbookError as error:
+            trouble.append(str(error))
+            continue
+        for part in _lines(series):
+            add(*part)
+    return figures, trouble
+
+
+def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
+    """Yield key, title, labels of the axes and the line of what a series has for the page."""
+    columns = {name: np.asarray(v, dtype=np.float64) for name, v in series.columns.items()}
+    t = columns.get("t", np.zeros(0))
+    if not t.size:
+        return
+    model = series.kind.removeprefix(PREFIX) if series.kind.startswith(PREFIX) else "measured"
+    sailed = model != "measured"
+    plane = ("East [m]", "North [m]")
+    if {"x", "y"} <= columns.keys() and sailed:
+        yield "track", "Track", plane, _plane(model, columns["y"], columns["x"])
+    elif {"x", "y"} <= columns.keys() and series.kind == "recording":
+        measured = _plane(model, columns["y"], columns["x"])
+        yield "recorded_track", "Track of the recording", plane, measured
+    if {"x_d", "y_d"} <= columns.keys() and sailed:
+        wanted = _plane("reference", columns["y_d"], columns["x_d"])
+        yield "track", "Track", plane, wanted | {"dash": True}
+    for name, (label, factor, unit) in ERRORS.items():
+        if name in columns and sailed:
+            title, axes = f"{label} over time", ("Time [s]", f"{label} [{unit}]")
+            yield name, title, axes, _over_time(model, t, factor * columns[name])
+    for dof in DOFS if series.kind in ("prediction", "residual") else ():
+        names = {f"residual_{one}_{dof}": one for one in ("nominal", "identified")}
+        title = f"Force residual, {dof}"
+        if series.kind == "prediction":
+            models = {f"{dof}_{one}": one for one in ("nominal", "identified")}
+            names, title = {dof: "measured", **models}, f"Free run, {dof}, with the 90 % band"
+        for name, one in names.items():
+            if name in columns:
+                band = columns.get(f"{dof}_{IDENTIFIED_STD}") if one == "identified" else None
+                line = _over_time(one, t, columns[name], band)
+                labels = "Time [s]", with_unit(dof, series.units.get(name))
+                yield f"{series.kind}-{dof}", title, labels, line
+
+
+def _plane(name: str, east: Sample, north: Sample) -> dict[str, object]:
+    """A line of the track, thinned."""
+    rows = np.unique(np.linspace(0, len(east) - 1, 2 * STRETCHES).astype(int))
+    return {"name": name, "x": _rounded(east[rows]), "y": _rounded(north[rows])}
+
+
+def _over_time(name: str, t: Sample, values: Sample, deviation: Sample | None = None) -> Json:
+    """A line over time, thinned, with the band of a normal distribution about it."""
+    x, y = map(_rounded, extremes(t, values))
+    line: dict[str, object] = {"name": name, "x": x, "y": y}
+    if deviation is not None and np.any(np.isfinite(values) & np.isfinite(deviation)):
+        half = half_width(deviation)
+        ends = (extremes(t, edge) for edge in (values - half, values + half))
+        line["band"] = [[*map(_rounded, end)] for end in ends]
+    return line
+
+
+def extremes(t: Sample, values: Sample) -> tuple[Sample, Sample]:
+    """Return the lowest and the highest sample of each stretch, in their order.
+
+    `t` and `values` have shape (n,), the results at most (2 STRETCHES,). Values that are not finite
+    are left out.
+    """
+    kept = np.isfinite(values)
+    t, values = t[kept], values[kept]
+    if values.size <= 2 * STRETCHES:
+        return t, values
+    edges = np.linspace(0, values.size, STRETCHES + 1, dtype=np.int64)
+    rows: Sequence[int] = [
+        edge
+        for low, high in pairwise(edges.tolist())
+        for edge in (low + int(np.argmin(values[low:high])), low + int(np.argmax(values[low:high])))
+    ]
+    chosen = np.unique(np.array(rows))
+    return t[chosen], values[chosen]
+
+
+def _rounded(values: Sample) -> list[float | None]:
+    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
