@@ -1,6 +1,7 @@
 """Laws of a comparison: what counts, what is equal, what is best, and over which seeds."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,14 @@ def test_further_seeds_of_a_cell_do_not_decide(
     assert best(table(results, baseline=["identifier=none"])) == {"ls"}
 
 
+def test_bold_is_of_the_mean_unless_the_median_stands_alone(
+    results: Queries, fill: Callable[[Values], None]
+) -> None:
+    fill({"none": [2.0] * 3, "ls": [1.0, 1.0, 9.0]})
+    assert best(table(results, statistic=["median"])) == {"ls"}
+    assert best(table(results, statistic=["mean,median"])) == {"none"}
+
+
 def test_a_difference_below_the_resolution_is_none(
     results: Queries, fill: Callable[[Values], None]
 ) -> None:
@@ -128,8 +137,12 @@ def test_seeds_that_lack_a_pooled_level_are_said(logbook: LogbookWriter, results
         for seed in seeds:
             begin = stored.start("ls", disturbance, seed)
             stored.finish(logbook, begin, [stored.tracking(1.0)], drawn=["noise"])
+    for disturbance, seed in product(("wind", "noise"), SEEDS):
+        begin = stored.start("plsr", disturbance, seed)
+        stored.finish(logbook, begin, [stored.tracking(2.0)], drawn=["noise"])
     grid = table(results, columns="none", pool=["disturbance"])
     assert "n=4, all equal, 2 seeds without all levels" in grid.rows[0][1].text
+    assert best(grid) == {"plsr"}
 
 
 def test_levels_with_a_seed_each_are_replicates(logbook: LogbookWriter, results: Queries) -> None:

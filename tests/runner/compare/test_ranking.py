@@ -67,6 +67,13 @@ def test_few_cases_tell_nothing() -> None:
     assert result.best() == {0, 1}
 
 
+def test_cases_in_which_entrants_are_equal_count_for_both() -> None:
+    """Six wins tell them apart, six wins of 26 do not."""
+    wins, draws = [[1.0, 2.0]] * 6, [[1.0, 1.0]] * 20
+    assert ranking(np.array(wins)).best() == {0}
+    assert ranking(np.array(wins + draws)).best() == {0, 1}
+
+
 def test_losses_that_differ_by_rounding_share_their_rank() -> None:
     result = ranking(np.array([[1.0, 1.0 + 1e-9, 2.0], [3.0 + 1e-9, 3.0, np.inf]] * 8))
     np.testing.assert_array_equal(result.mean_ranks, [1.5, 1.5, 3.0])

@@ -51,6 +51,8 @@ def test_paired_test_by_hand() -> None:
     assert found.ratio == pytest.approx(2.0 / 3.0)
     assert found.p_value == pytest.approx(2.0 / 64.0)
     assert paired_test(sample, baseline, better="higher").wins == 0
+    assert paired_test(sample[:5], baseline[:5]).p_value == pytest.approx(2.0 / 32.0)
+    assert math.isnan(paired_test(sample[:4], baseline[:4]).p_value)  # too few for any level
 
 
 def test_pairs_that_do_not_differ_have_no_p_value() -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from seatrial.runner.compare.benchmark.scores import (
+    AT_REST,
     MEAN_MOTION,
     PERSISTENCE,
     chance,
@@ -125,6 +126,7 @@ def test_position_after_a_time_is_a_distance() -> None:
     assert position_score(series, "nominal", 5.0).loss == pytest.approx(1.0)
     assert position_score(series, PERSISTENCE, 5.0).loss == pytest.approx(0.0, abs=1e-9)
     assert position_score(series, MEAN_MOTION, 5.0).loss == pytest.approx(0.0, abs=1e-9)
+    assert position_score(series, AT_REST, 5.0).loss == pytest.approx(10.0)
     absent = position_score(series, "plant", 5.0)
     assert absent.loss == np.inf
     near, far = (position_score(series, name, 5.0) for name in ("identified", "nominal"))
