@@ -104,7 +104,6 @@ DRIFT, TURN, OTHER = 0.35, 0.8, 0.1
 # the straight motion. The fraction of motions at which the rest of the table creates energy: none
 # at four fifths of the speed, some at the half, where its derivatives in u are no longer small.
 DRIVEN = {"mariner": 0.072, "ship_clarke83": 0.0}
-HELD = ("dsrv",)  # vertical motion at a speed ahead that no force changes
 
 
 def inertia_is_positive(model: Vessel) -> bool:
@@ -188,22 +187,3 @@ def test_a_vessel_without_force_comes_to_rest(name: str) -> None:
         start = np.random.default_rng(seed).choice([-1.0, 1.0], len(speeds)) * speeds
         energy = kinetic_energy(name, adrift(name, start, period))
         assert energy[-1] < 0.05 * energy[0]
-
-
-@pytest.mark.parametrize(
-    "name", [STEERED[0], *(pytest.param(name, marks=pytest.mark.nightly) for name in STEERED[1:])]
-)
-def test_a_steered_vessel_without_engine_comes_to_rest(name: str) -> None:
-    """Within the time of 160 lengths; with the engine in the table it keeps or finds its speed."""
-    vessel = parameters_of(name)
-    period = 0.02 * vessel.scales.length_m / vessel.approach_speed_m_s
-    for start in manoeuvres(name, 0.5)[:3]:
-        nu = adrift(name, start, period)
-        if name in HELD:
-            np.testing.assert_allclose(nu[-1], [start[0], 0.0, 0.0], atol=1e-3)
-        elif name in DRIVEN:
-            speed = float(np.linalg.norm(nu[-1, :2]))
-            assert speed == pytest.approx(vessel.approach_speed_m_s, rel=0.02)
-        else:
-            energy = kinetic_energy(name, nu)
-            assert energy[-1] < 0.05 * energy[0]
