@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.ranking import block_bootstrap, critical_difference, ranking
+from seatrial.runner.compare.ranking import Ranking, block_bootstrap, critical_difference, ranking
 from seatrial.runner.compare.statistics import holm
 
 # Area under the curve of four variants of C4.5 on 14 data sets, Demsar (2006), Table 6.
@@ -59,6 +59,11 @@ def test_a_better_entrant_is_first_and_alone_and_one_without_results_is_last() -
     assert result.order()[-1] == 0
     assert result.best() == {2}
     assert sorted(map(sorted, result.groups())) == [[1, 3]]
+
+
+def test_of_a_group_no_two_differ_not_only_neighbours() -> None:
+    chain = Ranking(np.array([1.0, 2.0, 3.0]), {(0, 1): 0.5, (1, 2): 0.5, (0, 2): 0.01})
+    assert chain.groups() == [[0, 1], [1, 2]]
 
 
 def test_few_cases_tell_nothing() -> None:
