@@ -7,10 +7,21 @@ import pytest
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification import fallback
-from seatrial.models.identification.cross_validation import CrossValidation
-from seatrial.models.identification.fallback import guarded, undivided
+from seatrial.models.identification.cross_validation import CrossValidation, Score
+from seatrial.models.identification.fallback import (
+    guarded,
+    held_to_nominal,
+    undivided,
+    with_nominal_axes,
+)
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
-from seatrial.models.identification.problem import Identified, Identifier, Problem, choose_basis
+from seatrial.models.identification.problem import (
+    Identified,
+    Identifier,
+    Problem,
+    Spread,
+    choose_basis,
+)
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.table import Vessel
 from tests.models.conftest import configured
@@ -30,6 +41,15 @@ class Given(Identifier):
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         return self.result
+
+
+class Doubled(Spread):
+    """A distribution that has one model, twice the table."""
+
+    def draw(
+        self, result: Identified, rng: np.random.Generator, share: float = 1.0, kappa2: float = 1.0
+    ) -> Vessel:
+        return 2.0 * result.model
 
 
 def kept(result: Identified) -> list[str]:
@@ -64,6 +84,23 @@ def test_one_axis_that_is_worse_keeps_its_nominal_equation(calm) -> None:
     assert again.std_error is not None
     assert np.all(np.isnan(again.std_error[:, axis]))
     assert unphysical(again.model, nominal, calm.problem.training.nu) is None
+
+
+def test_nominal_equations_are_not_drawn_and_the_mixture_must_be_possible(calm, rng) -> None:
+    """Inertia that couples sway and yaw is positive with its own terms, not with a nominal one."""
+    nominal, axis = calm.problem.nominal, 1
+    result = replace(identified(calm.truth, nominal), spread=Doubled())
+    drawn = with_nominal_axes(result, nominal, (axis,), "lost").spread.draw(result, rng)
+    theta, before, twice = (t.on(nominal.terms).theta for t in (drawn, nominal, 2.0 * calm.truth))
+    np.testing.assert_array_equal(theta[:, axis], before[:, axis])
+    np.testing.assert_array_equal(theta[:, [0, 2]], twice[:, [0, 2]])
+    table, names = nominal.theta.copy(), [term.name for term in nominal.terms]
+    sway, yaw = names.index("v_dot"), names.index("r_dot")
+    table[sway, 1] *= 100.0
+    table[sway, 2] = table[yaw, 1] = np.sqrt(0.5 * table[sway, 1] * table[yaw, 2])
+    result = identified(replace(nominal, theta=table), nominal)
+    score = Score(CrossValidation(calm.problem).nominal, (axis,), ())
+    assert kept(held_to_nominal(result, score, calm.problem)) == list(nominal.dofs)
 
 
 def test_equations_that_belong_together_stay_or_go_together(calm) -> None:
