@@ -22,7 +22,7 @@ cases:
   noise: {options: [disturbance=noise]}
 outputs: [surge]
 horizons_s: [1]
-seeds: 12
+seeds: 2
 entrants:
   none: [identifier=none]
   ls: [identifier=ls]
@@ -118,12 +118,11 @@ def test_an_entrant_may_bring_its_own_vessel(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A third party adds a YAML and an option: only its cells run, and the table has them."""
-    few = SMALL.replace("seeds: 12", "seeds: 2")
-    small(tmp_path, few)
+    small(tmp_path)
     words = ["--task", "small", "--launcher", "basic"]
     assert benchmark.main(words) == 0
     own = "  own: [vessel=surge_nonlinear, identifier=ls]\n"
-    (tmp_path / "conf" / "benchmark" / "small.yaml").write_text(few + own)
+    (tmp_path / "conf" / "benchmark" / "small.yaml").write_text(SMALL + own)
     capsys.readouterr()
     assert benchmark.main(words) == 0
     said = capsys.readouterr().out

@@ -217,16 +217,6 @@ def test_what_differs_in_too_much_is_refused_with_its_names(
         table(results, pool=["vesel"])
 
 
-def test_bold_is_sought_among_cells_of_one_vessel(logbook: LogbookWriter, results: Queries) -> None:
-    """A ferry's PID does not beat a supply vessel's MPC."""
-    for identifier, vessel, value in (("ls", "milliampere", 1.0), ("plsr", "supply_vessel", 2.0)):
-        store(logbook, stored.start(identifier, vessel=vessel), value)
-    assert not any(text.endswith("*") for text in cells(table(results)).values())
-    store(logbook, stored.start("none", vessel="supply_vessel"), 3.0)
-    bold = [key[0] for key, text in cells(table(results)).items() if text.endswith("*")]
-    assert bold == ["plsr"]
-
-
 def free_run(value: float | None, limited: float, held_s: float) -> list[Metric]:
     metric = Metric("validation", "identified", "surge", "velocity_rmse_free_run", value, "m/s")
     share = Metric("validation", "identified", "all", "limited_share_free_run", limited, "")

@@ -66,12 +66,6 @@ def test_of_a_group_no_two_differ_not_only_neighbours() -> None:
     assert chain.groups() == [[0, 1], [1, 2]]
 
 
-def test_few_cases_tell_nothing() -> None:
-    result = ranking(np.array([[1.0, 2.0]] * 4))
-    assert result.p_values[0, 1] == pytest.approx(0.125)  # two signs of four that are equal
-    assert result.best() == {0, 1}
-
-
 def test_cases_in_which_entrants_are_equal_count_for_both() -> None:
     """Six wins tell them apart, six wins of 26 do not."""
     wins, draws = [[1.0, 2.0]] * 6, [[1.0, 1.0]] * 20
