@@ -15,10 +15,8 @@ from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Metric
 from seatrial.runner.vocabulary import Stream
 from tests.runner.compare import stored
-from tests.runner.compare.test_comparison_laws import record
+from tests.runner.compare.test_comparison_laws import SEEDS, record
 from tests.runner.compare.test_comparison_table import cells, table
-
-SEEDS = range(6)
 
 
 @pytest.fixture

@@ -56,10 +56,7 @@ def test_paired_test_by_hand() -> None:
 
 
 def test_pairs_that_do_not_differ_have_no_p_value() -> None:
-    found = paired_test(SAMPLE, SAMPLE)
-    assert found.wins == 0
-    assert found.ratio == 1.0
-    assert math.isnan(found.p_value)
+    assert math.isnan(paired_test(SAMPLE, SAMPLE).p_value)
     assert paired_test(SAMPLE[:0], SAMPLE[:0]).pairs == 0
     assert math.isnan(paired_test(SAMPLE, 0.0 * SAMPLE).ratio)
 
