@@ -122,7 +122,7 @@ def test_a_state_space_model_is_not_divided(calm, rng) -> None:
     model, nominal = braked(calm.truth, 2, 2.5), calm.problem.nominal
     linear = StateSpace(np.eye(1), np.eye(1), np.eye(1), np.eye(1), 1.0)
     for space, lost in ((None, ["yaw"]), (linear, [])):
-        given = replace(identified(model, nominal), state_space=space, control_model=space)
+        given = replace(identified(model, nominal), state_space=space, control_model=linear)
         found = fallback.identified(Given(given), calm.problem, rng)
         assert kept(found) == lost
         assert (found.control_model is linear) == (not lost)

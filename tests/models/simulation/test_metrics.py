@@ -16,11 +16,10 @@ def test_tracking_errors() -> None:
     assert metrics.position_error(np.array([[2.0]]), np.array([[-1.0]])) == pytest.approx([3.0])
 
 
-def test_power_and_iaew() -> None:
+def test_power() -> None:
     tau, nu = np.array([[10.0, -2.0, 3.0]]), np.array([[1.0, 6.0, -2.0]])
     assert metrics.position_power(tau, nu) == pytest.approx([2.0])  # |10 - 12|
     assert metrics.heading_power(tau, nu) == pytest.approx([6.0])
-    assert metrics.iaew(np.array([1.0, -1.0]), np.array([2.0, 3.0]), 0.5) == pytest.approx(2.5)
 
 
 def test_the_curve_of_the_iaew_ends_at_its_value_and_has_its_slope() -> None:
