@@ -1,6 +1,7 @@
 """What free runs over blocks left out predict worse than the nominal model does not stay."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,13 +16,7 @@ from seatrial.models.identification.fallback import (
     with_nominal_axes,
 )
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
-from seatrial.models.identification.problem import (
-    Identified,
-    Identifier,
-    Problem,
-    Spread,
-    choose_basis,
-)
+from seatrial.models.identification.problem import Identified, Identifier, Problem, choose_basis
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.table import Vessel
 from tests.models.conftest import configured
@@ -41,15 +36,6 @@ class Given(Identifier):
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         return self.result
-
-
-class Tripled(Spread):
-    """A distribution that has one model, three times the table."""
-
-    def draw(
-        self, result: Identified, rng: np.random.Generator, share: float = 1.0, kappa2: float = 1.0
-    ) -> Vessel:
-        return 3.0 * result.model
 
 
 def kept(result: Identified) -> list[str]:
@@ -89,7 +75,8 @@ def test_one_axis_that_is_worse_keeps_its_nominal_equation(calm) -> None:
 def test_nominal_equations_are_not_drawn_and_the_mixture_must_be_possible(calm, rng) -> None:
     """Inertia that couples sway and yaw is positive with its own terms, not with a nominal one."""
     nominal, axis = calm.problem.nominal, 1
-    result = replace(identified(calm.truth, nominal), spread=Tripled())
+    spread = SimpleNamespace(draw=lambda found, *_: 3.0 * found.model)  # of one model
+    result = replace(identified(calm.truth, nominal), spread=spread)
     drawn = with_nominal_axes(result, nominal, (axis,), "lost").spread.draw(result, rng)
     theta, before, own = (t.on(nominal.terms).theta for t in (drawn, nominal, 3.0 * calm.truth))
     np.testing.assert_array_equal(theta[:, axis], before[:, axis])
