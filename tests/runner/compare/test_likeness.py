@@ -215,6 +215,12 @@ def test_what_differs_in_too_much_is_refused_with_its_names(
         table(results, pool=["vesel"])
 
 
+def test_bold_is_sought_among_cells_of_one_vessel(logbook: LogbookWriter, results: Queries) -> None:
+    for identifier, vessel, value in (("ls", "a", 1.0), ("plsr", "b", 3.0), ("none", "b", 2.0)):
+        store(logbook, stored.start(identifier, vessel=vessel), value)
+    assert [k[0] for k, text in cells(table(results)).items() if text.endswith("*")] == ["none"]
+
+
 def free_run(value: float | None, limited: float, held_s: float) -> list[Metric]:
     metric = Metric("validation", "identified", "surge", "velocity_rmse_free_run", value, "m/s")
     share = Metric("validation", "identified", "all", "limited_share_free_run", limited, "")

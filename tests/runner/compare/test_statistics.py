@@ -53,9 +53,6 @@ def test_paired_test_by_hand() -> None:
     assert paired_test(sample, baseline, better="higher").wins == 0
     assert paired_test(sample[:5], baseline[:5]).p_value == pytest.approx(2.0 / 32.0)
     assert math.isnan(paired_test(sample[:4], baseline[:4]).p_value)  # too few for any level
-
-
-def test_no_pairs_and_a_baseline_of_zero_have_no_ratio() -> None:
     assert paired_test(SAMPLE[:0], SAMPLE[:0]).pairs == 0
     assert math.isnan(paired_test(SAMPLE, 0.0 * SAMPLE).ratio)
 
