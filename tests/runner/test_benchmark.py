@@ -1,7 +1,5 @@
 """The benchmark: tasks and their files, cells that are run once, and ranks from the logbook."""
 
-import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -12,7 +10,6 @@ from seatrial.runner.compare.benchmark.boards import boards
 from seatrial.runner.compare.benchmark.cells import cells, entrants_of, lacking
 from seatrial.runner.compare.benchmark.task import GROUP, located, task_of
 from seatrial.runner.compare.frame import open_results
-from seatrial.runner.compare.grid import TableCell
 from seatrial.runner.compare.leaderboard import grids
 from seatrial.runner.configuration import search_path
 from tests.trials import composed
@@ -26,7 +23,7 @@ cases:
   noise: {options: [disturbance=noise]}
 outputs: [surge]
 horizons_s: [1]
-seeds: 12
+seeds: 2
 entrants:
   none: [identifier=none]
   ls: [identifier=ls]
@@ -64,30 +61,6 @@ def test_the_cells_of_tasks_compose(measured: bool) -> None:
 def small(folder: Path, text: str = SMALL) -> None:
     (folder / "conf" / "benchmark").mkdir(parents=True)
     (folder / "conf" / "benchmark" / "small.yaml").write_text(text)
-
-
-@pytest.mark.slow
-def test_cells_are_run_and_ranked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    small(tmp_path)
-    words = ["--task", "small", "--launcher", "basic"]
-    assert benchmark.main(words) == 0
-    said = capsys.readouterr().out
-    assert "small, ls: sweep 2, 13 runs: 13 finished" in said
-    assert re.search(r"^benchmark: \d+ min \d+ s$", said, re.MULTILINE)
-    rows = ranked_rows(tmp_path)
-    assert list(rows) == ["ls", "none", *list(rows)[2:]]
-    assert {"mean_motion", "persistence"} == set(list(rows)[2:])
-    assert float(rows["ls"][1].text) == 1.0
-    assert rows["ls"][0].bold
-    assert not rows["none"][0].bold
-    assert float(rows["mean_motion"][2].text) == pytest.approx(0.0, abs=1e-9)
-
-
-def ranked_rows(folder: Path, *entrants: str) -> dict[str, Sequence[TableCell]]:
-    """The rows of the table by entrant."""
-    with open_results(str(folder / "results" / "benchmark" / "results.db")) as results:
-        (grid,) = grids(boards(results, ["small"], entrants))
-    return {row[0].text: row for row in grid.rows}
 
 
 def test_an_entrant_that_cannot_take_part_says_so(
@@ -146,12 +119,11 @@ def test_an_entrant_may_bring_its_own_vessel(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A third party adds a YAML and an option: only its cells run, and the table has them."""
-    few = SMALL.replace("seeds: 12", "seeds: 2")
-    small(tmp_path, few)
+    small(tmp_path)
     words = ["--task", "small", "--launcher", "basic"]
     assert benchmark.main(words) == 0
     own = "  own: [vessel=surge_nonlinear, identifier=ls]\n"
-    (tmp_path / "conf" / "benchmark" / "small.yaml").write_text(few + own)
+    (tmp_path / "conf" / "benchmark" / "small.yaml").write_text(SMALL + own)
     capsys.readouterr()
     assert benchmark.main(words) == 0
     said = capsys.readouterr().out

@@ -40,9 +40,3 @@ def test_a_trial(
         "SELECT count(*) FROM coefficient WHERE model = 'identified' AND std_error IS NOT NULL",
     )
     assert errors_are == (0,)
-
-
-def test_without_pysindy_it_is_one_line(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("seatrial.models.identification.sparse.find_spec", lambda name: None)
-    said = seatrial.refuses("identifier=sparse")
-    assert said == ("identifier=sparse: pysindy is not installed: pip install 'seatrial[rivals]'")

@@ -13,6 +13,7 @@ from seatrial.models.identification.cross_validation import (
     one_standard_error_rule,
 )
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
+from seatrial.models.identification.validation import prediction
 from seatrial.models.vessel.table import Vessel
 from tests.models.identification.known_results import Failing, Given
 
@@ -46,6 +47,7 @@ def test_an_axis_without_skill_decides_nothing() -> None:
     assert poor.worse(poorer)
     assert not poorer.worse(poor)
     assert poorer.worse_axes(poor).tolist() == [False, True]
+    np.testing.assert_allclose(left_out(4.0, 2.0).capped[:, 0], [4.0 / 3.0, 2.0 / 3.0])
 
 
 def test_a_force_without_its_term_is_no_matter_of_chance() -> None:
@@ -67,6 +69,35 @@ def test_the_first_within_one_standard_error_is_chosen() -> None:
     one = {"a": left_out(0.93), "b": left_out(0.9)}  # no spread: hardly anything does not matter
     assert one_standard_error_rule(one) == "a"
     assert one_standard_error_rule(one | {"a": left_out(0.95)}) == "b"
+
+
+def test_worse_is_by_more_than_a_standard_error_or_than_as_much_again() -> None:
+    """Of two blocks the standard error of the mean is half of their difference."""
+    reference, steady = left_out(0.5, 0.5), left_out(*[0.1] * 6)
+    for blocks, other, worse in (
+        ((0.69, 0.51), reference, True), ((0.71, 0.49), reference, False),
+        ((*[0.09] * 5, 1.05), steady, True), ((*[0.09] * 5, 0.6), steady, False),
+    ):  # fmt: skip
+        assert left_out(*blocks).worse(other) == worse
+        assert left_out(*blocks).worse_axes(other).tolist() == [worse]
+
+
+def test_errors_are_those_of_predictions_over_the_spread_of_training(calm) -> None:
+    problem = calm.problem
+    own = CrossValidation(problem, horizon_s=0.2).runs(problem.nominal, problem.validation)
+    ahead = prediction(problem.nominal, problem.validation, problem.thruster).restarted(2)
+    expected = ahead.rmse[3:] / np.std(problem.training.nu, axis=0)
+    np.testing.assert_allclose(own.nrmse, expected, rtol=1e-9)
+
+
+def test_an_axis_that_moves_less_than_twice_its_noise_decides_nothing(calm, rng) -> None:
+    training = calm.problem.training
+    slow = np.sqrt(2.0) * np.sin(2.0 * np.pi * training.t / 60.0)
+    for size, axes in ((1.1, [0, 2]), (3.0, [0, 1, 2])):
+        nu = training.nu.copy()
+        nu[:, 1] = 0.1 * (size * slow + rng.standard_normal(len(slow)))
+        moved = replace(calm.problem, training=replace(training, nu=nu))
+        assert CrossValidation(moved).axes == axes
 
 
 def test_one_run_that_explodes_is_no_matter_of_chance() -> None:
@@ -149,6 +180,9 @@ def test_the_best_alternative_is_identified_on_the_whole(calm) -> None:
     fits = {(f.label, f.dof): f.value for f in found.diagnostics if f.name == "left_out_fit"}
     assert len(fits) == 6
     assert all(fits["true", dof] > fits["wrong", dof] for dof in calm.problem.nominal.dofs)
+    (error,) = (f.value for f in found.diagnostics if (f.name, f.i) == ("left_out_error", 0))
+    nrmse = [1.0 - fit / 100.0 for (label, _), fit in fits.items() if label == "wrong"]
+    assert error == pytest.approx(np.sqrt(np.mean(np.minimum(nrmse, 1.0) ** 2)))
 
 
 def test_without_a_usable_alternative_the_reason_is_given(calm) -> None:

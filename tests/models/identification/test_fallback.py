@@ -1,14 +1,20 @@
 """What free runs over blocks left out predict worse than the nominal model does not stay."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification import fallback
-from seatrial.models.identification.cross_validation import CrossValidation
-from seatrial.models.identification.fallback import guarded, undivided
+from seatrial.models.identification.cross_validation import CrossValidation, Score
+from seatrial.models.identification.fallback import (
+    guarded,
+    held_to_nominal,
+    undivided,
+    with_nominal_axes,
+)
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
 from seatrial.models.identification.problem import Identified, Identifier, Problem, choose_basis
 from seatrial.models.simulation.statespace import StateSpace
@@ -66,6 +72,24 @@ def test_one_axis_that_is_worse_keeps_its_nominal_equation(calm) -> None:
     assert unphysical(again.model, nominal, calm.problem.training.nu) is None
 
 
+def test_nominal_equations_are_not_drawn_and_the_mixture_must_be_possible(calm, rng) -> None:
+    """Inertia that couples sway and yaw is positive with its own terms, not with a nominal one."""
+    nominal, axis = calm.problem.nominal, 1
+    spread = SimpleNamespace(draw=lambda found, *_: 3.0 * found.model)  # of one model
+    result = replace(identified(calm.truth, nominal), spread=spread)
+    drawn = with_nominal_axes(result, nominal, (axis,), "lost").spread.draw(result, rng)
+    theta, before, own = (t.on(nominal.terms).theta for t in (drawn, nominal, 3.0 * calm.truth))
+    np.testing.assert_array_equal(theta[:, axis], before[:, axis])
+    np.testing.assert_allclose(theta[:, [0, 2]], own[:, [0, 2]])
+    table, names = nominal.theta.copy(), [term.name for term in nominal.terms]
+    sway, yaw = names.index("v_dot"), names.index("r_dot")
+    table[sway, 1] *= 100.0
+    table[sway, 2] = table[yaw, 1] = np.sqrt(0.5 * table[sway, 1] * table[yaw, 2])
+    result = identified(replace(nominal, theta=table), nominal)
+    score = Score(CrossValidation(calm.problem).nominal, (axis,), ())
+    assert kept(held_to_nominal(result, score, calm.problem)) == list(nominal.dofs)
+
+
 def test_equations_that_belong_together_stay_or_go_together(calm) -> None:
     """One axis that is worse with a model that is better as a whole; then all further off."""
     validation, nominal = CrossValidation(calm.problem), calm.problem.nominal
@@ -85,7 +109,7 @@ def test_a_state_space_model_is_not_divided(calm, rng) -> None:
     model, nominal = braked(calm.truth, 2, 2.5), calm.problem.nominal
     linear = StateSpace(np.eye(1), np.eye(1), np.eye(1), np.eye(1), 1.0)
     for space, lost in ((None, ["yaw"]), (linear, [])):
-        given = replace(identified(model, nominal), state_space=space, control_model=space)
+        given = replace(identified(model, nominal), state_space=space, control_model=linear)
         found = fallback.identified(Given(given), calm.problem, rng)
         assert kept(found) == lost
         assert (found.control_model is linear) == (not lost)

@@ -128,6 +128,13 @@ def test_a_fit_that_has_explained_everything_stops() -> None:
     np.testing.assert_allclose(x @ found.coefficients[-1], x[:, :1], atol=1e-6)
 
 
+def test_coefficients_from_moments_have_the_constant_of_least_squares() -> None:
+    z = np.random.default_rng(0).normal([0.0, 3.0, -2.0, 5.0, 1.0], 1.0, (60, 5))
+    z[:, 0] = 1.0
+    (expected, *_) = np.linalg.lstsq(z[:, :3], z[:, 3:])
+    np.testing.assert_allclose(all_orders(z.T @ z, np.ones(2), 2)[-1], expected, rtol=1e-9)
+
+
 def test_pairs_are_moments_of_the_rows() -> None:
     """Each block is left out once; sums of the blocks' moments are those of the rows themselves."""
     rng = np.random.default_rng(0)

@@ -20,15 +20,6 @@ def diagonal(vessel) -> np.ndarray:
     return np.diag(vessel.inertia)
 
 
-@pytest.mark.parametrize("basis", ["full", "physical"])
-def test_filtered_force_makes_least_squares_exact(calm, identifier, rng, basis) -> None:
-    found = identifier("ls", force="filtered", basis=basis).identify(calm.problem, rng)
-    truth = calm.residual.on(found.residual.terms).theta
-    real = truth != 0.0
-    assert np.max(np.abs(found.residual.theta[real] / truth[real] - 1.0)) < 1e-3
-    assert np.max(np.abs(found.residual.theta[~real]), initial=0.0) < 1e-3
-
-
 def test_commanded_force_is_biased_by_the_thruster_lag(calm, identifier, rng) -> None:
     found = identifier("ls", force="commanded").identify(calm.problem, rng)
     error = np.abs(diagonal(found.model) / diagonal(calm.truth) - 1.0)

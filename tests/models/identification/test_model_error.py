@@ -14,6 +14,7 @@ from seatrial.models.identification.calibration import (
     calibrated,
     folded,
     nearby_runs,
+    squared_accelerations,
     weighted_quantile,
 )
 from seatrial.models.identification.free_parameters import free_parameters
@@ -24,6 +25,7 @@ from seatrial.models.identification.validation import Prediction, prediction
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE
 from seatrial.models.vessel.basis import Array
+from tests.models.identification.conftest import surge
 from tests.trials import asked_for, excited
 
 SURGE = ("vessel=surge_nonlinear", "excitation=multisine", "controller=none", "evaluation=none")
@@ -68,6 +70,18 @@ def test_paths_have_unit_variance_and_forget_in_their_correlation_time() -> None
     later = round(CORRELATION_S / 0.1)
     found = np.mean(paths[:-later] * paths[later:])
     assert found == pytest.approx(np.exp(-1.0), abs=0.02)
+
+
+def test_accelerations_have_the_size_that_the_formulas_say() -> None:
+    """k lambda sqrt((m^2 + rho^2) / 2), rho^2 = (M^-1 tau)^2 + (M^-1 F)^2; far apart in time."""
+    nu, force = np.array([[2.0]]), np.array([[30.0]])
+    rho2 = squared_accelerations(surge(60.0, 20.0), nu, np.zeros((1, 3)), force, None)
+    assert rho2[0, 0] == pytest.approx((30.0 / 60.0) ** 2 + (40.0 / 60.0) ** 2)
+    error = ModelError(1.0, 0.3, 2.0, np.array([4.0]), np.array([0.1, 0.2]))
+    drawn = error.accelerations(np.full((40_000, 1), 12.0), 100.0, np.random.default_rng(0))
+    assert np.std(drawn) == pytest.approx(2.0 * 0.3 * np.sqrt(8.0), rel=0.02)
+    numbers = {row.name: row.value for row in error.diagnostics(("surge",))}
+    assert (numbers["noise_pose"], numbers["noise_velocity"]) == (0.1, 0.2)
 
 
 @pytest.mark.parametrize("force", [0.05, 0.3])
@@ -157,6 +171,8 @@ def test_accelerations_move_a_run_in_proportion() -> None:
         for share in (DEVIATION_SHARE, 0.5 * DEVIATION_SHARE)
     ]
     np.testing.assert_allclose(found[1], 0.25 * found[0], atol=0.05 * np.max(found[0]))
+    apart = Prediction(runs.own.plant, runs.under(drawn)).motion() - runs.own.motion()
+    np.testing.assert_allclose(found[0], apart**2, atol=0.05 * np.max(found[0]))
 
 
 class Failing(Identifier):

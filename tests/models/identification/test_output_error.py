@@ -164,7 +164,7 @@ def test_ferry_noise_free(identifier, calm):
 
 
 @pytest.mark.slow
-def test_ferry_with_noise(identifier, lap, capsys):
+def test_ferry_with_noise(identifier, lap):
     """Table 4.14 noise: what regression on accelerations cannot tell (ERRATA, Jervan 8)."""
     option = identifier("output_error")
     errors, reported = [], []
@@ -186,9 +186,6 @@ def test_ferry_with_noise(identifier, lap, capsys):
         for j, dof in enumerate(truth.dofs)
         if truth.theta[i, j] != 0.0
     ]
-    with capsys.disabled():
-        for name, size, share in zip(names, spread, ratio, strict=True):
-            print(f"{name:16s} error {100 * size:8.3f} %  reported / observed {share:.2f}")
     for diagonal in ("surge.u_dot", "sway.v_dot", "yaw.r_dot"):
         assert spread[names.index(diagonal)] < 0.002
     assert 0.5 < np.median(ratio) < 2.0

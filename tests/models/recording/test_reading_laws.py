@@ -11,9 +11,10 @@ from seatrial.models.errors import RecordingError
 from seatrial.models.recording import column_map as maps
 from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.reader import Reading, Signals
+from seatrial.models.recording.sampling import sampling
 from seatrial.models.recording.source import ReadOptions, Source, read_sources
 from seatrial.models.recording.times import disagreement, find_time, seconds
-from seatrial.models.recording.units import unit_in_title
+from seatrial.models.recording.units import factor, unit_in_title
 
 T = np.arange(0.0, 120.0, 0.2)
 PSI = 0.3 + 0.4 * np.sin(0.1 * T)
@@ -74,6 +75,8 @@ def test_a_time_of_day_passes_midnight_and_a_date_may_stand_beside_it(tmp_path: 
         t = seconds(source, column)
         np.testing.assert_allclose(t - t[0], T, atol=1e-5)
     assert column.date == "Date"
+    back = source_of(tmp_path, {"Time": ["10:00:01", "10:00:00", "10:00:02"], "x": [0, 1, 2]})
+    assert np.ptp(seconds(back, Column("Time"))) == 2.0  # a clock that is set back is no midnight
 
 
 def test_a_date_that_may_be_of_two_days_is_asked_with_the_line_that_tells(tmp_path: Path) -> None:
@@ -82,6 +85,23 @@ def test_a_date_that_may_be_of_two_days_is_asked_with_the_line_that_tells(tmp_pa
         seconds(source, Column("when"))
     t = seconds(source, Column("when", format="%m/%d/%Y %H:%M:%S"))
     assert pd.Timestamp(t[0], unit="s") == pd.Timestamp("2024-07-05 10:00:00")
+
+
+def test_the_order_of_day_and_month_is_the_one_that_fits(tmp_path: Path) -> None:
+    for day, fits in (("12/25", True), ("25/12", True), ("12/05", False), ("05/12", False)):
+        source = source_of(tmp_path, {"when": [f"{day}/2024 10:00:0{k}" for k in range(3)]})
+        if fits:
+            (first, *_) = seconds(source, Column("when"))
+            assert pd.Timestamp(first, unit="s") == pd.Timestamp("2024-12-25 10:00")
+        else:
+            with pytest.raises(RecordingError, match="is the day or the month first"):
+                seconds(source, Column("when"))
+
+
+def test_gaps_are_told_by_number_place_and_share() -> None:
+    found = sampling(np.concatenate([np.arange(10.0), np.arange(14.0, 20.0)]))
+    assert (found.rate_hz, found.gaps, found.longest_gap_s, found.longest_gap_at_s) == (1, 1, 5, 9)
+    assert found.missing == pytest.approx(4.0 / 19.0)
 
 
 def test_clocks_that_disagree_are_named(tmp_path: Path) -> None:
@@ -104,11 +124,19 @@ def test_clocks_that_disagree_are_named(tmp_path: Path) -> None:
         ("yaw rate [deg/s]", "rad/s", "deg/s"), ("force_x_kN", "N", "kN"), ("u_ms", "m/s", "m/s"),
         ("shaft_rpm", "revolution/s", "rpm"), ("RPM", "revolution/s", "rpm"), ("x", "m", None),
         ("tau_n", "N*m", None), ("position_s", "m", None),
-        ("Shaft speed [rpm]", "revolution/s", "rpm"),
+        ("Shaft speed [rpm]", "revolution/s", "rpm"), ("depth_ft", "m", "ft"),
     ],
 )  # fmt: skip
 def test_units_in_titles(title: str, target: str, unit: str | None) -> None:
     assert unit_in_title(title, (target,)) == unit
+
+
+def test_units_as_instruments_write_them_have_their_size() -> None:
+    for unit, target, size in (
+        ("kt", "m/s", 1852.0 / 3600.0), ("°/min", "rad/s", np.pi / 10800.0), ("%", "", 0.01),
+        ("rpm", "1/s", 1.0 / 60.0), ("ft", "m", 0.3048), ("kNm", "N*m", 1000.0),
+    ):  # fmt: skip
+        assert factor(unit, target) == pytest.approx(size, rel=1e-9)
 
 
 def test_units_by_the_map_then_the_title_then_what_stands_beside(tmp_path: Path) -> None:

@@ -8,12 +8,6 @@ from seatrial.models.simulation import metrics
 H = 0.1
 
 
-def test_means() -> None:
-    error = np.array([[1.0, -2.0], [-3.0, 0.0]])
-    np.testing.assert_allclose(metrics.mean_square(error), [5.0, 2.0])
-    np.testing.assert_allclose(metrics.mean_absolute(error), [2.0, 1.0])
-
-
 def test_tracking_errors() -> None:
     reference = np.array([[3.0, 4.0, np.pi - 0.1]])
     pose = np.array([[0.0, 0.0, -np.pi + 0.1]])
@@ -22,11 +16,10 @@ def test_tracking_errors() -> None:
     assert metrics.position_error(np.array([[2.0]]), np.array([[-1.0]])) == pytest.approx([3.0])
 
 
-def test_power_and_iaew() -> None:
+def test_power() -> None:
     tau, nu = np.array([[10.0, -2.0, 3.0]]), np.array([[1.0, 6.0, -2.0]])
     assert metrics.position_power(tau, nu) == pytest.approx([2.0])  # |10 - 12|
     assert metrics.heading_power(tau, nu) == pytest.approx([6.0])
-    assert metrics.iaew(np.array([1.0, -1.0]), np.array([2.0, 3.0]), 0.5) == pytest.approx(2.5)
 
 
 def test_the_curve_of_the_iaew_ends_at_its_value_and_has_its_slope() -> None:
@@ -142,19 +135,3 @@ def test_a_moving_set_point_is_no_stand() -> None:
     assert [stand.stop - stand.start for stand in where] == [401, 401]
     found = metrics.step_responses(setpoint, setpoint, where, H, 0)
     assert all(np.all(np.isnan(values)) for values in found.values())  # no step between them
-
-
-def test_integrals() -> None:
-    error = np.array([[1.0], [-2.0], [3.0], [1.0]])
-    setpoint = np.array([[0.0], [0.0], [5.0], [5.0]])
-    assert metrics.integral_absolute_error(error, 0.5)[0] == pytest.approx(3.5)
-    # times since the set-point moved: 0, 1, 0, 1 samples
-    assert metrics.integral_time_absolute_error(error, setpoint, 0.5)[0] == pytest.approx(0.75)
-
-
-def test_effort() -> None:
-    tau = np.array([[1.0, -4.0], [-1.0, 4.0], [2.0, 4.0]])
-    np.testing.assert_allclose(metrics.root_mean_square(tau), [np.sqrt(2.0), 4.0])
-    np.testing.assert_allclose(metrics.total_variation(tau), [5.0, 8.0])
-    np.testing.assert_array_equal(metrics.hits(tau, np.array([2.0, 4.0])), [1, 3])
-    assert metrics.energy(np.array([2.0, -3.0]), 0.5) == pytest.approx(2.5)

@@ -7,14 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from docs.vessels import parameters_of
-from seatrial.models.excitation.guidance import ReferenceFilter
-from seatrial.models.excitation.missions import open_loop
 from seatrial.models.identification.physical_constraints import dissipated
-from seatrial.models.simulation.loop import sail
-from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.weather.weather import Weather
 from tests.models.vessel.oracles import columns, constants, oracle
 from tests.trials import FORCED, STEERED
 
@@ -104,7 +99,6 @@ DRIFT, TURN, OTHER = 0.35, 0.8, 0.1
 # the straight motion. The fraction of motions at which the rest of the table creates energy: none
 # at four fifths of the speed, some at the half, where its derivatives in u are no longer small.
 DRIVEN = {"mariner": 0.072, "ship_clarke83": 0.0}
-HELD = ("dsrv",)  # vertical motion at a speed ahead that no force changes
 
 
 def inertia_is_positive(model: Vessel) -> bool:
@@ -158,52 +152,3 @@ def test_the_water_takes_energy_from_a_manoeuvring_vessel(name: str) -> None:
     share = float(np.mean(taken(name, manoeuvres(name, 0.5)) < 0.0))
     assert share <= DRIVEN.get(name, 0.0)
     assert (share > 0.0) == (DRIVEN.get(name, 0.0) > 0.0)
-
-
-def adrift(name: str, start: Array, period: float) -> Array:
-    """Velocities (8000, n_dof) without force, helm amidships and engine off, every period [s]."""
-    vessel = parameters_of(name)
-    n = len(vessel.dofs)
-    still = np.zeros((8000, n))
-    weather = Weather(still, still, still, still)
-    voyage = sail(
-        vessel.plant(vessel.nominal()), weather, (Timetable(still), np.zeros(1)),
-        ReferenceFilter(0.5, 0.7).table(period), open_loop(), np.zeros(n), period, period,
-        start_nu=start,
-    )  # fmt: skip
-    return voyage.log.nu
-
-
-def kinetic_energy(name: str, nu: Array) -> Array:
-    inertia = parameters_of(name).nominal().inertia
-    return np.asarray(0.5 * np.einsum("ki,ij,kj->k", nu, inertia, nu))
-
-
-@pytest.mark.parametrize("name", FORCED)
-def test_a_vessel_without_force_comes_to_rest(name: str) -> None:
-    """Adrift from half of the attainable speed, along any axes, it loses its kinetic energy."""
-    scales = parameters_of(name).scales
-    speeds, period = 0.5 * scales.speeds, 0.1 * scales.time_s
-    for seed in range(3):
-        start = np.random.default_rng(seed).choice([-1.0, 1.0], len(speeds)) * speeds
-        energy = kinetic_energy(name, adrift(name, start, period))
-        assert energy[-1] < 0.05 * energy[0]
-
-
-@pytest.mark.parametrize(
-    "name", [STEERED[0], *(pytest.param(name, marks=pytest.mark.nightly) for name in STEERED[1:])]
-)
-def test_a_steered_vessel_without_engine_comes_to_rest(name: str) -> None:
-    """Within the time of 160 lengths; with the engine in the table it keeps or finds its speed."""
-    vessel = parameters_of(name)
-    period = 0.02 * vessel.scales.length_m / vessel.approach_speed_m_s
-    for start in manoeuvres(name, 0.5)[:3]:
-        nu = adrift(name, start, period)
-        if name in HELD:
-            np.testing.assert_allclose(nu[-1], [start[0], 0.0, 0.0], atol=1e-3)
-        elif name in DRIVEN:
-            speed = float(np.linalg.norm(nu[-1, :2]))
-            assert speed == pytest.approx(vessel.approach_speed_m_s, rel=0.02)
-        else:
-            energy = kinetic_energy(name, nu)
-            assert energy[-1] < 0.05 * energy[0]

@@ -1,6 +1,6 @@
 """Current, waves and process noise: their statistics and limits."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -124,9 +124,14 @@ def test_what_does_not_suit_is_refused() -> None:
         ProcessNoise((1.0,), "normal").check(PLANAR)
 
 
-def test_a_current_above_its_largest_speed_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="speed_m_s"):
-        Current(2.0, 0.0, variation="slow", deviation_m_s=0.1, time_constant_s=60.0, max_m_s=1.0)
+def test_numbers_that_no_sea_has_are_refused() -> None:
+    current, waves = Current(0.3, 0.0, "slow", 0.05, 60.0, 1.0), Waves(0.2, 2.0, 8.0, 0.1)
+    for part, name, value in (
+        (current, "speed_m_s", 2.0), (current, "max_m_s", 0.0), (current, "time_constant_s", 0.0),
+        (waves, "damping", 0.0), (waves, "peak_period_s", 0.0), (waves, "position_m", -1.0),
+    ):  # fmt: skip
+        with pytest.raises(ConfigurationError, match=f"{name} must"):
+            replace(part, **{name: value})
 
 
 @dataclass(frozen=True)

@@ -10,25 +10,19 @@ from scipy import stats
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import Queries
-from seatrial.runner.compare.grid import Scalar, TextTable
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Metric
+from seatrial.runner.record.vocabulary import Stream
 from tests.runner.compare import stored
+from tests.runner.compare.test_comparison_laws import SEEDS, record
 from tests.runner.compare.test_comparison_table import cells, table
-
-SEEDS = range(6)
 
 
 @pytest.fixture
 def folder(logbook: LogbookWriter, tmp_path: Path) -> Path:
     """What a test stores in `logbook` before it asks."""
     return tmp_path
-
-
-def record(grid: TextTable, **levels: str) -> dict[str, Scalar]:
-    (one,) = (r for r in grid.as_records() if all(r[name] == v for name, v in levels.items()))
-    return one
 
 
 def options(basis: str, lowpass_hz: float) -> dict[str, Any]:
@@ -120,9 +114,31 @@ def test_a_random_identifier_has_replicates_and_its_nominal_model_has_none(
     shown = cells(table(results, model=["all"], columns="model"))
     assert shown["nsga2", "identified"].startswith("12.50 ± 1.9 (n=6)")
     assert shown["nsga2", "nominal"] == "20.00 (deterministic)"
-    compared = table(results, baseline=["identifier=ls"])
-    row = record(compared, identifier="nsga2")
-    assert (row["pairs"], row["wins"]) == (6, 5)  # each against the one experiment of ls
+    stored.fail(logbook, stored.start("nsga2", seed=6))
+    row = record(table(results, baseline=["identifier=ls"]), identifier="nsga2")
+    # each against the one experiment of ls, and the other way round
+    assert (row["pairs"], row["wins"], row["lost_pairs"]) == (6, 5, 1)
+    row = record(table(results, baseline=["identifier=nsga2"]), identifier="ls")
+    assert (row["pairs"], row["wins"], row["lost_pairs"]) == (6, 0, 0)
+
+
+def test_every_other_stream_is_drawn_for_the_nominal_model_too(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    streams: dict[str, Stream] = {"ls": "excitation", "ridge": "noise", "iv": "disturbance"}
+    for identifier, stream in streams.items():
+        for seed in SEEDS:
+            begin = stored.start(identifier, seed=seed)
+            rows = [stored.force_mse(10.0 + seed, model="nominal")]
+            stored.finish(logbook, begin, rows, drawn=["identifier", stream])
+    shown = cells(table(results, model=["nominal"], columns="none"))
+    assert {text.rstrip("*") for text in shown.values()} == {"12.50 ± 1.9 (n=6)"}
+
+
+def test_of_equal_experiments_the_newest_counts(logbook: LogbookWriter, results: Queries) -> None:
+    for seed, value in ((1, 10.0), (0, 20.0)):  # nothing depends on the seed
+        store(logbook, stored.start("ls", seed=seed), value, drawn=())
+    assert cells(table(results)) == {("ls", "calm"): "20.00 (deterministic)"}
 
 
 def test_a_trial_under_another_evaluation_counts_once_until_it_is_deployed(
@@ -137,6 +153,18 @@ def test_a_trial_under_another_evaluation_counts_once_until_it_is_deployed(
     deployed = cells(table(results, metric=["e_pos_mae"], dof=None))
     assert deployed["ls", "replay", "noise"].startswith("6.000 ± 0 (n=6, all equal)")
     assert deployed["ls", "waypoints", "noise"].startswith("9.000 ± 0 (n=6, all equal)")
+
+
+def test_a_plant_that_changes_later_is_the_same_until_it_is_deployed(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    """Another plant is another one from the beginning."""
+    for scale, at_s in ((0.5, 100.0), (0.5, 200.0), (0.8, 100.0)):
+        config = {"plant": {"scale": scale, "change": {"at_s": at_s}}}
+        rows = [stored.force_mse(10.0 * scale), stored.tracking(at_s)]
+        stored.finish(logbook, stored.start("ls", config=config), rows)
+    assert list(cells(table(results))) == [("ls", "0.5", "calm"), ("ls", "0.8", "calm")]
+    assert len(cells(table(results, metric=["e_pos_mae"], dof=None))) == 3
 
 
 def test_a_table_is_of_the_newest_sweep(logbook: LogbookWriter, results: Queries) -> None:
@@ -188,25 +216,9 @@ def test_what_differs_in_too_much_is_refused_with_its_names(
 
 
 def test_bold_is_sought_among_cells_of_one_vessel(logbook: LogbookWriter, results: Queries) -> None:
-    """A ferry's PID does not beat a supply vessel's MPC."""
-    for identifier, vessel, value in (("ls", "milliampere", 1.0), ("plsr", "supply_vessel", 2.0)):
+    for identifier, vessel, value in (("ls", "a", 1.0), ("plsr", "b", 3.0), ("none", "b", 2.0)):
         store(logbook, stored.start(identifier, vessel=vessel), value)
-    assert not any(text.endswith("*") for text in cells(table(results)).values())
-    store(logbook, stored.start("none", vessel="supply_vessel"), 3.0)
-    bold = [key[0] for key, text in cells(table(results)).items() if text.endswith("*")]
-    assert bold == ["plsr"]
-
-
-def test_a_cell_that_lost_experiments_is_not_best(logbook: LogbookWriter, results: Queries) -> None:
-    """What failed may have been the hard part."""
-    for seed in SEEDS:
-        store(logbook, stored.start("none", "noise", seed), 10.0)
-        if seed:
-            store(logbook, stored.start("ls", "noise", seed), 5.0)
-    stored.fail(logbook, stored.start("ls", "noise", 0))
-    shown = cells(table(results))
-    assert shown["none", "noise"].endswith("*")
-    assert not shown["ls", "noise"].endswith("*")
+    assert [k[0] for k, text in cells(table(results)).items() if text.endswith("*")] == ["none"]
 
 
 def free_run(value: float | None, limited: float, held_s: float) -> list[Metric]:
@@ -219,14 +231,14 @@ def test_a_diverged_prediction_is_counted_with_the_time_it_held(
     logbook: LogbookWriter, results: Queries
 ) -> None:
     for seed, rows in enumerate(
-        (free_run(0.1, 0.0, 360.0), free_run(None, 0.4, 35.0), free_run(None, 0.9, 5.0))
+        [free_run(0.1, 0.0, 360.0), *(free_run(None, 0.4, held) for held in (35.0, 5.0, 8.0))]
     ):
         stored.finish(logbook, stored.start("ls", "noise", seed), rows, drawn=["noise"])
     grid = table(results, metric=["velocity_rmse_free_run"])
-    assert cells(grid) == {("ls", "noise"): "0.1000 (n=1, 2 diverged in prediction, held 20 s)"}
-    assert any("not included: 2 predictions that diverged" in note for note in grid.notes)
+    assert cells(grid) == {("ls", "noise"): "0.1000 (n=1, 3 diverged in prediction, held 8.0 s)"}
+    assert any("not included: 3 predictions that diverged" in note for note in grid.notes)
     row = record(grid, identifier="ls")
-    assert (row["diverged_predictions"], row["held_s"], row["without_value"]) == (2, 20.0, 0)
+    assert (row["diverged_predictions"], row["held_s"], row["without_value"]) == (3, 8.0, 0)
 
 
 def test_scores_are_compared_by_differences(logbook: LogbookWriter, results: Queries) -> None:

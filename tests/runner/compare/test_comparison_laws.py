@@ -1,6 +1,7 @@
 """Laws of a comparison: what counts, what is equal, what is best, and over which seeds."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -96,16 +97,35 @@ def test_further_seeds_of_a_cell_do_not_decide(
     assert best(table(results, baseline=["identifier=none"])) == {"ls"}
 
 
-def test_a_difference_below_the_resolution_is_none(
+def test_seeds_of_half_of_the_cells_are_not_those_of_most(
     results: Queries, fill: Callable[[Values], None]
 ) -> None:
-    errors = [0.1 + 0.01 * seed for seed in SEEDS]
-    fill({"none": errors, "ls": [error - 3e-9 for error in errors]})
+    fill({"none": [0.1] * 4, "ls": [0.5] * 6, "plsr": [1.0] * 6, "iv": [None] + [0.9] * 5})
+    assert best(table(results, where="identifier in (none, ls)")) == {"none"}
+    assert best(table(results, where="identifier in (plsr, iv)")) == {"plsr"}  # iv lost one
+
+
+def test_bold_is_of_the_mean_unless_the_median_stands_alone(
+    results: Queries, fill: Callable[[Values], None]
+) -> None:
+    fill({"none": [2.0] * 3, "ls": [1.0, 1.0, 9.0]})
+    assert best(table(results, statistic=["median"])) == {"ls"}
+    assert best(table(results, statistic=["mean,median"])) == {"none"}
+
+
+@pytest.mark.parametrize(("size", "equal"), [(0.1, 5e-7), (1000.0, 5e-4)])
+def test_a_difference_below_the_resolution_or_a_millionth_is_none(
+    results: Queries, fill: Callable[[Values], None], size: float, equal: float
+) -> None:
+    errors = [size * (1.0 + 0.01 * seed) for seed in SEEDS]
+    worse, better = ([error - equal * factor for error in errors] for factor in (1.0, 3.0))
+    fill({"none": errors, "ls": worse, "plsr": better})
     grid = table(results, baseline=["identifier=none"])
-    assert best(grid) == {"none", "ls"}
-    tied = record(grid, identifier="ls")
-    assert (tied["wins"], tied["effect"]) == (0, 0.0)
+    tied, won = (record(grid, identifier=name) for name in ("ls", "plsr"))
+    assert (tied["wins"], tied["effect"], won["wins"], won["effect"]) == (0, 0.0, 6, 1.0)
     assert tied["p_value"] != tied["p_value"]  # nan: there is nothing to test
+    assert best(table(results, where="identifier in (none, ls)")) == {"none", "ls"}
+    assert best(table(results, where="identifier in (none, plsr)")) == {"plsr"}
 
 
 def test_levels_that_are_pooled_are_no_replicates(logbook: LogbookWriter, results: Queries) -> None:
@@ -127,8 +147,12 @@ def test_seeds_that_lack_a_pooled_level_are_said(logbook: LogbookWriter, results
         for seed in seeds:
             begin = stored.start("ls", disturbance, seed)
             stored.finish(logbook, begin, [stored.tracking(1.0)], drawn=["noise"])
+    for disturbance, seed in product(("wind", "noise"), SEEDS):
+        begin = stored.start("plsr", disturbance, seed)
+        stored.finish(logbook, begin, [stored.tracking(2.0)], drawn=["noise"])
     grid = table(results, columns="none", pool=["disturbance"])
     assert "n=4, all equal, 2 seeds without all levels" in grid.rows[0][1].text
+    assert best(grid) == {"plsr"}
 
 
 def test_levels_with_a_seed_each_are_replicates(logbook: LogbookWriter, results: Queries) -> None:

@@ -166,6 +166,8 @@ def test_a_standard_error_is_of_the_estimate_unless_its_identifier_says_otherwis
             "iv": [stored.interval(False)], "ridge": [stored.interval(True)], "older": [],
         }.items():  # fmt: skip
             stored.finish(logbook, stored.start(identifier), (), found, diagnostics)
+        wider = [stored.coefficient("u_dot", 1000.0, 6.0, 1050.0)]
+        stored.finish(logbook, stored.start("iv", seed=1), (), wider, [stored.interval(False)])
         bare = [stored.coefficient("u_dot", 1000.0, None, 1050.0)]
         stored.finish(logbook, stored.start("none"), (), bare)
     with open_results(f"sqlite:///{tmp_path}/results.db") as results:
@@ -173,7 +175,7 @@ def test_a_standard_error_is_of_the_estimate_unless_its_identifier_says_otherwis
         alone = table(results, coefficient=["u_dot"], where="identifier in (iv, none)")
     ends = {key[0]: text.partition("\n")[2] for key, text in cells(grid).items()}
     assert {name: text.rstrip("*") for name, text in ends.items()} == {
-        "iv": "se 3.0, true 1050",
+        "iv": "se 4.7, true 1050",  # root mean square of 3 and 6
         "ridge": "se 3.0 of the estimate, true 1050",
         "older": "se 3.0 of the estimate, true 1050",
         "none": "true 1050",

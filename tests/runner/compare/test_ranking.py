@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.runner.compare.ranking import block_bootstrap, critical_difference, ranking
+from seatrial.runner.compare.ranking import Ranking, block_bootstrap, critical_difference, ranking
 from seatrial.runner.compare.statistics import holm
 
 # Area under the curve of four variants of C4.5 on 14 data sets, Demsar (2006), Table 6.
@@ -61,10 +61,16 @@ def test_a_better_entrant_is_first_and_alone_and_one_without_results_is_last() -
     assert sorted(map(sorted, result.groups())) == [[1, 3]]
 
 
-def test_few_cases_tell_nothing() -> None:
-    result = ranking(np.array([[1.0, 2.0]] * 4))
-    assert result.p_values[0, 1] == pytest.approx(0.125)  # two signs of four that are equal
-    assert result.best() == {0, 1}
+def test_of_a_group_no_two_differ_not_only_neighbours() -> None:
+    chain = Ranking(np.array([1.0, 2.0, 3.0]), {(0, 1): 0.5, (1, 2): 0.5, (0, 2): 0.01})
+    assert chain.groups() == [[0, 1], [1, 2]]
+
+
+def test_cases_in_which_entrants_are_equal_count_for_both() -> None:
+    """Six wins tell them apart, six wins of 26 do not."""
+    wins, draws = [[1.0, 2.0]] * 6, [[1.0, 1.0]] * 20
+    assert ranking(np.array(wins)).best() == {0}
+    assert ranking(np.array(wins + draws)).best() == {0, 1}
 
 
 def test_losses_that_differ_by_rounding_share_their_rank() -> None:

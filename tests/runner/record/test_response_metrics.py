@@ -18,7 +18,7 @@ def sailed() -> SimulatedMission:
     log = Log(*(np.zeros((N, 3)) for _ in Log._fields))
     log.eta_d[:, 0] = 3.0
     log.setpoint[:, 0] = [0.0, 0.0, 3.0, 3.0, 3.0, 3.0]
-    log.eta[:, 0] = [1.0, 2.0, 3.0, 4.0, 3.0, 3.0]  # error 2, 1, 0, -1, 0, 0
+    log.eta[:, 0] = [1.0, 1.0, 3.0, 4.0, 3.0, 3.0]  # error 2, 2, 0, -1, 0, 0
     log.eta[:, 2] = np.radians([350.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # 10 deg off, the short way
     log.tau[:, 0] = [0.0, 100.0, -100.0, 50.0, 0.0, 0.0]
     log.tau[:, 2] = [0.0, 0.0, 8.0, 0.0, 0.0, 0.0]
@@ -54,11 +54,11 @@ def values() -> dict[tuple[str, str], tuple[float, str]]:
 def test_a_metric_is_what_it_is_said_to_be() -> None:
     found = values()
     for name, dof, value, unit in (
-        ("error_mae", "surge", 4.0 / 6.0, "m"),
-        ("error_mse", "surge", 1.0, "m^2"),
+        ("error_mae", "surge", 5.0 / 6.0, "m"),
+        ("error_mse", "surge", 9.0 / 6.0, "m^2"),
         ("error_mae", "yaw", 10.0 / 6.0, "deg"),
-        ("iae", "surge", 4.0 * H, "m s"),
-        ("itae", "surge", (1.0 * 1.0 + 1.0 * 1.0) * H**2, "m s^2"),  # of the last set-point
+        ("iae", "surge", 5.0 * H, "m s"),
+        ("itae", "surge", (2.0 * 1.0 + 1.0 * 1.0) * H**2, "m s^2"),  # of the last set-point
         ("tau_rms", "surge", np.sqrt(22500.0 / 6.0), "N"),
         ("tau_max_abs", "surge", 100.0, "N"),
         ("tau_tv", "surge", 100.0 + 200.0 + 150.0 + 50.0, "N"),
@@ -69,7 +69,7 @@ def test_a_metric_is_what_it_is_said_to_be() -> None:
         ("infeasible_limits", "sway", 1.0, ""),
         ("energy", "position", (200.0 + 100.0) * H, "J"),
         ("energy", "heading", 4.0 * H, "J"),
-        ("iaew", "position", (4.0 * H) * (300.0 * H), "m J s"),
+        ("iaew", "position", (5.0 * H) * (300.0 * H), "m J s"),
         ("failures", "all", 4.0, ""),
         ("held_commands", "all", 1.0, ""),
         ("step_time_median", "all", 3.0, "us"),  # every second instant commands: 1, 3, 5

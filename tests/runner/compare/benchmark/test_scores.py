@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from seatrial.runner.compare.benchmark.scores import (
+    AT_REST,
     MEAN_MOTION,
     PERSISTENCE,
     chance,
@@ -81,12 +82,12 @@ def test_what_diverges_or_is_not_stored_is_infinitely_bad() -> None:
 
 
 def test_the_interval_holds_the_error_as_often_as_it_says() -> None:
-    held = 0
-    for seed in range(40):
-        result = score(series(0.2, seed), "identified", ("surge",))
-        low, high = interval([result])
-        held += low <= 0.2 / np.std(series(0.0).columns["surge"]) <= high
-    assert 30 <= held <= 40
+    """Errors are white: on either side 1.645 standard errors, sigma / sqrt(2 N)."""
+    error = 0.2 / np.std(series(0.0).columns["surge"])
+    scores = [score(series(0.2, seed), "identified", ("surge",)) for seed in range(40)]
+    low, high = np.transpose([interval([result]) for result in scores])
+    assert 30 <= np.sum((low <= error) & (error <= high)) <= 40
+    assert np.mean(high - low) == pytest.approx(2.0 * 1.645 * error / np.sqrt(2.0 * N), rel=0.12)
 
 
 def test_equal_entrants_are_told_apart_seldom_and_a_better_one_always() -> None:
@@ -113,18 +114,22 @@ def test_one_that_diverges_differs_from_one_that_does_not() -> None:
 
 
 def test_position_after_a_time_is_a_distance() -> None:
-    """A ship at 2 m/s to the east, predicted 0.3 m too far north and 0.4 m too far east."""
+    """A ship that drifts to starboard, predicted 0.3 m too far north and 0.4 m too far east."""
     t = np.arange(0.0, 20.0, 0.5)
-    known = {"t": t, "x": 0.0 * t, "y": 2.0 * t, "psi": 0.5 * np.pi + 0.0 * t}
-    known |= {"surge": 2.0 + 0.0 * t, "sway": 0.0 * t, "start": t == 0.0}
+    x, y = (2.0 * np.cos(0.7) - 0.5 * np.sin(0.7)) * t, (2.0 * np.sin(0.7) + 0.5 * np.cos(0.7)) * t
+    known = {"t": t, "x": x, "y": y, "psi": 0.7 + 0.0 * t}
+    known |= {"surge": 2.0 + 0.0 * t, "sway": 0.5 + 0.0 * t, "start": t % 10.0 == 0.0}
     reached = np.where(t >= 5.0, 0.0, np.nan)
     for model, north, east in (("nominal", 0.0, 1.0), ("identified", 0.3, 0.4)):
-        known |= {f"x_{model}_5s": north + reached, f"y_{model}_5s": 2.0 * t + east + reached}
+        known |= {f"x_{model}_5s": x + north + reached, f"y_{model}_5s": y + east + reached}
     series = Series("prediction", known, dict.fromkeys(known, ""))
-    assert position_score(series, "identified", 5.0).loss == pytest.approx(0.5)
+    own = position_score(series, "identified", 5.0)
+    assert own.loss == pytest.approx(0.5)
+    assert [len(piece) for piece in own.pieces()] == [10, 20]
     assert position_score(series, "nominal", 5.0).loss == pytest.approx(1.0)
     assert position_score(series, PERSISTENCE, 5.0).loss == pytest.approx(0.0, abs=1e-9)
     assert position_score(series, MEAN_MOTION, 5.0).loss == pytest.approx(0.0, abs=1e-9)
+    assert position_score(series, AT_REST, 5.0).loss == pytest.approx(5.0 * np.hypot(2.0, 0.5))
     absent = position_score(series, "plant", 5.0)
     assert absent.loss == np.inf
     near, far = (position_score(series, name, 5.0) for name in ("identified", "nominal"))

@@ -1,0 +1,133 @@
+"""Laws of the leaderboard: who is first, who is not told apart from it, what a case counts."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seatrial.runner.compare.benchmark.cells import cells
+from seatrial.runner.compare.benchmark.task import task_of
+from seatrial.runner.record.rows import Series
+from tests.runner.compare import stored
+from tests.runner.compare.conftest import Program
+
+TASK = """
+title: {name}
+trial: [vessel={name}, evaluation=none]
+cases: {{{cases}}}
+outputs: [surge]
+horizons_s: [1]
+score: {score}
+after_s: 1
+seeds: {seeds}
+entrants: {{{entrants}}}
+"""
+MEASURED = np.tile([1.0, -1.0], 30)  # m/s, of deviation 1: the mean motion has an NRMSE of 1
+T = 1.0 * np.arange(len(MEASURED))
+FIRST, RIVALS = 2, 5  # columns of the summary
+Losses = Sequence[Sequence[float | None]]  # by case and seed; None: the run failed
+
+
+def store(name: str, losses: Mapping[str, Losses], score: str = "free_run") -> None:
+    """Run a task in which entrants reach an NRMSE; that over 1 s is one less that."""
+    cases_of, *_ = losses.values()
+    labels = ("calm", "noise", "wind")[: len(cases_of)]
+    text = TASK.format(
+        name=name, score=score, seeds=len(cases_of[0]),
+        cases=", ".join(f"{label}: {{options: [disturbance={label}]}}" for label in labels),
+        entrants=", ".join(f"{entrant}: [identifier={entrant}]" for entrant in losses),
+    )  # fmt: skip
+    file = Path("conf", "benchmark", f"{name}.yaml")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text)
+    task = task_of(name)
+    values = [loss for own in losses.values() for of_case in own for loss in of_case]
+    with stored.logbook_at(Path()) as logbook:
+        for cell, loss in zip(cells(name, task, task.entrants), values, strict=True):
+            begin = stored.start(cell.entrant, cell.case, cell.seed, name, overrides=cell.options)
+            if loss is None:
+                stored.fail(logbook, begin)
+                continue
+            columns = {"t": T, "start": 1.0 * (T == 0.0), "surge": MEASURED}
+            columns["surge_identified"] = MEASURED + loss
+            columns["surge_identified_1s"] = np.where(T > 0.0, MEASURED + 1.0 - loss, np.nan)
+            series = Series("prediction", columns, dict.fromkeys(columns, ""))
+            stored.finish(logbook, begin, series=[series])
+
+
+@pytest.fixture
+def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: Program) -> Callable[..., str]:
+    """What `leaderboard` prints, in Markdown, of the tasks that a test stores."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> str:
+        named = [
+            word for file in Path("conf/benchmark").iterdir() for word in ("--task", file.stem)
+        ]
+        words = ("leaderboard", "--database", "sqlite:///results.db", "-f", "md", *named, *words)
+        code, out, _ = program(*words)
+        assert code == 0
+        return out
+
+    return call
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """Cells of the rows of a table in Markdown, by the first one."""
+    lines = [line[2:-2].split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    return {cells[0].strip("*"): cells for cells in lines}
+
+
+def test_ranks_decide_from_the_number_of_cells_at_which_they_can(shown: Callable[..., str]) -> None:
+    """Better in all of five cells has a p of 2 / 2^5: there the errors are drawn again instead.
+
+    In one of six cells the better entrant loses, which ranks take for chance and errors do not.
+    """
+    store("five", {"ls": [[0.1] * 5], "ridge": [[0.5] * 5]})
+    store("six", {"ls": [[0.1] * 5 + [0.5]], "ridge": [[0.5] * 5 + [0.4]]})
+    found = rows(shown("--summary"))
+    assert {name: found[name][FIRST] for name in ("five", "six")} == {"five": "ls", "six": "ls"}
+    assert {name: found[name][RIVALS] for name in ("five", "six")} == {"five": "–", "six": "ridge"}
+
+
+def test_a_case_counts_once_by_the_median_over_its_seeds(shown: Callable[..., str]) -> None:
+    """One seed of three that goes astray decides nothing between entrants over several tasks."""
+    for name in ("one", "other"):
+        store(name, {"ls": [[0.1, 0.1, 9.0]] * 2, "ridge": [[0.2, 0.2, 0.2]] * 2})
+    store("third", {"ls": [[0.1]], "iv": [[0.2]]})  # of other entrants: not ranked together
+    ranks, said = "ls 1.0, ridge 2.0, mean_motion 3.0, persistence 4.0", shown("--summary")
+    assert f"mean ranks over 4 cases of one; other: {ranks}" in said
+    assert said.count("mean ranks") == 1
+
+
+@pytest.mark.parametrize(
+    ("losses", "first"),
+    [
+        ({"ls": 0.9}, "ls"), ({"ls": 1.1}, "ls (no skill)"), ({"ls": 1.0}, "ls (no skill)"),
+        ({"ls": 0.5, "none": 0.6}, "ls"), ({"ls": 0.5, "none": 0.5}, "ls (no skill)"),
+        ({"ls": 0.6, "none": 0.5}, "none (no skill)"),
+    ],
+)  # fmt: skip
+def test_who_is_no_better_than_a_trivial_rival_has_no_skill(
+    shown: Callable[..., str], losses: dict[str, float], first: str
+) -> None:
+    store("task", {name: [[loss] * 2] for name, loss in losses.items()})
+    assert rows(shown("--summary"))["task"][FIRST] == first
+
+
+def test_who_lost_a_cell_is_not_bold_and_who_failed_is_no_rival(shown: Callable[..., str]) -> None:
+    store("task", {"ls": [[0.1] * 4], "ridge": [[0.1] * 3 + [None]], "iv": [[None] * 4]})
+    found = rows(shown())
+    assert {name for name, own in found.items() if own[0].startswith("**")} == {"ls"}
+    assert "1 of 4" in found["ridge"]
+    assert "4 of 4" in found["iv"]
+    assert rows(shown("--summary"))["task"][RIVALS] == "–"
+
+
+def test_a_task_of_restarts_is_ranked_by_them(shown: Callable[..., str]) -> None:
+    """The better the free run of an entrant, the worse it is after a second."""
+    losses = {"ls": [[0.1] * 5], "ridge": [[0.4] * 5]}
+    store("task", losses, "restarts")
+    found = rows(shown("--summary"))["task: FIT after 1 s [%]"]
+    assert found[FIRST : FIRST + 2] == ["ridge", "40.0"]
