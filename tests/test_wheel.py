@@ -6,7 +6,6 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-import tomllib
 import venv
 from importlib.metadata import Distribution, distribution, packages_distributions
 from pathlib import Path
@@ -30,7 +29,6 @@ assert again.logbook.model(again.number, "nominal").coefficients.equals(model.co
 assert estimator.score(test) > 0.99
 assert ferry.dofs == ("surge", "sway", "yaw")
 """
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 OFFLINE = ("--no-deps", "--no-index")
 FOLDERS = {"conf": "seatrial/conf", "models": "seatrial/models", "runner": "seatrial/runner"}
 

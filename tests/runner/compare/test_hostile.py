@@ -9,10 +9,8 @@ from pathlib import Path
 import pytest
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
-from tests.runner.postgres import Postgres
 
 BIG = str(10**30)
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e]")
@@ -71,37 +69,3 @@ def test_odd_names_are_drawn_and_are_names_of_files(
     text = page.read_text(encoding="utf-8")
     assert "R&amp;D &lt;5 kn&gt;" in text
     assert "<5 kn>" not in text
-
-
-@pytest.mark.parametrize("server", [False, True], ids=["sqlite", "postgresql"])
-def test_numbers_beyond_a_column_are_just_not_there(
-    program: Program, postgres: Postgres, plain: Path, tmp_path: Path, server: bool
-) -> None:
-    url = f"sqlite:///{plain}/results.db"
-    if server:
-        url = postgres.new_database()
-        with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-            stored.fill_plain(logbook)
-    for words, expected in (
-        (["show", BIG], f"there is no run {BIG}"),
-        (["plot", "track", "--run", BIG], "no runs match"),
-        (["report", "--sweep", BIG], f"--sweep: got '{BIG}'"),
-        (["runs", "--where", f"seed={BIG}"], "no runs match"),
-        (["plot", ".track"], "or the name of a module"),
-    ):
-        code, out, err = program(*words[:1], "--database", url, *words[1:])
-        assert (code, out, err.count("\n")) == (2, "", 1)
-        assert expected in err
-    for condition, count in ((f"seed<{BIG}", 17), ("started_at<9999-12-31T23:59:59", 17)):
-        words = ["runs", "--database", url, "--where", condition, "--format", "json"]
-        assert len(json.loads(program(*words)[1])) == count
-    if server:
-        query = "SELECT avg(seed) AS mean, 10::numeric ^ 400 AS large, '\\x00ff'::bytea AS bytes,"
-        query += " now()::date AS day, '1 day'::interval AS span, 'infinity'::float AS inf"
-        query += " FROM run WHERE seed < 1"
-    else:
-        query = "SELECT 0 AS mean, 1e999 AS large, x'00ff' AS bytes, NULL AS inf"
-    code, out, err = program("sql", query, "--database", url, "--format", "json")
-    (row,) = json.loads(out)
-    cells = [row[name] for name in ("mean", "large", "bytes", "inf")]
-    assert cells == [0, None, "(2 bytes) 00ff", None]
