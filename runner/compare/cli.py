@@ -20,8 +20,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.grid import TextTable
-from seatrial.runner.configuration.invocation import DEFAULT_DATABASE as DEFAULT_DATABASE
-from seatrial.runner.configuration.invocation import program_version
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, program_version
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.record.vocabulary import DOF_ORDER, Stage
 

@@ -8,7 +8,6 @@ from typer.core import TyperCommand
 
 from seatrial.runner import compare, export
 from seatrial.runner.compare.cli import (
-    DEFAULT_DATABASE,
     MAX_ROWS,
     Database,
     EverySweep,
@@ -28,6 +27,7 @@ from seatrial.runner.compare.cli import (
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import OutputFormat
 from seatrial.runner.compare.grid import grid_of
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.record.catalogue import all_declared
 
 

@@ -11,7 +11,6 @@ import typer
 
 from seatrial.runner import compare
 from seatrial.runner.compare.cli import (
-    DEFAULT_DATABASE,
     MAX_ROWS,
     Database,
     EverySweep,
@@ -29,6 +28,7 @@ from seatrial.runner.compare.cli import (
     split,
 )
 from seatrial.runner.compare.formats import OutputFormat
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 
 
 @app.command()

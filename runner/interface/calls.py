@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.compare.cli import DEFAULT_DATABASE
 from seatrial.runner.compare.grid import grid_of
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.interface.arguments import overrides_of, place_of
 from seatrial.runner.interface.displayed_table import Table
 from seatrial.runner.interface.stored_runs import Logbook, Run, Sweep

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, Unpack, overload
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import compare, database, export
-from seatrial.runner.compare.cli import DEFAULT_DATABASE, MAX_ROWS, PlotOptions, TableOptions
+from seatrial.runner.compare.cli import MAX_ROWS, PlotOptions, TableOptions
 from seatrial.runner.compare.grid import TextTable, grid_of
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.interface.arguments import (
     PLOT_LISTS,
     TABLE_LISTS,

@@ -7,8 +7,9 @@ import pytest
 
 from seatrial.runner.compare.runs import repeat_command
 from seatrial.runner.configuration import invocation
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.database import engine
-from seatrial.runner.sweeps.console import DEFAULT_DATABASE, compare
+from seatrial.runner.sweeps.console import compare
 
 SCRIPT = "/home/somebody/.venv/bin/seatrial"
 
