@@ -54,7 +54,7 @@ from seatrial.runner.database.tables import (
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.record.catalogue import HORIZONS
-from seatrial.runner.record.vocabulary import FILE_FINDING, GROUPS, NOT_STARTED, STATUSES
+from seatrial.runner.record.vocabulary import OF_FILE, GROUPS, NOT_STARTED, STATUSES
 
 # A *factor* groups runs into rows, columns or facets: a column of table `run`, a dotted key of the
 # configuration, or a property of the number itself (metric, stage, model, dof).
@@ -271,13 +271,13 @@ class Queries:
         """
         d = DiagnosticRow.__table__.c
         query = sa.select(d.run_id, d.label, d.dof, d.name, d.value, d.unit).order_by(d.id)
-        query = query.where(d.name.in_([f"{FILE_FINDING}{name}" for name in names]))
+        query = query.where(d.name.in_([f"{OF_FILE}{name}" for name in names]))
         rows = []
         for run, label, dof, name, value, unit in map(
             tuple, self.reader.select(query.where(d.run_id.in_(self._ids(condition))))
         ):
             file, _, model = label.rpartition(", ")
-            metric = name.removeprefix(FILE_FINDING)
+            metric = name.removeprefix(OF_FILE)
             of_model = model.removesuffix(" model")
             rows.append((run, "validation", of_model, dof, metric, value, unit, file))
         return _numbers(rows, (*NUMBER, "file"))

@@ -74,7 +74,7 @@ def headlines(
 
 
 def answers(headline: Headline) -> Iterator[str]:
-    """Say which row is best under each circumstance, and by how much it beats the baseline."""
+    """Say which row is best under each condition, and by how much it beats the baseline."""
     label, table = definition_of(headline.metric).label, headline.table
     for record in table.as_records():
         value = record.get("mean")

@@ -119,7 +119,7 @@ def _lead(
 def _result(
     results: Queries, request: ReportRequest, runs: Sequence[StoredRun], found: Sequence[Headline]
 ) -> list[Markup]:
-    """What was compared and in which circumstances; the first figure; the first table."""
+    """What was compared and under which conditions; the first figure; the first table."""
     lost = [run for run in runs if run.status in LOST]
     failed = f"{len(lost)} of {len(runs)} runs: see Failures" if lost else "none"
     failed = f"{len(lost)} of {len(runs)} runs, listed under Failures" if lost else "none"

@@ -67,7 +67,7 @@ TEST_NOTE = (
     " (better in every pair) to -1; won is the number of pairs in which it is better, of all pairs,"
     " lost ones included"
 )
-BOLD_NOTE = "bold: the best under equal circumstances and seeds, of cells that lost no run"
+BOLD_NOTE = "bold: the best under equal conditions and seeds, of cells that lost no run"
 ESTIMATE_NOTE = (
     "se of the estimate: an interval of this identifier is one of its estimate, not of the"
     " coefficient, because it does not include the bias"

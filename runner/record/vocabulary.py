@@ -27,7 +27,7 @@ STREAMS: tuple[Stream, ...] = get_args(Stream)
 COMBINED = ("position", "heading", "all")
 DOF_ORDER = (*DOFS, *COMBINED)
 
-FILE_FINDING = "file_"  # begins the name of a diagnostic that is a metric of one of several files
+OF_FILE = "file_"  # begins the name of a diagnostic that is a metric of one of several files
 
 Ending = Literal["finished", "diverged", "failed"]  # of a run that has ended
 ENDINGS: tuple[Ending, ...] = get_args(Ending)

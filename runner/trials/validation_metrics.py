@@ -25,7 +25,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.record.catalogue import PER_FILE, QUANTITIES
 from seatrial.runner.record.rows import Metric, metric, per_dof
-from seatrial.runner.record.vocabulary import FILE_FINDING
+from seatrial.runner.record.vocabulary import OF_FILE
 
 MODELS = ("nominal", "identified")
 BY_CHANCE = 0.5  # of the motion, by which free runs from equal states may differ
@@ -43,10 +43,10 @@ def per_file(problem: Problem, identified: Identified) -> list[Diagnostic]:
         rows = validation(part, problem.nominal, identified, None)
         rows += predictions(alone, identified, None).metrics
         duration = part.t[-1] - part.t[0]
-        diagnostics.append(Diagnostic(f"{FILE_FINDING}duration", "all", duration, "s", i, 0, name))
+        diagnostics.append(Diagnostic(f"{OF_FILE}duration", "all", duration, "s", i, 0, name))
         diagnostics += [
             Diagnostic(
-                f"{FILE_FINDING}{row.name}", row.dof, row.value, row.unit, i,
+                f"{OF_FILE}{row.name}", row.dof, row.value, row.unit, i,
                 MODELS.index(row.model), f"{name}, {row.model} model",
             )
             for row in rows

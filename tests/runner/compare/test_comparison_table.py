@@ -64,7 +64,7 @@ def test_below_the_true_model_is_marked_and_never_best(results: Queries) -> None
     assert any("fits lag or feedback" in note for note in grid.notes)
 
 
-def test_best_is_sought_among_rivals_under_equal_circumstances(results: Queries) -> None:
+def test_best_is_sought_among_rivals_under_equal_conditions(results: Queries) -> None:
     turned = cells(table(results, rows="disturbance", columns="identifier"))
     assert [key for key, text in turned.items() if text.endswith("*")] == [
         ("calm", "ls"),
