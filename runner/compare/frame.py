@@ -54,7 +54,7 @@ from seatrial.runner.database.tables import (
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.record.catalogue import HORIZONS
-from seatrial.runner.record.vocabulary import OF_FILE, GROUPS, NOT_STARTED, STATUSES
+from seatrial.runner.record.vocabulary import GROUPS, NOT_STARTED, OF_FILE, STATUSES
 
 # A *factor* groups runs into rows, columns or facets: a column of table `run`, a dotted key of the
 # configuration, or a property of the number itself (metric, stage, model, dof).
