@@ -1,7 +1,6 @@
 """The autopilot on a ship that is Nomoto's equation, and on KVLCC2 in wind moment and current."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -198,20 +197,23 @@ def test_a_vessel_without_the_helm_is_refused() -> None:
         autopilot(ship, shaft=("delta", "screw")).build(ship.nominal(), PERIOD_S)
 
 
-@cache
-def across(sigma: float, vessel: str = "kvlcc2") -> Array:
-    """Distance from a leg to the north [L] in a current to the east of a tenth of the speed."""
-    trial = composed(
-        f"vessel={vessel}", "excitation=path_following", "controller=autopilot",
-        "identifier=none", "evaluation=none", "disturbance=current",
-        "disturbance.current.variation=constant", "disturbance.current.direction_deg=90",
-        "disturbance.current.speed_m_s=0.12", "excitation.waypoints=[[0,0],[120,0]]",
-        f"excitation.sigma={sigma}",
-    )  # fmt: skip
+def mission(*options: str) -> closed_loop.SimulatedMission:
+    """The mission of a trial, with the controller built on the nominal vessel."""
+    trial = composed("identifier=none", "evaluation=none", *options)
     trials.check(trial)
-    streams = closed_loop.Streams(0)
-    sailed = closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation).sail()
-    return np.asarray(sailed.voyage.log.eta[:, 1] / trial.vessel.length_m)
+    nominal = trial.vessel.nominal()
+    return closed_loop.sail_mission(trial, closed_loop.Streams(0), nominal, trial.excitation)
+
+
+def across(sigma: float) -> Array:
+    """Distance from a leg to the north [L] in a current to the east of a tenth of the speed."""
+    sailed = mission(
+        "vessel=kvlcc2", "excitation=path_following", "controller=autopilot",
+        "disturbance=current", "disturbance.current.variation=constant",
+        "disturbance.current.direction_deg=90", "disturbance.current.speed_m_s=0.12",
+        "excitation.waypoints=[[0,0],[120,0]]", f"excitation.sigma={sigma}",
+    )  # fmt: skip
+    return np.asarray(sailed.voyage.log.eta[:, 1] / 7.0)
 
 
 def test_integral_line_of_sight_has_no_cross_track_error_in_a_current() -> None:
@@ -224,13 +226,8 @@ def test_integral_line_of_sight_has_no_cross_track_error_in_a_current() -> None:
 def test_way_points_scale_with_the_ship() -> None:
     """The same path in ship lengths of a ship of 7 m and one of 161 m."""
     for name, length in (("kvlcc2", 7.0), ("mariner", 160.93)):
-        trial = composed(
-            f"vessel={name}", "excitation=path_following", "controller=autopilot",
-            "identifier=none", "evaluation=none", "disturbance=calm",
-        )  # fmt: skip
-        streams = closed_loop.Streams(0)
-        setup = closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation)
-        log = setup.sail().voyage.log
+        path_following = ("excitation=path_following", "controller=autopilot", "disturbance=calm")
+        log = mission(f"vessel={name}", *path_following).voyage.log
         path = log.eta_d[:, :2] / length
         error = np.hypot(*(log.eta[:, :2] / length - path).T)
         assert path[-1] == pytest.approx([60.0, 20.0], abs=12.0)
@@ -255,13 +252,8 @@ def test_predictive_control_of_an_unstable_ship(gain: float) -> None:
 
 
 def test_predictive_control_steers_kvlcc2() -> None:
-    trial = composed(
-        "vessel=kvlcc2", "excitation=heading_changes", "controller=mpc_heading",
-        "identifier=none", "evaluation=none", "disturbance=calm",
-    )  # fmt: skip
-    trials.check(trial)
-    streams = closed_loop.Streams(0)
-    sailed = closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation).sail()
+    heading_changes = ("excitation=heading_changes", "controller=mpc_heading", "disturbance=calm")
+    sailed = mission("vessel=kvlcc2", *heading_changes)
     log = sailed.voyage.log
     assert sailed.failures == 0
     ends = np.arange(1, 6) * len(log.eta) // 5 - 2
@@ -271,15 +263,12 @@ def test_predictive_control_steers_kvlcc2() -> None:
 
 def overshoot(vessel: str, controller: str, bandwidth: float) -> float:
     """Of a change of the course by 20 degrees [deg], with a filter of a bandwidth [U / L]."""
-    trial = composed(
+    voyage = mission(
         f"vessel={vessel}", "excitation=heading_changes", "excitation.headings_deg=[0,20]",
-        "excitation.hold_lengths=40", f"excitation.bandwidth={bandwidth}", "identifier=none",
-        f"controller={controller}", "evaluation=none",
-    )  # fmt: skip
-    trials.check(trial)
-    streams, nominal = closed_loop.Streams(0), trial.vessel.nominal()
-    sailed = closed_loop.prepare(trial, streams, nominal, trial.excitation).sail()
-    heading = np.degrees(sailed.voyage.log.eta[:, trial.vessel.dofs.index("yaw")])
+        "excitation.hold_lengths=40", f"excitation.bandwidth={bandwidth}",
+        f"controller={controller}",
+    ).voyage  # fmt: skip
+    heading = np.degrees(voyage.log.eta[:, voyage.dofs.index("yaw")])
     assert heading[-1] == pytest.approx(20.0, abs=0.5)
     return float(np.max(heading)) - 20.0
 

@@ -50,13 +50,6 @@ def test_the_filter_and_the_predictor_gain_are_told_apart(seed: int) -> None:
     np.testing.assert_allclose(covariance, P, rtol=1e-8)
 
 
-def test_a_scalar_filter_has_its_closed_form() -> None:
-    """Random walk, q = r: P = golden ratio times r, M = P / (P + r)."""
-    one = np.eye(1)
-    golden = 0.5 * (1.0 + np.sqrt(5.0))
-    assert filter_gain(one, one, one, one)[0, 0] == pytest.approx(golden / (golden + 1.0))
-
-
 def test_no_steady_state_is_refused() -> None:
     A = np.diag([2.0, 0.5])  # unstable and not observed
     with pytest.raises(ConfigurationError, match="no steady-state gain"):

@@ -9,9 +9,13 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.information import log_det
 from seatrial.models.excitation.mix import Mix
+from seatrial.models.notation import PLANAR
+from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel import basis
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.trials.trial import check
@@ -40,20 +44,24 @@ def mix(*overrides: str) -> Mix:
     return found
 
 
-def sailed(design: Mix) -> Any:
-    """The recording of a mix in calm water by the nominal model."""
+def voyage(design: Mix, plant: Plant) -> Voyage:
+    """The mix, sailed by a vessel in calm water."""
     n = len(design.schedule)
     still, rng = np.zeros((n, 3)), np.random.default_rng(0)
-    weather = Weather(still, still, still, still)
     t = PERIOD_S * np.arange(n)
-    steering = design.steering(("surge", "sway", "yaw"), PERIOD_S)
+    steering = design.steering(PLANAR, PERIOD_S)
     assert steering is not None
-    voyage = sail(
-        design.information.plant, weather, design.guidance(t, design.start),
+    return sail(
+        plant, Weather(still, still, still, still), design.guidance(t, design.start),
         design.reference_filter.table(PERIOD_S), steering, design.start, PERIOD_S, 0.1,
-        added=design.force(t, ("surge", "sway", "yaw"), rng),
+        added=design.force(t, PLANAR, rng),
     )  # fmt: skip
-    return recording_of(voyage, weather)
+
+
+def sailed(design: Mix) -> Recording:
+    """The recording of a mix by the nominal model."""
+    found = voyage(design, design.information.plant)
+    return recording_of(found, found.weather)
 
 
 def test_the_whole_mix_is_better_than_random_ones() -> None:
@@ -103,13 +111,16 @@ def test_a_manoeuvre_again_is_the_same_motion() -> None:
 
 
 def test_training_is_the_mix_and_testing_what_is_held_out() -> None:
-    one = mix()
-    t = PERIOD_S * np.arange(len(one.schedule))
-    split = one.split(t)
-    assert np.sum(split.train) == 6 * 1200
-    assert np.sum(split.test) == 3 * 1200
-    assert not np.any(split.train & split.test)
-    assert np.max(np.flatnonzero(split.train)) < np.min(np.flatnonzero(split.test))
+    """Along a plan too, where passages lie between the sub-experiments."""
+    for one, samples in ((mix(), 1200), (routed().excitation, 600)):
+        split = one.split(PERIOD_S * np.arange(len(one.schedule)))
+        assert np.sum(split.train) == 6 * samples
+        assert np.sum(split.test) == 3 * samples
+        assert not np.any(split.train & split.test)
+        if one.plan is None:  # else they have the order of the plan
+            assert np.max(np.flatnonzero(split.train)) < np.min(np.flatnonzero(split.test))
+        testing = [part.name for part in one.schedule.parts if part.role == "testing"]
+        assert sorted(testing) == sorted(one.held_out)
 
 
 def test_the_nominal_model_may_be_wrong() -> None:
@@ -162,24 +173,16 @@ def routed(*overrides: str) -> Any:
     return composed(*BASIN, *overrides)
 
 
-def voyage(asked: Any, model: Vessel) -> Voyage:
-    """The plan, sailed by a vessel in calm water."""
-    mix, n = asked.excitation, len(asked.excitation.schedule)
-    still, t = np.zeros((n, 3)), PERIOD_S * np.arange(n)
-    rng = np.random.default_rng(0)
-    return sail(
-        asked.vessel.plant(model), Weather(still, still, still, still),
-        mix.guidance(t, mix.start), mix.reference_filter.table(PERIOD_S),
-        mix.steering(asked.vessel.dofs, PERIOD_S), mix.start, PERIOD_S, 0.1,
-        added=mix.force(t, asked.vessel.dofs, rng),
-    )  # fmt: skip
+def off_the_plan(asked: Any, model: Vessel) -> Array:
+    """Distance [m] from the plan at every sample of a vessel that sails it."""
+    log = voyage(asked.excitation, asked.vessel.plant(model)).log
+    planned = asked.excitation.plan.poses[: len(log.eta)]
+    return np.asarray(np.hypot(*(log.eta - planned)[:, :2].T))
 
 
 def test_the_nominal_vessel_sails_its_plan() -> None:
     asked = routed()
-    log = voyage(asked, asked.vessel.nominal()).log
-    planned = asked.excitation.plan.poses[: len(log.eta)]
-    gap = np.hypot(*(log.eta - planned)[:, :2].T)
+    gap = off_the_plan(asked, asked.vessel.nominal())
     assert np.max(gap) < RUN_UP
     assert np.median(gap) < 0.02
     assert gap[-1] < 0.1
@@ -190,21 +193,9 @@ def test_another_vessel_keeps_to_the_plan_by_feedback() -> None:
     found = {}
     for follow in ("everywhere", "passages"):
         asked = routed(f"excitation.route.follow={follow}")
-        log = voyage(asked, asked.plant_scale * asked.vessel.nominal()).log
-        planned = asked.excitation.plan.poses[: len(log.eta)]
-        found[follow] = np.max(np.hypot(*(log.eta - planned)[:, :2].T))
+        found[follow] = np.max(off_the_plan(asked, asked.plant_scale * asked.vessel.nominal()))
     assert found["everywhere"] < RUN_UP
     assert found["passages"] > 4.0
-
-
-def test_what_is_held_out_tests() -> None:
-    mix = routed().excitation
-    t = PERIOD_S * np.arange(len(mix.schedule))
-    split = mix.split(t)
-    assert np.sum(split.train) == 6 * 600
-    assert np.sum(split.test) == 3 * 600
-    testing = [part.name for part in mix.schedule.parts if part.role == "testing"]
-    assert sorted(testing) == sorted(mix.held_out)
 
 
 @pytest.mark.parametrize(

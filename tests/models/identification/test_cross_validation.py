@@ -77,9 +77,12 @@ def test_worse_is_by_more_than_a_standard_error_or_than_as_much_again() -> None:
     for blocks, other, worse in (
         ((0.69, 0.51), reference, True), ((0.71, 0.49), reference, False),
         ((*[0.09] * 5, 1.05), steady, True), ((*[0.09] * 5, 0.6), steady, False),
+        ((*[0.09] * 5, 400.0), steady, True), ((0.05, 0.1, 0.2, 0.1, 0.1, 0.15), steady, False),
     ):  # fmt: skip
         assert left_out(*blocks).worse(other) == worse
         assert left_out(*blocks).worse_axes(other).tolist() == [worse]
+    errors = {"explodes": left_out(*[0.09] * 5, 400.0), "steady": steady}
+    assert one_standard_error_rule(errors) == "steady"
 
 
 def test_errors_are_those_of_predictions_over_the_spread_of_training(calm) -> None:
@@ -100,15 +103,6 @@ def test_an_axis_that_moves_less_than_twice_its_noise_decides_nothing(calm, rng)
         assert CrossValidation(moved).axes == axes
 
 
-def test_one_run_that_explodes_is_no_matter_of_chance() -> None:
-    """Its mean excess is about its own standard error."""
-    steady, explodes = left_out(*[0.1] * 6), left_out(*[0.09] * 5, 400.0)
-    assert explodes.worse(steady)
-    assert explodes.worse_axes(steady).tolist() == [True]
-    assert not left_out(0.05, 0.1, 0.2, 0.1, 0.1, 0.15).worse(steady)
-    assert one_standard_error_rule({"explodes": explodes, "steady": steady}) == "steady"
-
-
 def test_the_true_model_has_no_error_and_the_nominal_one_its_own(calm) -> None:
     blocks = CrossValidation(calm.problem)
     assert blocks.axes == [0, 1, 2]
@@ -118,19 +112,6 @@ def test_the_true_model_has_no_error_and_the_nominal_one_its_own(calm) -> None:
     np.testing.assert_array_equal(nominal.nrmse, blocks.nominal.nrmse)
     assert not np.any(truth.worse_axes(nominal))
     assert np.all(nominal.worse_axes(truth))
-
-
-def test_an_axis_that_loses_keeps_its_nominal_equation_and_the_others_their_own(calm) -> None:
-    """Yaw damping of the wrong sign runs away; the other axes are exact and stay so."""
-    blocks, nominal = CrossValidation(calm.problem), calm.problem.nominal
-    theta = calm.truth.on(nominal.terms).theta.copy()
-    theta[7:, 2] *= 12.0
-    score = blocks.score([replace(nominal, theta=theta)] * 3)
-    assert score.nominal_axes == (2,)
-    mixed = score.models[0].theta
-    np.testing.assert_array_equal(mixed[:, 2], nominal.theta[:, 2])
-    np.testing.assert_array_equal(mixed[:, :2], theta[:, :2])
-    assert blocks.nominal.worse(score.errors)
 
 
 def test_without_skill_the_nominal_equation_stays_unless_it_is_worse_beyond_chance(

@@ -19,11 +19,11 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.linearisation import linearise
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.kinematics import angle_rate, frame_of_angles, rotation
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.trials.closed_loop import Streams
 from seatrial.runner.trials.trial import excite
 from tests.data import DATA
+from tests.models.identification.test_free_run import pose_rate
 from tests.trials import composed
 
 Identifier = Callable[..., Any]
@@ -73,6 +73,7 @@ def value(found: Identified, name: str, dof: str = "all", **where: Any) -> float
 def test_a_linear_vessel_is_identified_exactly(
     identifier: Identifier, rng: np.random.Generator
 ) -> None:
+    """As a physical form, and as a state-space model in pose and velocity."""
     problem = problem_of(axis_recording(800, rng))
     found = identifier("dsr", bootstrap=None).identify(problem, rng)
     np.testing.assert_allclose(found.model.inertia, INERTIA, rtol=1e-6, atol=1e-3)
@@ -86,12 +87,6 @@ def test_a_linear_vessel_is_identified_exactly(
     assert abs(value(found, "delay", "sway")) < 1e-6
     for kind in ("one_step", "ten_step", "free_run"):
         assert value(found, f"fit_{kind}", "heave") > 99.999
-
-
-def test_the_state_space_model_is_in_pose_and_velocity(
-    identifier: Identifier, rng: np.random.Generator
-) -> None:
-    found = identifier("dsr", bootstrap=None).identify(problem_of(axis_recording(800, rng)), rng)
     model = found.state_space
     assert model is not None
     np.testing.assert_allclose(model.C, np.eye(3, 6), atol=1e-9)
@@ -166,20 +161,11 @@ def test_the_rate_of_a_body_pose_is_the_body_velocity(dofs: tuple[str, ...]) -> 
     nu = 0.3 * np.sin(t[:, None] * np.arange(1, n + 1) + np.arange(n))
     eta = np.zeros((len(t), n))
     for k in range(len(t) - 1):  # mid-point rule
-        half = eta[k] + 0.5 * (t[1] - t[0]) * pose_rate(eta[k], nu[k])
-        eta[k + 1] = eta[k] + (t[1] - t[0]) * pose_rate(half, 0.5 * (nu[k] + nu[k + 1]))
+        half = eta[k] + 0.5 * (t[1] - t[0]) * pose_rate(eta[k], nu[k], dofs)
+        eta[k + 1] = eta[k] + (t[1] - t[0]) * pose_rate(half, 0.5 * (nu[k] + nu[k + 1]), dofs)
     expected = np.gradient(body_pose(eta, dofs), t, axis=0)
     np.testing.assert_allclose(expected[1:-1], nu[1:-1], atol=1e-4)
     assert np.max(np.abs(eta[:, -1])) > 0.05
-
-
-def pose_rate(eta: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    if len(nu) == 3:
-        return rotation(eta[2]) @ nu
-    R, turning = np.empty((3, 3)), np.empty(3)
-    frame_of_angles(eta[3:], R)
-    angle_rate(eta[3:], nu[3], nu[4], nu[5], turning)
-    return np.concatenate([R @ nu[:3], turning])
 
 
 def test_roll_and_pitch_restore_themselves() -> None:
@@ -286,7 +272,10 @@ def test_the_acceleration_responds_directly_and_terms_can_be_inputs(
 def test_the_nominal_model_is_kept_where_it_predicts_better(
     identifier: Identifier, rng: np.random.Generator
 ) -> None:
-    """The truth as nominal model, and noise; then the other way round."""
+    """The truth as nominal model, and noise; then the other way round.
+
+    Only what is estimated has a standard error.
+    """
     problem = problem_of(axis_recording(800, rng, noise=0.02, held=5))
     terms = basis.terms(["u_dot", "v_dot", "w_dot", "u", "v", "w"])
     truth = Vessel("truth", problem.nominal.dofs, terms, linear_vessel().theta)
@@ -302,6 +291,10 @@ def test_the_nominal_model_is_kept_where_it_predicts_better(
     better = identified(dsr, problem, rng)
     np.testing.assert_allclose(np.diag(better.model.inertia), np.diag(INERTIA), rtol=0.1)
     assert better.control_model is not None
+    assert better.std_error is not None
+    dropped = better.residual.terms.index(basis.term("|u|u"))
+    assert np.all(np.isnan(better.std_error[dropped]))
+    assert np.all(np.isfinite(np.delete(better.std_error, dropped, axis=0)))
     unchecked = identified(
         replace(dsr, physical_form="optional"), replace(problem, nominal=truth), rng
     )
@@ -357,22 +350,8 @@ def test_standard_errors_are_the_spread_over_replications(identifier: Identifier
     assert coverage > 0.8
 
 
-def test_standard_errors_of_what_is_not_estimated_are_nan(
-    identifier: Identifier, rng: np.random.Generator
-) -> None:
-    found = identifier("dsr", bootstrap=20).identify(problem_of(axis_recording(800, rng)), rng)
-    assert found.std_error is not None
-    dropped = found.residual.terms.index(basis.term("|u|u"))
-    assert np.all(np.isnan(found.std_error[dropped]))
-    assert np.all(np.isfinite(np.delete(found.std_error, dropped, axis=0)))
-
-
-def physical_model() -> StateSpace:
-    return linearise(linear_vessel()).discretised(0.5)
-
-
 def test_why_there_is_no_physical_form() -> None:
-    model = physical_model()
+    model = linearise(linear_vessel()).discretised(0.5)
     with pytest.raises(IdentificationError, match="got 6 states, 3 inputs and 2 outputs"):
         physical_form(replace(model, C=model.C[:2], D=model.D[:2], outputs=()), 1e3)
     with pytest.raises(IdentificationError, match="ill-conditioned"):

@@ -265,12 +265,6 @@ def test_recorded_velocity_beyond_the_limit_is_refused(make, signal):
         course_of(recording, None, None, None, 2.0)
 
 
-def test_terms_that_no_prediction_knows_are_refused(vessel):
-    table = Vessel("odd", ("surge",), terms(["u_dot", "cos(psi)"]), np.array([[1.0], [1.0]]))
-    with pytest.raises(ConfigurationError, match=r"cos\(psi\) cannot be predicted in surge"):
-        predicted_layout(table, table.theta != 0.0)
-
-
 def test_milliampere_has_its_own_coefficients_and_its_coriolis_force_follows(milliampere):
     """5 of inertia, 16 of drag; without the tie C(nu) nu adds 8 entries."""
     tied = free_parameters(milliampere, None, "tied", False)

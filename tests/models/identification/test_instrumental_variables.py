@@ -71,12 +71,6 @@ def test_as_many_instruments_as_terms_solve_the_moment_equations() -> None:
     np.testing.assert_allclose(found.gains.T @ y, found.theta, atol=1e-12)
 
 
-def test_instruments_that_are_the_regressors_are_least_squares() -> None:
-    _, phi, y = simultaneous(500, np.random.default_rng(1))
-    expected = np.linalg.lstsq(phi, y, rcond=None)[0]
-    np.testing.assert_allclose(solve(phi, phi, y).theta, expected, rtol=1e-10)
-
-
 def test_instruments_that_do_not_determine_are_refused() -> None:
     z, phi, y = simultaneous(100, np.random.default_rng(3))
     with pytest.raises(IdentificationError, match="got 1 instruments for 2 terms"):

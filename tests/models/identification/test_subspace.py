@@ -23,20 +23,13 @@ LAGS = 20
 
 def random_plant(rng: np.random.Generator) -> StateSpace:
     """A stable 3 x 3 plant of three modes of magnitude 0.5 to 0.95, without a direct term."""
-    modes = rng.uniform([0.5, 0.0], [0.95, 0.5 * np.pi], (3, 2))
-    return plant_of(modes, 3, rng)
-
-
-def plant_of(modes: np.ndarray, size: int, rng: np.random.Generator) -> StateSpace:
-    """A plant with the modes (magnitude, angle), in random coordinates."""
-    order = 2 * len(modes)
-    A = np.zeros((order, order))
-    for i, (radius, angle) in enumerate(modes):
+    A = np.zeros((6, 6))
+    for i, (radius, angle) in enumerate(rng.uniform([0.5, 0.0], [0.95, 0.5 * np.pi], (3, 2))):
         c, s = radius * np.cos(angle), radius * np.sin(angle)
         A[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[c, s], [-s, c]]
-    turn = np.linalg.qr(rng.standard_normal((order, order)))[0]
-    B, C = rng.standard_normal((order, size)), rng.standard_normal((size, order))
-    return StateSpace(turn @ A @ turn.T, B, C, np.zeros((size, size)), 1.0)
+    turn = np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    B, C = rng.standard_normal((6, 3)), rng.standard_normal((3, 6))
+    return StateSpace(turn @ A @ turn.T, B, C, np.zeros((3, 3)), 1.0)
 
 
 def kalman_gain(model: StateSpace, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
@@ -60,29 +53,23 @@ def open_loop(
 
 @cache
 def closed_loop(seed: int, n: int) -> tuple[np.ndarray, np.ndarray, StateSpace]:
-    rng = np.random.default_rng(seed)
-    return steered(random_plant(rng), n, rng)
-
-
-def steered(
-    plant: StateSpace, n: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, StateSpace]:
     """LQ feedback from a Kalman filter, a random binary signal on the input, strong noise.
 
     Process and measurement noise of covariance 3; the plant returned has the true K.
     """
     from scipy.linalg import solve_discrete_are
 
-    size = len(plant.C)
-    Q, R, weight = 3.0 * np.eye(plant.order), 3.0 * np.eye(size), 0.1 * np.eye(size)
+    rng = np.random.default_rng(seed)
+    plant = random_plant(rng)
+    Q, R, weight = 3.0 * np.eye(6), 3.0 * np.eye(3), 0.1 * np.eye(3)
     P = solve_discrete_are(plant.A, plant.B, plant.C.T @ plant.C, weight)
     feedback = np.linalg.solve(weight + plant.B.T @ P @ plant.B, plant.B.T @ P @ plant.A)
     K = kalman_gain(plant, Q, R)
-    process = np.sqrt(3.0) * rng.standard_normal((n, plant.order))
-    noise = np.sqrt(3.0) * rng.standard_normal((n, size))
-    binary = np.sign(rng.standard_normal((n, size)))
-    x, estimate = np.zeros(plant.order), np.zeros(plant.order)
-    y, u = np.empty((n, size)), np.empty((n, size))
+    process = np.sqrt(3.0) * rng.standard_normal((n, 6))
+    noise = np.sqrt(3.0) * rng.standard_normal((n, 3))
+    binary = np.sign(rng.standard_normal((n, 3)))
+    x, estimate = np.zeros(6), np.zeros(6)
+    y, u = np.empty((n, 3)), np.empty((n, 3))
     for k in range(n):
         y[k] = plant.C @ x + noise[k]
         u[k] = binary[k] - feedback @ estimate
@@ -190,22 +177,6 @@ def test_feedback_biases_the_open_variant_and_not_the_closed_one() -> None:
     assert closed[4000] < 0.7 * closed[1000]
     assert closed[4000] < 0.5 * opened[4000]
     assert opened[4000] > 0.7 * opened[1000]
-
-
-def test_eigenvalues_agree_with_nfoursid_in_open_loop(rng: np.random.Generator) -> None:
-    pandas = pytest.importorskip("pandas", reason="nfoursid needs pandas")
-    nfoursid = pytest.importorskip("nfoursid.nfoursid", reason="nfoursid is not installed")
-    plant = plant_of(np.array([[0.9, 0.4], [0.7, 1.3]]), 2, rng)
-    truth = replace(plant, K=kalman_gain(plant, 0.1 * np.eye(4), np.eye(2)))
-    y, u, _ = open_loop(truth, 4000, 0.1, rng)
-    frame = pandas.DataFrame(np.hstack([y, u]), columns=["y1", "y2", "u1", "u2"])
-    peer = nfoursid.NFourSID(frame, ["y1", "y2"], ["u1", "u2"], num_block_rows=10)
-    peer.subspace_identification()
-    expected = np.sort_complex(np.linalg.eigvals(peer.system_identification(rank=4)[0].a))
-    for variant in ("open", "closed"):
-        found = identify_innovations(y, u, 10, 10, 4, variant).model  # type: ignore[arg-type]
-        np.testing.assert_allclose(by_size(found), expected, atol=0.01)
-        np.testing.assert_allclose(by_size(found), by_size(truth), atol=0.01)
 
 
 def test_a_gain_without_a_stable_predictor_is_recomputed(rng: np.random.Generator) -> None:

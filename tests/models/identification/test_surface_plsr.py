@@ -1,5 +1,6 @@
 """Surface PLSR against scikit-learn one by one, and against the thesis."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -170,15 +171,11 @@ def test_stages_add_up_and_never_make_it_worse(calm, identifier, thesis, rng) ->
 
 def test_nothing_to_learn_adds_nothing(lap, identifier, rng) -> None:
     sailed = lap("noise", 0)
-    problem = type(sailed.problem)(
-        sailed.problem.training, sailed.problem.validation, sailed.truth, sailed.thruster
-    )
-    noise = rng.standard_normal(problem.training.nu.shape)
-    object.__setattr__(problem.training, "tau_actual", problem.training.tau_actual.copy())
-    training = problem.training.part(slice(None))
+    training = sailed.problem.training
+    noise = rng.standard_normal(training.nu.shape)
     fitted = sailed.truth.inverse(training.nu_dot, training.nu, training.attitude)
-    object.__setattr__(training, "tau_actual", fitted + noise)
-    problem = type(problem)(training, problem.validation, sailed.truth, None)
+    training = replace(training, tau_actual=fitted + noise)
+    problem = replace(sailed.problem, training=training, nominal=sailed.truth, thruster=None)
     found = identifier("surface_plsr", force="actual", bootstrap=None).identify(problem, rng)
     assert [f.value for f in diagnostics(found, "selected_order")].count(0.0) >= 2
 

@@ -26,8 +26,6 @@ ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 VELOCITY = {dof: f"{dof}_vel" for dof in ALL}
 RECORDINGS = ("surge-1", "sway-1", "heave-1", "random-1")
 Mutilation = Callable[[pd.DataFrame], pd.DataFrame]
-
-
 BELUGA = DATA / "beluga"
 
 
@@ -186,8 +184,7 @@ def test_delay_is_recovered_within_a_sample(seconds: float) -> None:
     recording = motion()
     t, nu = recording.t, recording.nu
     late = np.column_stack([np.interp(t - seconds, t, column) for column in nu.T])
-    shifted = Recording(recording.dofs, t, recording.eta, late, recording.nu_dot,
-                        recording.tau, recording.attitude)  # fmt: skip
+    shifted = replace(recording, nu=late)
     assert consistency(shifted).lag_s == pytest.approx(seconds, abs=0.2 * recording.period_s)
 
 
@@ -214,9 +211,7 @@ def test_velocity_of_something_else_is_not_trusted() -> None:
     nu = recording.nu.copy()
     walk = np.cumsum(rng.normal(size=len(nu)))
     nu[:, 1] = 0.1 * np.sin(walk / 10.0)
-    other = Recording(recording.dofs, recording.t, recording.eta, nu, recording.nu_dot,
-                      recording.tau, recording.attitude)  # fmt: skip
-    result = consistency(other)
+    result = consistency(replace(recording, nu=nu))
     assert [axis.dof for axis in result.untrusted] == ["sway"]
 
 

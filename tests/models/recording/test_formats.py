@@ -13,7 +13,6 @@ from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording import source as reading
-from seatrial.models.recording import source as recorded
 from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
 from tests.data import DATA
 
@@ -193,7 +192,7 @@ def test_matlab_5_with_an_object_and_with_a_cell_too_large(
     cell = np.empty(1, dtype=object)
     cell[0] = np.zeros(2000)
     scipy.io.savemat(path, {"c": cell, "t": np.arange(5.0)}, do_compression=True)
-    monkeypatch.setattr(recorded, "MOST_CELLS", 1000)
+    monkeypatch.setattr(reading, "MOST_CELLS", 1000)
     monkeypatch.setattr(scipy.io, "loadmat", None)
     with pytest.raises(RecordingError, match="numbers, expected at most"):
         one(path)
@@ -249,6 +248,8 @@ def test_a_format_by_option_and_one_that_is_not_known(tmp_path: Path) -> None:
     assert list(one(path, "dat").columns) == ["c1", "c2"]
     with pytest.raises(ConfigurationError, match=r"excitation\.format: got 'doc', expected one"):
         one(path, "doc")
+    with pytest.raises(RecordingError, match="is of no known format, expected csv, dat, excel"):
+        one(file(tmp_path, "a.xyz", b"\x00\x01\x02" * 99))
 
 
 @pytest.mark.parametrize(
@@ -440,9 +441,11 @@ def dataflash() -> bytes:
     return log
 
 
-def test_logs_of_ardupilot(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["a.BIN", "a.log"])
+def test_logs_of_ardupilot(tmp_path: Path, name: str) -> None:
+    """Told by its suffix, or by its content."""
     pytest.importorskip("pymavlink")
-    path = file(tmp_path, "a.BIN", dataflash() + b"\xa3\x95\x01cut")
+    path = file(tmp_path, name, dataflash() + b"\xa3\x95\x01cut")
     sources = read_sources(path, ReadOptions())
     source = sources["XKF1/1"]
     assert source.units == {"TimeUS": "us", "PN": "m", "Yaw": "deg"}
@@ -513,10 +516,3 @@ def test_nmea(tmp_path: Path, stamp: str) -> None:
         np.testing.assert_array_equal(np.diff(times), [1.0, 1.0])
         first = 1716391800.5 if stamp else pd.Timestamp("1994-03-22 23:59:58").timestamp()
         assert times[0] == first
-
-
-def test_content_tells_the_format_where_the_suffix_does_not(tmp_path: Path) -> None:
-    pytest.importorskip("pymavlink")
-    assert "XKF1/0" in read_sources(file(tmp_path, "a.log", dataflash()), ReadOptions())
-    with pytest.raises(RecordingError, match="is of no known format, expected csv, dat, excel"):
-        read_sources(file(tmp_path, "a.xyz", b"\x00\x01\x02" * 99), ReadOptions())

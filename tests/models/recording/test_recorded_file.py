@@ -20,8 +20,6 @@ from tests.data import DATA
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 PLANAR = ("surge", "sway", "yaw")
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-
-
 BELUGA = DATA / "beluga"
 
 

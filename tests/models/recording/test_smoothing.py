@@ -63,15 +63,6 @@ def test_the_longest_piece_counts(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(floor.deviation, 0.01, rtol=0.05)
 
 
-def test_the_filter_has_no_phase_and_removes_what_is_above_it() -> None:
-    t = PERIOD_S * np.arange(2000)
-    slow, fast = np.sin(2.0 * np.pi * 0.1 * t), np.sin(2.0 * np.pi * 2.0 * t)
-    filtered = lowpass(np.column_stack([slow, slow + fast]), 0.5, PERIOD_S)
-    inside = slice(100, -100)
-    np.testing.assert_allclose(filtered[inside, 0], slow[inside], atol=1e-5)
-    np.testing.assert_allclose(filtered[inside, 1], slow[inside], atol=1e-4)
-
-
 def test_a_piece_shorter_than_the_padding_is_filtered() -> None:
     """As little as one sample is left between two gaps of a recording."""
     for count in (1, 2, 15):

@@ -24,7 +24,6 @@ from seatrial.models.vessel.kinematics import (
     angle_rate,
     angles_of_frame,
     cross_matrix,
-    fill_attitude,
     frame_of_angles,
     frame_of_quaternion,
     quaternion_of,
@@ -98,21 +97,6 @@ def test_angles_of_a_vehicle_on_end_keep_the_roll(pitch: float) -> None:
     angles_of_frame(frame(attitude), read)
     np.testing.assert_allclose(frame(read), frame(attitude), atol=1e-7)
     assert read[0] == pytest.approx(0.4, abs=1e-6)
-
-
-@given(angles)
-def test_attitude_variables_follow_from_the_frame(attitude: Array) -> None:
-    from seatrial.models.vessel.basis import ATTITUDE, INDEX, N_VARIABLES
-
-    z = np.zeros(2 * N_VARIABLES)
-    fill_attitude(z, frame(attitude))
-    named = {name: z[INDEX[name]] for name in ATTITUDE}
-    (cx, cy, cz), (sx, sy, sz) = np.cos(attitude), np.sin(attitude)
-    assert named["sin(theta)"] == pytest.approx(sy, abs=1e-12)
-    assert named["cos(theta)"] * named["sin(phi)"] == pytest.approx(cy * sx, abs=1e-9)
-    assert named["cos(theta)"] * named["cos(phi)"] == pytest.approx(cy * cx, abs=1e-9)
-    assert named["cos(theta)"] * named["cos(psi)"] == pytest.approx(cy * cz, abs=1e-9)
-    assert named["cos(theta)"] * named["sin(psi)"] == pytest.approx(cy * sz, abs=1e-9)
 
 
 @given(angles, arrays(np.float64, 3, elements=st.floats(-2.0, 2.0)))
@@ -211,13 +195,6 @@ def neutral() -> RigidBody:
 def hull(derivatives: dict[str, float]) -> Vessel:
     body = neutral()
     return from_derivatives("hull", DOFS, body.inertia(), derivatives) + body.restoring(DOFS)
-
-
-def test_neutral_buoyancy_at_rest_stays_at_rest() -> None:
-    pose = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 2.0])
-    voyage = drift(hull({}), 20.0, pose)
-    np.testing.assert_allclose(voyage.log.eta, np.tile(pose, (200, 1)), atol=1e-12)
-    np.testing.assert_allclose(voyage.log.nu, 0.0, atol=1e-12)
 
 
 def test_a_vehicle_that_is_too_heavy_sinks_at_its_terminal_speed() -> None:
