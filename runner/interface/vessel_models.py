@@ -43,7 +43,7 @@ else:
     )
     config, in_process = (
         lazy_loader.load(f"seatrial.runner.{name}", suppress_warning=True)
-        for name in ("config", "in_process")
+        for name in ("configuration.config", "sweeps.in_process")
     )
 
 
