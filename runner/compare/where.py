@@ -287,7 +287,7 @@ class ColumnNames:
             reused = sa.select(Reuse.run_id).where(Reuse.sweep_id.in_(condition.sweeps))
             clauses.append(RunRow.id.in_(own.union(reused)))
         if condition.run is not None:
-            clauses.append(RunRow.id == sa.literal(condition.run, sa.BigInteger()))
+            clauses.append(self._compare("id", "=", condition.run))
         return clauses
 
     def _compare(self, name: str, operator: str, value: Value) -> sa.ColumnElement[bool]:

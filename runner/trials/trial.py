@@ -72,10 +72,10 @@ def run(trial: Trial) -> Results:
             nominal=trial.vessel.nominal(),
             thruster=trial.vessel.thruster,
         )
-        identified, impossible = identify(trial, problem, streams)
-        results += validate(trial, problem, identified, excited)
         results += of_excitation(trial, problem, excited)
+        identified, impossible = identify(trial, problem, streams)
         results += of_identification(problem, identified, excited)
+        results += validate(trial, problem, identified, excited)
         results += deploy(trial, streams, problem.nominal, identified, impossible, excited.truth)
     except TrialDiverged as error:
         error.results = replace(results + error.results, drawn=streams.drawn())

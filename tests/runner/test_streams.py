@@ -3,9 +3,10 @@
 from collections import defaultdict
 from collections.abc import Mapping
 
+import pandas as pd
 import pytest
 
-from seatrial.runner.compare.frame import StoredRun, open_results
+from seatrial.runner.compare.frame import open_results
 from seatrial.runner.database import LogbookWriter
 from tests.runner.command import Command
 
@@ -28,17 +29,17 @@ def without(options: tuple[str, ...], *prefixes: str) -> list[str]:
     return [option for option in options if not option.startswith(prefixes)]
 
 
-def stored_runs() -> list[StoredRun]:
+def stored_trials() -> pd.DataFrame:
     with open_results(DATABASE) as results:
-        return results.runs(factors=FACTORS)
+        return results.trials(factors=FACTORS)
 
 
-def numbers(run: StoredRun) -> Mapping[tuple[str, ...], object]:
+def numbers(run: int) -> Mapping[tuple[str, ...], object]:
     """All metrics of a run, and its coefficients with their standard errors, by their place."""
     with LogbookWriter.read(DATABASE) as logbook:
-        metrics = {(m.name, m.model, m.dof): m.value for m in logbook.metrics(run.id)}
+        metrics = {(m.name, m.model, m.dof): m.value for m in logbook.metrics(run)}
         found = {
-            (c.term, c.model, c.dof): (c.value, c.std_error) for c in logbook.coefficients(run.id)
+            (c.term, c.model, c.dof): (c.value, c.std_error) for c in logbook.coefficients(run)
         }
     assert metrics
     assert found
@@ -55,9 +56,10 @@ def test_streams_that_are_drawn_and_their_replicates(seatrial: Command) -> None:
     ):
         answer = seatrial(*sweep)
         assert answer.code == 0, answer
-    runs = {tuple(run.levels[name] for name in FACTORS): run for run in stored_runs()}
-    assert all(run.drawn is not None for run in runs.values())
-    drawn = {(key[0], *key[2:]): set(run.drawn or ()) for key, run in runs.items()}
+    trials = stored_trials()
+    assert trials["streams"].notna().all()
+    runs = {tuple(map(str, row[[*FACTORS]])): run for run, row in trials.iterrows()}
+    drawn = {(key[0], *key[2:]): {*trials["streams"][run].split()} for key, run in runs.items()}
     assert drawn == {
         ("zigzag", "ls", "calm", "none", "auto"): set(),
         ("zigzag", "ls", "calm", "none", "0.4"): set(),
@@ -68,14 +70,14 @@ def test_streams_that_are_drawn_and_their_replicates(seatrial: Command) -> None:
         ("zigzag", "nsga2", "noise", "none", "none"): {"noise", "identifier"},
         ("prbs", "ls", "calm", "none", "auto"): {"excitation"},
     }
-    seeds: dict[tuple[str, ...], list[StoredRun]] = defaultdict(list)
+    seeds: dict[tuple[str, ...], list[int]] = defaultdict(list)
     for key, run in runs.items():
         seeds[key[0], *key[2:]].append(run)
     pairs = {key: pair for key, pair in seeds.items() if len(pair) == 2}
     assert len(pairs) == 4
     for key, (one, other) in pairs.items():
         assert (numbers(one) == numbers(other)) == (not drawn[key])  # to the last bit
-    experiments = [{run.experiment for run in each} for each in seeds.values()]
+    experiments = [{*trials["of_experiment"][each]} for each in seeds.values()]
     assert all(len(each) == 1 for each in experiments)  # of all seeds
     assert len(set.union(*experiments) - {None}) == len(drawn)  # one for each choice of options
 

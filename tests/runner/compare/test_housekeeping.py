@@ -100,7 +100,7 @@ def test_prune_shows_and_deletes_only_with_yes(program: Program, voyage_copy: Pa
     assert _count(voyage_copy, "run") == 7
     assert _count(voyage_copy, "diagnostic WHERE run_id IN (2, 4)") == 0
     files = sorted(path.name for path in (voyage_copy / "series").iterdir())
-    assert len(files) == 4  # of 6
+    assert len(files) == 5  # of 7
     assert not any("000002" in name or "000004" in name for name in files)
     assert program("verify", *database(voyage_copy))[0] == 0
 
@@ -142,7 +142,7 @@ def test_export_writes_every_table_twice(program: Program, plain: Path, tmp_path
 def test_verify_of_a_whole_logbook_says_so(program: Program, sailed: Path) -> None:
     code, out, _ = program("verify", *database(sailed))
     assert code == 0
-    assert "checked 9 runs and 6 series files: no problems" in out
+    assert "checked 9 runs and 7 series files: no problems" in out
 
 
 def test_verify_names_what_is_damaged_missing_or_left_over(
@@ -197,7 +197,7 @@ def test_a_new_logbook_does_not_take_the_place_of_one_that_is_lost(
         if lost is not None:
             file.write_bytes(lost)
         with pytest.raises(
-            LogbookError, match=r"results\.db: there is no logbook.* 6 series"
+            LogbookError, match=r"results\.db: there is no logbook.* 7 series"
         ) as e:
             stored.logbook_at(voyage_copy)
         assert "\n" not in str(e.value)

@@ -132,7 +132,7 @@ def test_the_sheet_has_what_the_identified_model_predicts(program: Program, sail
     assert (known["identified"], known["90 % from"], known["90 % to"]) == stored.PREDICTED
     assert rows["advance"]["identified"] is None
     _, text, _ = program("manoeuvres", "9", *where, "--execution", "order")
-    assert "90 %" not in text  # stored are those from half of the step
+    assert "90 % from" not in text  # stored are those from half of the step
 
 
 def test_a_run_without_a_helm_and_a_file_without_a_length_are_one_line(

@@ -263,7 +263,7 @@ def test_a_damaged_series_file_is_named(sailed: Path, tmp_path: Path) -> None:
     file.write_bytes(file.read_bytes()[:-1] + b"x")
     with (
         open_results(f"sqlite:///{copy}/results.db") as damaged,
-        pytest.raises(LogbookError, match="residual"),
+        pytest.raises(LogbookError, match="run-000004"),
     ):
         drawings("residual", damaged)
 

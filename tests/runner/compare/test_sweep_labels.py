@@ -96,9 +96,8 @@ def test_show_and_report_name_the_sweep(program: Program, labelled: Path) -> Non
     page = labelled / "page.html"
     command = ("report", "--database", labelled / "results.db", "-o", page)
     assert program(*command, "--tag", "calm")[0] == 0
-    head, _, body = page.read_text().partition("<main")
-    for part in (head, body):
-        assert "calm sea" in part
-        assert "; tags: thesis, calm; first look" in part
+    text = page.read_text()
+    assert "calm sea" in text
+    assert "; tags: thesis, calm; first look" in text
     assert program(*command, "--sweep", "sweep")[0] == 0
     assert "tags:" not in page.read_text()
