@@ -299,7 +299,9 @@ def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.D
                 f"one of {', '.join(PER_FILE)} of runs with several files for testing"
             )
         both = pd.concat([numbers.astype(object), of_files.astype(object)], ignore_index=True)
-        numbers = both.astype(numbers.dtypes.to_dict())
+        kinds = numbers.dtypes.to_dict().items()  # the levels of both, not of the first alone
+        own = {name: "category" if kind == "category" else kind for name, kind in kinds}
+        numbers = both.astype(own)
     return numbers
 
 
