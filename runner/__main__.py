@@ -125,7 +125,7 @@ def _main(stop: StopSignals) -> int:
         refuse_passwords(sys.argv)
         if not sys.argv[1:]:
             return _show(WELCOME)
-        if (command := COMMANDS.get(sys.argv[1])):
+        if command := COMMANDS.get(sys.argv[1]):
             session.started = True
             return command(sys.argv[2:])
         refuse_replaced(sys.argv[1:])
