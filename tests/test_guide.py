@@ -114,17 +114,11 @@ COMMANDED = {
 
 def test_the_pages_with_commands_are_found() -> None:
     known = {"README.md", "docs/published.md", "docs/explanation/plsr.md", "docs/howto/weather.md"}
-    assert known | FIRST_PAGES <= set(COMMANDED)
+    assert known <= set(COMMANDED)
 
 
-# The commands of the other pages take minutes.
-FIRST_PAGES = {"README.md"}
-
-
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=pytest.mark.slow if name in FIRST_PAGES else pytest.mark.nightly)
-    for name in COMMANDED
-])  # fmt: skip
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", COMMANDED)
 def test_commands_of_a_page(name: str, tmp_path: Path) -> None:
     """What a new user does: the commands of a page, in an empty folder."""
     if missing := check(COMMANDED[name].read_text(), Folder(tmp_path)):

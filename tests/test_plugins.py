@@ -134,7 +134,7 @@ def test_a_plug_in_that_cannot_be_imported_costs_one_line(tmp_path: Path) -> Non
     assert pie == "figure bars of pie is not used: seatrial.runner.compare.plots.bars has it"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_program_in_python_finds_the_coefficients(tmp_path: Path) -> None:
     folder = written(tmp_path)
     run(folder, "seatrial.runner", *SURGE, "identifier=fit")

@@ -46,7 +46,7 @@ finished True
 identifier: no option 'lss', did you mean ls? expected one of auto,"""
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_script_runs_in_an_empty_folder(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
     code, out, err = ended(program("script.py", folder=tmp_path))

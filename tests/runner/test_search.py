@@ -130,7 +130,7 @@ def test_a_search_stops_if_results_cannot_be_stored(
     assert seatrial(*words).code == 0
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_what_fails_or_diverges_is_infeasible(seatrial: Command, fake: Fake) -> None:
     def value(kp: float, seed: int) -> float:
         if kp > 250.0 and seed == 1:
@@ -146,8 +146,11 @@ def test_what_fails_or_diverges_is_infeasible(seatrial: Command, fake: Fake) -> 
     assert 220.0 < best <= 250.0  # the border of what is feasible
     late = [kp for kp, seed in fake.ran if seed == 0][30:]
     assert sum(40.0 <= kp <= 250.0 for kp in late) > len(late) / 2  # it has learnt the border
+
+
+def test_a_search_that_finds_nothing_feasible(seatrial: Command, fake: Fake) -> None:
     fake.value = lambda kp, seed: 1 / 0
-    answer = seatrial(*SEARCH, *SPACE, "search.trials=3", "results_dir=other")
+    answer = seatrial(*SEARCH, *SPACE, "search.trials=3")
     assert answer.code == 1
     assert "0 complete, 0 pruned, 3 infeasible" in answer.out
     assert "Traceback" not in answer.out + answer.err
@@ -262,7 +265,7 @@ def test_parameters_and_overrides(text: str, values: dict[str, Any], expected: s
     assert space.overrides(values) == [expected]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_candidates_side_by_side(tmp_path: Path) -> None:
     """A batch of candidates runs at once in workers, and another start changes nothing."""
     words = (

@@ -45,10 +45,10 @@ def test_a_trial_that_eight_processes_start_is_run_by_one(url: str, results_dir:
 
 
 def test_a_killed_writer_leaves_a_whole_logbook(url: str, results_dir: Path) -> None:
-    """Ten kills at random moments: what was reported finished is whole, and the rest resumes."""
+    """Four kills at random moments: what was reported finished is whole, and the rest resumes."""
     LogbookWriter.open(url, results_dir=results_dir).close()
     moments, reported = random.Random(1), set()
-    for _ in range(5):
+    for _ in range(2):
         pair = [Worker(workers.write_until_killed, url, results_dir, n) for n in (0, 1)]
         for worker in pair:
             worker.wait_until_it_speaks()

@@ -91,7 +91,7 @@ def test_a_run_and_its_file_are_sailed_alike(
     assert all(others == metrics[0] for others in metrics)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_workers_read_a_run_as_well(here: Path) -> None:
     words = (f"vessel=run:{FERRY}", "seed=5,6", "hydra/launcher=processes", "evaluation=none")
     code, out, err = ended(process("-m", "runner", "-m", *words, folder=here))
