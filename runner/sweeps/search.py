@@ -192,7 +192,7 @@ class SearchSweeper(sweeps.SeatrialSweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         """Search the space of the arguments; they replace an experiment's options."""
-        self.start()
+        self.session.started = True
         if find_spec("optuna") is None:
             raise ConfigurationError(
                 "hydra/sweeper=optuna is not installed: pip install 'seatrial[search]'"
