@@ -50,7 +50,7 @@ def claim(
             statement = _insert_unless_there(connection, RunRow).values(heartbeat_at=now)
             run_id = connection.execute(statement.returning(RunRow.id), row).scalar()
             if run_id is not None:  # otherwise another process was first
-                begun = RunClaim(run_id, "new", lost=len(running))
+                begun = RunClaim(run_id, "new")
         if begun is not None:
             if begun.state != "new" and sweep_id is not None:
                 _note_reuse(connection, sweep_id, [begun.run_id])

@@ -128,9 +128,7 @@ class LogbookWriter(LogbookReader):
                 connection.execute(insert(tables.PlannedRow), rows)
             return sweep_id
 
-        sweep_id = self._write(store)
-        self._remove_leftovers()
-        return sweep_id
+        return self._write(store)
 
     def end_sweep(self, sweep_id: int, planned: int | None = None) -> None:
         """Store the end of a sweep, and the number of its trials where it was not known before."""
@@ -148,7 +146,6 @@ class LogbookWriter(LogbookReader):
         hurry(self.address)
         with suppress(LogbookError):  # without a heartbeat the runs count as interrupted anyway
             self._write(partial(give_up_gone, sweep_id=sweep_id))
-            self._remove_leftovers()
 
     def reuse(self, sweep_id: int, run_ids: Sequence[int]) -> set[int]:
         """Store that a sweep takes over finished runs; returns those that are there and finished.
@@ -170,8 +167,6 @@ class LogbookWriter(LogbookReader):
             mark = files.mark(start.fingerprint, now)
             self._begun[begun.run_id] = time.monotonic(), mark
             self._heartbeat.watch(begun.run_id)
-        if begun.lost:
-            self._remove_leftovers()
         return begun
 
     def finish_run(self, run_id: int, results: Results) -> None:
@@ -251,14 +246,6 @@ class LogbookWriter(LogbookReader):
             except OSError as error:
                 raise LogbookError(f"{path}: cannot be deleted: {error.strerror}") from error
         return paths
-
-    def _remove_leftovers(self) -> None:
-        """Delete the files of interrupted runs, as far as possible."""
-        with engines.explained(self.address), self._engine.connect() as connection:
-            paths = maintenance.leftovers(connection, self.results_dir)
-        for path in paths:
-            with suppress(OSError):  # `verify` lists a file that remains
-                path.unlink(missing_ok=True)
 
     def _write_series(self, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
         if not series:

@@ -1,8 +1,7 @@
 """Maintenance of a logbook: verification, and deletion of runs and series files.
 
-Series files are removed after their rows, so that no row refers to a missing file. A program that
-is killed in between leaves orphaned files, which `verify` lists. The files of interrupted runs are
-removed when the run is marked as interrupted, and when a sweep starts.
+Series files are removed after their rows, and written before them, so that no row refers to a
+missing file. A program that is killed in between leaves an orphaned file, which `verify` lists.
 """
 
 from collections import Counter
@@ -81,30 +80,7 @@ def orphans(connection: Connection, results_dir: Path) -> list[Path]:
     alive = and_(RunRow.status == "running", ~is_stale(connection.dialect.name))
     claimed = connection.execute(select(RunRow.id, RunRow.process).where(alive))
     busy = {run_id for run_id, process in claimed if not is_gone(process)}
-    return [
-        path
-        for path in paths
-        if path.name not in known and (files.owner(path) or (None,))[0] not in busy
-    ]
-
-
-def leftovers(connection: Connection, results_dir: Path) -> list[Path]:
-    """List the files of interrupted runs, and of runs whose process has ended.
-
-    Only files with the mark of such a run are listed, so files of other logbooks are safe.
-    """
-    paths = files.listed(results_dir)
-    if not paths:
-        return []
-    lost = RunRow.status.in_(("interrupted", "running"))
-    columns = (RunRow.id, RunRow.status, RunRow.process, RunRow.fingerprint, RunRow.started_at)
-    rows = connection.execute(select(*columns).where(lost))
-    owners = {
-        (row.id, files.mark(row.fingerprint, row.started_at))
-        for row in rows
-        if row.status == "interrupted" or is_gone(row.process)
-    }
-    return [path for path in paths if files.owner(path) in owners]
+    return [path for path in paths if path.name not in known and files.owner(path) not in busy]
 
 
 def prunable(

@@ -215,7 +215,7 @@ class LogbookReader:
         """Return the series files that no row refers to, without those of running runs."""
         with engines.explained(self.address), self._engine.connect() as connection:
             paths = maintenance.orphans(connection, self.results_dir)
-        return [path for path in paths if files.owner(path)]
+        return [path for path in paths if files.owner(path) is not None]
 
     def verify(self) -> Verification:
         """Check the database, every foreign key and every series file."""

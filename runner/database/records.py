@@ -45,7 +45,6 @@ class RunClaim:
 
     run_id: int
     state: Literal["new", "finished", "busy"]
-    lost: int = 0  # earlier attempts that were marked as interrupted
 
 
 @dataclass(frozen=True)

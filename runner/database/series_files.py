@@ -33,7 +33,7 @@ else:
 FOLDER = "series"
 _KIND = re.compile(r"[a-z][a-z0-9_]*")
 # run-NUMBER-MARK.parquet; temporary: a dot before, .PID.tmp after
-_NAME = re.compile(r"\.?run-(?P<run>\d+)-(?P<mark>[0-9a-f]{12})\.parquet(?:\.\d+\.tmp)?")
+_NAME = re.compile(r"\.?run-(?P<run>\d+)-[0-9a-f]{12}\.parquet(?:\.\d+\.tmp)?")
 
 
 def mark(fingerprint: str, started_at: datetime) -> str:
@@ -42,10 +42,10 @@ def mark(fingerprint: str, started_at: datetime) -> str:
     return sha256(run.encode()).hexdigest()[:12]
 
 
-def owner(path: Path) -> tuple[int, str] | None:
-    """Return the run number and mark in the name of a file; None for any other file."""
+def owner(path: Path) -> int | None:
+    """Return the run number in the name of a file; None for any other file."""
     match = _NAME.fullmatch(path.name)
-    return (int(match["run"]), match["mark"]) if match else None
+    return int(match["run"]) if match else None
 
 
 def listed(results_dir: Path) -> list[Path]:

@@ -152,11 +152,6 @@ def compare(command: str, url: str, *arguments: str) -> str:
     return f"{results_program()} {shlex.join(words)}"
 
 
-def trial_command(arguments: Sequence[str]) -> str:
-    """Return a command line of the program that runs trials."""
-    return f"{trial_program()} {shlex.join(arguments)}"
-
-
 def _number(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
