@@ -18,11 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
-from seatrial.runner.configuration.invocation import (
-    DEFAULT_DATABASE,
-    results_program,
-    trial_program,
-)
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.vocabulary import COMBINED, ENDINGS
