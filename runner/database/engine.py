@@ -9,7 +9,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -218,6 +218,15 @@ def _use_wal(connection: sqlite3.Connection, path: Path) -> None:
             f"{path}: this file system cannot hold a SQLite logbook (journal mode {mode!r},"
             " expected 'wal'); use a local disk, or PostgreSQL"
         )
+
+
+def checkpoint(path: Path) -> None:
+    """Move the write-ahead log into the file, so that a copy of the file alone is complete.
+
+    Closing the last connection does the same, but a reader may still be open.
+    """
+    with closing(sqlite3.connect(path, timeout=1.0, isolation_level=None)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
 
 
 def _open_to_read(path: Path) -> sqlite3.Connection:

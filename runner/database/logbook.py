@@ -131,12 +131,18 @@ class LogbookWriter(LogbookReader):
         return self._write(store)
 
     def end_sweep(self, sweep_id: int, planned: int | None = None) -> None:
-        """Store the end of a sweep, and the number of its trials where it was not known before."""
+        """Store the end of a sweep; a SQLite file is then complete without its write-ahead log.
+
+        `planned` is the number of trials where it was not known before.
+        """
         values: dict[str, object] = {"finished_at": datetime.now(UTC)}
         if planned is not None:
             values["planned"] = planned
         ended = update(tables.SweepRow).where(tables.SweepRow.id == sweep_id).values(values)
         self._write(lambda connection: connection.execute(ended))
+        if self.address.path is not None:
+            with engines.explained(self.address):
+                engines.checkpoint(self.address.path)
 
     def give_up_sweep(self, sweep_id: int) -> None:
         """Mark the runs of a sweep as interrupted whose processes on this machine have ended.
