@@ -237,6 +237,7 @@ def _open_to_read(path: Path) -> sqlite3.Connection:
     is_sealed = not has_log and not os.access(path.parent, os.W_OK)
     connection = _open(path, "immutable=1" if is_sealed else "mode=ro")
     connection.execute("PRAGMA query_only = ON")
+    connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)  # ATTACH would create a file
     return connection
 
 
