@@ -43,13 +43,13 @@ from seatrial.runner.compare.where import (
 )
 from seatrial.runner.database.engine import url_of
 from seatrial.runner.database.reader import LogbookReader
-from seatrial.runner.database.records import SweepSummary
 from seatrial.runner.database.tables import (
     CoefficientRow,
     DiagnosticRow,
     MetricRow,
     PlannedRow,
     SeriesRow,
+    SweepRow,
 )
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.database.views import run_overview
@@ -543,7 +543,7 @@ def _met(text: str | None, options: pd.DataFrame) -> Sequence[bool]:
     return [*parse(text, compare).fillna(False)]
 
 
-def _matching(sweeps: list[SweepSummary], sweep: str | None, tag: str | None) -> list[SweepSummary]:
+def _matching(sweeps: list[SweepRow], sweep: str | None, tag: str | None) -> list[SweepRow]:
     """Return the sweeps with this number or name and this tag.
 
     None and `all` are any sweep. Raises ConfigurationError if there is none.
@@ -566,7 +566,7 @@ def _matching(sweeps: list[SweepSummary], sweep: str | None, tag: str | None) ->
     return chosen
 
 
-def _scope(sweeps: Sequence[SweepSummary]) -> str:
+def _scope(sweeps: Sequence[SweepRow]) -> str:
     """Return `sweep 1, 2 (name)`, or `sweep 1 (name), 2 (other)` for sweeps of several names."""
     names = {sweep.name for sweep in sweeps}
     if len(names) == 1:

@@ -18,7 +18,6 @@ from seatrial.models.ranges import NotNegativeInt, Positive, check_ranges
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.runner import database
 from seatrial.runner.database.terminal import refuse_passwords
-from seatrial.runner.record.vocabulary import GROUPS
 
 if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.control.controller import Controller
@@ -64,7 +63,7 @@ class Limits:
 class Trial:
     """One checked trial: its parts, and where its results are stored.
 
-    `names` are the options chosen for `GROUPS`; `config` is the resolved configuration of the
+    `names` are the options chosen from each group; `config` is the resolved configuration of the
     trial. Controller and evaluation are None if the node of their group is empty.
     """
 
@@ -198,26 +197,21 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     for i, node in enumerate(metrics if isinstance(metrics, list | tuple) else ()):
         _check_role(node, roles.METRIC, f"metrics[{i}]")
     settings = build_as(Settings, nodes, "")
-    parts = {name: getattr(settings, name) for name in (*GROUPS, "update", "metrics")}
+    parts = {
+        name: getattr(settings, name)
+        for name in Trial.__dataclass_fields__
+        if hasattr(settings, name)
+    }
     if roles.only_validates(settings.excitation, settings.evaluation):
         parts |= {"controller": None, "evaluation": None}
         names = {**names, "controller": "none", "evaluation": "none"}
+    parts["horizons_s"] = settings.horizons_s or ()
+    url = settings.database.url or database.engine.file_url(settings.results_dir / "results.db")
     return Trial(
         **parts,
-        sample_time_s=settings.sample_time_s,
-        integration_step_s=settings.integration_step_s,
         plant_scale=settings.plant.scale,
         plant_change=settings.plant.change,
-        limits=settings.limits,
-        horizons_s=settings.horizons_s or (),
-        deploy_unphysical=settings.deploy_unphysical,
-        model_error=settings.model_error,
-        seed=settings.seed,
-        results_dir=settings.results_dir,
-        database_url=settings.database.url
-        or database.engine.file_url(settings.results_dir / "results.db"),
-        rerun=settings.rerun,
-        sweep=settings.sweep,
+        database_url=url,
         names=names,
         config=config,
     )

@@ -22,7 +22,6 @@ _NO_KEY = re.compile(r"Could not override '(?P<key>[^']*)'")
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.*)'")
 _ALREADY = re.compile(r"An item is already at '(?P<key>[^']*)'")
 _NO_NAME = re.compile(r"null|true|false|[-+.\d].*|[\[{].*", re.IGNORECASE)
-_NOT_A_CHOICE = re.compile(r"Config group override must be")
 _NO_VARIABLE = re.compile(r"Environment variable '(?P<name>[^']*)' not found")
 _NOISE = re.compile(r"^\s*(See https?:|Set the environment variable|object_type=|full_key:)")
 
@@ -53,8 +52,11 @@ def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
         return f"{match['override']}: several values, expected one (a sweep needs -m)"
     if match := _ALREADY.search(text):
         return f"+{match['key']}: the option exists already, write {match['key']}=..."
-    if _NOT_A_CHOICE.match(text):
-        return _not_a_choice(overrides) or text
+    if text.startswith("Config group override must be"):  # a name, such as null
+        for group, _, value in (override.partition("=") for override in overrides):
+            if _NO_NAME.fullmatch(value) and (known := options(group)):
+                return f"{group}: got {value}, expected one of {', '.join(known)}"
+        return text
     if match := _NO_VARIABLE.search(text):
         return f"{key}: the environment variable {match['name']} is not set"
     line = _joined(text)
@@ -64,13 +66,9 @@ def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
 
 
 def _joined(text: str) -> str:
-    lines = []
-    for line in text.splitlines():
-        if "Config search path" in line:
-            break
-        if line.strip() and not _NOISE.match(line):
-            lines.append(line.strip())
-    return " ".join(lines) or "unknown error"
+    """Return the lines that say something, up to the list of folders that were searched."""
+    lines = map(str.strip, text.partition("Config search path")[0].splitlines())
+    return " ".join(line for line in lines if line and not _NOISE.match(line)) or "unknown error"
 
 
 def _missing_config(error: MissingConfigException) -> str:
@@ -90,16 +88,6 @@ def _missing_config(error: MissingConfigException) -> str:
         f"{match['group']}: no option {match['option']!r}, "
         f"{hint}expected {'one of ' + ', '.join(known) if known else 'none: there are none'}"
     )
-
-
-def _not_a_choice(overrides: Sequence[str]) -> str | None:
-    """Return a message if the value of a group is not a name, e.g. null."""
-    for override in overrides:
-        group, _, value = override.partition("=")
-        known = options(group)
-        if known and _NO_NAME.fullmatch(value):
-            return f"{group}: got {value}, expected one of {', '.join(known)}"
-    return None
 
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:

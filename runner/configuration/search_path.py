@@ -10,7 +10,7 @@ An option is taken from the first of these folders that has it:
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
 
@@ -77,8 +77,12 @@ def is_group(name: str) -> bool:
 
 def hidden() -> Iterator[str]:
     """Yield a warning for each folder with files that an earlier folder has as well."""
-    for folder, before in _with_earlier():
-        names = [path.as_posix() for path in _files(folder) if _differs(folder, before, path)]
+    for folder, own in _owned():
+        names = [
+            path.as_posix()
+            for path, first in own.items()
+            if first is not None and first.read_bytes() != (folder / path).read_bytes()
+        ]
         if names:
             more = f" and {len(names) - NAMED} more" if names[NAMED:] else ""
             yield (
@@ -89,35 +93,27 @@ def hidden() -> Iterator[str]:
 
 def listing() -> str:
     """Return the user's folders with the options that they add, for the help."""
-    lines = [f"  {_shown(folder)}: {_added(folder, before)}" for folder, before in _with_earlier()]
+    lines = []
+    for folder, own in _owned():
+        new = [path.with_suffix("") for path, first in own.items() if first is None]
+        names = [f"{path.parent.as_posix()}={path.name}" for path in new if path.parent.name]
+        lines.append(f"  {_shown(folder)}: {', '.join(names) or 'no options'}")
     return "\n".join(["Folders of your own:", *lines]) if lines else NONE
 
 
-def _with_earlier() -> Iterator[tuple[Path, list[Path]]]:
-    """Yield the user's folders, each with those that are searched before it."""
+def _owned() -> Iterator[tuple[Path, dict[Path, Path | None]]]:
+    """Yield the user's folders with their files, each with that of an earlier folder, if any."""
     folders = [CONF, *user_folders()]
-    return ((folder, folders[:i]) for i, folder in enumerate(folders) if i)
-
-
-def _files(folder: Path) -> list[Path]:
-    """Return the files of a folder, relative to it."""
-    return sorted(path.relative_to(folder) for path in folder.glob("**/*.yaml"))
-
-
-def _differs(folder: Path, before: Sequence[Path], path: Path) -> bool:
-    """Whether an earlier folder has another file of this name."""
-    files = (earlier / path for earlier in before)
-    content = (folder / path).read_bytes()
-    return any(file.is_file() and file.read_bytes() != content for file in files)
-
-
-def _added(folder: Path, before: Sequence[Path]) -> str:
-    new = (
-        path.with_suffix("")
-        for path in _files(folder)
-        if path.parent.name and not any((earlier / path).is_file() for earlier in before)
-    )
-    return ", ".join(f"{path.parent.as_posix()}={path.name}" for path in new) or "no options"
+    for i, folder in enumerate(folders[1:], start=1):
+        own = sorted(path.relative_to(folder) for path in folder.glob("**/*.yaml"))
+        firsts = ((earlier / path for earlier in folders[:i]) for path in own)
+        yield (
+            folder,
+            {
+                path: next(filter(Path.is_file, first), None)
+                for path, first in zip(own, firsts, strict=True)
+            },
+        )
 
 
 def _shown(folder: Path) -> str:

@@ -9,34 +9,18 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from seatrial.runner.database import engine as engine
     from seatrial.runner.database import outage as outage
-    from seatrial.runner.database import records as records
     from seatrial.runner.database import schema as schema
     from seatrial.runner.database import tables as tables
     from seatrial.runner.database.logbook import LogbookWriter as LogbookWriter
     from seatrial.runner.database.reader import LogbookReader as LogbookReader
-    from seatrial.runner.database.records import Answer as Answer
-    from seatrial.runner.database.records import LogbookDefect as LogbookDefect
-    from seatrial.runner.database.records import PruneResult as PruneResult
-    from seatrial.runner.database.records import RunClaim as RunClaim
     from seatrial.runner.database.records import RunDetail as RunDetail
     from seatrial.runner.database.records import RunStart as RunStart
     from seatrial.runner.database.records import RunSummary as RunSummary
-    from seatrial.runner.database.records import SeriesFile as SeriesFile
-    from seatrial.runner.database.records import SweepStatus as SweepStatus
-    from seatrial.runner.database.records import SweepSummary as SweepSummary
-    from seatrial.runner.database.records import Verification as Verification
 else:
     import lazy_loader
 
+    names = {"logbook": ["LogbookWriter"], "reader": ["LogbookReader"]}
+    names["records"] = ["RunDetail", "RunStart", "RunSummary"]
     __getattr__, __dir__, __all__ = lazy_loader.attach(
-        __name__,
-        ["engine", "outage", "records", "schema", "tables"],
-        {
-            "logbook": ["LogbookWriter"],
-            "reader": ["LogbookReader"],
-            "records": [
-                *("Answer", "LogbookDefect", "PruneResult", "RunClaim", "RunDetail", "RunStart"),
-                *("RunSummary", "SeriesFile", "SweepStatus", "SweepSummary", "Verification"),
-            ],
-        },
+        __name__, ["engine", "outage", "schema", "tables"], names
     )

@@ -10,7 +10,7 @@ import os
 import socket
 from collections.abc import Sequence
 from datetime import datetime
-from typing import NamedTuple
+from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Insert, select, update
 from sqlalchemy.dialects import sqlite
@@ -25,22 +25,9 @@ from seatrial.runner.database.liveness import (
 )
 from seatrial.runner.database.records import RunClaim, RunStart, plain
 from seatrial.runner.database.tables import Base, Reuse, RunRow
-from seatrial.runner.record.vocabulary import GROUPS
 
 _TRIES = 10  # a try fails only if another process changed the rows at the same time
-
-
-class _Attempt(NamedTuple):
-    """The columns of an attempt at a trial that decide whether it counts."""
-
-    id: int
-    number: int
-    status: str
-    process: str | None
-    host: str
-    pid: int
-    started_at: datetime
-    stale: bool  # its heartbeat
+_CHUNK = 500  # databases limit the variables of a query
 
 
 def claim(
@@ -53,16 +40,17 @@ def claim(
     """
     for _ in range(_TRIES):
         attempts = _attempts(connection, RunRow.fingerprint == start.fingerprint)
-        begun = _own(attempts, moment) or _existing(attempts, rerun)
+        begun = _existing(attempts, rerun, moment)
         running = [run for run in attempts if run.status == "running"]
         # They are lost, unless one has ended or is alive after all.
         if begun is None and all(_is_given_up(connection, run) for run in running):
-            attempt = 1 + max((run.number for run in attempts), default=0)
+            attempt = 1 + max((run.attempt for run in attempts), default=0)
             row = _row(start, sweep_id, attempt, moment)
-            statement = _insert_unless_there(connection, RunRow).values(heartbeat_at=database_now())
+            now = database_now(connection.dialect.name)
+            statement = _insert_unless_there(connection, RunRow).values(heartbeat_at=now)
             run_id = connection.execute(statement.returning(RunRow.id), row).scalar()
             if run_id is not None:  # otherwise another process was first
-                begun = RunClaim(run_id, "new", lost=len(running))
+                begun = RunClaim(run_id, "new")
         if begun is not None:
             if begun.state != "new" and sweep_id is not None:
                 _note_reuse(connection, sweep_id, [begun.run_id])
@@ -88,46 +76,36 @@ def give_up_gone(connection: Connection, sweep_id: int) -> None:
             _is_given_up(connection, run)
 
 
-def _attempts(connection: Connection, *where: ColumnElement[bool]) -> list[_Attempt]:
-    stale = is_stale(RunRow.heartbeat_at)
-    columns = (
-        RunRow.id,
-        RunRow.attempt,
-        RunRow.status,
-        RunRow.process,
-        RunRow.host,
-        RunRow.pid,
-        RunRow.started_at,
-    )
-    rows = connection.execute(select(*columns, stale).where(*where).order_by(RunRow.attempt)).all()
-    return [_Attempt(*row) for row in rows]
+def _attempts(connection: Connection, *where: ColumnElement[bool]) -> Sequence[Any]:
+    """Read the columns that decide whether an attempt counts, in the order of attempts."""
+    names = ("id", "attempt", "status", "process", "host", "pid", "started_at")
+    columns = [RunRow.__table__.c[name] for name in names]
+    stale = is_stale(connection.dialect.name).label("stale")
+    return connection.execute(select(*columns, stale).where(*where).order_by(RunRow.attempt)).all()
 
 
-def _own(attempts: Sequence[_Attempt], moment: datetime) -> RunClaim | None:
-    own = (socket.gethostname(), os.getpid(), moment, "running")
-    for run in attempts:
-        if (run.host, run.pid, run.started_at, run.status) == own:
+def _existing(attempts: Sequence[Any], rerun: bool, moment: datetime) -> RunClaim | None:
+    """Return the run of the trial that is ours already, finished or running, if there is one."""
+    own = (socket.gethostname(), os.getpid(), moment)
+    running = [run for run in attempts if run.status == "running"]
+    for run in running:
+        if (run.host, run.pid, run.started_at) == own:
             return RunClaim(run.id, "new")
-    return None
-
-
-def _existing(attempts: Sequence[_Attempt], rerun: bool) -> RunClaim | None:
-    """Return the finished or running run of the trial, if there is one."""
     finished = [run.id for run in attempts if run.status == "finished"]
     if finished and not rerun:
         return RunClaim(finished[-1], "finished")
-    for run in attempts:
-        if run.status == "running" and not (run.stale or is_gone(run.process)):
+    for run in running:
+        if not (run.stale or is_gone(run.process)):
             return RunClaim(run.id, "busy")
     return None
 
 
-def _is_given_up(connection: Connection, run: _Attempt) -> bool:
+def _is_given_up(connection: Connection, run: Any) -> bool:
     process = f"process {run.pid} on {run.host}"
     if is_gone(run.process):
         return give_up(connection, run.id, f"{process} has ended")
     reason = f"{process} had no heartbeat for {STALE_AFTER_S:.0f} s"
-    return give_up(connection, run.id, reason, is_stale(RunRow.heartbeat_at))
+    return give_up(connection, run.id, reason, is_stale(connection.dialect.name))
 
 
 def _insert_unless_there(connection: Connection, table: type[Base]) -> Insert:
@@ -142,22 +120,13 @@ def _insert_unless_there(connection: Connection, table: type[Base]) -> Insert:
 def _row(
     start: RunStart, sweep_id: int | None, attempt: int, moment: datetime
 ) -> dict[str, object]:
+    """Return the row of a run; the fields of `RunStart` are columns of the table."""
     pid = os.getpid()
     return {
+        **{name: plain(value) for name, value in vars(start).items()},
         "sweep_id": sweep_id,
-        "fingerprint": start.fingerprint,
         "attempt": attempt,
         "status": "running",
-        **{name: getattr(start, name) for name in GROUPS},
-        "seed": int(start.seed),
-        "config": plain(start.config),
-        "overrides": plain(start.overrides),
-        "git_commit": start.git_commit,
-        "git_dirty": start.git_dirty,
-        "versions": plain(start.versions),
-        "command": plain(start.command),
-        "code": start.code,
-        "experiment": start.experiment,
         "host": socket.gethostname(),
         "pid": pid,
         "started_at": moment,
@@ -168,11 +137,10 @@ def _row(
 def reuse(connection: Connection, sweep_id: int, run_ids: Sequence[int]) -> set[int]:
     """Store that a sweep takes over runs; returns those that are there and finished."""
     present: set[int] = set()
-    for start in range(0, len(run_ids), 500):  # databases limit the variables of a query
-        part = RunRow.id.in_(run_ids[start : start + 500])
-        present |= set(
-            connection.execute(select(RunRow.id).where(part, RunRow.status == "finished")).scalars()
-        )
+    for start in range(0, len(run_ids), _CHUNK):
+        part = RunRow.id.in_(run_ids[start : start + _CHUNK])
+        finished = select(RunRow.id).where(part, RunRow.status == "finished")
+        present |= set(connection.scalars(finished))
     _note_reuse(connection, sweep_id, sorted(present))
     return present
 

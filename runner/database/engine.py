@@ -30,7 +30,6 @@ from sqlalchemy.pool import QueuePool
 from tenacity import retry, retry_if_exception_message, stop_after_delay, wait_fixed
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database.checked_rows import DamagedCellError
 from seatrial.runner.database.terminal import refuse_passwords
 
 ENVIRONMENT = "SEATRIAL_DATABASE"  # variable with an address, which may hold a password
@@ -42,6 +41,11 @@ class Address:
 
     url: URL
     path: Path | None
+
+    @property
+    def dialect(self) -> str:
+        """`sqlite` or `postgresql`."""
+        return "postgresql" if self.path is None else "sqlite"
 
     @property
     def sqlite(self) -> bool:
@@ -130,7 +134,7 @@ def reader(address: Address) -> Engine:
     """Create an engine whose connections the database itself makes read-only."""
     if address.path is None:
         return _postgresql(address, read_only=True)
-    return _sqlite(partial(open_to_read, address.path), "BEGIN")
+    return _sqlite(partial(_open_to_read, address.path), "BEGIN")
 
 
 @contextmanager
@@ -144,11 +148,9 @@ def explained(address: Address) -> Iterator[None]:
         yield
     except (DataError, IntegrityError, NotSupportedError):
         raise
-    except ProgrammingError as error:
-        if "permission denied" not in str(error.orig):
+    except (DBAPIError, sqlite3.Error) as error:
+        if isinstance(error, ProgrammingError) and "permission denied" not in str(error.orig):
             raise
-        raise LogbookError(f"{address}: {one_line(error)}") from error
-    except (DBAPIError, sqlite3.Error, DamagedCellError) as error:
         raise LogbookError(f"{address}: {one_line(error)}") from error
 
 
@@ -179,36 +181,26 @@ def _release_locks(engine: Engine) -> None:
     connection that is closed under a statement and keeps its lock until the statement is collected;
     a session that goes on would wait for it.
     """
-    opened: set[DBAPIConnection] = set()
+    opened: list[DBAPIConnection] = []
 
-    def end_transaction(connection: DBAPIConnection) -> None:
-        with suppress(engine.dialect.loaded_dbapi.Error):  # the server is gone
+    def end_transaction(connection: DBAPIConnection, _: object = None) -> None:
+        with suppress(engine.dialect.loaded_dbapi.Error):  # closed, or the server is gone
             connection.rollback()
 
-    @event.listens_for(engine, "connect")
-    def _opened(connection: DBAPIConnection, _: object) -> None:
-        opened.add(connection)
-
-    @event.listens_for(engine, "close")
-    def _closed(connection: DBAPIConnection, _: object) -> None:
-        opened.discard(connection)
-        end_transaction(connection)
-
-    @event.listens_for(engine, "engine_disposed")
-    def _disposed(_: Engine) -> None:
-        for connection in opened:
-            end_transaction(connection)
+    event.listen(engine, "connect", lambda connection, _: opened.append(connection))
+    event.listen(engine, "close", end_transaction)
+    event.listen(engine, "engine_disposed", lambda _: [*map(end_transaction, opened)])
 
 
 def _open_to_write(path: Path, create: bool) -> sqlite3.Connection:
-    connection = _open_uri(path, "mode=rwc" if create else "mode=rw")
+    connection = _open(path, "mode=rwc" if create else "mode=rw")
     try:
         _use_wal(connection, path)
-        connection.execute("PRAGMA synchronous = NORMAL")
-        connection.execute("PRAGMA foreign_keys = ON")
     except BaseException:
         connection.close()
         raise
+    connection.execute("PRAGMA synchronous = NORMAL")
+    connection.execute("PRAGMA foreign_keys = ON")
     return connection
 
 
@@ -229,41 +221,27 @@ def _use_wal(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def checkpoint(path: Path) -> None:
-    """Move the write-ahead log into the file, so that a copy of the file is complete.
+    """Move the write-ahead log into the file, so that a copy of the file alone is complete.
 
-    Closing the last connection does the same, but a reader may still be open. If a query is running
-    or another process writes, the log remains.
+    Closing the last connection does the same, but a reader may still be open.
     """
     with closing(sqlite3.connect(path, timeout=1.0, isolation_level=None)) as connection:
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
 
 
-def open_to_read(path: Path) -> sqlite3.Connection:
+def _open_to_read(path: Path) -> sqlite3.Connection:
     """Open a read-only connection, also if the folder cannot be written."""
-    try:
-        return _open_read_only(path, "mode=ro")
-    except sqlite3.OperationalError:
-        # A reader of a WAL file creates a file beside it. If the folder is read-only and there is
-        # no log, no process can be writing, and the file may be opened as immutable.
-        log = path.with_name(path.name + "-wal")
-        if os.access(path.parent, os.W_OK) or (log.exists() and log.stat().st_size > 0):
-            raise
-        return _open_read_only(path, "immutable=1")
-
-
-def _open_read_only(path: Path, option: str) -> sqlite3.Connection:
-    connection = _open_uri(path, option)
-    try:
-        connection.execute("PRAGMA query_only = ON")
-        with closing(connection.execute("SELECT count(*) FROM sqlite_master")) as rows:
-            rows.fetchone()  # SQLite opens the file at the first query
-    except BaseException:
-        connection.close()
-        raise
+    # A reader of a WAL file creates a file beside it. If the folder is read-only and there is no
+    # log, no process is writing, and the file may be opened as immutable.
+    has_log = path.with_name(path.name + "-wal").exists()
+    is_sealed = not has_log and not os.access(path.parent, os.W_OK)
+    connection = _open(path, "immutable=1" if is_sealed else "mode=ro")
+    connection.execute("PRAGMA query_only = ON")
+    connection.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)  # ATTACH would create a file
     return connection
 
 
-def _open_uri(path: Path, option: str) -> sqlite3.Connection:
+def _open(path: Path, option: str) -> sqlite3.Connection:
     # isolation_level None: the BEGIN of the sqlite3 module is too late, and deferred.
     return sqlite3.connect(
         f"file:{quote(os.fsencode(path))}?{option}",

@@ -3,17 +3,15 @@
 Slow to import, because pyarrow is.
 """
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
 from pyarrow import csv, parquet
-from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, select
+from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, Text, cast, select
 from sqlalchemy.types import TypeEngine
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database.checked_rows import read
 from seatrial.runner.database.tables import Base, Utc
 
 FORMATS = ("parquet", "csv")
@@ -60,22 +58,12 @@ def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
 
 
 def _batches(connection: Connection, table: Table, schema: pa.Schema) -> Iterator[pa.Table]:
-    statement = select(table).order_by(*table.primary_key)
-    for rows in read(connection, statement, _BATCH):
-        arrays = [
-            pa.array(_texts(column.type, values), field.type)
-            for column, field, values in zip(
-                table.columns, schema, zip(*rows, strict=True), strict=True
-            )
-        ]
+    texts = [cast(each, Text) if isinstance(each.type, JSON) else each for each in table.columns]
+    statement = select(*texts).order_by(*table.primary_key).execution_options(yield_per=_BATCH)
+    for rows in connection.execute(statement).partitions():
+        columns = zip(schema, zip(*rows, strict=True), strict=True)
+        arrays = [pa.array(values, field.type) for field, values in columns]
         yield pa.Table.from_arrays(arrays, schema=schema)
-
-
-def _texts(column: TypeEngine[object], values: Sequence[object]) -> Sequence[object]:
-    """Convert JSON values to text."""
-    if not isinstance(column, JSON):
-        return values
-    return [None if value is None else json.dumps(value, ensure_ascii=False) for value in values]
 
 
 def _arrow(column: TypeEngine[object]) -> pa.DataType:

@@ -11,12 +11,8 @@ from functools import cache
 from pathlib import Path
 from threading import Event, Lock, Thread
 
-from sqlalchemy import Engine, update
+from sqlalchemy import Boolean, ColumnElement, DateTime, Engine, literal_column, update
 from sqlalchemy.exc import SQLAlchemyError
-from sqlalchemy.ext.compiler import compiles
-from sqlalchemy.sql.compiler import SQLCompiler
-from sqlalchemy.sql.functions import FunctionElement
-from sqlalchemy.types import Boolean, DateTime
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database.engine import Address, one_line
@@ -25,35 +21,21 @@ from seatrial.runner.database.tables import RunRow
 
 HEARTBEAT_S = 5.0
 STALE_AFTER_S = 60.0
+# The time of the database's clock, UTC without a zone.
+_CLOCKS = {
+    "sqlite": "strftime('%Y-%m-%d %H:%M:%f000', 'now')",
+    "postgresql": "timezone('utc', clock_timestamp())",
+}
 
 
-class database_now(FunctionElement[datetime]):  # noqa: N801 - named as an SQL function
+def database_now(dialect: str) -> ColumnElement[datetime]:
     """The time of the database's clock, UTC without a zone."""
-
-    type = DateTime()
-    inherit_cache = True
+    return literal_column(_CLOCKS[dialect], DateTime())
 
 
-@compiles(database_now, "sqlite")
-def _sqlite_now(element: database_now, compiler: SQLCompiler, **_: object) -> str:
-    return "strftime('%Y-%m-%d %H:%M:%f000', 'now')"
-
-
-@compiles(database_now, "postgresql")
-def _postgresql_now(element: database_now, compiler: SQLCompiler, **_: object) -> str:
-    return "timezone('utc', clock_timestamp())"
-
-
-class is_stale(FunctionElement[bool]):  # noqa: N801
-    """Whether a heartbeat column is NULL, or differs by STALE_AFTER_S from the database's clock."""
-
-    type = Boolean()
-    inherit_cache = True
-
-
-@compiles(is_stale)
-def _is_stale(element: is_stale, compiler: SQLCompiler, **options: object) -> str:
-    return stale(compiler.process(element.clauses, **options), compiler.dialect.name)
+def is_stale(dialect: str) -> ColumnElement[bool]:
+    """Whether the heartbeat of a row of `run` is stale."""
+    return literal_column(stale("run.heartbeat_at", dialect), Boolean())
 
 
 def stale(column: str, dialect: str) -> str:
@@ -67,7 +49,7 @@ def stale(column: str, dialect: str) -> str:
     if dialect == "sqlite":
         past, future = (f"strftime('%Y-%m-%d %H:%M:%f000', 'now', '{s}{patience}')" for s in "-+")
         return f"({column} IS NULL OR {column} < {past} OR {column} > {future})"
-    now, interval = "timezone('utc', clock_timestamp())", f"interval '{patience}'"
+    now, interval = _CLOCKS[dialect], f"interval '{patience}'"
     restart = "timezone('utc', pg_postmaster_start_time())"
     restarted = f"{restart} > {now} - {interval} AND {column} > {restart} - 2 * {interval}"
     expired = f"{column} < {now} - {interval} AND NOT ({restarted})"
@@ -79,10 +61,9 @@ def _machine() -> str | None:
     """Identify this boot of this machine and this container; None if that is not possible."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-        namespace = Path("/proc/self/ns/pid").readlink()
+        return f"{boot}/{Path('/proc/self/ns/pid').readlink()}"
     except OSError:
         return None
-    return f"{boot}/{namespace}"
 
 
 def _state(pid: str) -> tuple[str, str] | None:
@@ -156,7 +137,8 @@ class Heartbeat:
 
         def beat() -> None:
             with self._engine.begin() as connection:
-                connection.execute(alive.values(heartbeat_at=database_now()))
+                now = database_now(self._address.dialect)
+                connection.execute(alive.values(heartbeat_at=now))
 
         try:
             repeated(self._address, beat)

@@ -1,6 +1,6 @@
 """The logbook, opened for writing: the start and end of sweeps and runs, and their results.
 
-with Logbook.open("sqlite:///results/results.db", results_dir=Path("results")) as logbook:
+with LogbookWriter.open("sqlite:///results/results.db", results_dir=Path("results")) as logbook:
     begun = logbook.begin_run(start)
     if begun.state == "new":
         logbook.finish_run(begun.run_id, Results(metrics=[...]))
@@ -9,8 +9,8 @@ with Logbook.open("sqlite:///results/results.db", results_dir=Path("results")) a
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from datetime import UTC, datetime
 from functools import partial
@@ -52,7 +52,8 @@ class LogbookWriter(LogbookReader):
         super().__init__(address, engines.reader(address), results_dir)
         self._writer: Engine = engines.writer(address)
         self._heartbeat = Heartbeat(self._writer, address)
-        self._began: dict[int, float] = {}  # run: time.monotonic() at its start
+        # Runs that have not ended: time.monotonic() at their start, and the mark of their files.
+        self._begun: dict[int, tuple[float, str]] = {}
 
     @classmethod
     def open(cls, url: str | URL, *, results_dir: Path, create: bool = True) -> "LogbookWriter":
@@ -62,31 +63,24 @@ class LogbookWriter(LogbookReader):
         another schema, is damaged or cannot be reached.
         """
         address = parse(url)
-        schema.prepare(address, create=create, results_dir=results_dir)
+        schema.prepare(address, create=create)
         return cls(address, results_dir.absolute())
 
     def close(self) -> None:
         """Mark the runs that have not ended as interrupted, and close every connection."""
-        if self._began:
+        if self._begun:
             hurry(self.address)
         self._heartbeat.stop()
         super().close()
         self._writer.dispose()  # ends a transaction that Ctrl-C left open
         try:
-            if self._began:
-                with self._writing() as connection:
-                    for run_id in self._began:
-                        give_up(connection, run_id, "the program ended before the run did")
-        except LogbookError:
-            pass  # without a heartbeat the runs count as interrupted anyway
+            with suppress(LogbookError):  # without a heartbeat they count as interrupted anyway
+                for run_id in self._begun:
+                    reason = "the program ended before the run did"
+                    self._write(partial(give_up, run_id=run_id, reason=reason))
         finally:
-            self._began.clear()
+            self._begun.clear()
             self._writer.dispose()  # last: the last writer of a SQLite file removes its log
-
-    @contextmanager
-    def _writing(self) -> Iterator[Connection]:
-        with engines.explained(self.address), self._writer.begin() as connection:
-            yield connection
 
     def _write(self, task: Callable[[Connection], T]) -> T:
         """Run `task` in one transaction; repeat it if the connection to the server is lost."""
@@ -113,21 +107,28 @@ class LogbookWriter(LogbookReader):
 
         `trials` are their rows of the table `planned`, where they are known before.
         """
-        row = {
-            "name": plain(name),
-            "command": plain(command),
-            "overrides": plain(list(overrides)),
-            "planned": planned,
-            "tags": plain(tags),
-            "note": plain(note),
-            "started_at": datetime.now(UTC),
-            "host": socket.gethostname(),
-            "pid": os.getpid(),
-        }
-        rows = [{**trial, "overrides": plain(trial["overrides"])} for trial in trials]
-        sweep_id = self._write(partial(_insert_sweep, row=row, trials=rows))
-        self._remove_leftovers()
-        return sweep_id
+        own = {"host": socket.gethostname(), "pid": os.getpid(), "started_at": datetime.now(UTC)}
+        texts = {"name": name, "command": command, "overrides": overrides, "note": note}
+        row = {"planned": planned, "tags": plain(tags), **own}
+        row |= {key: plain(value) for key, value in texts.items()}
+        sweep = tables.SweepRow
+
+        def store(connection: Connection) -> int:
+            same = [getattr(sweep, key) == value for key, value in own.items()]
+            stored = connection.scalar(select(sweep.id).where(*same))
+            if stored is not None:  # the reply to an earlier insert was lost
+                return stored
+            query = insert(sweep).values(row).returning(sweep.id)
+            sweep_id = connection.execute(query).scalar_one()
+            if trials:
+                rows = [
+                    {**trial, "overrides": plain(trial["overrides"]), "sweep_id": sweep_id}
+                    for trial in trials
+                ]
+                connection.execute(insert(tables.PlannedRow), rows)
+            return sweep_id
+
+        return self._write(store)
 
     def end_sweep(self, sweep_id: int, planned: int | None = None) -> None:
         """Store the end of a sweep; a SQLite file is then complete without its write-ahead log.
@@ -150,9 +151,7 @@ class LogbookWriter(LogbookReader):
         """
         hurry(self.address)
         with suppress(LogbookError):  # without a heartbeat the runs count as interrupted anyway
-            with self._writing() as connection:
-                give_up_gone(connection, sweep_id)
-            self._remove_leftovers()
+            self._write(partial(give_up_gone, sweep_id=sweep_id))
 
     def reuse(self, sweep_id: int, run_ids: Sequence[int]) -> set[int]:
         """Store that a sweep takes over finished runs; returns those that are there and finished.
@@ -171,47 +170,17 @@ class LogbookWriter(LogbookReader):
         now = datetime.now(UTC)
         begun = self._write(partial(claim, start=start, sweep_id=sweep_id, rerun=rerun, moment=now))
         if begun.state == "new":
-            self._began[begun.run_id] = time.monotonic()
+            mark = files.mark(start.fingerprint, now)
+            self._begun[begun.run_id] = time.monotonic(), mark
             self._heartbeat.watch(begun.run_id)
-        if begun.lost:
-            self._remove_leftovers()
         return begun
 
-    def finish_run(
-        self,
-        run_id: int,
-        results: Results,
-        status: Ending = "finished",
-        *,
-        error_type: str | None = None,
-        error: str | None = None,
-        traceback: str | None = None,
-    ) -> None:
+    def finish_run(self, run_id: int, results: Results) -> None:
         """End a run: write its series file, then its rows and its status in one transaction.
 
         Raises LogbookError, and does not change the run, if the results cannot be stored.
         """
-        written = self._write_series(run_id, results.series)
-        began_s = self._began.get(run_id)
-        ending = {
-            "status": status,
-            "error_type": error_type,
-            "error": plain(error),
-            "traceback": plain(traceback),
-            "note": plain(results.note),
-            "drawn": None if results.drawn is None else list(results.drawn),
-            "finished_at": datetime.now(UTC),
-            "duration_s": None if began_s is None else time.monotonic() - began_s,
-        }
-        try:
-            self._write(
-                partial(self._end, run_id=run_id, ending=ending, results=results, written=written)
-            )
-        except BaseException:
-            files.discard(self.results_dir, written)
-            raise
-        self._heartbeat.forget(run_id)
-        self._began.pop(run_id, None)
+        self._end_run(run_id, "finished", results, {})
 
     def fail_run(
         self,
@@ -223,18 +192,50 @@ class LogbookWriter(LogbookReader):
         results: Results | None = None,
     ) -> None:
         """End a run that failed or diverged, with the results that are valid."""
-        self.finish_run(
-            run_id,
-            results or Results(),
-            status,
-            error_type=error_type,
-            error=error,
-            traceback=traceback,
-        )
+        cause = {"error_type": error_type, "error": plain(error), "traceback": plain(traceback)}
+        self._end_run(run_id, status, results or Results(), cause)
+
+    def _end_run(
+        self, run_id: int, status: Ending, results: Results, cause: Mapping[str, object]
+    ) -> None:
+        begun = self._begun.get(run_id)
+        ending = {
+            "status": status,
+            **cause,
+            "note": plain(results.note),
+            "drawn": None if results.drawn is None else list(results.drawn),
+            "finished_at": datetime.now(UTC),
+            "duration_s": None if begun is None else time.monotonic() - begun[0],
+        }
+        written = self._write_series(run_id, results.series)
+        run = tables.RunRow
+
+        def end(connection: Connection) -> None:
+            running = update(run).where(run.id == run_id, run.status == "running")
+            if connection.execute(running, ending).rowcount == 1:
+                _insert_results(connection, run_id, results, written)
+                return
+            query = select(run.status, run.finished_at).where(run.id == run_id)
+            stored = connection.execute(query).one_or_none()
+            if stored is None or tuple(stored) != (status, ending["finished_at"]):
+                raise LogbookError(
+                    f"{self.address}: run {run_id} cannot be ended: it is"
+                    f" {stored.status if stored else 'missing'}, expected running"
+                )
+
+        try:
+            self._write(end)
+        except BaseException:
+            if written:
+                with suppress(OSError):  # `verify` lists a file that remains
+                    files.locate(self.results_dir, written[0].path).unlink(missing_ok=True)
+            raise
+        self._heartbeat.forget(run_id)
+        self._begun.pop(run_id, None)
 
     def prune(self, run_ids: Sequence[int]) -> PruneResult:
         """Delete runs with their rows, then their files; running runs are not deleted."""
-        with self._writing() as connection:
+        with engines.explained(self.address), self._writer.begin() as connection:
             deleted, paths = maintenance.delete_runs(connection, run_ids)
         failures = maintenance.remove(self.results_dir, paths)
         return PruneResult(deleted, len(paths) - len(failures), failures)
@@ -252,66 +253,14 @@ class LogbookWriter(LogbookReader):
                 raise LogbookError(f"{path}: cannot be deleted: {error.strerror}") from error
         return paths
 
-    def _remove_leftovers(self) -> None:
-        """Delete the files of interrupted runs, as far as possible."""
-        with self._reading() as connection:
-            paths = maintenance.leftovers(connection, self.results_dir)
-        for path in paths:
-            with suppress(OSError):  # `verify` lists a file that remains
-                path.unlink(missing_ok=True)
-
     def _write_series(self, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
         if not series:
             return []
-        run = tables.RunRow
-        columns = select(run.fingerprint, run.attempt, run.started_at)
-        rows = self.select(columns.where(run.id == run_id))
-        if not rows:
-            raise LogbookError(f"{self.address}: there is no run {run_id}")
-        (row,) = rows
-        run_mark = files.mark(*row)
-        return files.write(self.results_dir, run_id, run_mark, series)
-
-    def _end(
-        self,
-        connection: Connection,
-        run_id: int,
-        ending: Mapping[str, object],
-        results: Results,
-        written: Sequence[SeriesFile],
-    ) -> None:
-        run = tables.RunRow
-        running = (run.id == run_id, run.status == "running")
-        if connection.execute(update(run).where(*running), ending).rowcount == 1:
-            _insert_results(connection, run_id, results, written)
-            return
-        stored = connection.execute(
-            select(run.status, run.finished_at).where(run.id == run_id)
-        ).one_or_none()
-        if stored is None or (stored.status, stored.finished_at) != (
-            ending["status"],
-            ending["finished_at"],
-        ):
+        if run_id not in self._begun:
             raise LogbookError(
-                f"{self.address}: run {run_id} cannot be ended: it is"
-                f" {stored.status if stored else 'missing'}, expected running"
+                f"{self.address}: run {run_id} cannot be ended: it is not running here"
             )
-
-
-def _insert_sweep(
-    connection: Connection, row: Mapping[str, object], trials: Sequence[Mapping[str, object]]
-) -> int:
-    """Insert a sweep and return its id, also if the reply to an earlier insert was lost."""
-    same = [getattr(tables.SweepRow, name) == row[name] for name in ("host", "pid", "started_at")]
-    sweep_id = connection.scalar(select(tables.SweepRow.id).where(*same))
-    if sweep_id is not None:
-        return sweep_id
-    key = connection.execute(insert(tables.SweepRow).values(row)).inserted_primary_key
-    assert key is not None
-    if trials:
-        planned = [{**trial, "sweep_id": key[0]} for trial in trials]
-        connection.execute(insert(tables.PlannedRow), planned)
-    return int(key[0])
+        return files.write(self.results_dir, run_id, self._begun[run_id][1], series)
 
 
 def _insert_results(

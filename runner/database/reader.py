@@ -1,10 +1,8 @@
 """Queries of a logbook over a read-only connection."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from datetime import UTC, timedelta
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar, TypeVarTuple
@@ -13,11 +11,9 @@ from sqlalchemy import (
     URL,
     BigInteger,
     ColumnElement,
-    Connection,
     Engine,
     Row,
     Select,
-    exists,
     literal,
     select,
     union_all,
@@ -26,11 +22,11 @@ from sqlalchemy.exc import DataError
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import checked_rows, maintenance, schema, sql_query, tables
 from seatrial.runner.database import engine as engines
+from seatrial.runner.database import maintenance, schema, sql_query, tables
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.engine import Address, parse
-from seatrial.runner.database.liveness import is_gone, is_stale
+from seatrial.runner.database.liveness import is_gone
 from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.records import (
     Answer,
@@ -38,7 +34,6 @@ from seatrial.runner.database.records import (
     RunSummary,
     SeriesFile,
     SweepStatus,
-    SweepSummary,
     Verification,
 )
 from seatrial.runner.database.views import run_overview
@@ -91,11 +86,6 @@ class LogbookReader:
         """Close every connection."""
         self._engine.dispose()
 
-    @contextmanager
-    def _reading(self) -> Iterator[Connection]:
-        with engines.explained(self.address), self._engine.connect() as connection:
-            yield connection
-
     def sql(
         self, query: str, timeout_s: float = sql_query.TIMEOUT_S, limit: int = sql_query.ROWS
     ) -> Answer:
@@ -103,60 +93,52 @@ class LogbookReader:
 
         Raises LogbookError if it fails, would write, or takes longer than `timeout_s` [s].
         """
-        with engines.explained(self.address), self._engine.connect() as connection:
+        with engines.explained(self.address), self._engine.begin() as connection:
             return sql_query.ask(connection, query, timeout_s, limit)
 
     def select(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
         """Return the rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
+
+        def rows() -> Sequence[Row[*Columns]]:
+            with self._engine.connect() as connection:
+                return connection.execute(statement).all()
+
         try:
             with engines.explained(self.address):
-                return repeated(self.address, partial(self._rows, statement))
-        except DataError as error:  # a number beyond the range of its column
+                return repeated(self.address, rows)
+        except (DataError, OverflowError, UnicodeEncodeError) as error:
+            # A number beyond the range of its column, or text that is not UTF-8.
             raise LogbookError(f"{self.address}: {engines.one_line(error)}") from error
-        except OverflowError as error:
-            raise LogbookError(f"{self.address}: {error}") from error
-        except UnicodeEncodeError as error:
-            raise LogbookError(
-                f"{self.address}: got {error.object!r}, expected text in UTF-8"
-            ) from error
-
-    def _rows(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
-        with self._engine.connect() as connection:
-            (rows,) = checked_rows.read(connection, statement)
-            return rows
 
     def runs(
         self, *where: ColumnElement[bool], newest_first: bool = False, limit: int | None = None
     ) -> list[RunSummary]:
         """Return the runs that meet all conditions on `run_overview` and the table `run`."""
-        return [_summary(row) for row in self.select(_runs(where, newest_first, limit))]
+        columns = [run_overview.c[name] for name in RunSummary.__dataclass_fields__]
+        order = tables.RunRow.id.desc() if newest_first else tables.RunRow.id
+        query = (
+            select(*columns, tables.RunRow.process)
+            .join_from(run_overview, tables.RunRow, tables.RunRow.id == run_overview.c.run_id)
+            .where(*where)
+            .order_by(order)
+            .limit(limit)
+        )
+        return list(map(_summary, self.select(query)))
 
-    def sweeps(self) -> list[SweepSummary]:
+    def sweeps(self) -> list[tables.SweepRow]:
         """Return the sweeps, oldest first."""
         rows = self.select(select(tables.SweepRow.__table__).order_by(tables.SweepRow.id))
-        return [SweepSummary(**row._asdict()) for row in rows]
-
-    def running_sweeps(self) -> list[int]:
-        """Return the sweeps that have not ended and had a heartbeat of a run in the last minute."""
-        sweep, run = tables.SweepRow, tables.RunRow
-        alive = exists().where(run.sweep_id == sweep.id, ~is_stale(run.heartbeat_at))
-        query = select(sweep.id).where(sweep.finished_at.is_(None), alive).order_by(sweep.id)
-        return [row.id for row in self.select(query)]
+        return [tables.SweepRow(**row._asdict()) for row in rows]
 
     def run(self, run_id: int) -> RunDetail:
         """Return a run with its configuration; raises LogbookError if there is no such run."""
-        known = abs(run_id) < 2**63
-        summaries = self.runs(tables.RunRow.id == literal(run_id, BigInteger())) if known else []
+        summaries = self.runs(tables.RunRow.id == literal(run_id, BigInteger()))
         if not summaries:
             raise LogbookError(f"{self.address}: there is no run {run_id}")
         (row,) = self.select(select(tables.RunRow.__table__).where(tables.RunRow.id == run_id))
         names = RunDetail.__dataclass_fields__
         cells = {name: cell for name, cell in row._asdict().items() if name in names}
         return RunDetail(summary=summaries[0], **cells)
-
-    def trial(self, fingerprint: str) -> RunSummary | None:
-        """Return the valid attempt at the trial of this fingerprint; None if there is none."""
-        return self.trials([fingerprint]).get(fingerprint)
 
     def trials(self, fingerprints: Iterable[str]) -> dict[str, RunSummary]:
         """Return the valid attempts at trials by fingerprint, of those that have one."""
@@ -181,15 +163,15 @@ class LogbookReader:
         """Return the diagnostics of a run, in the order of storage."""
         return self._facts(Diagnostic, tables.DiagnosticRow, run_id)
 
+    def series_files(self, run_id: int) -> list[SeriesFile]:
+        """Return the series of a run, which share its file."""
+        return self._facts(SeriesFile, tables.SeriesRow, run_id)
+
     def _facts(self, record: type[Fact], table: type[tables.Base], run_id: int) -> list[Fact]:
         columns = table.__table__.c
         names = record.__dataclass_fields__
         statement = select(*(columns[name] for name in names)).where(columns.run_id == run_id)
         return [record(*row) for row in self.select(statement.order_by(columns.id))]
-
-    def series_files(self, run_id: int) -> list[SeriesFile]:
-        """Return the series files of a run."""
-        return self._facts(SeriesFile, tables.SeriesRow, run_id)
 
     def series(self, run_id: int, kind: str) -> Series:
         """Read a series of a run; raises LogbookError if it is missing or its checksum differs."""
@@ -200,40 +182,49 @@ class LogbookReader:
 
     def sweep_status(self, sweep_id: int) -> SweepStatus:
         """Return the progress of a sweep; raises LogbookError if there is no such sweep."""
+        sweep, run, reuse = tables.SweepRow, tables.RunRow, tables.Reuse
         sweeps = self.select(
-            select(tables.SweepRow.__table__).where(tables.SweepRow.id == sweep_id)
+            select(sweep.name, sweep.planned, sweep.finished_at).where(sweep.id == sweep_id)
         )
-        trials = self.select(_trials(sweep_id))
         if not sweeps:
             raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
-        (sweep,) = sweeps
-        last = {trial.fingerprint: trial for trial in trials}  # ordered by attempt
-        statuses = {trial.run_id: _status(trial) for trial in last.values()}
+        started = select(run.id, literal(0).label("reused")).where(run.sweep_id == sweep_id)
+        reused = select(reuse.run_id, literal(1)).where(reuse.sweep_id == sweep_id)
+        members = union_all(started, reused).subquery("member")
+        view = run_overview.c
+        trials = self.select(
+            select(view.run_id, view.fingerprint, view.status, run.process, members.c.reused)
+            .join_from(members, run_overview, view.run_id == members.c.id)
+            .join(run, run.id == members.c.id)
+            .order_by(view.attempt)
+        )
+        last = {trial.fingerprint: trial for trial in trials}.values()  # the last attempt at each
+        statuses = {trial.run_id: _status(trial) for trial in last}
         lost = [run_id for run_id, status in statuses.items() if status in LOST]
         return SweepStatus(
             sweep_id=sweep_id,
-            name=sweep.name,
-            planned=sweep.planned,
+            name=sweeps[0].name,
+            planned=sweeps[0].planned,
             counts=dict(Counter(statuses.values())),
-            reused=sum(1 for trial in last.values() if trial.reused),
-            failed=self.runs(tables.RunRow.id.in_(lost)) if lost else [],
-            finished_at=sweep.finished_at,
+            reused=sum(trial.reused for trial in last),
+            failed=self.runs(run.id.in_(lost)) if lost else [],
+            finished_at=sweeps[0].finished_at,
         )
 
     def orphans(self) -> list[Path]:
         """Return the series files that no row refers to, without those of running runs."""
-        with self._reading() as connection:
+        with engines.explained(self.address), self._engine.connect() as connection:
             paths = maintenance.orphans(connection, self.results_dir)
-        return [path for path in paths if files.owner(path)]
+        return [path for path in paths if files.owner(path) is not None]
 
     def verify(self) -> Verification:
         """Check the database, every foreign key and every series file."""
-        with self._reading() as connection:
+        with engines.explained(self.address), self._engine.connect() as connection:
             return maintenance.verify(connection, self.results_dir)
 
     def export(self, folder: Path) -> list[Path]:
         """Write every table to `folder` as Parquet and CSV; returns the paths."""
-        with self._reading() as connection:
+        with engines.explained(self.address), self._engine.connect() as connection:
             if not self.address.sqlite:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
             return tables_export.export(connection, folder)
@@ -245,41 +236,7 @@ class LogbookReader:
         statuses: Sequence[str] = (),
     ) -> list[RunSummary]:
         """Return the runs that `prune` may delete: not running, and all conditions hold."""
-        return self.runs(*maintenance.prunable(older_than, statuses), *where)
-
-
-def _runs(
-    where: Sequence[ColumnElement[bool]], newest_first: bool, limit: int | None
-) -> Select[*tuple[object, ...]]:
-    names = RunSummary.__dataclass_fields__
-    order = tables.RunRow.id.desc() if newest_first else tables.RunRow.id
-    return (
-        select(*(run_overview.c[name] for name in names), tables.RunRow.process)
-        .join_from(run_overview, tables.RunRow, tables.RunRow.id == run_overview.c.run_id)
-        .where(*where)
-        .order_by(order)
-        .limit(limit)
-    )
-
-
-def _trials(sweep_id: int) -> Select[*tuple[object, ...]]:
-    """Select the runs of a sweep and those that it reuses, ordered by attempt."""
-    run, reuse = tables.RunRow, tables.Reuse
-    started = select(run.id, literal(0).label("reused")).where(run.sweep_id == sweep_id)
-    reused = select(reuse.run_id, literal(1)).where(reuse.sweep_id == sweep_id)
-    members = union_all(started, reused).subquery("member")
-    return (
-        select(
-            run_overview.c.run_id,
-            run_overview.c.fingerprint,
-            run_overview.c.status,
-            run.process,
-            members.c.reused,
-        )
-        .join_from(members, run_overview, run_overview.c.run_id == members.c.id)
-        .join(run, run.id == members.c.id)
-        .order_by(run_overview.c.attempt)
-    )
+        return self.runs(*maintenance.prunable(self.address.dialect, older_than, statuses), *where)
 
 
 def _summary(row: Row[*tuple[object, ...]]) -> RunSummary:

@@ -45,7 +45,6 @@ class RunClaim:
 
     run_id: int
     state: Literal["new", "finished", "busy"]
-    lost: int = 0  # earlier attempts that were marked as interrupted
 
 
 @dataclass(frozen=True)
@@ -131,23 +130,6 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class SweepSummary:
-    """One row of `sweep`. Times are UTC."""
-
-    id: int
-    name: str
-    command: str
-    overrides: list[str]
-    planned: int
-    started_at: datetime
-    finished_at: datetime | None
-    host: str
-    pid: int
-    tags: list[str] | None = None
-    note: str | None = None
-
-
-@dataclass(frozen=True)
 class LogbookDefect:
     """A defect of a logbook: its place and its description."""
 
@@ -187,23 +169,22 @@ def cell(value: str | SupportsFloat | None) -> str | float | None:
     return None if math.isnan(number) else number
 
 
-def text(value: str) -> str:
-    """Escape what PostgreSQL rejects in text: NUL and lone surrogates."""
-    return value.replace("\x00", "\\x00").encode("utf-8", "backslashreplace").decode("utf-8")
-
-
 def plain(value: object) -> object:
-    """Convert `value` to JSON types; NaN becomes null, infinity the text "inf" or "-inf"."""
+    """Convert `value` to JSON types; NaN becomes null, infinity the text "inf" or "-inf".
+
+    NUL and lone surrogates are escaped, because PostgreSQL rejects them in text.
+    """
     if value is None or isinstance(value, bool | int):
         return value
     if isinstance(value, str):
-        return text(value)
+        text = value.replace("\x00", "\\x00")
+        return text.encode("utf-8", "backslashreplace").decode("utf-8")
     if isinstance(value, float):
         return value if math.isfinite(value) else None if math.isnan(value) else str(value)
     if isinstance(value, Mapping):
-        return {text(str(key)): plain(item) for key, item in value.items()}
+        return {plain(str(key)): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(item) for item in value]
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
-    return text(str(value))
+    return plain(str(value))

@@ -8,14 +8,12 @@ import json
 import os
 from contextlib import suppress
 from enum import Enum
-from pathlib import Path
 
 from sqlalchemy import Connection
 from sqlalchemy.exc import SQLAlchemyError
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import series_files as files
 from seatrial.runner.database import views
 from seatrial.runner.database.engine import ENVIRONMENT, Address
 from seatrial.runner.database.outage import repeated
@@ -41,13 +39,12 @@ class Condition(Enum):
     CURRENT = "current"
 
 
-def prepare(address: Address, *, create: bool, results_dir: Path | None = None) -> None:
+def prepare(address: Address, *, create: bool) -> None:
     """Create the logbook at `address` if there is none, and renew its views if they are others.
 
     Args:
         address: Where the logbook is or will be.
         create: Whether a missing logbook is created.
-        results_dir: Folder of the series files; a missing logbook is not created if it holds some.
 
     Raises:
         LogbookError: The database belongs to another program, has another schema, is damaged or
@@ -59,8 +56,6 @@ def prepare(address: Address, *, create: bool, results_dir: Path | None = None) 
     if state is Condition.EMPTY:
         if not create:
             raise _missing(address)
-        if results_dir is not None:
-            _require_no_series(address, results_dir)
         if address.path is not None:
             try:
                 address.path.parent.mkdir(parents=True, exist_ok=True)
@@ -146,17 +141,6 @@ def _writer(connection: Connection) -> str:
             version = json.loads(row[0]).get("seatrial", "of an unknown version")
             return f"{version} (commit {row[1][:12]})" if row[1] else str(version)
     return "of an unknown version"
-
-
-def _require_no_series(address: Address, results_dir: Path) -> None:
-    series = [path for path in files.listed(results_dir) if files.owner(path)]
-    # Checked again: another process may have created the logbook and a run in between.
-    if series and inspect(address) is Condition.EMPTY:
-        raise LogbookError(
-            f"{address}: there is no logbook here, but {results_dir / files.FOLDER} holds"
-            f" {len(series)} series files of one; expected its database, or another results_dir;"
-            " nothing was changed"
-        )
 
 
 def _missing(address: Address) -> LogbookError:

@@ -33,19 +33,19 @@ else:
 FOLDER = "series"
 _KIND = re.compile(r"[a-z][a-z0-9_]*")
 # run-NUMBER-MARK.parquet; temporary: a dot before, .PID.tmp after
-_NAME = re.compile(r"\.?run-(?P<run>\d+)-(?P<mark>[0-9a-f]{12})\.parquet(?:\.\d+\.tmp)?")
+_NAME = re.compile(r"\.?run-(?P<run>\d+)-[0-9a-f]{12}\.parquet(?:\.\d+\.tmp)?")
 
 
-def mark(fingerprint: str, attempt: int, started_at: datetime) -> str:
-    """Return the mark of a run's files, which is unique over all runs and logbooks."""
-    run = f"{fingerprint} {attempt} {started_at.astimezone(UTC).isoformat()}"
+def mark(fingerprint: str, started_at: datetime) -> str:
+    """Return the mark of a run's file, which is unique over all runs and logbooks."""
+    run = f"{fingerprint} {started_at.astimezone(UTC).isoformat()}"
     return sha256(run.encode()).hexdigest()[:12]
 
 
-def owner(path: Path) -> tuple[int, str] | None:
-    """Return the run number and mark in the name of a file; None for any other file."""
+def owner(path: Path) -> int | None:
+    """Return the run number in the name of a file; None for any other file."""
     match = _NAME.fullmatch(path.name)
-    return (int(match["run"]), match["mark"]) if match else None
+    return int(match["run"]) if match else None
 
 
 def listed(results_dir: Path) -> list[Path]:
@@ -76,12 +76,8 @@ def write(
         raise LogbookError(f"{path}: cannot be written: {error.strerror}") from error
     digest = sha256(content).hexdigest()
     return [
-        SeriesFile(item.kind, relative, _length(item), digest, dict(item.units)) for item in series
+        SeriesFile(item.kind, relative, item.n_rows, digest, dict(item.units)) for item in series
     ]
-
-
-def _length(series: Series) -> int:
-    return len(next(iter(series.columns.values()), ()))
 
 
 def _array(column: NDArray[Any]) -> "pa.Array":
@@ -113,14 +109,14 @@ def parquet_of(series: Sequence[Series]) -> memoryview:
         write_statistics=["kind"],
         use_byte_stream_split=names,
     ) as writer:
-        for item in filter(_length, series):  # a row group without rows would have no kind
-            n_rows = _length(item)
+        for item in series:
+            n_rows = item.n_rows
+            if not n_rows:  # a row group without rows would have no kind
+                continue
             absent = pa.nulls(n_rows, pa.float64())
-            arrays = [
-                _array(item.columns[name]) if name in item.columns else absent for name in names
-            ]
-            batch = [pa.repeat(item.kind, n_rows), *arrays]
-            writer.write_batch(pa.RecordBatch.from_arrays(batch, schema=schema), n_rows)
+            own = {name: _array(column) for name, column in item.columns.items()}
+            arrays = [pa.repeat(item.kind, n_rows), *(own.get(name, absent) for name in names)]
+            writer.write_batch(pa.RecordBatch.from_arrays(arrays, schema=schema), n_rows)
     return memoryview(sink.getvalue())
 
 
@@ -135,28 +131,11 @@ def _write_atomically(path: Path, content: memoryview) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    _flush_folder(path.parent)
-
-
-def _flush_folder(folder: Path) -> None:
-    """Make the new name survive a power failure, if the system can (Windows cannot)."""
+    folder = os.open(path.parent, os.O_RDONLY)
     try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(handle)
+        os.fsync(folder)  # the new name survives a power failure
     finally:
-        os.close(handle)
-
-
-def discard(results_dir: Path, files: Sequence[SeriesFile]) -> None:
-    """Remove files that no row refers to, as far as possible."""
-    for file in files[:1]:  # of one run, which has one file
-        try:
-            locate(results_dir, file.path).unlink(missing_ok=True)
-        except (OSError, LogbookError):
-            continue  # `verify` lists a file that remains
+        os.close(folder)
 
 
 def locate(results_dir: Path, relative: str) -> Path:

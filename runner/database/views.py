@@ -5,12 +5,15 @@ they are not part of the schema: a logbook with other views gets the current one
 opened for writing (`view_version` holds the digest of its views).
 """
 
+from datetime import datetime
 from functools import cache
 from hashlib import sha256
+from typing import get_args, get_type_hints
 
 from sqlalchemy import Boolean, Connection, DateTime, Float, Integer, String, column, table
 
 from seatrial.runner.database.liveness import stale
+from seatrial.runner.database.records import RunSummary
 from seatrial.runner.record.catalogue import METRICS, Definition
 from seatrial.runner.record.vocabulary import COMBINED, GROUPS
 
@@ -100,26 +103,16 @@ CREATE VIEW comparison AS
   FROM trial JOIN metric ON metric.run_id = trial.id AND trial.status = 'finished'
   GROUP BY {trial_groups}, trial.experiment, trial.trials,
     metric.stage, metric.model, metric.dof, metric.name, metric.unit"""
+_TYPES: dict[type, type] = {
+    bool: Boolean, datetime: DateTime, float: Float, int: Integer, str: String,
+}  # fmt: skip
 run_overview = table(
     "run_overview",
-    column("run_id", Integer),
-    column("sweep_id", Integer),
-    column("sweep", String),
-    column("attempt", Integer),
-    column("status", String),
-    column("superseded", Boolean),
-    *(column(name, Integer if name == "seed" else String) for name in (*GROUPS, "seed")),
-    column("started_at", DateTime),
-    column("finished_at", DateTime),
-    column("duration_s", Float),
-    column("metrics", Integer),
-    column("coefficients", Integer),
-    column("series", Integer),
-    *(column(headline[0], Float) for headline in HEADLINES),
-    column("below_true_model", Float),
-    column("error_type", String),
-    column("error", String),
-    column("fingerprint", String),
+    *(
+        column(name, _TYPES[(get_args(hint) or (hint,))[0]])
+        for name, hint in get_type_hints(RunSummary).items()
+    ),
+    *(column(name, Float) for name, *_ in HEADLINES),
 )
 
 
@@ -142,28 +135,24 @@ def statements(dialect: str) -> tuple[str, ...]:
         f"max(CASE WHEN name = '{name}' THEN value END) AS {name}" for name in METRIC_NAMES
     )
     names = ", ".join(f"wide.{name}" for name in METRIC_NAMES)
-    views = (
+    return (
         _OVERVIEW.format(headlines=headlines, **parts),
         _WIDE.format(columns=columns, names=names, **parts),
         _ERROR.format(**parts),
         _COMPARISON.format(**parts),
     )
-    return *views, f"CREATE VIEW view_version AS SELECT '{_digest(views)}' AS digest"
 
 
-@cache
 def digest(dialect: str) -> str:
     """Return the digest that `view_version` holds for the current views."""
-    return _digest(statements(dialect)[:-1])
-
-
-def _digest(views: tuple[str, ...]) -> str:
-    return sha256("\n".join(views).encode()).hexdigest()[:16]
+    return sha256("\n".join(statements(dialect)).encode()).hexdigest()[:16]
 
 
 def renew(connection: Connection) -> None:
     """Replace the views by the current ones."""
     for name in NAMES:
         connection.exec_driver_sql(f"DROP VIEW IF EXISTS {name}")
-    for statement in statements(connection.dialect.name):
+    dialect = connection.dialect.name
+    version = f"CREATE VIEW view_version AS SELECT '{digest(dialect)}' AS digest"
+    for statement in (*statements(dialect), version):
         connection.exec_driver_sql(statement)

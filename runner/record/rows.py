@@ -5,7 +5,7 @@ Numbers are in SI units and angles in radians unless `unit` says otherwise. NaN 
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,11 @@ class Series:
             odd = sorted(self.columns.keys() ^ self.units.keys())
             raise ValueError(f"series {self.kind}: no column or no unit for {', '.join(odd)}")
 
+    @property
+    def n_rows(self) -> int:
+        """The length of the columns."""
+        return len(next(iter(self.columns.values()), ()))
+
 
 @dataclass(frozen=True)
 class Results:
@@ -84,7 +89,7 @@ class Results:
         )
 
 
-def metric(name: str, stage: Stage, model: str, dof: str, value: float) -> Metric:
+def metric(name: str, stage: Stage, model: str, dof: str, value: SupportsFloat) -> Metric:
     """Return a metric with the unit that the catalogue declares.
 
     Raises KeyError for an undeclared name, and for a degree of freedom without a unit; ValueError

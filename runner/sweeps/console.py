@@ -18,11 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner import database
-from seatrial.runner.configuration.invocation import (
-    DEFAULT_DATABASE,
-    results_program,
-    trial_program,
-)
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.vocabulary import COMBINED, ENDINGS
@@ -152,11 +148,6 @@ def compare(command: str, url: str, *arguments: str) -> str:
     return f"{results_program()} {shlex.join(words)}"
 
 
-def trial_command(arguments: Sequence[str]) -> str:
-    """Return a command line of the program that runs trials."""
-    return f"{trial_program()} {shlex.join(arguments)}"
-
-
 def _number(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
@@ -236,7 +227,7 @@ MakeView = Callable[[], AbstractContextManager[View]]
 @contextmanager
 def shown(url: str, sweep_id: int, make_view: MakeView = terminal_view) -> Iterator[None]:
     """Show the progress of a sweep in the view that `make_view` opens while the block runs."""
-    with make_view() as view, in_background(partial(_watch, url, sweep_id, view, TimeLeft())):
+    with make_view() as view, in_background(partial(_watch, url, sweep_id, view)):
         yield
 
 
@@ -262,10 +253,11 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def _watch(url: str, sweep_id: int, view: View, pace: "TimeLeft", stop: Event) -> None:
+def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
     reported: set[int] = set()
+    began_s, before = time.monotonic(), -1  # trials that were done when it began
     try:
-        with database.LogbookWriter.read(url) as logbook:
+        with database.LogbookReader.read(url) as logbook:
             wait = 0.0
             while not stop.wait(wait):
                 start_s = time.monotonic()
@@ -273,7 +265,8 @@ def _watch(url: str, sweep_id: int, view: View, pace: "TimeLeft", stop: Event) -
                 counts = Counter(status.counts)
                 done = sum(counts[name] for name in ENDINGS)
                 failed, planned = counts["failed"] + counts["diverged"], status.planned
-                left_s = pace.left_s(done, planned)
+                before = done if before < 0 else before
+                left_s = time_left(planned - done, done - before, start_s - began_s)
                 view.show(Standing(done, planned, counts["running"], failed, left_s))
                 for run in status.failed:
                     if run.run_id not in reported and run.status != "interrupted":
@@ -284,23 +277,9 @@ def _watch(url: str, sweep_id: int, view: View, pace: "TimeLeft", stop: Event) -
         log.warning("the progress is no longer shown: %s", error)
 
 
-class TimeLeft:
-    """Estimates the time left from the rate of trials after the first one that ends."""
-
-    def __init__(self) -> None:
-        self._before: int | None = None  # trials done at the start
-        self._first: tuple[int, float] | None = None  # trials done and time [s] at the first end
-
-    def left_s(self, done: int, planned: int) -> float | None:
-        """Return the time [s] until all trials are done; None while it cannot be estimated."""
-        now_s = time.monotonic()
-        if self._before is None:
-            self._before = done
-        if self._first is None and done > self._before:
-            self._first = (done, now_s)
-        if self._first is None or done == self._first[0] or now_s <= self._first[1]:
-            return None
-        return (planned - done) * (now_s - self._first[1]) / (done - self._first[0])
+def time_left(left: int, done: int, seconds: float) -> float | None:
+    """Return the time [s] for the trials that are left, at the rate of those done in `seconds`."""
+    return left * seconds / done if done else None
 
 
 class LiveLine:

@@ -14,13 +14,12 @@ from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, bui
 from seatrial.runner.configuration.fingerprint import fingerprint
 from seatrial.runner.configuration.plugins import attributed
 from seatrial.runner.configuration.provenance import Provenance
-from seatrial.runner.record.vocabulary import GROUPS
+from seatrial.runner.record.vocabulary import GROUPS, Ending
 from seatrial.runner.trials.precompile import kinds
 
 if TYPE_CHECKING:  # what is slow to import
     import threadpoolctl
 
-    from seatrial.runner.record.rows import Results
     from seatrial.runner.trials import trial as trials
 else:
     import lazy_loader
@@ -96,53 +95,13 @@ def perform(
 
     Errors of the trial are stored in its row; errors of the logbook are raised.
     """
-    with database.LogbookWriter.open(trial.database_url, results_dir=trial.results_dir) as logbook:
-        begun = logbook.begin_run(_start(trial, order, provenance), sweep_id, rerun=trial.rerun)
-        if begun.state != "new":
-            return Outcome("skipped" if begun.state == "finished" else "busy", begun.run_id)
-        return _run(trial, logbook, begun.run_id)
-
-
-def _run(trial: Trial, logbook: "database.LogbookWriter", run_id: int) -> Outcome:
-    try:
-        # One thread per trial: workers share the cores, and sums are equal on every machine.
-        with threadpoolctl.threadpool_limits(1), attributed(trial.config):
-            results = trials.run(trial)
-    except Diverged as error:
-        partial = error.results if isinstance(error, trials.TrialDiverged) else None
-        return _store_failure(logbook, run_id, "diverged", error, partial)
-    except Exception as error:
-        return _store_failure(logbook, run_id, "failed", error)
-    logbook.finish_run(run_id, results)
-    return Outcome("finished", run_id)
-
-
-def _store_failure(
-    logbook: "database.LogbookWriter",
-    run_id: int,
-    status: Literal["diverged", "failed"],
-    error: Exception,
-    results: "Results | None" = None,
-) -> Outcome:
-    """Store a run that did not finish, with its error."""
-    kind = "Diverged" if status == "diverged" else type(error).__name__
-    message = " ".join(str(error).split()) or kind
-    trace = "".join(traceback.format_exception(error))
-    logbook.fail_run(
-        run_id, status, error_type=kind, error=message, traceback=trace, results=results
-    )
-    return Outcome(status, run_id, kind, message)
-
-
-def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunStart":
     # Where results are stored is no part of a trial; the sweep has a row of its own.
     apart = ("database", "sweep")
-    stored = {key: value for key, value in order.config.items() if key not in apart}
-    return database.RunStart(
+    start = database.RunStart(
         fingerprint=order.fingerprint(provenance.sources),
         **{group: trial.names[group] for group in GROUPS},
         seed=trial.seed,
-        config=stored,
+        config={key: value for key, value in order.config.items() if key not in apart},
         overrides=list(order.overrides),
         git_commit=provenance.git_commit,
         git_dirty=provenance.git_dirty,
@@ -151,6 +110,25 @@ def _start(trial: Trial, order: Order, provenance: Provenance) -> "database.RunS
         code=provenance.sources[:16],
         experiment=order.experiment(provenance.sources),
     )
+    with database.LogbookWriter.open(trial.database_url, results_dir=trial.results_dir) as logbook:
+        begun = logbook.begin_run(start, sweep_id, rerun=trial.rerun)
+        if begun.state != "new":
+            return Outcome("skipped" if begun.state == "finished" else "busy", begun.run_id)
+        try:
+            # One thread per trial: workers share the cores, and sums are equal on every machine.
+            with threadpoolctl.threadpool_limits(1), attributed(trial.config):
+                results = trials.run(trial)
+        except Exception as error:
+            diverged = isinstance(error, Diverged)
+            kind = "Diverged" if diverged else type(error).__name__
+            message = " ".join(str(error).split()) or kind
+            status: Ending = "diverged" if diverged else "failed"
+            valid = error.results if isinstance(error, trials.TrialDiverged) else None
+            trace = "".join(traceback.format_exception(error))
+            logbook.fail_run(begun.run_id, status, kind, message, trace, valid)
+            return Outcome(status, begun.run_id, kind, message)
+        logbook.finish_run(begun.run_id, results)
+        return Outcome("finished", begun.run_id)
 
 
 # Checked trials, rejected trials, and their state in the logbook.
@@ -265,17 +243,14 @@ def known(plans: Iterable[PlannedTrial]) -> StoredRuns:
 def listed(plans: Sequence[PlannedTrial | Refusal]) -> list[tuple[str, str, str]]:
     """Return (state, trial, note) of each trial, for a dry run."""
     runs = known(plan for plan in plans if isinstance(plan, PlannedTrial))
-    return [_listed(plan, runs) for plan in plans]
-
-
-def _listed(plan: PlannedTrial | Refusal, runs: StoredRuns) -> tuple[str, str, str]:
-    if isinstance(plan, Refusal):
-        return "refused", plan.asked, plan.reason
-    run = runs.get(plan.fingerprint)
-    if run is None:
-        return "new", str(plan), ""
-    rerun = run.status == "finished" and plan.rerun
-    note = f"run {run.run_id}"
-    if run.error:
-        note += f": {run.error}"
-    return run.status, str(plan), f"{note}, to be run again" if rerun else note
+    rows = []
+    for plan in plans:
+        if isinstance(plan, Refusal):
+            rows.append(("refused", plan.asked, plan.reason))
+        elif (run := runs.get(plan.fingerprint)) is None:
+            rows.append(("new", str(plan), ""))
+        else:
+            note = f"run {run.run_id}{f': {run.error}' if run.error else ''}"
+            again = ", to be run again" if run.status == "finished" and plan.rerun else ""
+            rows.append((run.status, str(plan), note + again))
+    return rows

@@ -7,6 +7,7 @@ started again asks for the same candidates, and takes their runs from the logboo
 
 import logging
 import math
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -24,6 +25,7 @@ from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.ranges import NotNegativeInt, PositiveInt, check_ranges
 from seatrial.runner.configuration.config import Limits, build_as
 from seatrial.runner.configuration.hydra_errors import EXPECTED
+from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.configuration.overrides import nested_sweeps, text_of
 from seatrial.runner.sweeps import console
 from seatrial.runner.sweeps import sweep as sweeps
@@ -192,7 +194,7 @@ class SearchSweeper(sweeps.SeatrialSweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         """Search the space of the arguments; they replace an experiment's options."""
-        self.start()
+        self.session.started = True
         if find_spec("optuna") is None:
             raise ConfigurationError(
                 "hydra/sweeper=optuna is not installed: pip install 'seatrial[search]'"
@@ -337,7 +339,8 @@ class SearchSweeper(sweeps.SeatrialSweeper):
             best.setdefault(tuple(trial.values), done[trial.number])
         seeds = "seed=" + ",".join(text.partition("=")[2] for text in self._space.seeds)
         for one in best.values():
-            command = console.trial_command(["-m", *one.plans[0].overrides[:-1], seeds])
-            lines += [f"best: candidate {one.asked.number + 1}, {achieved(one)}", f"  {command}"]
+            words = shlex.join(["-m", *one.plans[0].overrides[:-1], seeds])
+            lines.append(f"best: candidate {one.asked.number + 1}, {achieved(one)}")
+            lines.append(f"  {trial_program()} {words}")
         self.session.say(lines if best else [*lines, "no candidate is complete"])
         self.session.exit_code = int(not best)

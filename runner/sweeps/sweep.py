@@ -28,14 +28,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import database
-from seatrial.runner.configuration.config import (
-    Limits,
-    SweepLabels,
-    Trial,
-    build_as,
-    build_trial,
-    check_finite,
-)
+from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, build_as, build_trial
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line
 from seatrial.runner.configuration.overrides import nested_sweeps, text_of
 from seatrial.runner.configuration.provenance import Provenance, collect
@@ -171,7 +164,6 @@ class Session:
         """Run the one trial of a command without -m."""
         self.started = True
         try:
-            _check_hydra(HydraConfig.get())
             self._run(order_of(config, HydraConfig.get()))
         except (SeatrialError, OmegaConfBaseException) as error:
             self.error, self.exit_code = error, 2
@@ -257,14 +249,9 @@ class SeatrialSweeper(Sweeper):
         self._config = config
         self.session = cast(Session, task_function)
 
-    def start(self) -> None:
-        """Check Hydra's part of the configuration."""
-        self.session.started = True
-        _check_hydra(self._config.hydra)
-
     def sweep(self, arguments: list[str]) -> None:
         """Run all combinations of the arguments' values."""
-        self.start()
+        self.session.started = True
         parser = OverridesParser.create(config_loader=self._loader.hydra)
         own, variants = self._config, self.session.variants or self.variants
         limits = build_as(Limits, OmegaConf.to_container(own.limits, resolve=True), "limits")
@@ -327,18 +314,18 @@ class SeatrialSweeper(Sweeper):
     def _launch(self, plans: Sequence[PlannedTrial], job: SweepJob) -> LaunchResult:
         if len(plans) > 1 and self._choice not in COMPILING:
             composer = Composer(self._loader, self._config)
-            precompile((plan.kinds, partial(_trial, composer, plan)) for plan in plans)
+
+            def trial(plan: PlannedTrial) -> Trial:
+                order = composer.order(list(plan.overrides))
+                return build_trial(order.config, order.names)
+
+            precompile((plan.kinds, partial(trial, plan)) for plan in plans)
         return launch(self._launcher, self._choice, plans, job.sweep_id, self.max_batch_size)
 
     def _make_launcher(self, job: SweepJob) -> Launcher:
         return Plugins.instance().instantiate_launcher(
             hydra_context=self._context, task_function=job, config=self._config
         )
-
-
-def _trial(composer: Composer, plan: PlannedTrial) -> Trial:
-    order = composer.order(list(plan.overrides))
-    return build_trial(order.config, order.names)
 
 
 def begin_sweep(
@@ -372,11 +359,6 @@ def _perform(trial: Trial, order: Order, provenance: Provenance) -> Outcome:
         outcome = perform(trial, order, provenance, sweep_id)
         logbook.end_sweep(sweep_id)
     return outcome
-
-
-def _check_hydra(hydra: Any) -> None:
-    """Refuse numbers that are not finite in Hydra's own options."""
-    check_finite(OmegaConf.to_container(hydra, resolve=False), "hydra")
 
 
 def planned(composer: Composer, jobs: Sequence[list[str]]) -> list[PlannedTrial | Refusal]:

@@ -119,11 +119,10 @@ class MissionSetup:
 
     def sail(self, adaptive: bool = False) -> SimulatedMission:
         """Simulate the mission, with online identification if `adaptive`; raises Diverged."""
-        trial, adapter = self.trial, None
-        if adaptive and self.controller is not None and isinstance(self.model, Vessel):
-            adapter = adapter_of(
-                trial, self.controller, self.model, self.weather, self.seeds, self.ahead
-            )
+        trial, controller = self.trial, self.controller
+        adapter = None
+        if adaptive and controller is not None and isinstance(self.model, Vessel):
+            adapter = self._adapter(controller, self.model)
         dofs, period = trial.vessel.dofs, trial.sample_time_s
         loop_controller = self.mission.accompany(dofs, period, self.control)
         voyage = sail(
@@ -132,40 +131,49 @@ class MissionSetup:
             trial.integration_step_s, start_nu=self.mission.start_velocity(dofs),
             watch=watch_of(adapter, alone=loop_controller[0] is self.control[0]), added=self.added,
         )  # fmt: skip
-        controller, state = self.controller, self.control[1]
         return SimulatedMission(
             voyage,
             period,
             self.design,
-            failures=0 if controller is None else controller.failures(state),
+            failures=0 if controller is None else controller.failures(self.control[1]),
             adapter=adapter,
             wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
-            slowdown=slowdown(self.controller, self.control, self.plant, voyage, trial),
+            slowdown=self._slowdown(voyage),
         )
 
+    def _adapter(self, controller: Controller, model: Vessel) -> Adapter:
+        """Build the online identification, which adapts the controller."""
+        trial, period = self.trial, self.trial.sample_time_s
+        assert trial.update is not None
 
-def slowdown(
-    controller: Controller | None,
-    control: tuple[Parameters, State],
-    plant: Plant,
-    voyage: Voyage,
-    trial: Trial,
-) -> float | None:
-    """Return how many times longer a voyage took than in a compiled loop, and log it once.
+        def adapt(
+            parameters: Parameters, state: State, model: Vessel, log: Log, k: int
+        ) -> Parameters:
+            return controller.adapt(parameters, state, model, period, self.ahead, log, k)
 
-    None for a compiled loop, without a compiler, and for the controllers of this package.
-    """
-    if controller is None or is_own(name := name_of(controller)):
-        return None
-    compiled = is_compiled(CONTROLLERS[type(control[0])]) or not is_compiled(advance)
-    if compiled or not len(voyage.step_times):
-        return None
-    took = float(np.median(voyage.step_times))
-    expected = compiled_step_s(plant, voyage.weather, trial.sample_time_s, trial.integration_step_s)
-    if name not in _said:
-        _said.add(name)
-        log.info(SLOW.format(name, 1e3 * took, took / expected))
-    return took / expected
+        return Adapter(
+            trial.update, trial.identifier, trial.vessel.thruster, self.weather, trial.vessel.dofs,
+            period, model, self.seeds.generator("identifier"), adapt,
+        )  # fmt: skip
+
+    def _slowdown(self, voyage: Voyage) -> float | None:
+        """Return how many times longer a voyage took than in a compiled loop, and log it once.
+
+        None for a compiled loop, without a compiler, and for the controllers of this package.
+        """
+        if self.controller is None or is_own(name := name_of(self.controller)):
+            return None
+        step = CONTROLLERS[type(self.control[0])]
+        if is_compiled(step) or not is_compiled(advance) or not len(voyage.step_times):
+            return None
+        trial, took = self.trial, float(np.median(voyage.step_times))
+        expected = compiled_step_s(
+            self.plant, voyage.weather, trial.sample_time_s, trial.integration_step_s
+        )
+        if name not in _said:
+            _said.add(name)
+            log.info(SLOW.format(name, 1e3 * took, took / expected))
+        return took / expected
 
 
 def prepare(
@@ -183,8 +191,13 @@ def prepare(
         count = min(count, trial.samples)
     t = period * np.arange(count, dtype=np.float64)
     start = np.zeros(len(vessel.dofs)) if mission.start is None else np.array(mission.start)
-    weather = weather_of(trial, seeds, len(t))
-    plant = allotted(trial, mission, plant_of(trial, deployed, true))
+    noise, disturbance = seeds.generator("noise"), seeds.generator("disturbance")
+    weather = trial.disturbance.realise(len(t), vessel.dofs, noise, disturbance, period)
+    control, controller = mission.steering(vessel.dofs, period), trial.controller
+    plant = plant_of(trial, deployed, true)
+    part = controller if control is None else mission
+    if plant.inputs and part is not None and not part.commands_inputs:  # but forces
+        plant = replace(plant, allocation=vessel.positioning)
     guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
     _check_step(mission, "guidance", guidance, GUIDANCE)
     if isinstance(guidance[0], Timetable):
@@ -196,28 +209,27 @@ def prepare(
     ahead = outlook(plant, weather, guidance[0], reference, start, added)
     heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
     design = ControlDesign(vessel.dofs, largest_disturbance(plant.vessel, weather, heading))
-    control, controller = mission.steering(vessel.dofs, period), None
     if control is None:
-        controller = controller_of(trial, deployed)
+        assert controller is not None
+        controller = controller.deployed() if deployed else controller
         model = commanded(model, controller)
         built = controller.build(model, period)
         _check_step(controller, "build", built, CONTROLLERS)
         parameters, state = built
         control = controller.foresee(parameters, ahead), state
-        design = design_of(controller, model, period, design)
+        design = replace(
+            design,
+            limits=controller.command_limits(),
+            ahead=controller.preview_rows(period),
+            every=controller.command_rows(period),
+            diagnostics=controller.diagnostics(model, period),
+        )
+    else:
+        controller = None
     return MissionSetup(
         trial, seeds, model, mission, plant, weather, guidance, reference, controller, control,
         start, added, ahead, design,
     )  # fmt: skip
-
-
-def allotted(trial: Trial, mission: Mission, plant: Plant) -> Plant:
-    """Return the plant with the allocation to its devices, if forces are commanded."""
-    alone = mission.steering(trial.vessel.dofs, trial.sample_time_s) is not None
-    part = mission if alone else trial.controller
-    if not plant.inputs or part is None or part.commands_inputs:
-        return plant
-    return replace(plant, allocation=trial.vessel.positioning)
 
 
 def commanded(model: Vessel | StateSpace, controller: Controller) -> Vessel | StateSpace:
@@ -240,38 +252,6 @@ def _check_step(
         raise PartError(f"{where}: got a {kind.__name__}, for which no step is registered")
 
 
-def controller_of(trial: Trial, deployed: bool) -> Controller:
-    """Return the controller of the trial, in its deployed form if `deployed`."""
-    assert trial.controller is not None
-    return trial.controller.deployed() if deployed else trial.controller
-
-
-def design_of(
-    controller: Controller, model: Vessel | StateSpace, period: float, design: ControlDesign
-) -> ControlDesign:
-    """Return the design with the limits, horizons and diagnostics of the controller."""
-    return replace(
-        design,
-        limits=controller.command_limits(),
-        ahead=controller.preview_rows(period),
-        every=controller.command_rows(period),
-        diagnostics=controller.diagnostics(model, period),
-    )
-
-
-def sail_mission(
-    trial: Trial,
-    seeds: Streams,
-    model: Vessel | StateSpace,
-    mission: Mission,
-    *,
-    deployed: bool = False,
-    adaptive: bool = False,
-) -> SimulatedMission:
-    """Prepare a mission and simulate it; raises Diverged."""
-    return prepare(trial, seeds, model, mission, deployed).sail(adaptive)
-
-
 def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
     """Return the callback that adapts the controller's parameters; None without an adapter.
 
@@ -285,13 +265,6 @@ def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
         return parameters._replace(controller=controller)
 
     return Watch(adapter.watch.every, look)
-
-
-def weather_of(trial: Trial, seeds: Streams, n: int) -> Weather:
-    """Realise the trial's disturbance over n control instants."""
-    disturbance, dofs = trial.disturbance, trial.vessel.dofs
-    noise, weather = seeds.generator("noise"), seeds.generator("disturbance")
-    return disturbance.realise(n, dofs, noise, weather, trial.sample_time_s)
 
 
 def plant_of(trial: Trial, deployed: bool, true: Vessel | None = None) -> Plant:
@@ -308,23 +281,6 @@ def plant_of(trial: Trial, deployed: bool, true: Vessel | None = None) -> Plant:
     if not deployed or change is None:
         return plant
     return replace(plant, change=(change.at_s, change.scale * model + wind))
-
-
-def adapter_of(
-    trial: Trial, controller: Controller, model: Vessel, weather: Weather, seeds: Streams,
-    ahead: Outlook,
-) -> Adapter:  # fmt: skip
-    """Build the online identification, which adapts the controller."""
-    vessel, period = trial.vessel, trial.sample_time_s
-    assert trial.update is not None
-
-    def adapt(parameters: Parameters, state: State, model: Vessel, log: Log, k: int) -> Parameters:
-        return controller.adapt(parameters, state, model, period, ahead, log, k)
-
-    return Adapter(
-        trial.update, trial.identifier, vessel.thruster, weather, vessel.dofs, period, model,
-        seeds.generator("identifier"), adapt,
-    )  # fmt: skip
 
 
 def wind_force(table: Vessel, voyage: Voyage) -> Array | None:

@@ -22,7 +22,7 @@ STAND_S = 30.0  # the vessel is expected to settle at a set-point that lasts thi
 def design_metrics(design: ControlDesign, model: str) -> list[Metric]:
     """Return the spectral radius of the closed loop, and the limits that the weather exceeds."""
     rows = [
-        metric("spectral_radius", "deployment", model, diagnostic.dof, float(diagnostic.value))
+        metric("spectral_radius", "deployment", model, diagnostic.dof, diagnostic.value)
         for diagnostic in design.diagnostics
         if diagnostic.name == "spectral_radius" and diagnostic.value is not None
     ]
@@ -39,32 +39,46 @@ def withheld(rows: Sequence[Metric]) -> list[Metric]:
 
 
 def response_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
-    """Compute error, step response and effort of every axis, and the computation time."""
-    voyage = sailed.voyage
+    """Compute error, step response and effort of every axis, energy, failures and time per step."""
+    voyage, design, period_s = sailed.voyage, sailed.design, sailed.period_s
     log, dofs = voyage.log, voyage.dofs
     error = _in_degrees(log.eta_d - log.eta, dofs)
-    itae = measure.integral_time_absolute_error(error, log.setpoint, sailed.period_s)
     values = {
         "error_mae": measure.mean_absolute(error),
         "error_mse": measure.mean_square(error),
-        "iae": measure.integral_absolute_error(error, sailed.period_s),
-        "itae": itae,
-        **_step_metrics(sailed),
+        "iae": measure.integral_absolute_error(error, period_s),
+        "itae": measure.integral_time_absolute_error(error, log.setpoint, period_s),
     }
+    if stretches := measure.stands(log.setpoint, round(STAND_S / period_s)):
+        off = _in_degrees(log.setpoint - log.eta, dofs)
+        values["steady_state_error"] = measure.steady_state_error(
+            off, stretches, period_s, design.ahead
+        )
+        steps = measure.step_responses(log.setpoint, log.eta, stretches, period_s, design.ahead)
+        if any(np.any(~np.isnan(by_dof)) for by_dof in steps.values()):
+            values |= steps
     if voyage.by_force:
-        values |= {
-            "tau_max_abs": np.max(np.abs(log.tau), axis=0),
-            "tau_rms": measure.root_mean_square(log.tau),
-            "tau_tv": measure.total_variation(log.tau),
-        }
-    if sailed.design.limits is not None:
-        values["limit_hits"] = measure.hits(log.tau, np.array(sailed.design.limits))
+        values["tau_max_abs"] = np.max(np.abs(log.tau), axis=0)
+        values["tau_rms"] = measure.root_mean_square(log.tau)
+        values["tau_tv"] = measure.total_variation(log.tau)
+    if design.limits is not None:
+        values["limit_hits"] = measure.hits(log.tau, np.array(design.limits))
     rows = [
         row
         for name, by_dof in values.items()
         for row in per_dof(name, "deployment", model, dofs, by_dof)
     ]
-    return rows + _vessel_metrics(sailed, model)
+    totals = [
+        ("energy", dof, measure.energy(power, period_s)) for dof, power in _powers(voyage).items()
+    ]
+    totals.append(("failures", "all", sailed.failures))
+    totals.append(("held_commands", "all", np.sum(np.any(log.held != 0.0, axis=1))))
+    if len(voyage.step_times):
+        single = len(voyage.step_times) == len(voyage.t)  # else blocks of instants
+        microseconds = 1e6 * voyage.step_times[:: design.every if single else 1]
+        totals.append(("step_time_median", "all", np.median(microseconds)))
+        totals.append(("step_time_p99", "all", np.percentile(microseconds, 99)))
+    return rows + [metric(name, "deployment", model, dof, value) for name, dof, value in totals]
 
 
 def _in_degrees(error: Array, dofs: Sequence[str]) -> Array:
@@ -77,51 +91,26 @@ def _in_degrees(error: Array, dofs: Sequence[str]) -> Array:
     return np.asarray(wrapped * np.array(scale))
 
 
-def _step_metrics(sailed: SimulatedMission) -> dict[str, Array]:
-    """Compute steady-state error and step response, if the mission has constant set-points."""
-    log, ahead = sailed.voyage.log, sailed.design.ahead
-    stretches = measure.stands(log.setpoint, round(STAND_S / sailed.period_s))
-    if not stretches:
+def _powers(voyage: Voyage) -> dict[str, Array]:
+    """Return the power [W] in the plane, and about the down axis; none without forces."""
+    if not voyage.by_force:
         return {}
-    error = _in_degrees(log.setpoint - log.eta, sailed.voyage.dofs)
-    steady_state = measure.steady_state_error(error, stretches, sailed.period_s, ahead)
-    steps = measure.step_responses(log.setpoint, log.eta, stretches, sailed.period_s, ahead)
-    has_steps = any(np.any(~np.isnan(values)) for values in steps.values())
-    return {"steady_state_error": steady_state} | (steps if has_steps else {})
-
-
-def _vessel_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
-    """Compute the metrics that have no axis: energy, failures and time per step."""
-    voyage = sailed.voyage
-    log = voyage.log
-    values: list[tuple[str, str, float]] = []
-    if voyage.by_force:
-        work = measure.energy(measure.position_power(log.tau, log.nu), sailed.period_s)
-        values.append(("energy", "position", work))
-    if voyage.dofs == PLANAR and voyage.by_force:
-        work = measure.energy(measure.heading_power(log.tau, log.nu), sailed.period_s)
-        values.append(("energy", "heading", work))
-    values.append(("failures", "all", float(sailed.failures)))
-    values.append(("held_commands", "all", float(np.sum(np.any(log.held != 0.0, axis=1)))))
-    if len(voyage.step_times):
-        single = len(voyage.step_times) == len(voyage.t)  # else blocks of instants
-        microseconds = 1e6 * voyage.step_times[:: sailed.design.every if single else 1]
-        values.append(("step_time_median", "all", float(np.median(microseconds))))
-        values.append(("step_time_p99", "all", float(np.percentile(microseconds, 99))))
-    return [metric(name, "deployment", model, dof, value) for name, dof, value in values]
+    powers = {"position": measure.position_power(voyage.log.tau, voyage.log.nu)}
+    if voyage.dofs == PLANAR:
+        powers["heading"] = measure.heading_power(voyage.log.tau, voyage.log.nu)
+    return powers
 
 
 def design_diagnostics(design: ControlDesign, model: str) -> list[Diagnostic]:
     """Return the diagnostics of the controller, the force that the weather needs, and warnings."""
-    diagnostics = [
-        Diagnostic(diagnostic.name, diagnostic.dof, diagnostic.value, diagnostic.unit, label=model)
-        for diagnostic in design.diagnostics
-    ]
-    for dof, force in zip(design.dofs, design.needed, strict=True):
-        diagnostics.append(
-            Diagnostic("needed_force", dof, float(force), FORCE_UNIT[dof], label=model)
-        )
-    return [*diagnostics, *warning_rows(design_warnings(design, model))]
+    needed = zip(design.dofs, map(float, design.needed), strict=True)
+    return [
+        *(Diagnostic(row.name, row.dof, row.value, row.unit, label=model)
+          for row in design.diagnostics),
+        *(Diagnostic("needed_force", dof, force, FORCE_UNIT[dof], label=model)
+          for dof, force in needed),
+        *warning_rows(design_warnings(design, model)),
+    ]  # fmt: skip
 
 
 def warning_rows(texts: Sequence[str]) -> list[Diagnostic]:
@@ -193,48 +182,28 @@ def tracking_metrics(voyage: Voyage, model: str, period_s: float) -> list[Metric
     Angles are in degrees in `e_psi`; `period_s` is the sample time [s]. The commands of a vessel
     with inputs are no forces, and its reference is a pose alone: it has the errors of the pose.
     """
-    if not voyage.by_force:
-        return _pose_errors(voyage, model)
-    log, dofs = voyage.log, voyage.dofs
     stage: Stage = "deployment"
+    log = voyage.log
     rows: list[Metric] = []
-    for name, values in (
-        ("nu_mse", measure.mean_square(log.nu_d - log.nu)),
-        ("nu_dot_mse", measure.mean_square(log.nu_dot_d - log.nu_dot)),
-        ("tau_mean_abs", measure.mean_absolute(log.tau)),
-        ("tau_fb_mean_abs", measure.mean_absolute(log.tau_fb)),
-    ):
-        rows += per_dof(name, stage, model, dofs, values)
-    rows += unreached(voyage, stage, model)
-    error = measure.position_error(log.eta_d, log.eta)
-    power = measure.position_power(log.tau, log.nu)
-    iaew = measure.iaew(error, power, period_s)
-    parts = [("e_pos", "position", error, power, iaew)]
-    if dofs == PLANAR:
-        error = measure.heading_error(log.eta_d, log.eta)
-        power = measure.heading_power(log.tau, log.nu)
-        iaew = measure.iaew(error, power, period_s)
-        parts.append(("e_psi", "heading", np.degrees(error), power, iaew))
-    for name, dof, error, power, iaew in parts:
-        rows += [
-            metric(f"{name}_mae", stage, model, dof, float(np.mean(np.abs(error)))),
-            metric(f"{name}_mse", stage, model, dof, float(np.mean(error**2))),
-            metric("power_mean", stage, model, dof, float(np.mean(power))),
-            metric("iaew", stage, model, dof, iaew),
-        ]
-    return rows
-
-
-def _pose_errors(voyage: Voyage, model: str) -> list[Metric]:
-    """Compute the errors of position and heading of a vessel with inputs."""
-    log, rows = voyage.log, []
-    parts = [("e_pos", "position", measure.position_error(log.eta_d, log.eta))]
+    if voyage.by_force:
+        for name, values in (
+            ("nu_mse", measure.mean_square(log.nu_d - log.nu)),
+            ("nu_dot_mse", measure.mean_square(log.nu_dot_d - log.nu_dot)),
+            ("tau_mean_abs", measure.mean_absolute(log.tau)),
+            ("tau_fb_mean_abs", measure.mean_absolute(log.tau_fb)),
+        ):
+            rows += per_dof(name, stage, model, voyage.dofs, values)
+        rows += unreached(voyage, stage, model)
+    errors = [("e_pos", "position", measure.position_error(log.eta_d, log.eta))]
     if voyage.dofs == PLANAR:
-        heading = np.degrees(measure.heading_error(log.eta_d, log.eta))
-        parts.append(("e_psi", "heading", heading))
-    for name, dof, error in parts:
-        rows += [
-            metric(f"{name}_mae", "deployment", model, dof, float(np.mean(np.abs(error)))),
-            metric(f"{name}_mse", "deployment", model, dof, float(np.mean(error**2))),
-        ]
+        errors.append(("e_psi", "heading", measure.heading_error(log.eta_d, log.eta)))
+    powers = _powers(voyage)
+    for name, dof, error in errors:
+        shown = np.degrees(error) if dof == "heading" else error
+        rows.append(metric(f"{name}_mae", stage, model, dof, np.mean(np.abs(shown))))
+        rows.append(metric(f"{name}_mse", stage, model, dof, np.mean(shown**2)))
+        if dof in powers:
+            rows.append(metric("power_mean", stage, model, dof, np.mean(powers[dof])))
+            iaew = measure.iaew(error, powers[dof], period_s)
+            rows.append(metric("iaew", stage, model, dof, iaew))
     return rows

@@ -54,92 +54,72 @@ ROLES = {"none": 0.0, "training": 1.0, "testing": 2.0}
 
 
 def mix_results(mix: object, excited: "ExcitationData") -> Results:
-    """Return the results of a mix of manoeuvres; empty for any other excitation."""
+    """Return the counts of a mix of manoeuvres and its plan; empty for any other excitation."""
     if not isinstance(mix, Mix):
         return Results()
-    diagnostics, plan = _count_diagnostics(mix), mix.plan
-    if plan is None:
-        return Results(diagnostics=diagnostics)
-    return Results(
-        diagnostics=[*diagnostics, *_plan_diagnostics(mix, plan, excited.recording)],
-        series=[_plan_series(mix, plan), _waters_series(mix)],
-    )
-
-
-def _diagnostic(
-    name: str, value: float, unit: str = "", label: str | None = None, i: int | None = None
-) -> Diagnostic:
-    return Diagnostic(name, "all", value, unit, i=i, label=label)
+    results = Results(diagnostics=_count_diagnostics(mix))
+    return results if mix.plan is None else results + _plan_results(mix, mix.plan, excited)
 
 
 def _count_diagnostics(mix: Mix) -> list[Diagnostic]:
     """Return the count of every candidate, and how close the counts are to the optimum."""
     counts, design = mix.counts, mix.information
-    totals = np.array(list(counts.values()), dtype=np.float64)
+    log_det = design.log_det(np.array(list(counts.values()), dtype=np.float64))
     diagnostics = [
-        _diagnostic("mix_count", float(n), label=name, i=i)
+        Diagnostic("mix_count", "all", float(n), i=i, label=name)
         for i, (name, n) in enumerate(counts.items())
     ]
-    if np.isfinite(design.log_det(totals)):
-        diagnostics.append(_diagnostic("mix_log_det", design.log_det(totals)))
+    if np.isfinite(log_det):
+        diagnostics.append(Diagnostic("mix_log_det", "all", log_det))
     if mix.design == "optimal":
         weights = design.weights
         diagnostics += [
-            _diagnostic("mix_share", float(share), label=name, i=i)
+            Diagnostic("mix_share", "all", float(share), i=i, label=name)
             for i, name, share in zip(count(), counts, weights.share, strict=False)
         ]
-        diagnostics.append(_diagnostic("mix_gap", weights.gap))
-        diagnostics.append(_diagnostic("mix_log_det_optimal", design.log_det(weights.share)))
+        best = design.log_det(weights.share)
+        diagnostics.append(Diagnostic("mix_gap", "all", weights.gap))
+        diagnostics.append(Diagnostic("mix_log_det_optimal", "all", best))
     return diagnostics
 
 
-def _plan_diagnostics(mix: Mix, plan: PlannedPath, recording: Recording) -> list[Diagnostic]:
-    """Return the duration of the plan, and how closely the vessel followed it."""
-    waters = mix.route.waters
-    positions, planned = recording.eta[:, :2], plan.poses[: len(recording), :2]
-    return [
-        _diagnostic("plan_duration", (len(plan.poses) - 1) * mix.period_s, "s"),
-        _diagnostic("plan_clearance", float(np.min(waters.distance(plan.poses[:, :2]))), "m"),
-        _diagnostic("plan_deviation", float(np.max(np.hypot(*(positions - planned).T))), "m"),
-        _diagnostic("sailed_clearance", float(np.min(waters.distance(positions))), "m"),
-    ]
+def _plan_results(mix: Mix, plan: PlannedPath, excited: "ExcitationData") -> Results:
+    """Return the planned poses, the waters, and how closely the vessel followed the plan.
 
-
-def _plan_series(mix: Mix, plan: PlannedPath) -> Series:
-    """Return the planned poses, with the manoeuvre between each pose and the next."""
-    schedule, names = mix.schedule, list(mix.candidates)
-    manoeuvres, roles = [], []
-    for part in schedule.parts:
-        number = PASSAGE if part.kind == "passage" else float(names.index(part.name))
-        manoeuvres.append(np.full(part.count, number))
-        roles.append(np.full(part.count, ROLES[part.role]))
-    poses = plan.poses
-    columns = {
+    The series `plan` has the manoeuvre between each pose and the next, the series `waters` the
+    corners of the area (polygon 0) and of the obstacles, and the clearance.
+    """
+    waters, poses, names = mix.route.waters, plan.poses, list(mix.candidates)
+    parts = mix.schedule.parts
+    numbers = [PASSAGE if p.kind == "passage" else float(names.index(p.name)) for p in parts]
+    lengths, roles = [part.count for part in parts], [ROLES[part.role] for part in parts]
+    path = {
         "t": mix.period_s * np.arange(len(poses), dtype=np.float64),
-        "x": poses[:, 0],
-        "y": poses[:, 1],
-        "psi": poses[:, 2],
-        "manoeuvre": np.concatenate([*manoeuvres, [PASSAGE]]),
-        "role": np.concatenate([*roles, [0.0]]),
+        **dict(zip(("x", "y", "psi"), poses.T, strict=False)),
+        "manoeuvre": np.append(np.repeat(numbers, lengths), PASSAGE),
+        "role": np.append(np.repeat(roles, lengths), 0.0),
     }
     units = {"t": "s", "x": "m", "y": "m", "psi": "rad", "manoeuvre": "", "role": ""}
-    return Series("plan", columns, units)
-
-
-def _waters_series(mix: Mix) -> Series:
-    """Return the corners of the area (polygon 0) and of the obstacles, and the clearance [m]."""
-    polygons = list(mix.route.waters.named.values())
+    polygons = list(waters.named.values())
     corners = np.array([corner for polygon in polygons for corner in polygon], dtype=np.float64)
-    numbers = np.repeat(
-        np.arange(len(polygons), dtype=np.float64), [len(polygon) for polygon in polygons]
-    )
-    columns = {
-        "polygon": numbers,
+    area = {
+        "polygon": np.repeat(np.arange(len(polygons), dtype=np.float64), [*map(len, polygons)]),
         "x": corners[:, 0],
         "y": corners[:, 1],
         "clearance": np.full(len(corners), mix.route.clearance_m),
     }
-    return Series("waters", columns, {"polygon": "", "x": "m", "y": "m", "clearance": "m"})
+    area_units = {"polygon": "", "x": "m", "y": "m", "clearance": "m"}
+    sailed = excited.recording.eta[:, :2]
+    off = np.max(np.hypot(*(sailed - poses[: len(sailed), :2]).T))
+    return Results(
+        diagnostics=[
+            Diagnostic("plan_duration", "all", (len(poses) - 1) * mix.period_s, "s"),
+            Diagnostic("plan_clearance", "all", float(np.min(waters.distance(poses[:, :2]))), "m"),
+            Diagnostic("plan_deviation", "all", float(off), "m"),
+            Diagnostic("sailed_clearance", "all", float(np.min(waters.distance(sailed))), "m"),
+        ],
+        series=[Series("plan", path, units), Series("waters", area, area_units)],
+    )
 
 
 def excitation_report(reports: Iterable[Persistence]) -> list[Diagnostic]:

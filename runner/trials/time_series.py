@@ -1,7 +1,7 @@
 """Time series of a trial: the recording, the residual force and the deployments."""
 
+import re
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from seatrial.models.notation import (
 )
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
-from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
@@ -29,22 +28,9 @@ from seatrial.runner.trials.closed_loop import ExcitationData, SimulatedMission
 from seatrial.runner.trials.deployment_metrics import is_allocated
 from seatrial.runner.trials.validation_metrics import Predictions
 
-
-def voyage_series(sailed: SimulatedMission, model: str) -> Series:
-    """Return a deployment over time, with the set-points and, if there is wind, its force."""
-    series = deployment_series(sailed.voyage, model)
-    dofs, log = sailed.voyage.dofs, sailed.voyage.log
-    columns, units = dict(series.columns), dict(series.units)
-    for i, (name, dof) in enumerate(zip(poses_of(dofs), dofs, strict=True)):
-        columns[f"{name}_setpoint"] = log.setpoint[:, i]
-        units[f"{name}_setpoint"] = units[name]
-        if sailed.wind is not None:
-            columns[f"wind_{dof}"] = sailed.wind[:, i]
-            units[f"wind_{dof}"] = FORCE_UNIT[dof]
-    return replace(series, columns=columns, units=units)
-
-
 Mask = NDArray[np.bool_]
+WIND_NOISE = ("noise_wind_ahead", "noise_wind_abeam")
+_AFFIXES = re.compile(r"^(?:wave|noise|process)_|_(?:d|setpoint)$")
 
 
 def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
@@ -53,29 +39,22 @@ def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
 
 def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
     """Return the unit of each series column, by its name."""
-    units = {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
-    units |= {
-        f"{medium}_{axis}": "m/s" for medium in ("wind", "current") for axis in ("north", "east")
-    }
-    units |= {"noise_wind_ahead": "m/s", "noise_wind_abeam": "m/s"}
+    axes = [f"{medium}_{axis}" for medium in ("wind", "current") for axis in ("north", "east")]
+    units = dict.fromkeys([*axes, *WIND_NOISE], "m/s")
+    units |= {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
     for names, unit_of in (
         (poses_of(dofs), POSE_UNIT),
         (velocities_of(dofs), VELOCITY_UNIT),
         (accelerations_of(dofs), ACCELERATION_UNIT),
     ):
         units |= {name: unit_of[dof] for name, dof in zip(names, dofs, strict=True)}
-
-    def unit(column: str) -> str:
-        return (
-            units.get(column)
-            or units.get(column.removesuffix("_d"))
-            or units.get(column.removeprefix("wave_"))
-            or units.get(column.removeprefix("noise_"))
-            or units.get(column.removeprefix("process_"))
-            or FORCE_UNIT.get(column.rpartition("_")[2], "")
-        )
-
-    return {column: unit(column) for column in columns}
+    # That of `x` for `x_d`, `x_setpoint`, `wave_x`, `noise_x` and `process_x`, or that of a force.
+    return {
+        name: units.get(name)
+        or units.get(_AFFIXES.sub("", name))
+        or FORCE_UNIT.get(name.rpartition("_")[2], "")
+        for name in columns
+    }
 
 
 def _weather(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
@@ -97,7 +76,7 @@ def _noise(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
         ([f"noise_{name}" for name in poses_of(dofs)], weather.pose_noise - waves),
         ([f"noise_{name}" for name in velocities_of(dofs)], weather.velocity_noise),
         ([f"noise_{name}" for name in accelerations_of(dofs)], weather.acceleration_noise),
-        (["noise_wind_ahead", "noise_wind_abeam"], weather.wind_noise),
+        (WIND_NOISE, weather.wind_noise),
         ([f"force_ned_{dof}" for dof in dofs], weather.force_ned),
     )
     return {k: v for names, part in parts if np.any(part) for k, v in _columns(names, part).items()}
@@ -202,8 +181,9 @@ def prediction_series(
     return Series("prediction", columns, units)
 
 
-def deployment_series(voyage: Voyage, model: str) -> Series:
-    """Return a deployment over time: pose, reference, velocity, force, error and weather."""
+def deployment_series(sailed: SimulatedMission, model: str) -> Series:
+    """Return a deployment: pose, reference, set-point, velocity, force, error and weather."""
+    voyage = sailed.voyage
     log, dofs = voyage.log, voyage.dofs
     columns = {"t": voyage.t}
     columns |= _columns(poses_of(dofs), log.eta)
@@ -222,4 +202,7 @@ def deployment_series(voyage: Voyage, model: str) -> Series:
     if dofs == PLANAR:
         columns["e_psi"] = measure.heading_error(log.eta_d, log.eta)
     columns |= _weather(voyage.weather, dofs)
+    columns |= _columns([f"{name}_setpoint" for name in poses_of(dofs)], log.setpoint)
+    if sailed.wind is not None:
+        columns |= _columns([f"wind_{dof}" for dof in dofs], sailed.wind)
     return Series(f"deployment_{model}", columns, _units(dofs, columns))

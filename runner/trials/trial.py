@@ -171,9 +171,7 @@ def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified
     return identified, impossible
 
 
-def of_identification(
-    problem: Problem, identified: Identified, excited: ExcitationData
-) -> Results:
+def of_identification(problem: Problem, identified: Identified, excited: ExcitationData) -> Results:
     """The coefficients, beside the nominal and the true ones, and the residual they explain."""
     return Results(
         coefficients=[
@@ -307,7 +305,7 @@ def of_voyage(trial: Trial, sailed: SimulatedMission, model: str) -> Results:
             *deployment_metrics.warning_rows(losses),
             *deployment_metrics.loop_diagnostics(sailed, model),
         ],
-        series=[time_series.voyage_series(sailed, model)],
+        series=[time_series.deployment_series(sailed, model)],
     )
     if adapter is not None:
         versions = numbered("adaptive", (model for _, model, _ in adapter.versions))

@@ -86,32 +86,27 @@ def validation(
         metrics += _coefficient_errors(nominal, "nominal", truth)
         metrics += _coefficient_errors(identified.model, "identified", truth)
         own = truth.on(nominal.terms)
-        metrics += _median_error(nominal, "nominal", own) + _median_error(
-            identified.model, "identified", own
-        )
+        metrics.append(_median_error(nominal, "nominal", own))
+        metrics.append(_median_error(identified.model, "identified", own))
     return metrics
 
 
 def _coefficient_errors(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
     """Compute the largest relative error of the non-zero coefficients per degree of freedom."""
     errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
-    known = ~np.isnan(errors)
-    worst = np.where(known, errors, 0.0).max(axis=0, initial=0.0)
     return [
-        metric("coefficient_error", "validation", name, dof, value)
-        for dof, value, any_known in zip(
-            truth.dofs, worst, np.atleast_1d(known.any(axis=0)), strict=True
-        )
-        if any_known
+        metric("coefficient_error", "validation", name, dof, np.nanmax(by_term))
+        for dof, by_term in zip(truth.dofs, errors.T, strict=True)
+        if np.any(~np.isnan(by_term))
     ]
 
 
-def _median_error(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
+def _median_error(model: Vessel, name: str, truth: Vessel) -> Metric:
     """Compute the median relative error of the vessel's coefficients, without the wind's."""
     errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
     known = errors[~np.isnan(errors)]
-    median = float(np.median(known)) if known.size else float("nan")
-    return [metric("coefficient_error_median", "validation", name, "all", median)]
+    median = np.median(known) if known.size else np.nan
+    return metric("coefficient_error_median", "validation", name, "all", median)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,38 +132,36 @@ def predictions(
     models = {"nominal": problem.nominal, "identified": identified.model}
     if truth is not None:
         models["plant"] = truth
-    predicted = Predictions([], [], {}, {})
-    spread: Array | None = None
+    metrics, diagnostics = list[Metric](), list[Diagnostic]()
+    predicted = Predictions(metrics, diagnostics, {}, {})
     dofs = problem.validation.dofs
+    spread, unknown = None, np.full(2 * len(dofs), np.nan)
     restart_s = restart_length(problem.nominal, problem.training)
     for model, table in models.items():
         try:
             predictor = prediction(table, problem.validation, problem.thruster, restart_s=restart_s)
         except IdentificationError as error:
             label = f"{model} model: {error}"
-            predicted.diagnostics.append(Diagnostic("no_prediction", "all", 1.0, label=label))
+            diagnostics.append(Diagnostic("no_prediction", "all", 1.0, label=label))
             limited, held = (1.0, 0.0) if isinstance(error, InertiaError) else (np.nan, np.nan)
-            unknown = np.full(2 * len(dofs), np.nan)
             for horizon in HORIZONS:
-                ahead = Ahead(unknown, limited, unknown)
-                predicted.metrics.extend(_over(model, horizon, ahead, unknown, dofs))
-            predicted.metrics.append(metric("held_free_run", "validation", model, "all", held))
+                metrics += _over(model, horizon, Ahead(unknown, limited, unknown), unknown, dofs)
+            metrics.append(metric("held_free_run", "validation", model, "all", held))
             continue
         if spread is None:
             spread = predictor.mean_motion()
             for horizon in HORIZONS:
-                predicted.metrics.extend(_errors("mean_motion", horizon, spread, dofs))
+                metrics += _errors("mean_motion", horizon, spread, dofs)
         for horizon in HORIZONS:
             ahead = predictor.over(horizon)
             if ahead.diverged:
-                unknown = np.full(len(spread), np.nan)
                 ahead = ahead._replace(rmse=unknown, std=unknown)
-            predicted.metrics.extend(_over(model, horizon, ahead, spread, dofs))
+            metrics += _over(model, horizon, ahead, spread, dofs)
         held = predictor.held_s()
-        predicted.metrics.append(metric("held_free_run", "validation", model, "all", held))
+        metrics.append(metric("held_free_run", "validation", model, "all", held))
         predicted.free_runs[model] = predictor.motion()
         if model == "identified":
-            predicted.diagnostics.extend(_chance(predictor, problem.validation))
+            diagnostics += _chance(predictor, problem.validation)
         for seconds in horizons_s:
             predicted.after[model, seconds] = predictor.motion_after(seconds)
     return predicted

@@ -132,7 +132,7 @@ class Stage:
         assert len(self.check(before)) == self.trials
         with self.logbook() as logbook:
             assert logbook is not None
-            assert logbook.verify().leftovers == []
+            assert logbook.verify().problems == []
             finished = METRICS.replace(" ORDER BY", " WHERE status = 'finished' ORDER BY")
             return sorted((tuple(row) for row in logbook.sql(finished).rows), key=repr)
 

@@ -19,7 +19,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.simulation.voyage import recording_of
-from seatrial.runner.trials.closed_loop import Streams, sail_mission
+from seatrial.runner.trials.closed_loop import Streams, prepare
 from tests.benchmarks.memory import peak_megabytes
 from tests.trials import composed
 
@@ -35,7 +35,7 @@ def write(folder: Path, sizes: list[int]) -> dict[int, Path]:
     waypoints = lap.waypoints * int(-(-length // lap.duration_s))
     base = replace(lap, waypoints=waypoints)
     mission = replace(trial.excitation, base=base, length_s=base.duration_s)
-    sailed = sail_mission(trial, Streams(0), trial.vessel.nominal(), mission).voyage
+    sailed = prepare(trial, Streams(0), trial.vessel.nominal(), mission).sail().voyage
     whole = recording_of(sailed, sailed.weather)
     paths = {size: folder / f"{size}.npz" for size in sizes}
     for size, path in paths.items():

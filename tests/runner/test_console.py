@@ -8,7 +8,6 @@ import pty
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -19,28 +18,17 @@ from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Results, metric
 from seatrial.runner.sweeps import console as progress
-from seatrial.runner.sweeps.console import LiveLine, NewWarnings, PlainLines, Standing, TimeLeft
+from seatrial.runner.sweeps.console import LiveLine, NewWarnings, PlainLines, Standing, time_left
 from tests.runner.database.samples import make_start
 from tests.runner.programs import wait
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """The time [s], which a test sets."""
-    clock = SimpleNamespace(now=0.0)
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock.now)
-    return clock
-
-
-def test_the_pace_counts_from_the_first_that_ends(clock: SimpleNamespace) -> None:
-    pace = TimeLeft()
-    lefts = []
-    for done, clock.now in ((2, 0.0), (2, 50.0), (3, 60.0), (5, 64.0), (10, 74.0)):
-        lefts.append(pace.left_s(done, 10))
-    # Two were done before; workers start; the first has nothing to compare with; two more in 4 s.
-    assert lefts == [None, None, None, pytest.approx(10.0), 0.0]
+def test_the_time_left_is_at_the_rate_of_what_is_done() -> None:
+    assert time_left(left=8, done=0, seconds=50.0) is None
+    assert time_left(left=5, done=3, seconds=60.0) == pytest.approx(100.0)
+    assert time_left(left=0, done=8, seconds=60.0) == 0.0
 
 
 def test_plain_lines_only_when_there_is_news(

@@ -33,8 +33,6 @@ def test_options_that_cannot_be_right(seatrial: Command) -> None:
     for line, (argument, message) in zip(lines[:-1], REFUSED.items(), strict=True):
         state, reason = line.split()[0], line.split("  ")[-1].strip()
         assert (state, reason[: len(message)]) == ("refused", message), argument
-    said = seatrial.refuses(*UNUSED, "hydra.sweeper.params={x: nan}")
-    assert said.startswith("hydra.sweeper.params.x: got nan, expected a finite number")
 
 
 def test_schedules_and_parameter_sets_that_are_not_chosen(seatrial: Command) -> None:

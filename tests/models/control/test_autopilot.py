@@ -202,7 +202,7 @@ def mission(*options: str) -> closed_loop.SimulatedMission:
     trial = composed("identifier=none", "evaluation=none", *options)
     trials.check(trial)
     nominal = trial.vessel.nominal()
-    return closed_loop.sail_mission(trial, closed_loop.Streams(0), nominal, trial.excitation)
+    return closed_loop.prepare(trial, closed_loop.Streams(0), nominal, trial.excitation).sail()
 
 
 def across(sigma: float) -> Array:

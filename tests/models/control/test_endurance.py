@@ -30,7 +30,7 @@ def keep_station(controller: str, duration_s: float) -> SimulatedMission:
         "integration_step_s=1.0", *OPTIONS[controller],
     )  # fmt: skip
     nominal = one.vessel.nominal()
-    return closed_loop.sail_mission(one, closed_loop.Streams(0), nominal, one.evaluation)
+    return closed_loop.prepare(one, closed_loop.Streams(0), nominal, one.evaluation).sail()
 
 
 @pytest.mark.parametrize(

@@ -25,9 +25,11 @@ def lap(lead: bool, model: Vessel | None = None, period_s: float = 0.1) -> Voyag
     options = [f"controller.thruster_lead={str(lead).lower()}", f"sample_time_s={period_s}"]
     one = composed("controller=pid_ff", "identifier=none", *options, "integration_step_s=0.02")
     truth = one.plant_scale * one.vessel.nominal()
-    return closed_loop.sail_mission(
-        one, closed_loop.Streams(0), model or truth, one.excitation
-    ).voyage
+    return (
+        closed_loop.prepare(one, closed_loop.Streams(0), model or truth, one.excitation)
+        .sail()
+        .voyage
+    )
 
 
 def error_of(voyage: Voyage) -> float:
@@ -97,9 +99,11 @@ def test_the_command_does_not_jump_when_the_model_does(milliampere: Vessel) -> N
 def test_feedback_while_exciting_and_none_in_an_evaluation() -> None:
     one = composed("identifier=none", "controller.deployed_feedback=false")
     shares = {
-        deployed: closed_loop.sail_mission(
+        deployed: closed_loop.prepare(
             one, closed_loop.Streams(0), one.vessel.nominal(), one.excitation, deployed=deployed
-        ).voyage.log.tau_fb
+        )
+        .sail()
+        .voyage.log.tau_fb
         for deployed in (False, True)
     }
     assert np.all(np.mean(np.abs(shares[False]), axis=0) > 10.0)

@@ -25,9 +25,9 @@ def figures(*options: str) -> dict[str, Array]:
     found: dict[str, list[list[float]]] = {}
     for seed in SEEDS:
         one = composed("experiment=positioning", *options, f"seed={seed}")
-        sailed = closed_loop.sail_mission(
+        sailed = closed_loop.prepare(
             one, closed_loop.Streams(seed), one.vessel.nominal(), one.evaluation
-        )
+        ).sail()
         row: dict[str, list[float]] = {}
         design = deployment_metrics.design_metrics(sailed.design, "nominal")
         for metric in [*deployment_metrics.response_metrics(sailed, "nominal"), *design]:
@@ -61,9 +61,9 @@ def test_a_filter_as_wide_as_the_waves_spares_the_thrusters(controller: str) -> 
             "vessel=supply_vessel", "disturbance=rough", "evaluation=setpoints", *options,
             "sample_time_s=1.0", "integration_step_s=1.0", f"controller={controller}",
         )  # fmt: skip
-        sailed = closed_loop.sail_mission(
+        sailed = closed_loop.prepare(
             one, closed_loop.Streams(0), one.vessel.nominal(), one.evaluation
-        )
+        ).sail()
         found = {
             (m.name, m.dof): float(m.value or 0.0)
             for m in deployment_metrics.response_metrics(sailed, "x")

@@ -9,7 +9,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.manoeuvres import ConstantVelocity
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Voyage
-from seatrial.runner.trials.closed_loop import Streams, sail_mission
+from seatrial.runner.trials.closed_loop import Streams, prepare
 from seatrial.runner.trials.trial import check
 from tests.trials import composed
 
@@ -17,7 +17,7 @@ from tests.trials import composed
 def sailed(*overrides: str) -> tuple[Any, Voyage]:
     trial = composed("identifier=none", "disturbance=calm", *overrides)
     check(trial)
-    voyage = sail_mission(trial, Streams(0), trial.vessel.nominal(), trial.excitation).voyage
+    voyage = prepare(trial, Streams(0), trial.vessel.nominal(), trial.excitation).sail().voyage
     return trial, voyage
 
 

@@ -212,12 +212,12 @@ def test_a_lower_voltage_takes_from_the_force() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_allocation_stands_between_controller_and_vessel(method: str) -> None:
-    from seatrial.runner.trials.closed_loop import Streams, sail_mission
+    from seatrial.runner.trials.closed_loop import Streams, prepare
 
     def sailed(*overrides: str) -> Any:
         trial = composed("identifier=none", "excitation=constant_velocity", *overrides)
         nominal = trial.vessel.nominal()
-        return sail_mission(trial, Streams(0), nominal, trial.excitation).voyage.log
+        return prepare(trial, Streams(0), nominal, trial.excitation).sail().voyage.log
 
     velocities = "excitation.velocities={surge: [0.3, 0.3]}"
     free = sailed(velocities)

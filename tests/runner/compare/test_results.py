@@ -25,7 +25,7 @@ ASKED: dict[str, Callable[[LogbookWriter], object]] = {
     ),
     "the metrics of a run": lambda logbook: logbook.metrics(2),
     "the diagnostics of a run": lambda logbook: logbook.diagnostics(2),
-    "the run of a trial": lambda logbook: logbook.trial(f"{2:064x}"),
+    "the run of a trial": lambda logbook: logbook.trials([f"{2:064x}"]),
     "how far a sweep is": lambda logbook: logbook.sweep_status(1),
     "the start of a trial": lambda logbook: logbook.begin_run(make_start(9), 1),
 }

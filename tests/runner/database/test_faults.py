@@ -3,10 +3,8 @@
 import multiprocessing
 import os
 import shutil
-import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -139,40 +137,3 @@ def read_all(url: str) -> None:
         reader.metrics(1)
     if found:
         raise LogbookError("found by verify")
-
-
-@pytest.mark.parametrize(
-    ("change", "line"),
-    [
-        ("run SET seed = 'many'", "column seed holds str"),
-        ("run SET vessel = x'fffe'", "column vessel holds bytes"),
-        ("run SET vessel = CAST(x'fffe' AS TEXT)", "Could not decode to UTF-8 column 'vessel'"),
-        ("run SET started_at = 'yesterday'", "Invalid isoformat string: 'yesterday'"),
-        ("run SET config = '{broken'", "Expecting property name"),
-        ("run SET config = '[1]'", "column config holds list"),
-        ("run SET overrides = '{}'", "column overrides holds dict"),
-        ("metric SET value = 'lots'", "column value holds str"),
-        ("coefficient SET true_value = 'y'", "column true_value holds str"),
-    ],
-)
-def test_a_damaged_cell_is_told_by_readers_and_by_verify(
-    tmp_path: Path, change: str, line: str
-) -> None:
-    url = fill(tmp_path)
-    with closing(sqlite3.connect(tmp_path / "results.db")) as connection, connection:
-        connection.execute(f"UPDATE {change}")
-    with LogbookWriter.read(url) as reader:
-        table = change.split()[0]
-        (problem, unchecked) = reader.verify().problems
-        assert problem.where == f"table {table}"
-        assert line in problem.what
-        assert unchecked.what.startswith("series files were not checked")
-        read = {
-            "run": lambda: reader.run(1), "metric": lambda: reader.metrics(1),
-            "coefficient": lambda: reader.coefficients(1),
-        }[table]  # fmt: skip
-        for task in (read, lambda: reader.export(tmp_path / "out")):
-            with pytest.raises(LogbookError, match=r"results\.db: ") as caught:
-                task()
-            assert line in str(caught.value)
-            assert "\n" not in str(caught.value)

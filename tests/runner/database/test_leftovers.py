@@ -41,19 +41,14 @@ def busy(logbook: LogbookWriter, url: str, results_dir: Path) -> LogbookWriter:
 KEPT = ["run-000001", "run-000003"]
 
 
-def test_they_are_removed_when_a_sweep_starts(busy: LogbookWriter, results_dir: Path) -> None:
-    found = busy.verify()
-    assert (found.problems, len(found.leftovers)) == ([], 2)  # until then they are no damage
-    busy.begin_sweep("s", "c", [], 1)
-    assert names(results_dir) == KEPT
-    assert busy.verify().leftovers == []
-
-
-def test_they_are_removed_when_their_run_is_given_up(
+def test_they_are_no_damage_and_removed_with_the_orphans(
     busy: LogbookWriter, results_dir: Path
 ) -> None:
-    assert busy.begin_run(make_start(2)).state == "new"
+    found = busy.verify()
+    assert (found.problems, len(found.leftovers)) == ([], 2)
+    busy.remove_orphans()
     assert names(results_dir) == KEPT
+    assert busy.verify().leftovers == []
 
 
 def test_another_logbook_in_the_same_folder_keeps_its_files(tmp_path: Path) -> None:
@@ -66,7 +61,6 @@ def test_another_logbook_in_the_same_folder_keeps_its_files(tmp_path: Path) -> N
         one.finish_run(one.begin_run(make_start(1)).run_id, make_results(1.0))
         before = one.series(1, "recording")
         assert killed(two, urls[1], 1) == 1
-        two.begin_sweep("s", "c", [], 1)
         two.finish_run(two.begin_run(make_start(1)).run_id, make_results(2.0))
         again = one.series(1, "recording")  # its checksum is right
         assert (again.columns["u"] == before.columns["u"]).all()

@@ -63,7 +63,7 @@ def test_a_killed_writer_leaves_a_whole_logbook(url: str, results_dir: Path) -> 
             if begun.state == "new":
                 logbook.finish_run(begun.run_id, make_results())
         assert all(run.status == "finished" for run in logbook.runs() if not run.superseded)
-        logbook.begin_sweep("s", "c", [], 1)
+        logbook.remove_orphans()
         assert (logbook.verify().problems, logbook.verify().leftovers) == ([], [])
 
 

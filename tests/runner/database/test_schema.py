@@ -53,7 +53,6 @@ def test_views_of_another_catalogue_are_renewed(
     with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         logbook.finish_run(logbook.begin_run(make_start()).run_id, make_results())
     views.statements.cache_clear()
-    views.digest.cache_clear()
     monkeypatch.setattr(views, "METRIC_NAMES", (*views.METRIC_NAMES, "own_metric"))
     try:
         assert schema.inspect(parse(url)) is schema.Condition.OTHER_VIEWS
@@ -64,7 +63,6 @@ def test_views_of_another_catalogue_are_renewed(
         assert schema.inspect(parse(url)) is schema.Condition.CURRENT
     finally:
         views.statements.cache_clear()
-        views.digest.cache_clear()
 
 
 def test_a_database_that_is_not_ours_is_refused(url: str, results_dir: Path) -> None:
