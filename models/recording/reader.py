@@ -7,6 +7,7 @@ velocities that were not recorded are differentiated from the pose. What is left
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,8 +24,6 @@ from seatrial.models.recording.joining import (
     AtGap,
     Channel,
     ColumnReading,
-    Origin,
-    TimeGrid,
     join_channels,
     left_in_gaps,
     shared_clock,
@@ -44,11 +43,13 @@ else:
 
     pymap3d = lazy_loader.load("pymap3d")
 
+FAULTS = (ConfigurationError, RecordingError)
 HELD_SIGNALS = ("force", "commands")  # constant until the next sample
 IN_THE_PLANE = ("wind", "air", "ground", "water")  # kinds without a meaning in other axes
 BRIDGED = 2.5  # sample times that joining fills at any rate
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
+EXCHANGED = {"surge": "sway", "sway": "surge", "heave": "heave"}  # of east, north, up
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
 # Numbers that loggers write where there is none, if nothing else is near.
 SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
@@ -90,7 +91,6 @@ class Reading:
     """How the columns of a recording are read: the map, the clock, and what is cleaned."""
 
     columns: ColumnMap
-    sample_time_s: Positive | None = None  # None: the median step
     resample_hz: Positive | None = None  # None: as recorded, else the rate of the slowest state
     max_gap_s: Positive = 1.0
     at_gap: AtGap = "refuse"
@@ -121,17 +121,17 @@ class Reading:
     def _signals(self, sources: Sources, dofs: Sequence[str]) -> Signals:
         notes = [line for source in sources.values() for line in source.left_out]
         channels = _unit_quaternions(self._channels(sources, dofs, notes))
-        origins = {option: c.origin for option, c in channels.items() if c.origin is not None}
-        recorded = {o.reading.column.removeprefix("-"): channels[option].values
-                    for option, o in origins.items()}  # fmt: skip
+        readings = {option: c.reading for option, c in channels.items() if c.reading is not None}
+        recorded = {r.column.removeprefix("-"): channels[o].values for o, r in readings.items()}
         for option, channel in channels.items() if self.outliers.replace else ():
             valid, values = ~np.isnan(channel.values), channel.values.copy()
             wrong = self.outliers.of(channel.values)[valid]
             values[valid] = interpolated(channel.t[valid], values[valid], wrong)
             channels[option] = channel._replace(values=values)
-        t, alone = None, len({id(origin.source) for origin in origins.values()}) == 1
+        t, first = None, next(iter(readings.values())).source
+        alone = all(reading.source is first for reading in readings.values())
         if alone and self.resample_hz is None and not self.columns.delay_s:
-            t = shared_clock(channels, self.sample_time_s, self.at_gap)
+            t = shared_clock(channels, clock_of(first, self.columns).name, self.at_gap)
         if t is None:
             channels = {option: c.cleaned(notes) for option, c in channels.items()}
         known = {option: channel.values for option, channel in channels.items()}
@@ -140,56 +140,56 @@ class Reading:
             rate = _rate(channels)
             longest = max(longest, BRIDGED / rate)
         if t is None:
-            t, known = join_channels(channels, TimeGrid(rate, longest, self.at_gap))
+            t, known = join_channels(channels, rate, longest, self.at_gap)
         notes += left_in_gaps(t, channels, longest)
         known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
-        readings = tuple(origin.reading for origin in origins.values())
-        return Signals(t, known, recorded, readings, tuple(dict.fromkeys(notes)))
+        return Signals(
+            t, known, recorded, tuple(readings.values()), tuple(dict.fromkeys(notes))
+        )
 
     def _channels(
         self, sources: Sources, dofs: Sequence[str], notes: list[str]
     ) -> dict[str, Channel]:
         """The columns in SI units on their clocks, by option."""
-        specs, needed = wanted(self.columns, dofs)
-        if not specs:
+        used = wanted(self.columns, dofs)
+        if not used:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-        scale, clocks = self.columns.froude_scale, dict[str, tuple[str, Array]]()
+        scale, clocks = self.columns.froude_scale, dict[str, Array]()
         pace, start = units.froude_factor("s", scale), first_time(sources, self.columns)
         channels = {}
-        for option, spec in specs.items():
+        for option, needed in used.items():
             try:
-                source, name = column(sources, spec.name)
+                reading = reading_of(sources, option, self.columns)
             except RecordingError:
-                if option in needed:
+                if needed:
                     raise
                 continue
+            spec, source = self.columns.specs[option], reading.source
             if source.name not in clocks:
                 clock = clock_of(source, self.columns)
-                clocks[source.name] = clock.name, seconds(source, clock)
+                clocks[source.name] = seconds(source, clock)
                 notes += [line] if (line := disagreement(source, clock)) else []
-            values = _without_sentinels(source.numbers(name, gaps=True), name, notes)
-            reading = reading_of(source, name, option, spec, specs)
-            kind = option.partition(".")[0]
-            delay = self.columns.delay_s.get(source.name, self.columns.delay_s.get(kind, 0.0))
-            values = _in_si(values, option, spec, reading.unit, scale)
-            clock_name, times = clocks[source.name]
+            kind, delays = option.partition(".")[0], self.columns.delay_s
+            values = source.numbers(reading.name, gaps=True)
+            values = _without_sentinels(values, reading.name, notes)
+            t = clocks[source.name] - start - delays.get(source.name, delays.get(kind, 0.0))
             channels[option] = Channel(
-                pace * (times - start - delay), values, kind in HELD_SIGNALS, f"column {spec.name}",
-                Origin(source, name, clock_name, reading),
+                pace * t, _in_si(values, option, spec, reading.unit, scale), kind in HELD_SIGNALS,
+                f"column {spec.name}", reading,
             )  # fmt: skip
         return channels
 
 
-def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], set[str]]:
-    """The columns that a vessel with some degrees of freedom uses, by option, and which it needs.
+def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, bool]:
+    """The options whose columns a vessel with some degrees of freedom uses, and if it needs them.
 
     The attitude is used where it is recorded, also by a vessel that does not turn.
     """
     arm = any(columns.lever_arm_m)
     turned = columns.frames != Frames() or arm or columns.geodetic is not None
-    turned = turned or columns.ground is not None or any(dof not in columns.moving for dof in dofs)
-    used, needed = dict[str, Column](), set[str]()
-    for option, spec in columns.columns().items():
+    turned = turned or bool(columns.ground) or any(dof not in columns.moving for dof in dofs)
+    used = {}
+    for option in columns.specs:
         kind, _, dof = option.partition(".")
         angle = dof in DOFS[3:]
         if kind in KINDS:
@@ -201,10 +201,8 @@ def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], 
         else:
             required = kind != "quaternion" or turned or any(dof in DOFS[3:] for dof in dofs)
             wished = kind not in IN_THE_PLANE or set(PLANAR) <= set(dofs)
-        if wished:
-            used[option] = spec
-            needed |= {option} if required else set()
-    return used, needed
+        used |= {option: required} if wished else {}
+    return used
 
 
 def clock_of(source: Source, columns: ColumnMap) -> Column:
@@ -226,18 +224,19 @@ def first_time(sources: Sources, columns: ColumnMap) -> float:
     """
     firsts = []
     for source in sources.values():
-        try:
+        with suppress(*FAULTS, ValueError):
             firsts.append(float(np.nanmin(seconds(source, clock_of(source, columns)))))
-        except (RecordingError, ConfigurationError, ValueError):
-            continue
     start = min(firsts, default=0.0)
     return start if start > EPOCH_S else 0.0
 
 
-def reading_of(
-    source: Source, name: str, option: str, spec: Column, specs: Mapping[str, Column]
-) -> ColumnReading:
-    """The unit of a column of a source, and where it is known from: the first that tells it."""
+def reading_of(sources: Sources, option: str, columns: ColumnMap) -> ColumnReading:
+    """The column of an option, its unit, and where that is known from: the first that tells it.
+
+    Raises RecordingError if there is no such column.
+    """
+    spec = columns.specs[option]
+    source, name = column(sources, spec.name)
     targets, kind = units.targets_of(option), option.partition(".")[0]
     unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
     if spec.unit is not None or spec.full is not None or not targets:
@@ -245,14 +244,23 @@ def reading_of(
     elif known := stated_unit(source, name, targets):
         unit, origin = known
     elif kind in KINDS:
-        for other, beside in specs.items():  # of the same quantity, told by the same source
+        for other, beside in columns.specs.items():  # of the same quantity, by the same source
             plain = source.find(beside.name.rpartition(":")[2])
             same = other.partition(".")[0] == kind and units.targets_of(other) == targets
             told = stated_unit(source, plain, targets) if plain and plain != name and same else None
             if told:
                 unit, origin = told[0], f"{beside.name} beside it"
                 break
-    return ColumnReading(option, spec.column, unit, origin)
+    return ColumnReading(option, spec.column, unit, origin, source, name)
+
+
+def readings(sources: Sources, columns: ColumnMap) -> dict[str, ColumnReading]:
+    """How each mapped column that the sources have is read, by option."""
+    result = {}
+    for option in columns.specs:
+        with suppress(RecordingError):
+            result[option] = reading_of(sources, option, columns)
+    return result
 
 
 def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str, str] | None:
@@ -271,13 +279,13 @@ def _in_si(values: Array, option: str, spec: Column, unit: str, scale: float) ->
     """
     if spec.full is not None:
         values = (values - spec.neutral) / (spec.full - spec.neutral)
-    values = values * spec.sign * units.si_factor(option, unit)
+    values = values * spec.sign * units.si_factor(option, unit, scale)
     if units.targets_of(option) == ("rad",):
         valid = ~np.isnan(values)
         values[valid] = unroll(values[valid])
         values = -values if spec.positive == "anticlockwise" else values
         values = values + 0.5 * np.pi if spec.zero == "east" else values
-    return values * units.froude_scaling(option, unit, scale)
+    return values
 
 
 def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
@@ -309,8 +317,7 @@ def _unit_quaternions(channels: dict[str, Channel]) -> dict[str, Channel]:
     quaternions = np.column_stack([channels[name].values for name in names])
     valid = ~np.any(np.isnan(quaternions), axis=1)
     lengths = np.linalg.norm(quaternions, axis=1)
-    wrong = np.abs(lengths - 1.0) > QUATERNION_ERROR  # False for NaN
-    if np.any(wrong):
+    if np.any(wrong := np.abs(lengths - 1.0) > QUATERNION_ERROR):  # False for NaN
         k = int(np.argmax(wrong))
         columns = ", ".join(channels[name].name.removeprefix("column ") for name in names)
         raise RecordingError(
@@ -341,12 +348,9 @@ def _in_our_frames(
 
     def exchange(kind: str) -> None:
         """North, east, down of what was mapped as surge, sway, heave but is east, north, up."""
-        pairs = zip(("sway", "surge", "heave"), DOFS[:3], strict=True)
-        there = [new for old, new in pairs if f"{kind}.{old}" in result]
-        values = stack(kind)[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
-        for dof in DOFS[:3]:
-            result.pop(f"{kind}.{dof}", None)
-        put(kind, values, there)
+        old = {dof: x for dof in DOFS[:3] if (x := result.pop(f"{kind}.{dof}", None)) is not None}
+        for dof, x in old.items():
+            result[f"{kind}.{EXCHANGED[dof]}"] = -x if dof == "heave" else x
 
     attitude = _attitude(known, frames, len(t), heading)
     for i, dof in enumerate(DOFS[3:]):

@@ -5,10 +5,9 @@ import io
 import os
 import re
 import warnings
-from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib import import_module
@@ -16,7 +15,7 @@ from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
 from textwrap import shorten
-from typing import Annotated, Any, NamedTuple, TypeAlias
+from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Ge
@@ -30,7 +29,6 @@ from seatrial.models.vessel.basis import Array
 LARGEST_BYTES = 2**28  # of a file that is read at once, and of the numbers of any recording
 MOST_CELLS = LARGEST_BYTES // 8
 MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
-MOST_FILES = 1000  # of a folder
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
 Values: TypeAlias = Array | TextArray
 TITLE = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?!\d+[\])])(?P<unit>[^\[\]()]*)[\])]")
@@ -249,54 +247,6 @@ def check_size(path: Path, cells: int) -> None:
         )
 
 
-@contextmanager
-def foreign(path: Path, expected: str) -> Iterator[None]:
-    """Name the file where a library fails, which may raise anything, and hide what it prints.
-
-    Raises RecordingError.
-    """
-    quiet = io.StringIO()
-    try:
-        with warnings.catch_warnings(), redirect_stdout(quiet), redirect_stderr(quiet):
-            warnings.simplefilter("ignore")
-            yield
-    except SeatrialError:
-        raise
-    except Exception as error:
-        reason = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
-        raise RecordingError(f"{path}: cannot be read ({reason}), expected {expected}") from error
-
-
-class Rows:
-    """Columns that grow message by message; what a message does not have stays missing.
-
-    A column holds numbers or texts, by its first value.
-    """
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.cells: dict[str, Any] = {}  # array of float, or list of str
-
-    def add(self, values: Iterable[tuple[str, Any]]) -> None:
-        """Add a message: its numbers and texts (str) by name."""
-        for name, value in values:
-            cells = self.cells.setdefault(name, [] if isinstance(value, str) else array("d"))
-            self._fill(cells)
-            cells.append(value)
-        self.count += 1
-
-    def columns(self) -> dict[str, Values]:
-        """All columns, shape (N,) each."""
-        for cells in self.cells.values():
-            self._fill(cells)
-        kinds = {name: object if isinstance(c, list) else float for name, c in self.cells.items()}
-        return {name: np.array(cells, dtype=kinds[name]) for name, cells in self.cells.items()}
-
-    def _fill(self, cells: Any) -> None:
-        missing = "" if isinstance(cells, list) else np.nan
-        cells.extend([missing] * (self.count - len(cells)))
-
-
 @dataclass(frozen=True)
 class TextOptions:
     """How a text file is written; null: found out from the file.
@@ -350,13 +300,12 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
     Raises RecordingError if a file cannot be read, ConfigurationError for a format that is not
     known or whose package is not installed.
     """
-    try:
-        files = [*map(Path, options.messages), path, *(path.rglob("*") if path.is_dir() else ())]
-        stats = [file.stat() for file in files if file.exists()]
-    except (OSError, ValueError):
-        stats = []
-    known = _sources(path, options, tuple((s.st_mtime_ns, s.st_size, s.st_ino) for s in stats))
-    return dict(known)
+    stamps: list[tuple[int, ...]] = []
+    with suppress(OSError, ValueError):  # which reading it says
+        for file in (*map(Path, options.messages), path, *path.rglob("*")):
+            state = file.stat()
+            stamps.append((state.st_mtime_ns, state.st_size, state.st_ino))
+    return dict(_sources(path, options, tuple(stamps)))
 
 
 @lru_cache(maxsize=1)
@@ -414,9 +363,17 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
             "recording"
         )
     module, _, function = form.reader.partition(".")
-    reader = getattr(import_module(f"{formats.__name__}.{module}"), function)
-    with foreign(path, form.expected) if form.expected else nullcontext():
-        sources, left_out = reader(path, options)
+    reader, quiet = import_module(f"{formats.__name__}.{module}"), io.StringIO()
+    try:
+        with warnings.catch_warnings(), redirect_stdout(quiet), redirect_stderr(quiet):
+            warnings.simplefilter("ignore")
+            sources, left_out = getattr(reader, function)(path, options)
+    except Exception as error:  # a library may raise anything
+        if isinstance(error, SeatrialError) or not form.expected:
+            raise
+        reason = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
+        expected = f"expected {form.expected}"
+        raise RecordingError(f"{path}: cannot be read ({reason}), {expected}") from error
     if not sources:
         reasons = "".join(f"; {line}" for line in left_out)
         raise RecordingError(
@@ -428,19 +385,16 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
 def _files(folder: Path, options: ReadOptions) -> dict[Path, str]:
     """The recorded files below a folder, and their names relative to it, without suffix."""
     kinds = FORMATS if options.format is None else (options.format,)
-    found = [
-        path
+    plain = {
+        path: path.relative_to(folder).with_suffix("").as_posix()
         for path in sorted(folder.rglob("*"))
         if SUFFIXES.get(path.suffix.lower()) in kinds or path.suffix == f".{options.format}"
         if path.is_file()
-    ]
-    if not found:
+    }
+    if not plain:
         raise RecordingError(
             f"{folder}: is a folder without recordings, expected files with {', '.join(SUFFIXES)}"
         )
-    if len(found) > MOST_FILES:
-        raise RecordingError(f"{folder}: got {len(found)} files, expected at most {MOST_FILES}")
-    plain = {path: path.relative_to(folder).with_suffix("").as_posix() for path in found}
     counts = Counter(plain.values())
     return {
         path: name if counts[name] == 1 else path.relative_to(folder).as_posix()
