@@ -49,7 +49,8 @@ IN_THE_PLANE = ("wind", "air", "ground", "water")  # kinds without a meaning in 
 BRIDGED = 2.5  # sample times that joining fills at any rate
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
-EXCHANGED = {"surge": "sway", "sway": "surge", "heave": "heave"}  # of east, north, up
+EXCHANGED = {"surge": "sway", "sway": "surge"}  # of east, north, up
+MOTION, COMPOSED = ("position", "velocity"), ("quaternion", "geodetic", "ground", "water")
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
 # Numbers that loggers write where there is none, if nothing else is near.
 SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
@@ -143,9 +144,7 @@ class Reading:
             t, known = join_channels(channels, rate, longest, self.at_gap)
         notes += left_in_gaps(t, channels, longest)
         known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
-        return Signals(
-            t, known, recorded, tuple(readings.values()), tuple(dict.fromkeys(notes))
-        )
+        return Signals(t, known, recorded, tuple(readings.values()), tuple(dict.fromkeys(notes)))
 
     def _channels(
         self, sources: Sources, dofs: Sequence[str], notes: list[str]
@@ -334,57 +333,50 @@ def _in_our_frames(
     t: Array, known: Mapping[str, Array], columns: ColumnMap, heading: float
 ) -> dict[str, Array]:
     """Signals by option in NED and forward, right, down axes at the origin of the vessel."""
-    composed, zero, frames = ("quaternion", "geodetic", "ground", "water"), 0.0 * t, columns.frames
-    result = {name: v for name, v in known.items() if name.partition(".")[0] not in composed}
-
-    def stack(kind: str, dofs: Sequence[str] = DOFS[:3]) -> Array:
-        return np.column_stack([result.get(f"{kind}.{dof}", zero) for dof in dofs])
-
-    def put(kind: str, values: Array, there: Sequence[str] | None = None) -> None:
-        """Replace what is there of surge, sway and heave."""
-        for dof, column_ in zip(DOFS[:3], values.T, strict=True):
-            if f"{kind}.{dof}" in result if there is None else dof in there:
-                result[f"{kind}.{dof}"] = column_
-
-    def exchange(kind: str) -> None:
-        """North, east, down of what was mapped as surge, sway, heave but is east, north, up."""
-        old = {dof: x for dof in DOFS[:3] if (x := result.pop(f"{kind}.{dof}", None)) is not None}
-        for dof, x in old.items():
-            result[f"{kind}.{EXCHANGED[dof]}"] = -x if dof == "heave" else x
-
+    frames, zero = columns.frames, 0.0 * t
+    posed, moving = ({dof for dof in DOFS if f"{kind}.{dof}" in known} for kind in MOTION)
+    pose, nu = (np.column_stack([known.get(f"{kind}.{dof}", zero) for dof in DOFS])
+                for kind in MOTION)  # fmt: skip
     attitude = _attitude(known, frames, len(t), heading)
-    for i, dof in enumerate(DOFS[3:]):
-        if f"position.{dof}" in known or "quaternion.w" in known:
-            result[f"position.{dof}"] = attitude[:, i]
+    posed |= set(DOFS[3:]) if "quaternion.w" in known else set()
     if columns.geodetic is not None:
-        put("position", _path(known, columns), DOFS[: 3 if columns.geodetic.altitude else 2])
+        pose[:, :3] = _path(known, columns)
+        posed |= set(DOFS[: 3 if columns.geodetic.altitude else 2])
     elif frames.position == "ENU":
-        exchange("position")
+        pose[:, :3], posed = _from_enu(pose[:, :3]), {EXCHANGED.get(dof, dof) for dof in posed}
+    pose[:, 3:] = attitude
+    pose[:, [i for i, dof in enumerate(DOFS) if dof not in posed]] = 0.0
     if frames.velocity == "earth":  # angular velocities are of the body
         if frames.position == "ENU":
-            exchange("velocity")
-        put("velocity", _in_body(attitude, stack("velocity")))
+            nu[:, :3], moving = _from_enu(nu[:, :3]), {EXCHANGED.get(dof, dof) for dof in moving}
+        nu[:, :3] = _in_body(attitude, nu[:, :3])
     elif frames.body == "FLU":
-        result |= {o: -result[o] for dof in FLIPPED if (o := f"velocity.{dof}") in result}
+        nu[:, [DOFS.index(dof) for dof in FLIPPED]] *= -1.0
     if "ground.speed" in known:
         angle, speed = known["ground.course"] - attitude[:, 2], known["ground.speed"]
-        result["velocity.surge"], result["velocity.sway"] = (
-            speed * np.cos(angle), speed * np.sin(angle))  # fmt: skip
-    posed = [dof for dof in DOFS if f"position.{dof}" in result]
-    if absent := [dof for dof in posed if f"velocity.{dof}" not in result]:
-        nu = _differentiated(t, stack("position", DOFS), attitude)
-        result |= {f"velocity.{dof}": nu[:, DOFS.index(dof)] for dof in absent}
+        nu[:, :2], moving = (speed * [np.cos(angle), np.sin(angle)]).T, moving | {"surge", "sway"}
+    if absent := [DOFS.index(dof) for dof in posed - moving]:
+        nu[:, absent] = _differentiated(t, pose, attitude)[:, absent]
+        moving |= posed
     if any(columns.lever_arm_m):  # p_o = p_s - R r, v_o = v_s - omega x r
         arm = np.array(columns.lever_arm_m)
-        put("velocity", stack("velocity") - np.cross(stack("velocity", DOFS[3:]), arm))
-        put("position", stack("position") - pose_jacobian(attitude)[:, :3, :3] @ arm)
-    if "water.speed" in known and {"velocity.surge", "velocity.sway"} <= set(result):
+        nu[:, :3] -= np.cross(nu[:, 3:], arm)
+        pose[:, :3] -= pose_jacobian(attitude)[:, :3, :3] @ arm
+    result = {o: x for o, x in known.items() if o.partition(".")[0] not in (*MOTION, *COMPOSED)}
+    for kind, values, there in zip(MOTION, (pose, nu), (posed, moving), strict=True):
+        result |= {f"{kind}.{d}": x for d, x in zip(DOFS, values.T, strict=True) if d in there}
+    if "water.speed" in known and {"surge", "sway"} <= moving:
         # The log shows the speed along the bow: what is left of that over ground is the current.
-        along, aside = result["velocity.surge"] - known["water.speed"], result["velocity.sway"]
+        along, aside = nu[:, 0] - known["water.speed"], nu[:, 1]
         c, s = np.cos(attitude[:, 2]), np.sin(attitude[:, 2])
         result["current.north"] = c * along - s * aside
         result["current.east"] = s * along + c * aside
     return result
+
+
+def _from_enu(values: Array) -> Array:
+    """North, east, down of vectors (N, 3) that are east, north, up."""
+    return np.asarray(values[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
 
 
 def _attitude(known: Mapping[str, Array], frames: Frames, n: int, heading: float) -> Array:

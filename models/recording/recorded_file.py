@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
@@ -230,11 +230,10 @@ class RecordedFile(Reading):
         attitude = np.column_stack([values.get(f"position.{dof}", 0.0 * t) for dof in DOFS[3:]])
         attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
         pose = dict(zip(DOFS[3:], attitude.T, strict=True))
-        for dof in dofs:
-            if (position := values.get(f"position.{dof}")) is None:  # the way made good
-                way = partial(scipy.integrate.cumulative_trapezoid, initial=0.0)
-                position = way(values[f"velocity.{dof}"], t) if dof not in pose else pose[dof]
-            pose.setdefault(dof, position)
+        for dof in set(dofs) - set(pose):
+            speed = values[f"velocity.{dof}"]
+            way = values.get(f"position.{dof}")  # else the way made good
+            pose[dof] = cumulative_trapezoid(speed, t, initial=0.0) if way is None else way
         inputs, loads = tuple(self.columns.inputs), tuple(self.columns.loads)
         return Recording(
             tuple(dofs), t, np.column_stack([pose[dof] for dof in dofs]), nu,

@@ -25,6 +25,7 @@ SHORT_S = 120.0  # [s] below which a recording is short
 SAMPLING = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
             "repeated times")  # fmt: skip
 RANGES = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
+COLUMNS = ("quantity", "column", "unit", "known from")
 AXES = ("axis", "compared", "correlation", "scale", "excited")
 
 
@@ -63,8 +64,7 @@ def report(file: RecordedFile) -> Report:
     ]  # fmt: skip
     read = dict.fromkeys(reading[:4] for part in signals for reading in part.readings)
     units = [(option, name, unit or "-", origin) for option, name, unit, origin in read]
-    tables = [grid_of("Sampling", SAMPLING, sampled),
-              grid_of("Columns", ("quantity", "column", "unit", "known from"), units, 4)]  # fmt: skip
+    tables = [grid_of("Sampling", SAMPLING, sampled), grid_of("Columns", COLUMNS, units, 4)]
     if known is not None:
         result, lag = known.result, round(known.result.lag_s, 3) + 0.0
         title = f"Pose and velocity, below {result.cutoff_hz:.2g} Hz; the velocities are"
