@@ -54,7 +54,6 @@ def file_set(train: Sequence[str], test: Sequence[str]) -> tuple[list[Path], lis
     every: dict[str, dict[Path, None]] = {"train": {}, "test": {}}
     for option, patterns in (("train", train), ("test", test)):
         for pattern in patterns:
-            _check_path(f"excitation.{option}", pattern)
             wanted = str(Path(pattern).expanduser())
             # Path.glob takes no absolute patterns.
             files = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
@@ -68,11 +67,6 @@ def file_set(train: Sequence[str], test: Sequence[str]) -> tuple[list[Path], lis
             "expected each file once"
         )
     return [*every["train"]], [*every["test"]]
-
-
-def _check_path(option: str, path: str) -> None:
-    if not path or any(character in path for character in "\0\r\n"):
-        raise ConfigurationError(f"{option}: got {path!r}, expected one line of text")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +123,6 @@ class RecordedFile(Reading):
         }  # fmt: skip
         if problem := next((text for text, there in problems.items() if there), None):
             raise ConfigurationError(problem)
-        _check_path("path", self.path or "-")
         half(2, self.train_fraction)
         if starts := self.trip_starts_s:
             recordings.by_trips(np.array(starts), starts, self.training_trips)

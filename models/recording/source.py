@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
 from textwrap import shorten
-from typing import Annotated, NamedTuple, TypeAlias
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Ge
@@ -48,9 +48,7 @@ class FileFormat(NamedTuple):
 
     suffixes: tuple[str, ...]
     reader: str  # file.function
-    expected: str = ""  # for errors of a library that reads it
     package: str | None = None  # needed to read it
-    extra: str = ""  # that installs the package
     begins: bytes = rb"(?!)"  # how a file begins, a regular expression
 
 
@@ -60,22 +58,19 @@ FORMATS: dict[str, FileFormat] = {
     for name, suffixes, *row in (
         ("csv", ".csv .tsv", "text.read"),
         ("dat", ".dat .txt .asc .dba .log", "text.read"),
-        ("excel", ".xlsx .xlsm", "tables.read_excel", "a workbook of Excel (.xlsx)", "openpyxl",
-         "excel", rb"PK\x03\x04"),
-        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "a netCDF file", "xarray", "netcdf",
-         rb"CDF[\x01\x02\x05]|\x89HDF"),
-        ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "a log of ArduPilot", "pymavlink",
-         "ardupilot", rb"\xa3\x95|.{8}[\xfd\xfe].{5,}"),
-        ("nmea", ".nmea .nma", "nmea.read", "sentences of NMEA 0183 with a time", "pynmea2",
-         "nmea", NMEA),
-        ("parquet", ".parquet .pq", "tables.read_parquet", "a Parquet file", None, "", rb"PAR1"),
-        ("mat", ".mat", "tables.read_matlab", "a MATLAB file", None, "", rb"MATLAB "),
-        ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "a bag of ROS or an MCAP file",
-         "rosbags", "ros", rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
-        ("ulog", ".ulg .ulog", "messages.read_ulog", "a ULog file", "pyulog", "ulog",
-         rb"ULog\x01"),
+        ("excel", ".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
+        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]|\x89HDF"),
+        ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "pymavlink",
+         rb"\xa3\x95|.{8}[\xfd\xfe].{5,}"),
+        ("nmea", ".nmea .nma", "nmea.read", "pynmea2", NMEA),
+        ("parquet", ".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
+        ("mat", ".mat", "tables.read_matlab", None, rb"MATLAB "),
+        ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "rosbags",
+         rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
+        ("ulog", ".ulg .ulog", "messages.read_ulog", "pyulog", rb"ULog\x01"),
     )
 }  # fmt: skip
+EXTRAS = {"rosbag": "ros"}  # that install a package; others are called as their format
 SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes}
 BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
 ANY = (".csv", ".txt", ".dat", ".log", ".asc", ".bin")  # suffixes of files of any content
@@ -256,7 +251,7 @@ class TextOptions:
     """
 
     separator: str | None = None  # one character; " ": any white space
-    decimal: str | None = None  # "." or ","
+    decimal: Literal[".", ","] | None = None
     encoding: str | None = None
     comment: str | None = "#"  # beginning of lines that are passed over
     skip_lines: Annotated[int, Ge(0)] = 0
@@ -265,21 +260,15 @@ class TextOptions:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        problem = ""
-        if self.separator is not None and (len(self.separator) != 1 or self.separator in '"\r\n'):
-            problem = f"separator: got {self.separator!r}, expected one character"
-        elif self.decimal not in (None, ".", ","):
-            problem = f"decimal: got {self.decimal!r}, expected '.', ',' or null"
-        elif self.decimal == self.separator == ",":
-            problem = "decimal and separator are both ',', expected a different separator"
-        elif len(set(self.names)) < len(self.names):
-            problem = f"names: got {', '.join(self.names)}, expected each once"
+        mark = self.separator
+        if mark is not None and (len(mark) != 1 or mark in '"\r\n' or mark == self.decimal):
+            raise ConfigurationError(
+                f"separator: got {mark!r}, expected one character, another than the decimal"
+            )
         try:
             codecs.lookup(self.encoding or "utf-8")
-        except LookupError:
-            problem = f"encoding: got {self.encoding!r}, expected one that is known, as latin-1"
-        if problem:
-            raise ConfigurationError(problem)
+        except LookupError as error:
+            raise ConfigurationError(f"encoding: {error}, expected one such as latin-1") from error
 
 
 @dataclass(frozen=True)
@@ -351,10 +340,12 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
                 f"{path}: is of no known format, expected {', '.join(FORMATS)} "
                 f"({', '.join(SUFFIXES)})"
             )
-    form = FORMATS[kind or "dat"]
+    kind = kind or "dat"
+    form, expected = FORMATS[kind], f"expected a recording in the format {kind}"
     if form.package is not None and find_spec(form.package) is None:
+        extra = EXTRAS.get(kind, kind)
         raise ConfigurationError(
-            f"{path}: {form.package} is not installed: pip install 'seatrial[{form.extra}]'"
+            f"{path}: {form.package} is not installed: pip install 'seatrial[{extra}]'"
         )
     # what is read at once must fit; a bag is read message by message
     if form.package != "rosbags" and (size := path.stat().st_size) > LARGEST_BYTES:
@@ -369,16 +360,13 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
             warnings.simplefilter("ignore")
             sources, left_out = getattr(reader, function)(path, options)
     except Exception as error:  # a library may raise anything
-        if isinstance(error, SeatrialError) or not form.expected:
+        if isinstance(error, SeatrialError) or module == "text":
             raise
         reason = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
-        expected = f"expected {form.expected}"
         raise RecordingError(f"{path}: cannot be read ({reason}), {expected}") from error
     if not sources:
         reasons = "".join(f"; {line}" for line in left_out)
-        raise RecordingError(
-            f"{path}: got no columns of numbers{reasons}, expected {form.expected}"
-        )
+        raise RecordingError(f"{path}: got no columns of numbers{reasons}, {expected}")
     return [replace(sources[0], left_out=(*left_out, *sources[0].left_out)), *sources[1:]]
 
 
