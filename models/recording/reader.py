@@ -29,7 +29,7 @@ from seatrial.models.recording.joining import (
     shared_clock,
 )
 from seatrial.models.recording.preprocessing import interpolated, outliers, without_sign_flips
-from seatrial.models.recording.recording import MIN_PIECE, Mask, piece_edges, piecewise
+from seatrial.models.recording.recording import MIN_PIECE, piece_edges, piecewise
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, seconds
@@ -67,13 +67,6 @@ class Outliers:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-
-    def of(self, values: Array) -> Mask:
-        """Mask (N,) of the outliers among the samples that are there."""
-        valid = ~np.isnan(values)
-        mask = np.zeros(len(values), dtype=np.bool_)
-        mask[valid] = outliers(values[valid], self.window, self.deviations)
-        return mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +119,7 @@ class Reading:
         recorded = {r.column.removeprefix("-"): channels[o].values for o, r in readings.items()}
         for option, channel in channels.items() if self.outliers.replace else ():
             valid, values = ~np.isnan(channel.values), channel.values.copy()
-            wrong = self.outliers.of(channel.values)[valid]
+            wrong = outliers(values[valid], self.outliers.window, self.outliers.deviations)
             values[valid] = interpolated(channel.t[valid], values[valid], wrong)
             channels[option] = channel._replace(values=values)
         t, first = None, next(iter(readings.values())).source

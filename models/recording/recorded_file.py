@@ -17,7 +17,7 @@ from seatrial.models.notation import DOFS
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
-from seatrial.models.recording.preprocessing import central_difference
+from seatrial.models.recording.preprocessing import central_difference, outliers
 from seatrial.models.recording.reader import Reading, Signals, Sources, clock_of, first_time
 from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
 from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
@@ -252,10 +252,11 @@ class RecordedFile(Reading):
 
     def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
         """Number of outliers in each used column, over the entire files."""
-        totals: Counter[str] = Counter()
+        totals, rule = Counter[str](), self.outliers
         for signals in self.account(dofs):
-            counts = {name: np.sum(self.outliers.of(x)) for name, x in signals.recorded.items()}
-            totals.update({name: int(count) for name, count in counts.items()})
+            for name, x in signals.recorded.items():
+                wrong = outliers(x[~np.isnan(x)], rule.window, rule.deviations)
+                totals[name] += int(np.sum(wrong))
         return dict(totals)
 
     def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:
