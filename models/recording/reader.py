@@ -180,7 +180,7 @@ def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, bool]:
     arm = any(columns.lever_arm_m)
     turned = columns.frames != Frames() or arm or columns.geodetic is not None
     turned = turned or bool(columns.ground) or any(dof not in columns.moving for dof in dofs)
-    used = {}
+    used = dict[str, bool]()
     for option in columns.specs:
         kind, _, dof = option.partition(".")
         angle = dof in DOFS[3:]
