@@ -1,7 +1,8 @@
 """Which columns of a recording are what: the map, as it is written in YAML."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Literal
 
 from seatrial.models.errors import ConfigurationError
@@ -10,7 +11,12 @@ from seatrial.models.ranges import Positive, check_ranges
 
 KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
 QUATERNION = ("w", "x", "y", "z")
-PARTS = ("latitude", "longitude", "altitude", "speed", "direction", "course")
+NAMES = {  # of the columns of a kind, of which inputs, commands and loads have any
+    **dict.fromkeys(KINDS, DOFS), "air": ("surge", "sway"), "ground": ("speed", "course"),
+    "water": ("speed",), "orientation": QUATERNION,
+}  # fmt: skip
+PARTS = {"geodetic": ("latitude", "longitude", "altitude"), "wind": ("speed", "direction")}
+WHOLE = ("air", "ground", "orientation")  # which need each of their columns
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,9 @@ class Column:
         return own if len(own) > 1 else self.column
 
 
+Columns = dict[str, str | Column]  # by name: a degree of freedom, an input, a part
+
+
 @dataclass(frozen=True)
 class Frames:
     """Axes of a recording; the defaults are those of this project.
@@ -102,26 +111,6 @@ class WindColumns:
 
 
 @dataclass(frozen=True)
-class GroundColumns:
-    """Columns of the speed and course over ground, instead of velocities in surge and sway."""
-
-    speed: str | Column
-    course: str | Column
-
-
-@dataclass(frozen=True)
-class WaterColumns:
-    """Column of the speed through the water, which a log measures along the bow."""
-
-    speed: str | Column
-
-
-def as_column(column: str | Column) -> Column:
-    """The column of a name."""
-    return column if isinstance(column, Column) else Column(column)
-
-
-@dataclass(frozen=True)
 class ColumnMap:
     """Names of a file's columns, by degree of freedom; a leading minus changes the sign.
 
@@ -139,52 +128,51 @@ class ColumnMap:
     """
 
     time: str | Column
-    position: dict[str, str | Column] = field(default_factory=dict)
-    velocity: dict[str, str | Column] = field(default_factory=dict)
-    acceleration: dict[str, str | Column] = field(default_factory=dict)
-    force: dict[str, str | Column] = field(default_factory=dict)
-    actual_force: dict[str, str | Column] = field(default_factory=dict)
+    position: Columns = field(default_factory=dict)
+    velocity: Columns = field(default_factory=dict)
+    acceleration: Columns = field(default_factory=dict)
+    force: Columns = field(default_factory=dict)
+    actual_force: Columns = field(default_factory=dict)
     orientation: tuple[str, str, str, str] | dict[str, str] | None = None
-    inputs: dict[str, str | Column] = field(default_factory=dict)
-    commands: dict[str, str | Column] = field(default_factory=dict)
+    inputs: Columns = field(default_factory=dict)
+    commands: Columns = field(default_factory=dict)
     geodetic: Geodetic | None = None
     frames: Frames = field(default_factory=Frames)
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     delay_s: dict[str, float] = field(default_factory=dict)
-    loads: dict[str, str | Column] = field(default_factory=dict)
+    loads: Columns = field(default_factory=dict)
     froude_scale: Positive = 1.0
     wind: WindColumns | None = None
-    air: dict[str, str | Column] = field(default_factory=dict)
-    ground: GroundColumns | None = None
-    water: WaterColumns | None = None
+    air: Columns = field(default_factory=dict)
+    ground: Columns = field(default_factory=dict)
+    water: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        for kind in KINDS:
-            for dof, column in getattr(self, kind).items():
-                if dof not in DOFS:
+        for kind, names in NAMES.items():
+            given = self._group(kind)
+            if wrong := [name for name in given if name not in names]:
+                raise ConfigurationError(
+                    f"columns.{kind}: got {wrong[0]!r}, expected some of {', '.join(names)}"
+                )
+            if given and kind in WHOLE and len(given) < len(names):
+                raise ConfigurationError(
+                    f"columns.{kind}: got {', '.join(given)}, expected {', '.join(names)}"
+                )
+            for name, column in given.items():
+                if column in ("", "-"):
                     raise ConfigurationError(
-                        f"columns.{kind}: got {dof!r}, expected some of {', '.join(DOFS)}"
+                        f"columns.{kind}.{name}: got {column!r}, expected the name of a column"
                     )
-                if not (column.removeprefix("-") if isinstance(column, str) else column.name):
-                    raise ConfigurationError(
-                        f"columns.{kind}.{dof}: got {column!r}, expected the name of a column"
-                    )
-        if isinstance(self.orientation, dict) and set(self.orientation) != set(QUATERNION):
-            raise ConfigurationError(
-                f"columns.orientation: got {', '.join(self.orientation)}, expected w, x, y, z"
-            )
+
+    def _group(self, kind: str) -> Mapping[str, str | Column]:
+        group = getattr(self, kind) or {}
+        return dict(zip(QUATERNION, group, strict=True)) if isinstance(group, tuple) else group
 
     @property
     def clock(self) -> Column:
         """The column of time."""
-        return as_column(self.time)
-
-    @property
-    def quaternion(self) -> tuple[str, ...]:
-        """Columns of the quaternion (w, x, y, z)."""
-        names = self.orientation or ()
-        return tuple(names[part] for part in QUATERNION) if isinstance(names, dict) else names
+        return self.time if isinstance(self.time, Column) else Column(self.time)
 
     @property
     def posed(self) -> tuple[str, ...]:
@@ -200,17 +188,18 @@ class ColumnMap:
         over_ground = ("surge", "sway") if self.ground else ()
         return tuple(dof for dof in DOFS if dof in self.velocity or dof in over_ground)
 
-    def columns(self) -> dict[str, Column]:
+    @cached_property
+    def specs(self) -> Mapping[str, Column]:
         """Every column by option, such as `velocity.surge` or `quaternion.w`, but the time."""
-        groups = {
-            kind: getattr(self, kind) for kind in (*KINDS, "inputs", "commands", "loads", "air")
-        }
-        groups["quaternion"] = dict(zip(QUATERNION, self.quaternion, strict=False))
-        for kind in ("geodetic", "wind", "ground", "water"):
-            part = getattr(self, kind)
-            groups[kind] = {n: c for n, c in vars(part).items() if n in PARTS and c} if part else {}
+        kinds = (*KINDS, "inputs", "commands", "loads", "air")
+        groups = {kind: self._group(kind) for kind in kinds}
+        groups["quaternion"] = self._group("orientation")
+        for kind, names in PARTS.items():
+            parts = getattr(self, kind)
+            groups[kind] = {name: c for name in names if (c := getattr(parts, name, None))}
+        groups |= {kind: self._group(kind) for kind in ("ground", "water")}
         return {
-            f"{kind}.{name}": as_column(spec)
+            f"{kind}.{name}": spec if isinstance(spec, Column) else Column(spec)
             for kind, members in groups.items()
             for name, spec in members.items()
         }

@@ -89,8 +89,7 @@ class Consistency:
     `swaps` are pairs of axes that agree better if their velocities are exchanged.
     """
 
-    velocities: tuple[Agreement, ...]
-    accelerations: tuple[Agreement, ...]
+    axes: tuple[Agreement, ...]  # velocities, then accelerations
     swaps: tuple[tuple[str, str], ...]
     lag_s: float
     shared_lag_s: float  # of all axes; what exceeds it is the delay of a filter
@@ -99,9 +98,9 @@ class Consistency:
     cutoff_hz: float
 
     @property
-    def axes(self) -> tuple[Agreement, ...]:
-        """Velocities and accelerations."""
-        return (*self.velocities, *self.accelerations)
+    def velocities(self) -> tuple[Agreement, ...]:
+        """The axes of the velocities."""
+        return tuple(axis for axis in self.axes if axis.kind == "velocity")
 
     @property
     def quality(self) -> float:
@@ -118,21 +117,16 @@ class Consistency:
 class Compared(NamedTuple):
     """Recorded signals (N, k) beside those that the pose or the velocity implies."""
 
-    kinds: tuple[str, ...]  # velocity | acceleration, of each column
-    dofs: tuple[str, ...]
+    axes: tuple[tuple[str, str], ...]  # velocity or acceleration, and the degree of freedom
     observed: Array
     expected: Array
     noise: Array  # (2, k) standard deviations of the noise of what they were computed from
-
-    def columns(self, kind: str, dofs: Sequence[str]) -> list[int]:
-        """The columns of a kind that are of some degrees of freedom."""
-        axes = zip(self.kinds, self.dofs, strict=True)
-        return [i for i, axis in enumerate(axes) if axis[0] == kind and axis[1] in dofs]
 
 
 class Filtered(NamedTuple):
     """Both signals (n, k) below a cut-off, without the ends of pieces, and where pieces join."""
 
+    band: float
     cutoff_hz: float
     observed: Array
     expected: Array
@@ -164,18 +158,17 @@ def compared(
     own = noise_floor(recording.nu, recording.piece_starts, period).deviation
     level = turns or not np.any(recording.attitude)
     rows = [
-        ("velocity", dof, recording.nu[:, i], rate[:, (k := DOFS.index(dof))], own[i], noise[k])
+        (("velocity", dof), recording.nu[:, i], rate[:, (k := DOFS.index(dof))], own[i], noise[k])
         for i, dof in enumerate(dofs)
         if (recorded is None or dof in recorded) and (level or dof not in DOFS[:3])
     ]
     change = piecewise(partial(central_difference, period_s=period), edges, recording.nu)
-    rows += [("acceleration", dof, recording.nu_dot[:, i], change[:, i], 0.0, own[i])
+    rows += [(("acceleration", dof), recording.nu_dot[:, i], change[:, i], 0.0, own[i])
              for i, dof in enumerate(dofs) if dof in measured]  # fmt: skip
-    signals = np.array([row[2:4] for row in rows]).reshape(-1, 2, len(recording))
-    noise = np.array([row[4:] for row in rows]).reshape(-1, 2).T
+    signals = np.array([row[1:3] for row in rows]).reshape(-1, 2, len(recording))
     observed, expected = (np.ascontiguousarray(signals[:, i].T) for i in (0, 1))
-    kinds, axes = tuple(row[0] for row in rows), tuple(row[1] for row in rows)
-    return Compared(kinds, axes, observed, expected, noise)
+    both = np.array([row[3:] for row in rows]).reshape(-1, 2).T
+    return Compared(tuple(row[0] for row in rows), observed, expected, both)
 
 
 def consistency(
@@ -193,20 +186,25 @@ def consistency(
         band: cut-off of the low-pass, of the Nyquist frequency; None: where they agree best.
     """
     known, period = compared(recording, measured, recorded), recording.period_s
-    groups = [g for dofs in (DOFS[:3], DOFS[3:]) if (g := known.columns("velocity", dofs))]
-    band, signals = (band, _filtered(recording, known, band)) if band else _best(
-        recording, known, groups)  # fmt: skip
-    cutoff, observed, expected, joints = signals
+    groups = [
+        [i for i, (kind, dof) in enumerate(known.axes) if kind == "velocity" and dof in dofs]
+        for dofs in (DOFS[:3], DOFS[3:])
+    ]
+    groups = [group for group in groups if group]
+    signals = _filtered(recording, known, groups, (band,) if band else BANDS)
+    band, cutoff, observed, expected, joints = signals
     count = 2.0 * cutoff * period * len(recording)  # independent samples of a signal below it
     rho = correlations(observed, expected)
-    z, error = fisher(rho), float(1.0 / np.sqrt(max(count - 3.0, 1.0)))
+    # Fisher's z of their size, and its standard error
+    z = np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE))
+    error = float(1.0 / np.sqrt(max(count - 3.0, 1.0)))
 
     def exceeds(values: Array, deviation: float, slope: float = 1.0) -> bool:
         noise = deviation**2 * 2.0 * period * cutoff * slope  # of white noise below the cut-off
         return bool(np.var(values) > max(EXCITED_VARIANCE * noise, CONSTANT_VARIANCE))
 
     axes = []
-    for i, (kind, dof) in enumerate(zip(known.kinds, known.dofs, strict=True)):
+    for i, (kind, dof) in enumerate(known.axes):
         x, y, (own, other) = observed[:, i], expected[:, i], known.noise[:, i]
         moves, r = exceeds(x, own), float(rho[i, i])
         excited = moves and exceeds(y, other, (2.0 * np.pi * cutoff) ** 2 / 3.0)
@@ -215,47 +213,38 @@ def consistency(
     swaps = [
         (axes[i].dof, axes[j].dof)
         for group in groups for i, j in combinations(group, 2)
-        if _exchanged(z, [axes[k].moves for k in range(len(axes))], i, j, error)
+        if _exchanged(z, [axis.moves for axis in axes], i, j, error)
     ]  # fmt: skip
     used = [i for group in groups for i in group if axes[i].excited]
     lags = _lags(observed[:, used], expected[:, used], joints, period, cutoff, count)
-    split = len(axes) - sum(axis.kind == "acceleration" for axis in axes)
-    return Consistency(
-        tuple(axes[:split]), tuple(axes[split:]), tuple(swaps), *lags, band, cutoff
-    )  # fmt: skip
+    return Consistency(tuple(axes), tuple(swaps), *lags, band, cutoff)
 
 
-def _filtered(recording: Recording, known: Compared, band: float) -> Filtered:
-    """Signals below a band, half a period of its cut-off away from the ends of pieces."""
-    cutoff = band * 0.5 / recording.period_s
-    drop = round(0.5 / cutoff / recording.period_s)
-    both = np.hstack([known.observed, known.expected])
-    pieces = [
-        lowpass(both[a:b], cutoff, recording.period_s)[drop : b - a - drop]
-        for a, b in pairwise(recording.edges)
-        if b - a > 2 * drop + MIN_PIECE
-    ]
-    joints = [int(k) for k in np.cumsum([len(piece) for piece in pieces])[:-1]]
-    observed, expected = np.hsplit(np.concatenate(pieces) if pieces else both, 2)
-    return Filtered(cutoff, observed, expected, joints)
+def _filtered(
+    recording: Recording, known: Compared, groups: Sequence[Sequence[int]], bands: Sequence[float]
+) -> Filtered:
+    """Signals below the widest band in which velocities and rates agree best, in any order.
 
-
-def _best(
-    recording: Recording, known: Compared, groups: Sequence[Sequence[int]]
-) -> tuple[float, Filtered]:
-    """The widest band in which velocities and rates agree best, in any order, and the signals.
-
-    Bands with fewer than `MIN_INDEPENDENT` independent samples are left out.
+    They begin and end half a period of its cut-off away from the ends of pieces. Bands with fewer
+    than `MIN_INDEPENDENT` independent samples are left out.
     """
-    best, result = -1.0, None
-    for band in BANDS:
+    best, result, both = -1.0, None, np.hstack([known.observed, known.expected])
+    for band in bands:
         if result is not None and band * len(recording) < MIN_INDEPENDENT:
             break
-        signals = _filtered(recording, known, band)
-        rho = np.abs(correlations(signals.observed, signals.expected))
+        cutoff = band * 0.5 / recording.period_s
+        drop = round(0.5 / cutoff / recording.period_s)
+        pieces = [
+            lowpass(both[a:b], cutoff, recording.period_s)[drop : b - a - drop]
+            for a, b in pairwise(recording.edges)
+            if b - a > 2 * drop + MIN_PIECE
+        ]
+        joints = [int(k) for k in np.cumsum([len(piece) for piece in pieces])[:-1]]
+        observed, expected = np.hsplit(np.concatenate(pieces) if pieces else both, 2)
+        rho = np.abs(correlations(observed, expected))
         score = sum(float(np.mean(np.max(rho[np.ix_(g, g)], axis=1))) for g in groups)
         if result is None or score > best + AS_GOOD:
-            best, result = score, (band, signals)
+            best, result = score, Filtered(band, cutoff, observed, expected, joints)
     assert result is not None
     return result
 
@@ -298,11 +287,6 @@ def correlations(observed: Array, expected: Array) -> Array:
     a, b = (signals - np.mean(signals, axis=0) for signals in (observed, expected))
     size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
     return np.asarray(np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 0.0))
-
-
-def fisher(rho: Array) -> Array:
-    """Fisher's z of the size of correlations; its standard error is 1 / sqrt(n - 3)."""
-    return np.asarray(np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE)))
 
 
 def scale_of(observed: Array, expected: Array, correlation: float) -> float:

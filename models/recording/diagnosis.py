@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording.column_map import Column, ColumnMap, as_column
+from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.consistency import (
     AS_GOOD,
     CERTAIN,
@@ -28,13 +28,13 @@ from seatrial.models.recording.consistency import (
     consistency,
 )  # fmt: skip
 from seatrial.models.recording.quantities import quantity
-from seatrial.models.recording.reader import FLIPPED, SI_ASSUMED, clock_of, reading_of
+from seatrial.models.recording.reader import FAULTS, FLIPPED, SI_ASSUMED, clock_of, readings
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import original_rate, sampling
-from seatrial.models.recording.source import Source, column
+from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import seconds
-from seatrial.models.recording.units import SI, factor, targets_of
+from seatrial.models.recording.units import factor, targets_of
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
 UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filter or sensor
@@ -77,7 +77,6 @@ GUESSES: tuple[tuple[str, Sequence[str], str, Mapping[str, str]], ...] = (
      {"position.yaw.zero": "east", "position.yaw.positive": "anticlockwise"}),
 )  # fmt: skip
 Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.surge, and values
-FAULTS = (ConfigurationError, RecordingError)
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,7 @@ class _State(NamedTuple):
         replaced = (LINEAR if columns.geodetic else (), ANGLES if columns.orientation else ())
         options = {f"position.{dof}" for dofs in replaced for dof in dofs}
         kinds = ("position", "velocity", "acceleration")
-        return {option: spec for option, spec in columns.columns().items()
+        return {option: spec for option, spec in columns.specs.items()
                 if option.partition(".")[0] in kinds and option not in options}  # fmt: skip
 
 
@@ -183,11 +182,9 @@ class _Case:
         state, problems = self._with(self.file), list[RecordingDefect]()
         plain = state.result
         if (slower := self._slower(state)) is not None:
-            try:
-                state = self._with(changed(state.file, slower.change))
-                problems.append(slower)
-            except FAULTS:
-                problems.append(replace(slower, change={}))
+            after = self._tried(state, slower)
+            problems.append(slower if after else replace(slower, change={}))
+            state = after or state
         for _ in range(MOST_CHANGES):
             told = [*_told(state), *self._scales(state)]
             framed = any(p.kind in ("earth", "frame", "heading") for p in problems)
@@ -209,31 +206,34 @@ class _Case:
         delay = sum(p.value or 0.0 for p in problems if p.kind == "clock" and p.change)
         result = replace(plain, lag_s=state.result.lag_s + delay)
         good = {a.dof for a in state.result.velocities if a.correlation > SURE and not a.off}
-        doubtful = {
-            option: line for option, line in doubts(self.sources, state.file.columns).items()
-            if option not in {f"position.{dof}" for dof in good}
-            and not (option == "position.yaw" and good & set(LINEAR))
-        }  # fmt: skip
-        questions = (*doubtful.values(), *questions)
+        sure = {f"position.{dof}" for dof in good}
+        sure |= {"position.yaw"} if good & set(LINEAR) else set()
+        doubtful = doubts(self.sources, state.file.columns).items()
+        questions = (*(line for option, line in doubtful if option not in sure), *questions)
         return Examination(result, tuple(problems), self.recording, questions, self._not_compared())
 
     def _with(self, file: RecordedFile, band: float | None = None) -> _State:
         """The recording read with other options; of a long one even blocks of its time."""
-        if self.excerpt is None:
-            return self._compared(file, file.recording(self.known), band)
-        rate = file.resample_hz or 1.0 / self.recording.period_s
-        part = replace(file, resample_hz=rate, sample_time_s=None, at_gap="split")
-        try:
-            return self._compared(file, part.recording(self.known, self.excerpt), band)
-        except FAULTS:
-            return self._compared(file, file.recording(self.known), band)
+        if self.excerpt is not None:
+            rate = file.resample_hz or 1.0 / self.recording.period_s
+            part = replace(file, resample_hz=rate, at_gap="split")
+            with suppress(*FAULTS):
+                return self._compared(file, part.recording(self.known, self.excerpt), band)
+        return self._compared(file, file.recording(self.known), band)
 
     def _compared(
         self, file: RecordedFile, recording: Recording, band: float | None = None
     ) -> _State:
         measured = [dof for dof in self.known if dof in file.columns.acceleration]
-        result = consistency(recording, measured, file.columns.moving, band)
-        return _State(file, recording, result)
+        return _State(file, recording, consistency(recording, measured, file.columns.moving, band))
+
+    def _tried(
+        self, state: _State, defect: RecordingDefect, band: float | None = None
+    ) -> _State | None:
+        """The recording read with a change; None if it cannot be read so."""
+        with suppress(*FAULTS):
+            return self._with(changed(state.file, defect.change), band)
+        return None
 
     @cached_property
     def excerpt(self) -> dict[str, Source] | None:
@@ -260,9 +260,8 @@ class _Case:
         """The first of the changes that are as good as the best one; None if none gains enough."""
         tried = []
         for defect in (*told, *guesses):
-            try:
-                after = self._with(changed(state.file, defect.change), state.result.band)
-            except FAULTS:
+            after = self._tried(state, defect, state.result.band)
+            if after is None:
                 continue
             gain = after.result.quality - state.result.quality
             worse = any(
@@ -287,10 +286,11 @@ class _Case:
             heading = {"heading_deg": (state.file.heading_deg - off + 179.0) % 360.0 - 179.0}
             text = f"the heading is {-off:g} degrees off the positions"
             yield RecordingDefect("heading", YAW, text, heading, off)
+        known = readings(self.sources, self.file.columns)
         angles = [
             dof for dof in ANGLES
-            if (spec := specs.get(f"position.{dof}")) is not None and spec.unit is None
-            and self._unit_now(self.file.columns, f"position.{dof}")[1] == SI_ASSUMED
+            if (spec := specs.get(option := f"position.{dof}")) is not None and spec.unit is None
+            and known[option].known_from == SI_ASSUMED
         ]  # fmt: skip
         for group in (angles, [dof for dof in angles if dof != "yaw"], angles[-1:]):
             new = {f"position.{d}": replace(specs[f"position.{d}"], unit="deg") for d in group}
@@ -309,42 +309,36 @@ class _Case:
         scale = float(np.median([abs(axis.scale) for axis in speeds])) if speeds else 1.0
         same = all(1.0 / SAME_SCALE < abs(a.scale) / scale < SAME_SCALE and a.off for a in speeds)
         if same and len({axis.dof in ANGLES for axis in speeds}) == 2:
-            time, dofs = as_column(columns.time), tuple(axis.dof for axis in speeds)
+            time, dofs = columns.clock, tuple(axis.dof for axis in speeds)
             text = f"{text} {scale:.3g} times the velocity on every axis"
-            unit, value = _unit(time.unit or "s", "s", scale)
+            unit, value = _unit(time.unit or "s", "time", scale)
             change = {"columns.time": replace(time, unit=unit).written}
             question = f"{text}: which unit is {time.name} in?"
             yield (RecordingDefect("time", dofs, text, change, value) if unit
                    else RecordingDefect("question", (), question))  # fmt: skip
             return
+        known = readings(self.sources, columns)
         groups = defaultdict[tuple[str, str, float], list[str]](list)
         for axis in (axis for axis in axes if axis.off):
-            size, spec = abs(axis.scale), specs.get(f"{axis.kind}.{axis.dof}")
-            ratios = {axis.kind: size} | ({"position": 1.0 / size} if axis in speeds else {})
+            size, own = abs(axis.scale), f"{axis.kind}.{axis.dof}"
+            ratios = {own: size} | ({f"position.{axis.dof}": 1.0 / size} if axis in speeds else {})
             units = {
-                kind: _unit(self._unit_now(columns, option)[0], SI[kind][axis.dof], ratio)
-                for kind, ratio in ratios.items()
-                if (option := f"{kind}.{axis.dof}") in specs
-            }
-            if kind := next((kind for kind, (unit, _) in units.items() if unit), None):
-                unit, value = units[kind]
-                groups[kind, unit, value if kind == axis.kind else 1.0 / value].append(axis.dof)
-            elif spec and axis in speeds and not 1.0 / UNNAMED < size < UNNAMED:
+                option: _unit(known[option].unit or targets_of(option)[0], option, ratio)
+                for option, ratio in ratios.items() if option in specs
+            }  # fmt: skip
+            if option := next((option for option, (unit, _) in units.items() if unit), None):
+                unit, value = units[option]
+                key = option.partition(".")[0], unit, value if option == own else 1.0 / value
+                groups[key].append(axis.dof)
+            elif own in specs and axis in speeds and not 1.0 / UNNAMED < size < UNNAMED:
                 pose = "attitude" if axis.dof in ANGLES else "position"
-                line = f"{spec.name} is {1.0 / size:.2f} of d({pose})/dt: which unit?"
+                line = f"{specs[own].name} is {1.0 / size:.2f} of d({pose})/dt: which unit?"
                 yield RecordingDefect("question", (), line)
         for (kind, unit, value), group in groups.items():
             new = {f"{kind}.{dof}": replace(specs[f"{kind}.{dof}"], unit=unit) for dof in group}
             pair = ("velocity", kind) if kind == "acceleration" else ("pose", "velocity")
             text = f"the derivative of the {pair[0]} is {value:.3g} times the {pair[1]}"
             yield RecordingDefect("scale", tuple(group), text, _change(new), value)
-
-    def _unit_now(self, columns: ColumnMap, option: str) -> tuple[str, str]:
-        """The unit that a column is read with, and where it is known from."""
-        specs, (kind, _, dof) = columns.columns(), option.partition(".")
-        source, name = column(self.sources, specs[option].name)
-        reading = reading_of(source, name, option, specs[option], specs)
-        return reading.unit or SI[kind][dof], reading.known_from
 
     def _not_compared(self) -> tuple[str, ...]:
         """Which quantity is missing for a comparison, and where."""
@@ -367,13 +361,12 @@ class _Case:
         There is no problem if the recording is read at the original rate.
         """
         groups = defaultdict[str, dict[tuple[str, bool], list[Any]]](dict)
-        for option, spec in state.specs.items():
+        known = readings(self.sources, state.file.columns)
+        for option in state.specs:
             kind, _, dof = option.partition(".")
-            with suppress(RecordingError):
-                source, name = column(self.sources, spec.name)
-                if kind != "acceleration":
-                    parts = groups[source.name].setdefault((kind, dof in ANGLES), [])
-                    parts.append(source.numbers(name, gaps=True))
+            if (reading := known.get(option)) and kind != "acceleration":
+                parts = groups[reading.source.name].setdefault((kind, dof in ANGLES), [])
+                parts.append(reading.source.numbers(reading.name, gaps=True))
         for name, parts_of in groups.items():
             source = self.sources[name]
             t = seconds(source, clock_of(source, self.file.columns))
@@ -395,28 +388,26 @@ class _Case:
 
 def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
     """Questions about columns without a stated unit whose values reach far, by option."""
-    result, specs = dict[str, str](), columns.columns()
-    for option, spec in specs.items():
-        kind, _, key = option.partition(".")
+    result = dict[str, str]()
+    for option, reading in readings(sources, columns).items():
+        (kind, _, key), name = option.partition("."), reading.column.removeprefix("-")
         with suppress(RecordingError):
-            source, name = column(sources, spec.name)
-            values = source.numbers(name, gaps=True)
-            known_from = reading_of(source, name, option, spec, specs).known_from
-            if known_from != SI_ASSUMED or np.all(np.isnan(values)):
+            values = reading.source.numbers(reading.name, gaps=True)
+            if reading.known_from != SI_ASSUMED or np.all(np.isnan(values)):
                 continue
-            named, bearing = quantity(name), targets_of(option) == ("rad",)
+            named, bearing = quantity(reading.name), targets_of(option) == ("rad",)
             of = named.option.partition(".")[2] if named and kind == "inputs" else key
             least, most = float(np.nanmin(values)), float(np.nanmax(values))
             jumps = bearing and np.any(np.abs(np.abs(np.diff(values)) - 360.0) < 36.0)
-            spans = f"{spec.name} ranges from {least:.4g} to {most:.4g}"
-            large = LARGE.get(of, LARGE_BEARING) if bearing else np.inf
-            large = LARGE.get(of, np.inf) if kind == "inputs" else large
+            large = LARGE.get(of, LARGE_BEARING if bearing else np.inf)
+            large = large if bearing or kind == "inputs" else np.inf
+            spans = f"{name} ranges from {least:.4g} to {most:.4g}"
             if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
-                pulse = f"{{column: {spec.name}, neutral: 1500, full: 1900}}"
+                pulse = f"{{column: {name}, neutral: 1500, full: 1900}}"
                 line = f"is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
                 result[option] = f"{spans}: {line}"
             elif max(abs(least), abs(most)) > large or jumps:
-                unit = f"{{column: {spec.name}, unit: {'rpm' if of == 'n' else 'deg'}}}"
+                unit = f"{{column: {name}, unit: {'rpm' if of == 'n' else 'deg'}}}"
                 result[option] = f"{spans}: in which unit? {kind}: {{{key}: {unit}}}"
     return result
 
@@ -443,8 +434,9 @@ def _told(state: _State) -> Iterator[RecordingDefect]:
         yield RecordingDefect("clock", (), f"the velocities are {text}", change, lag)
 
 
-def _unit(now: str, si: str, ratio: float) -> tuple[str, float]:
+def _unit(now: str, option: str, ratio: float) -> tuple[str, float]:
     """The unit that gives `ratio` times the values in `now`, and its ratio; empty: none does."""
+    si = next(iter(targets_of(option)), "s")
     ratios = {unit: factor(unit, si) / factor(now, si) for unit in UNITS[si]}
     unit = min(ratios, key=lambda unit: abs(np.log(ratio / ratios[unit])))
     near = abs(np.log(ratio / ratios[unit])) < np.log(NEAR_SCALE)
@@ -458,16 +450,14 @@ def _change(specs: Mapping[str, Column]) -> Change:
 
 def _options(state: _State, options: Mapping[str, str]) -> Change:
     """Options of a guess as a change; empty if they hold already, or there is no such column."""
-    specs, frames = dict(state.specs), vars(state.file.columns.frames)
-    new, turned = dict[str, Column](), dict[str, str]()
+    specs, change = state.specs, dict[str, Any]()
     for path, value in options.items():
         option, _, key = path.rpartition(".")
         if option == "frames":
-            turned |= {f"columns.{path}": value}
+            change[f"columns.{path}"] = value
         elif option not in specs:
             return {}
         else:
-            new[option] = specs[option] = replace(specs[option], **{key: value})  # type: ignore[arg-type]
-    there = all(frames[path.rpartition(".")[2]] == value for path, value in turned.items())
-    same = there and all(spec == state.specs[option] for option, spec in new.items())
-    return {} if same else {**_change(new), **turned}
+            specs[option] = replace(specs[option], **{key: value})  # type: ignore[arg-type]
+            change[f"columns.{option}"] = specs[option].written
+    return {} if changed(state.file, change).columns == state.file.columns else change

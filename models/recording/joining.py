@@ -18,21 +18,14 @@ AtGap = Literal["refuse", "split"]
 
 
 class ColumnReading(NamedTuple):
-    """With which unit and sign a column was read, and where they are known from."""
+    """With which unit and sign a column was read, where they are known from, and its source."""
 
     option: str
-    column: str
+    column: str  # as the map has it
     unit: str
     known_from: str
-
-
-class Origin(NamedTuple):
-    """The column of a source that a channel was read from, its clock, and how it was read."""
-
     source: Source
-    name: str
-    clock: str
-    reading: ColumnReading
+    name: str  # in the source
 
 
 class Channel(NamedTuple):
@@ -42,7 +35,7 @@ class Channel(NamedTuple):
     values: Array  # (N,)
     held: bool = False
     name: str = ""  # for messages
-    origin: Origin | None = None
+    reading: ColumnReading | None = None
 
     def gaps(self, t: Array, longest_s: float) -> Array:
         """The time [s] without a sample at times t (n,), where longer than `longest_s`; else 0."""
@@ -77,26 +70,12 @@ class Channel(NamedTuple):
         return self._replace(t=t[later], values=values[later])
 
 
-class TimeGrid(NamedTuple):
-    """The grid that channels are joined on.
-
-    At a gap, which is a time longer than `max_gap_s` [s] without a sample of one of the channels,
-    the recording is refused, or split in stretches: no sample of the grid lies in a gap.
-    """
-
-    rate_hz: float
-    max_gap_s: float
-    at_gap: AtGap = "refuse"
-
-
-def shared_clock(
-    channels: Mapping[str, Channel], period_s: float | None, at_gap: AtGap
-) -> Array | None:
+def shared_clock(channels: Mapping[str, Channel], clock: str, at_gap: AtGap) -> Array | None:
     """The times of channels of one source, which must be complete and rise by equal steps.
 
     Args:
         channels: all columns of one source, by option.
-        period_s: the sample time; None: the median step.
+        clock: the name of its column of time.
         at_gap: `split` allows longer steps at gaps.
 
     Returns:
@@ -105,32 +84,31 @@ def shared_clock(
     Raises:
         RecordingError: with line and column, for `refuse`.
     """
-    first = next(iter(channels.values()))
-    t, origin = first.t, first.origin
-    assert origin is not None
-    source, steps = origin.source, np.diff(t)
+    t, _, _, _, first = next(iter(channels.values()))
+    assert first is not None
     if len(t) < 2:
-        raise RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
-    period = period_s or float(np.median(steps))
+        raise RecordingError(f"{first.source.path}: got {len(t)} samples, expected at least 2")
+    steps = np.diff(t)
+    period = float(np.median(steps))
     even = np.abs(steps - period) <= UNIFORMITY * abs(period)
     even |= (at_gap == "split") & (steps > GAP * period)
     grid = "excitation.resample_hz=RATE puts the columns on a uniform grid"
     # rows that are wrong, the column that is, and what it should hold
     wrong = [
-        (np.isnan(c.values), c.origin.name if c.origin else "", f"a finite number; {grid}")
+        (np.isnan(c.values), c.reading.name if c.reading else "", f"a finite number; {grid}")
         for c in channels.values()
     ]
-    wrong.append((np.isnan(t), origin.clock, "a finite number"))
-    wrong.append((np.append(False, steps <= 0.0), origin.clock, f"time to increase; {grid}"))
-    wrong.append((np.append(False, ~even), origin.clock, f"steps of {period:.6g} s; {grid}"))
+    wrong.append((np.isnan(t), clock, "a finite number"))
+    wrong.append((np.append(False, steps <= 0.0), clock, f"time to increase; {grid}"))
+    wrong.append((np.append(False, ~even), clock, f"steps of {period:.6g} s; {grid}"))
     row = next((row for row in wrong if np.any(row[0])), None)
     if row is not None and at_gap != "split":
-        raise source.refused(int(np.argmax(row[0])), *row[1:])
+        raise first.source.refused(int(np.argmax(row[0])), *row[1:])
     return t if row is None else None
 
 
 def join_channels(
-    channels: Mapping[str, Channel], grid: TimeGrid
+    channels: Mapping[str, Channel], rate_hz: float, max_gap_s: float, at_gap: AtGap = "refuse"
 ) -> tuple[Array, dict[str, Array]]:
     """Interpolate states linearly, and hold commands, on one uniform grid.
 
@@ -139,7 +117,9 @@ def join_channels(
 
     Args:
         channels: signals on clocks of their own.
-        grid: the rate, and what a gap is.
+        rate_hz: of the grid.
+        max_gap_s: a longer time [s] without a sample of one of the channels is a gap.
+        at_gap: refuse the recording, or split it: no sample of the grid lies in a gap.
 
     Returns:
         The common times (n,) [s], of which a step longer than the sample time is a gap, and the
@@ -152,41 +132,41 @@ def join_channels(
         if len(c.t) < 2 or not np.all(np.diff(c.t) > 0.0):
             reason = "expected time to increase" if len(c.t) > 1 else "expected at least 2"
             raise RecordingError(f"{c.name or key}: got {len(c.t)} samples, {reason}")
-    ends = [(float(c.t[-1]) + grid.max_gap_s * c.held, c.name) for c in channels.values()]
-    (start, last), (end, first) = max((float(c.t[0]), c.name) for c in channels.values()), min(ends)
+    start, last = max((float(c.t[0]), c.name) for c in channels.values())
+    end, first = min((float(c.t[-1]) + max_gap_s * c.held, c.name) for c in channels.values())
     stop = min(end, max(float(c.t[-1]) for c in channels.values()))
-    count = int(np.floor((stop - start) * grid.rate_hz * (1.0 + 1e-12) + 1e-9)) + 1
+    count = int(np.floor((stop - start) * rate_hz * (1.0 + 1e-12) + 1e-9)) + 1
     if count < 2:
         raise RecordingError(
-            f"got channels that overlap by fewer than two samples at {grid.rate_hz:g} Hz: "
+            f"got channels that overlap by fewer than two samples at {rate_hz:g} Hz: "
             f"{last} begins at {start:g} s, {first} ends at {stop:g} s"
         )
     if count > MOST_SAMPLES * (most := max(len(channel.t) for channel in channels.values())):
         raise RecordingError(
-            f"got {count:.3g} samples from the {most} recorded, at resample_hz={grid.rate_hz:g}; "
+            f"got {count:.3g} samples from the {most} recorded, at resample_hz={rate_hz:g}; "
             f"expected at most {MOST_SAMPLES} times as many"
         )
     rows = np.arange(count)  # of the grid, without those in gaps of the channels before
     for channel in channels.values():
-        t = start + rows / grid.rate_hz
-        gaps = channel.gaps(t, grid.max_gap_s)
-        if grid.at_gap == "refuse" and np.any(gaps):
+        t = start + rows / rate_hz
+        gaps = channel.gaps(t, max_gap_s)
+        if at_gap == "refuse" and np.any(gaps):
             k = int(np.argmax(gaps > 0.0))
             before = channel.t[channel.t <= t[k]][-1]
             raise RecordingError(
                 f"{channel.name}: got no sample for {gaps[k]:.6g} s after {before:.6g} s, expected "
-                f"at most {grid.max_gap_s:g} s; excitation.at_gap=split leaves gaps out"
+                f"at most {max_gap_s:g} s; excitation.at_gap=split leaves gaps out"
             )
         rows = rows[gaps == 0.0]
     stretches = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     rows = np.concatenate([part if len(part) >= MIN_STRETCH else part[:0] for part in stretches])
     if not len(rows):
         raise RecordingError(
-            f"got no {MIN_STRETCH} samples of {1.0 / grid.rate_hz:g} s without a gap of more than "
-            f"{grid.max_gap_s:g} s in one of {', '.join(c.name for c in channels.values())}"
+            f"got no {MIN_STRETCH} samples of {1.0 / rate_hz:g} s without a gap of more than "
+            f"{max_gap_s:g} s in one of {', '.join(c.name for c in channels.values())}"
         )
-    t = start + rows / grid.rate_hz
-    return t, {key: channel.at(t, grid.rate_hz) for key, channel in channels.items()}
+    t = start + rows / rate_hz
+    return t, {key: channel.at(t, rate_hz) for key, channel in channels.items()}
 
 
 def left_in_gaps(t: Array, channels: Mapping[str, Channel], longest_s: float) -> list[str]:

@@ -311,13 +311,12 @@ def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, 
         if told := stated_unit(c.source, c.name, targets_of(option)):
             known[option] = told
     path = _path(chosen, times)
-    for option in ("position.yaw", "ground.speed"):
-        if path and option in chosen and option not in known:
-            c = chosen[option]
-            t = seconds(c.source, times[c.source.name])
-            valid = np.isfinite(t) & np.isfinite(c.values)
-            if unit := _unit_by_path(path, t[valid], c.values[valid], BY_PATH[option]):
-                known[option] = unit, "by the motion"
+    for option in (option for option in BY_PATH if path and option in chosen.keys() - known.keys()):
+        c = chosen[option]
+        t = seconds(c.source, times[c.source.name])
+        valid = np.isfinite(t) & np.isfinite(c.values)
+        if path and (unit := _unit_by_path(path, t[valid], c.values[valid], BY_PATH[option])):
+            known[option] = unit, "by the motion"
     for option, c in chosen.items():
         kind, targets = option.partition(".")[0], targets_of(option)
         like = [o for o in known if o.partition(".")[0] == kind and targets_of(o) == targets]

@@ -7,6 +7,7 @@ velocities that were not recorded are differentiated from the pose. What is left
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,14 +24,12 @@ from seatrial.models.recording.joining import (
     AtGap,
     Channel,
     ColumnReading,
-    Origin,
-    TimeGrid,
     join_channels,
     left_in_gaps,
     shared_clock,
 )
 from seatrial.models.recording.preprocessing import interpolated, outliers, without_sign_flips
-from seatrial.models.recording.recording import MIN_PIECE, Mask, piece_edges, piecewise
+from seatrial.models.recording.recording import MIN_PIECE, piece_edges, piecewise
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, seconds
@@ -44,11 +43,14 @@ else:
 
     pymap3d = lazy_loader.load("pymap3d")
 
+FAULTS = (ConfigurationError, RecordingError)
 HELD_SIGNALS = ("force", "commands")  # constant until the next sample
 IN_THE_PLANE = ("wind", "air", "ground", "water")  # kinds without a meaning in other axes
 BRIDGED = 2.5  # sample times that joining fills at any rate
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
+EXCHANGED = {"surge": "sway", "sway": "surge"}  # of east, north, up
+MOTION, COMPOSED = ("position", "velocity"), ("quaternion", "geodetic", "ground", "water")
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
 # Numbers that loggers write where there is none, if nothing else is near.
 SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
@@ -65,13 +67,6 @@ class Outliers:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-
-    def of(self, values: Array) -> Mask:
-        """Mask (N,) of the outliers among the samples that are there."""
-        valid = ~np.isnan(values)
-        mask = np.zeros(len(values), dtype=np.bool_)
-        mask[valid] = outliers(values[valid], self.window, self.deviations)
-        return mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +85,6 @@ class Reading:
     """How the columns of a recording are read: the map, the clock, and what is cleaned."""
 
     columns: ColumnMap
-    sample_time_s: Positive | None = None  # None: the median step
     resample_hz: Positive | None = None  # None: as recorded, else the rate of the slowest state
     max_gap_s: Positive = 1.0
     at_gap: AtGap = "refuse"
@@ -121,17 +115,17 @@ class Reading:
     def _signals(self, sources: Sources, dofs: Sequence[str]) -> Signals:
         notes = [line for source in sources.values() for line in source.left_out]
         channels = _unit_quaternions(self._channels(sources, dofs, notes))
-        origins = {option: c.origin for option, c in channels.items() if c.origin is not None}
-        recorded = {o.reading.column.removeprefix("-"): channels[option].values
-                    for option, o in origins.items()}  # fmt: skip
+        readings = {option: c.reading for option, c in channels.items() if c.reading is not None}
+        recorded = {r.column.removeprefix("-"): channels[o].values for o, r in readings.items()}
         for option, channel in channels.items() if self.outliers.replace else ():
             valid, values = ~np.isnan(channel.values), channel.values.copy()
-            wrong = self.outliers.of(channel.values)[valid]
+            wrong = outliers(values[valid], self.outliers.window, self.outliers.deviations)
             values[valid] = interpolated(channel.t[valid], values[valid], wrong)
             channels[option] = channel._replace(values=values)
-        t, alone = None, len({id(origin.source) for origin in origins.values()}) == 1
+        t, first = None, next(iter(readings.values())).source
+        alone = all(reading.source is first for reading in readings.values())
         if alone and self.resample_hz is None and not self.columns.delay_s:
-            t = shared_clock(channels, self.sample_time_s, self.at_gap)
+            t = shared_clock(channels, clock_of(first, self.columns).name, self.at_gap)
         if t is None:
             channels = {option: c.cleaned(notes) for option, c in channels.items()}
         known = {option: channel.values for option, channel in channels.items()}
@@ -140,56 +134,54 @@ class Reading:
             rate = _rate(channels)
             longest = max(longest, BRIDGED / rate)
         if t is None:
-            t, known = join_channels(channels, TimeGrid(rate, longest, self.at_gap))
+            t, known = join_channels(channels, rate, longest, self.at_gap)
         notes += left_in_gaps(t, channels, longest)
         known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
-        readings = tuple(origin.reading for origin in origins.values())
-        return Signals(t, known, recorded, readings, tuple(dict.fromkeys(notes)))
+        return Signals(t, known, recorded, tuple(readings.values()), tuple(dict.fromkeys(notes)))
 
     def _channels(
         self, sources: Sources, dofs: Sequence[str], notes: list[str]
     ) -> dict[str, Channel]:
         """The columns in SI units on their clocks, by option."""
-        specs, needed = wanted(self.columns, dofs)
-        if not specs:
+        used = wanted(self.columns, dofs)
+        if not used:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-        scale, clocks = self.columns.froude_scale, dict[str, tuple[str, Array]]()
+        scale, clocks = self.columns.froude_scale, dict[str, Array]()
         pace, start = units.froude_factor("s", scale), first_time(sources, self.columns)
         channels = {}
-        for option, spec in specs.items():
+        for option, needed in used.items():
             try:
-                source, name = column(sources, spec.name)
+                reading = reading_of(sources, option, self.columns)
             except RecordingError:
-                if option in needed:
+                if needed:
                     raise
                 continue
+            spec, source = self.columns.specs[option], reading.source
             if source.name not in clocks:
                 clock = clock_of(source, self.columns)
-                clocks[source.name] = clock.name, seconds(source, clock)
+                clocks[source.name] = seconds(source, clock)
                 notes += [line] if (line := disagreement(source, clock)) else []
-            values = _without_sentinels(source.numbers(name, gaps=True), name, notes)
-            reading = reading_of(source, name, option, spec, specs)
-            kind = option.partition(".")[0]
-            delay = self.columns.delay_s.get(source.name, self.columns.delay_s.get(kind, 0.0))
-            values = _in_si(values, option, spec, reading.unit, scale)
-            clock_name, times = clocks[source.name]
+            kind, delays = option.partition(".")[0], self.columns.delay_s
+            values = source.numbers(reading.name, gaps=True)
+            values = _without_sentinels(values, reading.name, notes)
+            t = clocks[source.name] - start - delays.get(source.name, delays.get(kind, 0.0))
             channels[option] = Channel(
-                pace * (times - start - delay), values, kind in HELD_SIGNALS, f"column {spec.name}",
-                Origin(source, name, clock_name, reading),
+                pace * t, _in_si(values, option, spec, reading.unit, scale), kind in HELD_SIGNALS,
+                f"column {spec.name}", reading,
             )  # fmt: skip
         return channels
 
 
-def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], set[str]]:
-    """The columns that a vessel with some degrees of freedom uses, by option, and which it needs.
+def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, bool]:
+    """The options whose columns a vessel with some degrees of freedom uses, and if it needs them.
 
     The attitude is used where it is recorded, also by a vessel that does not turn.
     """
     arm = any(columns.lever_arm_m)
     turned = columns.frames != Frames() or arm or columns.geodetic is not None
-    turned = turned or columns.ground is not None or any(dof not in columns.moving for dof in dofs)
-    used, needed = dict[str, Column](), set[str]()
-    for option, spec in columns.columns().items():
+    turned = turned or bool(columns.ground) or any(dof not in columns.moving for dof in dofs)
+    used = dict[str, bool]()
+    for option in columns.specs:
         kind, _, dof = option.partition(".")
         angle = dof in DOFS[3:]
         if kind in KINDS:
@@ -201,10 +193,8 @@ def wanted(columns: ColumnMap, dofs: Sequence[str]) -> tuple[dict[str, Column], 
         else:
             required = kind != "quaternion" or turned or any(dof in DOFS[3:] for dof in dofs)
             wished = kind not in IN_THE_PLANE or set(PLANAR) <= set(dofs)
-        if wished:
-            used[option] = spec
-            needed |= {option} if required else set()
-    return used, needed
+        used |= {option: required} if wished else {}
+    return used
 
 
 def clock_of(source: Source, columns: ColumnMap) -> Column:
@@ -226,18 +216,19 @@ def first_time(sources: Sources, columns: ColumnMap) -> float:
     """
     firsts = []
     for source in sources.values():
-        try:
+        with suppress(*FAULTS, ValueError):
             firsts.append(float(np.nanmin(seconds(source, clock_of(source, columns)))))
-        except (RecordingError, ConfigurationError, ValueError):
-            continue
     start = min(firsts, default=0.0)
     return start if start > EPOCH_S else 0.0
 
 
-def reading_of(
-    source: Source, name: str, option: str, spec: Column, specs: Mapping[str, Column]
-) -> ColumnReading:
-    """The unit of a column of a source, and where it is known from: the first that tells it."""
+def reading_of(sources: Sources, option: str, columns: ColumnMap) -> ColumnReading:
+    """The column of an option, its unit, and where that is known from: the first that tells it.
+
+    Raises RecordingError if there is no such column.
+    """
+    spec = columns.specs[option]
+    source, name = column(sources, spec.name)
     targets, kind = units.targets_of(option), option.partition(".")[0]
     unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
     if spec.unit is not None or spec.full is not None or not targets:
@@ -245,14 +236,23 @@ def reading_of(
     elif known := stated_unit(source, name, targets):
         unit, origin = known
     elif kind in KINDS:
-        for other, beside in specs.items():  # of the same quantity, told by the same source
+        for other, beside in columns.specs.items():  # of the same quantity, by the same source
             plain = source.find(beside.name.rpartition(":")[2])
             same = other.partition(".")[0] == kind and units.targets_of(other) == targets
             told = stated_unit(source, plain, targets) if plain and plain != name and same else None
             if told:
                 unit, origin = told[0], f"{beside.name} beside it"
                 break
-    return ColumnReading(option, spec.column, unit, origin)
+    return ColumnReading(option, spec.column, unit, origin, source, name)
+
+
+def readings(sources: Sources, columns: ColumnMap) -> dict[str, ColumnReading]:
+    """How each mapped column that the sources have is read, by option."""
+    result = {}
+    for option in columns.specs:
+        with suppress(RecordingError):
+            result[option] = reading_of(sources, option, columns)
+    return result
 
 
 def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str, str] | None:
@@ -271,13 +271,13 @@ def _in_si(values: Array, option: str, spec: Column, unit: str, scale: float) ->
     """
     if spec.full is not None:
         values = (values - spec.neutral) / (spec.full - spec.neutral)
-    values = values * spec.sign * units.si_factor(option, unit)
+    values = values * spec.sign * units.si_factor(option, unit, scale)
     if units.targets_of(option) == ("rad",):
         valid = ~np.isnan(values)
         values[valid] = unroll(values[valid])
         values = -values if spec.positive == "anticlockwise" else values
         values = values + 0.5 * np.pi if spec.zero == "east" else values
-    return values * units.froude_scaling(option, unit, scale)
+    return values
 
 
 def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
@@ -309,8 +309,7 @@ def _unit_quaternions(channels: dict[str, Channel]) -> dict[str, Channel]:
     quaternions = np.column_stack([channels[name].values for name in names])
     valid = ~np.any(np.isnan(quaternions), axis=1)
     lengths = np.linalg.norm(quaternions, axis=1)
-    wrong = np.abs(lengths - 1.0) > QUATERNION_ERROR  # False for NaN
-    if np.any(wrong):
+    if np.any(wrong := np.abs(lengths - 1.0) > QUATERNION_ERROR):  # False for NaN
         k = int(np.argmax(wrong))
         columns = ", ".join(channels[name].name.removeprefix("column ") for name in names)
         raise RecordingError(
@@ -327,60 +326,50 @@ def _in_our_frames(
     t: Array, known: Mapping[str, Array], columns: ColumnMap, heading: float
 ) -> dict[str, Array]:
     """Signals by option in NED and forward, right, down axes at the origin of the vessel."""
-    composed, zero, frames = ("quaternion", "geodetic", "ground", "water"), 0.0 * t, columns.frames
-    result = {name: v for name, v in known.items() if name.partition(".")[0] not in composed}
-
-    def stack(kind: str, dofs: Sequence[str] = DOFS[:3]) -> Array:
-        return np.column_stack([result.get(f"{kind}.{dof}", zero) for dof in dofs])
-
-    def put(kind: str, values: Array, there: Sequence[str] | None = None) -> None:
-        """Replace what is there of surge, sway and heave."""
-        for dof, column_ in zip(DOFS[:3], values.T, strict=True):
-            if f"{kind}.{dof}" in result if there is None else dof in there:
-                result[f"{kind}.{dof}"] = column_
-
-    def exchange(kind: str) -> None:
-        """North, east, down of what was mapped as surge, sway, heave but is east, north, up."""
-        pairs = zip(("sway", "surge", "heave"), DOFS[:3], strict=True)
-        there = [new for old, new in pairs if f"{kind}.{old}" in result]
-        values = stack(kind)[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
-        for dof in DOFS[:3]:
-            result.pop(f"{kind}.{dof}", None)
-        put(kind, values, there)
-
+    frames, zero = columns.frames, 0.0 * t
+    posed, moving = ({dof for dof in DOFS if f"{kind}.{dof}" in known} for kind in MOTION)
+    pose, nu = (np.column_stack([known.get(f"{kind}.{dof}", zero) for dof in DOFS])
+                for kind in MOTION)  # fmt: skip
     attitude = _attitude(known, frames, len(t), heading)
-    for i, dof in enumerate(DOFS[3:]):
-        if f"position.{dof}" in known or "quaternion.w" in known:
-            result[f"position.{dof}"] = attitude[:, i]
+    posed |= set(DOFS[3:]) if "quaternion.w" in known else set()
     if columns.geodetic is not None:
-        put("position", _path(known, columns), DOFS[: 3 if columns.geodetic.altitude else 2])
+        pose[:, :3] = _path(known, columns)
+        posed |= set(DOFS[: 3 if columns.geodetic.altitude else 2])
     elif frames.position == "ENU":
-        exchange("position")
+        pose[:, :3], posed = _from_enu(pose[:, :3]), {EXCHANGED.get(dof, dof) for dof in posed}
+    pose[:, 3:] = attitude
+    pose[:, [i for i, dof in enumerate(DOFS) if dof not in posed]] = 0.0
     if frames.velocity == "earth":  # angular velocities are of the body
         if frames.position == "ENU":
-            exchange("velocity")
-        put("velocity", _in_body(attitude, stack("velocity")))
+            nu[:, :3], moving = _from_enu(nu[:, :3]), {EXCHANGED.get(dof, dof) for dof in moving}
+        nu[:, :3] = _in_body(attitude, nu[:, :3])
     elif frames.body == "FLU":
-        result |= {o: -result[o] for dof in FLIPPED if (o := f"velocity.{dof}") in result}
+        nu[:, [DOFS.index(dof) for dof in FLIPPED]] *= -1.0
     if "ground.speed" in known:
         angle, speed = known["ground.course"] - attitude[:, 2], known["ground.speed"]
-        result["velocity.surge"], result["velocity.sway"] = (
-            speed * np.cos(angle), speed * np.sin(angle))  # fmt: skip
-    posed = [dof for dof in DOFS if f"position.{dof}" in result]
-    if absent := [dof for dof in posed if f"velocity.{dof}" not in result]:
-        nu = _differentiated(t, stack("position", DOFS), attitude)
-        result |= {f"velocity.{dof}": nu[:, DOFS.index(dof)] for dof in absent}
+        nu[:, :2], moving = (speed * [np.cos(angle), np.sin(angle)]).T, moving | {"surge", "sway"}
+    if absent := [DOFS.index(dof) for dof in posed - moving]:
+        nu[:, absent] = _differentiated(t, pose, attitude)[:, absent]
+        moving |= posed
     if any(columns.lever_arm_m):  # p_o = p_s - R r, v_o = v_s - omega x r
         arm = np.array(columns.lever_arm_m)
-        put("velocity", stack("velocity") - np.cross(stack("velocity", DOFS[3:]), arm))
-        put("position", stack("position") - pose_jacobian(attitude)[:, :3, :3] @ arm)
-    if "water.speed" in known and {"velocity.surge", "velocity.sway"} <= set(result):
+        nu[:, :3] -= np.cross(nu[:, 3:], arm)
+        pose[:, :3] -= pose_jacobian(attitude)[:, :3, :3] @ arm
+    result = {o: x for o, x in known.items() if o.partition(".")[0] not in (*MOTION, *COMPOSED)}
+    for kind, values, there in zip(MOTION, (pose, nu), (posed, moving), strict=True):
+        result |= {f"{kind}.{d}": x for d, x in zip(DOFS, values.T, strict=True) if d in there}
+    if "water.speed" in known and {"surge", "sway"} <= moving:
         # The log shows the speed along the bow: what is left of that over ground is the current.
-        along, aside = result["velocity.surge"] - known["water.speed"], result["velocity.sway"]
+        along, aside = nu[:, 0] - known["water.speed"], nu[:, 1]
         c, s = np.cos(attitude[:, 2]), np.sin(attitude[:, 2])
         result["current.north"] = c * along - s * aside
         result["current.east"] = s * along + c * aside
     return result
+
+
+def _from_enu(values: Array) -> Array:
+    """North, east, down of vectors (N, 3) that are east, north, up."""
+    return np.asarray(values[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
 
 
 def _attitude(known: Mapping[str, Array], frames: Frames, n: int, heading: float) -> Array:

@@ -6,18 +6,18 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from glob import glob, has_magic
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
-from seatrial.models.recording.preprocessing import central_difference
+from seatrial.models.recording.preprocessing import central_difference, outliers
 from seatrial.models.recording.reader import Reading, Signals, Sources, clock_of, first_time
 from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
 from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
@@ -36,8 +36,6 @@ LEAST_SAMPLES = 2  # of a window
 STATISTICS = {"count": "count", "mean": "mean", "std": "std", "50%": "median", "min": "minimum",
               "max": "maximum"}  # fmt: skip
 
-MOST_FILES = 1000
-
 
 @dataclass(frozen=True)
 class FileForm:
@@ -48,54 +46,27 @@ class FileForm:
     text: TextOptions = field(default_factory=TextOptions)
 
 
-class FileSet(NamedTuple):
-    """Files for training, then files for testing; without the latter every file is split."""
-
-    train: tuple[Path, ...]
-    test: tuple[Path, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of all files, with as much of the folders as tells them apart."""
-        files = (*self.train, *self.test)
-        for depth in range(1, max(len(path.parts) for path in files) + 1):
-            names = tuple("/".join(path.parts[-depth:]) for path in files)
-            if len(set(names)) == len(names):
-                break
-        return names
-
-
-def file_set(train: Sequence[str], test: Sequence[str]) -> FileSet:
+def file_set(train: Sequence[str], test: Sequence[str]) -> tuple[list[Path], list[Path]]:
     """The files that patterns such as `runs/*.csv` match, each pattern's in order of their names.
 
     Raises ConfigurationError if a pattern matches nothing, or a file is in both.
     """
-    found: dict[str, dict[Path, None]] = {"train": {}, "test": {}}
+    every: dict[str, dict[Path, None]] = {"train": {}, "test": {}}
     for option, patterns in (("train", train), ("test", test)):
         for pattern in patterns:
-            _check_path(f"excitation.{option}", pattern)
             wanted = str(Path(pattern).expanduser())
             # Path.glob takes no absolute patterns.
-            every = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
-            if not every:
+            files = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
+            if not files:
                 got = f"got {pattern}, which matches no file"
                 raise ConfigurationError(f"excitation.{option}: {got}, expected recordings")
-            found[option] |= dict.fromkeys(Path(match) for match in sorted(every))
-    if both := set(found["train"]) & set(found["test"]):
+            every[option] |= dict.fromkeys(map(Path, sorted(files)))
+    if both := set(every["train"]) & set(every["test"]):
         raise ConfigurationError(
             f"excitation.test: got {min(both)}, which excitation.train has too, "
             "expected each file once"
         )
-    if (count := sum(map(len, found.values()))) > MOST_FILES:
-        raise ConfigurationError(
-            f"excitation.train and test: got {count} files, expected at most {MOST_FILES}"
-        )
-    return FileSet(tuple(found["train"]), tuple(found["test"]))
-
-
-def _check_path(option: str, path: str) -> None:
-    if not path or any(character in path for character in "\0\r\n"):
-        raise ConfigurationError(f"{option}: got {path!r}, expected one line of text")
+    return [*every["train"]], [*every["test"]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,13 +75,13 @@ class RecordedFile(Reading):
 
     The samples strictly between `start_s` and `end_s` are used (null: all). The first
     `train_fraction` of them are for training, or the trips `training_trips` (counted from 1) if
-    `trip_starts_s` is set. Either the file is sampled uniformly, with `sample_time_s` (null: the
-    median step), or every column has its own samples with empty cells between them, and all
-    columns are resampled on one grid with `resample_hz`. `heading_deg` is the heading of the frame
-    of the positions in the frame of the orientation: 180 if both horizontal positions are
-    reversed. `train` and `test` name several files instead, which are read one by one; without
-    `test`, `train_fraction` splits each of them. The first `initial_s` of a file are not tested on.
-    The files of `test` may have columns of their own, `tested`.
+    `trip_starts_s` is set. Either the file is sampled uniformly, or every column has its own
+    samples with empty cells between them, and all columns are resampled on one grid with
+    `resample_hz`. `heading_deg` is the heading of the frame of the positions in the frame of the
+    orientation: 180 if both horizontal positions are reversed. `train` and `test` name several
+    files instead, which are read one by one; without `test`, `train_fraction` splits each of them.
+    The first `initial_s` of a file are not tested on. The files of `test` may have columns of their
+    own, `tested`.
     """
 
     path: str | None
@@ -147,19 +118,14 @@ class RecordedFile(Reading):
             "excitation.path: expected a recording, got none": not self.path and not self.train,
             f"start_s must lie before end_s = {end or 0.0:g}, got {start or 0.0:g}":
                 start is not None and end is not None and start >= end,
-            f"sample_time_s = {self.sample_time_s} requires a uniform file and resample_hz = "
-            f"{self.resample_hz} resamples it, expected one of them to be null":
-                self.sample_time_s is not None and self.resample_hz is not None,
             "training_trips requires trip_starts_s, got none":
                 self.training_trips and not self.trip_starts_s,
         }  # fmt: skip
         if problem := next((text for text, there in problems.items() if there), None):
             raise ConfigurationError(problem)
-        _check_path("path", self.path or "-")
         half(2, self.train_fraction)
-        recordings.trips(np.zeros(1), self.trip_starts_s)
-        if self.trip_starts_s:
-            recordings.by_trips(np.arange(1, 1 + len(self.trip_starts_s)), self.training_trips)
+        if starts := self.trip_starts_s:
+            recordings.by_trips(np.array(starts), starts, self.training_trips)
 
     @property
     def file(self) -> Path:
@@ -170,8 +136,8 @@ class RecordedFile(Reading):
         """The files that are read, by option."""
         own = {"path": self.file}
         if self.train:
-            known = file_set(self.train, self.test)._asdict()
-            own = {f"{k}[{i}]": path for k, files in known.items() for i, path in enumerate(files)}
+            known = zip(("train", "test"), file_set(self.train, self.test), strict=True)
+            own = {f"{k}[{i}]": path for k, files in known for i, path in enumerate(files)}
         others = {"map": self.map, "test_map": self.test_map}
         others |= {f"messages[{i}]": path for i, path in enumerate(self.messages)}
         return own | {name: Path(path).expanduser() for name, path in others.items() if path}
@@ -210,17 +176,19 @@ class RecordedFile(Reading):
                 raise RecordingError(
                     f"{path}: {error}; excitation.resample_hz gives all files one sample time"
                 ) from error
-        return replace(end_to_end(parts), file_names=file_set(self.train, self.test).names)
+        depths = range(1, 1 + max(len(path.parts) for path in self.readers))
+        every = (tuple("/".join(p.parts[-depth:]) for p in self.readers) for depth in depths)
+        names = next(names for names in every if len(set(names)) == len(names))
+        return replace(end_to_end(parts), file_names=names)  # with what tells them apart
 
     @cached_property
     def readers(self) -> dict[Path, "RecordedFile"]:
         """The files of the recording, each with what reads it: those of `test` as `tested`."""
         if not self.train:
             return {self.file: self}
-        known, tested = file_set(self.train, self.test), self
-        if form := self.tested:
-            tested = replace(self, columns=form.columns, format=form.format, text=form.text)
-        return dict.fromkeys(known.train, self) | dict.fromkeys(known.test, tested)
+        train, test = file_set(self.train, self.test)
+        own = vars(self.tested) if self.tested else {}
+        return dict.fromkeys(train, self) | dict.fromkeys(test, replace(self, **own))
 
     def sources(self, path: Path | None = None) -> dict[str, Source]:
         """The columns of a file as recorded, of the first one by default."""
@@ -245,19 +213,24 @@ class RecordedFile(Reading):
                 f"excitation.columns.velocity: no column for {', '.join(missing)}, nor a position "
                 "to differentiate"
             )
-        tau = of("force", dofs)
+        tau, period = of("force", dofs), recordings.sample_time(signals.t)
+        rate = recordings.piecewise(
+            partial(central_difference, period_s=period), recordings.piece_edges(signals.t, period),
+            np.column_stack([signals.values[f"velocity.{dof}"] for dof in dofs]),
+        )  # fmt: skip
+        for i, dof in enumerate(dofs):
+            rate[:, i] = signals.values.get(f"acceleration.{dof}", rate[:, i])
         attitude = np.column_stack([values.get(f"position.{dof}", 0.0 * t) for dof in DOFS[3:]])
         attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
         pose = dict(zip(DOFS[3:], attitude.T, strict=True))
-        for dof in dofs:
-            if (position := values.get(f"position.{dof}")) is None:  # the way made good
-                way = partial(scipy.integrate.cumulative_trapezoid, initial=0.0)
-                position = way(values[f"velocity.{dof}"], t) if dof not in pose else pose[dof]
-            pose.setdefault(dof, position)
+        for dof in set(dofs) - set(pose):
+            speed = values[f"velocity.{dof}"]
+            way = values.get(f"position.{dof}")  # else the way made good
+            pose[dof] = cumulative_trapezoid(speed, t, initial=0.0) if way is None else way
         inputs, loads = tuple(self.columns.inputs), tuple(self.columns.loads)
         return Recording(
             tuple(dofs), t, np.column_stack([pose[dof] for dof in dofs]), nu,
-            self._acceleration(signals, dofs)[rows], np.zeros_like(nu) if tau is None else tau,
+            rate[rows], np.zeros_like(nu) if tau is None else tau,
             attitude, tau_actual=of("actual_force", dofs), wind=self._air(values, attitude),
             inputs=of("inputs", inputs), commands=of("commands", tuple(self.columns.commands)),
             input_names=inputs, loads=of("loads", loads), load_names=loads,
@@ -279,10 +252,11 @@ class RecordedFile(Reading):
 
     def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
         """Number of outliers in each used column, over the entire files."""
-        totals: Counter[str] = Counter()
+        totals, rule = Counter[str](), self.outliers
         for signals in self.account(dofs):
-            counts = {name: np.sum(self.outliers.of(x)) for name, x in signals.recorded.items()}
-            totals.update({name: int(count) for name, count in counts.items()})
+            for name, x in signals.recorded.items():
+                wrong = outliers(x[~np.isnan(x)], rule.window, rule.deviations)
+                totals[name] += int(np.sum(wrong))
         return dict(totals)
 
     def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:
@@ -298,14 +272,14 @@ class RecordedFile(Reading):
         Raises ConfigurationError if no trip, or too little of a file, is left for one of them.
         """
         if self.trip_starts_s:
-            return recordings.by_trips(recordings.trips(t, self.trip_starts_s), self.training_trips)
+            return recordings.by_trips(t, self.trip_starts_s, self.training_trips)
         if file is None:
             return half(len(t), self.train_fraction)
-        files = file_set(self.train, self.test)
+        training = len(file_set(self.train, self.test)[0])
         train, test = np.zeros((2, len(t)), dtype=np.bool_)
         for number, path in enumerate(self.readers):
             rows = np.flatnonzero(file == number)
-            if self.test and number < len(files.train):
+            if self.test and number < training:
                 train[rows] = True
                 continue
             parts = None if self.test else half(len(rows), self.train_fraction)
@@ -335,16 +309,6 @@ class RecordedFile(Reading):
                 known = {new: float(values[old]) for old, new in STATISTICS.items()}
                 result[f"{path.stem}:{name}" if self.train else name] = known
         return result
-
-    def _acceleration(self, signals: Signals, dofs: Sequence[str]) -> Array:
-        """nu_dot (N, n_dof), recorded or differentiated by pieces."""
-        period = recordings.sample_time(signals.t)
-        nu = np.column_stack([signals.values[f"velocity.{dof}"] for dof in dofs])
-        edges = recordings.piece_edges(signals.t, period)
-        rate = recordings.piecewise(partial(central_difference, period_s=period), edges, nu)
-        for i, dof in enumerate(dofs):
-            rate[:, i] = signals.values.get(f"acceleration.{dof}", rate[:, i])
-        return rate
 
     def _window(self, path: Path, t: Array) -> Mask:
         """Mask (N,) of the samples strictly between `start_s` and `end_s`."""

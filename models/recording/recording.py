@@ -292,23 +292,18 @@ def blocks(n: int, count: int, file: NDArray[np.int64] | None = None) -> list[sl
     If the samples are of several files (N,), a block is a file, or consecutive files where there
     are more than `count`.
     """
-    return [slice(a, b) for a, b in pairwise(_edges(n, count, file))]
-
-
-def _edges(n: int, count: int, file: NDArray[np.int64] | None = None) -> list[int]:
-    even = np.linspace(0, n, count + 1).round()
+    even = [int(edge) for edge in np.linspace(0, n, count + 1).round()]
     if file is None or file[0] == file[-1]:
-        return [int(edge) for edge in even]
+        return [slice(a, b) for a, b in pairwise(even)]
     starts = np.flatnonzero(np.diff(file, prepend=file[0] - 1))
     if len(starts) > count:  # from file to file, as nearly even as they can be
         chosen = [0]
         for i, edge in enumerate(even[1:-1], 1):
-            left = starts[
-                (starts > chosen[-1]) & (len(starts) - np.arange(len(starts)) >= count - i)
-            ]
+            rest = len(starts) - np.arange(len(starts))
+            left = starts[(starts > chosen[-1]) & (rest >= count - i)]
             chosen.append(int(left[np.argmin(np.abs(left - edge))]))
         starts = np.array(chosen)
-    return [*map(int, starts), n]
+    return [slice(int(a), int(b)) for a, b in pairwise([*starts, n])]
 
 
 class Split(NamedTuple):
@@ -331,23 +326,17 @@ def half(n: int, fraction: float = 0.5) -> Split:
     return Split(train, ~train)
 
 
-def trips(t: Array, starts_s: Collection[float]) -> NDArray[np.int64]:
-    """The trip of each sample, counted from 1; samples before the first start are trip 0.
+def by_trips(t: Array, starts_s: Sequence[float], training: Collection[int]) -> Split:
+    """The `training` trips, counted from 1, and the others for testing.
 
-    A trip begins at its start [s] and lasts until the next one. Starts must increase.
+    A trip begins at its start [s] and lasts until the next one; samples before the first are in
+    neither set. Jervan (2020), section 5.3, uses trips 1 and 3 for training, 2 and 4 for testing,
+    so that both contain the changing weather. Raises ConfigurationError if starts do not increase,
+    or one of the sets is empty.
     """
-    starts = np.array(list(starts_s), dtype=np.float64)
-    if np.any(np.diff(starts) <= 0.0):
-        raise ConfigurationError(f"trip_starts_s must increase, got {starts.tolist()}")
-    return np.searchsorted(starts, t, side="right").astype(np.int64)
-
-
-def by_trips(trip: NDArray[np.int64], training: Collection[int]) -> Split:
-    """The `training` trips, and the others for testing, without samples before the first trip.
-
-    Jervan (2020), section 5.3, uses trips 1 and 3 for training, 2 and 4 for testing, so that both
-    contain the changing weather. Raises ConfigurationError if one of the sets is empty.
-    """
+    if np.any(np.diff(starts_s) <= 0.0):
+        raise ConfigurationError(f"trip_starts_s must increase, got {list(starts_s)}")
+    trip = np.searchsorted(starts_s, t, side="right")
     selected = np.isin(trip, list(training))
     split = Split(selected & (trip > 0), ~selected & (trip > 0))
     if not np.any(split.train) or not np.any(split.test):
@@ -368,5 +357,5 @@ def blocked_k_fold(n: int, count: int, file: NDArray[np.int64] | None = None) ->
             f"cannot cut {n} samples into {count} blocks, expected at least 2 blocks, none empty"
         )
     k = np.arange(n)
-    inside = ((start <= k) & (k < end) for start, end in pairwise(_edges(n, count, file)))
+    inside = ((block.start <= k) & (k < block.stop) for block in blocks(n, count, file))
     return tuple(Split(~test, test) for test in inside)

@@ -5,10 +5,9 @@ import io
 import os
 import re
 import warnings
-from array import array
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib import import_module
@@ -16,7 +15,7 @@ from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
 from textwrap import shorten
-from typing import Annotated, Any, NamedTuple, TypeAlias
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Ge
@@ -30,7 +29,6 @@ from seatrial.models.vessel.basis import Array
 LARGEST_BYTES = 2**28  # of a file that is read at once, and of the numbers of any recording
 MOST_CELLS = LARGEST_BYTES // 8
 MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
-MOST_FILES = 1000  # of a folder
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
 Values: TypeAlias = Array | TextArray
 TITLE = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?!\d+[\])])(?P<unit>[^\[\]()]*)[\])]")
@@ -50,9 +48,7 @@ class FileFormat(NamedTuple):
 
     suffixes: tuple[str, ...]
     reader: str  # file.function
-    expected: str = ""  # for errors of a library that reads it
     package: str | None = None  # needed to read it
-    extra: str = ""  # that installs the package
     begins: bytes = rb"(?!)"  # how a file begins, a regular expression
 
 
@@ -62,22 +58,19 @@ FORMATS: dict[str, FileFormat] = {
     for name, suffixes, *row in (
         ("csv", ".csv .tsv", "text.read"),
         ("dat", ".dat .txt .asc .dba .log", "text.read"),
-        ("excel", ".xlsx .xlsm", "tables.read_excel", "a workbook of Excel (.xlsx)", "openpyxl",
-         "excel", rb"PK\x03\x04"),
-        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "a netCDF file", "xarray", "netcdf",
-         rb"CDF[\x01\x02\x05]|\x89HDF"),
-        ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "a log of ArduPilot", "pymavlink",
-         "ardupilot", rb"\xa3\x95|.{8}[\xfd\xfe].{5,}"),
-        ("nmea", ".nmea .nma", "nmea.read", "sentences of NMEA 0183 with a time", "pynmea2",
-         "nmea", NMEA),
-        ("parquet", ".parquet .pq", "tables.read_parquet", "a Parquet file", None, "", rb"PAR1"),
-        ("mat", ".mat", "tables.read_matlab", "a MATLAB file", None, "", rb"MATLAB "),
-        ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "a bag of ROS or an MCAP file",
-         "rosbags", "ros", rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
-        ("ulog", ".ulg .ulog", "messages.read_ulog", "a ULog file", "pyulog", "ulog",
-         rb"ULog\x01"),
+        ("excel", ".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
+        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]|\x89HDF"),
+        ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "pymavlink",
+         rb"\xa3\x95|.{8}[\xfd\xfe].{5,}"),
+        ("nmea", ".nmea .nma", "nmea.read", "pynmea2", NMEA),
+        ("parquet", ".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
+        ("mat", ".mat", "tables.read_matlab", None, rb"MATLAB "),
+        ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "rosbags",
+         rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
+        ("ulog", ".ulg .ulog", "messages.read_ulog", "pyulog", rb"ULog\x01"),
     )
 }  # fmt: skip
+EXTRAS = {"rosbag": "ros"}  # that install a package; others are called as their format
 SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes}
 BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
 ANY = (".csv", ".txt", ".dat", ".log", ".asc", ".bin")  # suffixes of files of any content
@@ -249,54 +242,6 @@ def check_size(path: Path, cells: int) -> None:
         )
 
 
-@contextmanager
-def foreign(path: Path, expected: str) -> Iterator[None]:
-    """Name the file where a library fails, which may raise anything, and hide what it prints.
-
-    Raises RecordingError.
-    """
-    quiet = io.StringIO()
-    try:
-        with warnings.catch_warnings(), redirect_stdout(quiet), redirect_stderr(quiet):
-            warnings.simplefilter("ignore")
-            yield
-    except SeatrialError:
-        raise
-    except Exception as error:
-        reason = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
-        raise RecordingError(f"{path}: cannot be read ({reason}), expected {expected}") from error
-
-
-class Rows:
-    """Columns that grow message by message; what a message does not have stays missing.
-
-    A column holds numbers or texts, by its first value.
-    """
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.cells: dict[str, Any] = {}  # array of float, or list of str
-
-    def add(self, values: Iterable[tuple[str, Any]]) -> None:
-        """Add a message: its numbers and texts (str) by name."""
-        for name, value in values:
-            cells = self.cells.setdefault(name, [] if isinstance(value, str) else array("d"))
-            self._fill(cells)
-            cells.append(value)
-        self.count += 1
-
-    def columns(self) -> dict[str, Values]:
-        """All columns, shape (N,) each."""
-        for cells in self.cells.values():
-            self._fill(cells)
-        kinds = {name: object if isinstance(c, list) else float for name, c in self.cells.items()}
-        return {name: np.array(cells, dtype=kinds[name]) for name, cells in self.cells.items()}
-
-    def _fill(self, cells: Any) -> None:
-        missing = "" if isinstance(cells, list) else np.nan
-        cells.extend([missing] * (self.count - len(cells)))
-
-
 @dataclass(frozen=True)
 class TextOptions:
     """How a text file is written; null: found out from the file.
@@ -306,7 +251,7 @@ class TextOptions:
     """
 
     separator: str | None = None  # one character; " ": any white space
-    decimal: str | None = None  # "." or ","
+    decimal: Literal[".", ","] | None = None
     encoding: str | None = None
     comment: str | None = "#"  # beginning of lines that are passed over
     skip_lines: Annotated[int, Ge(0)] = 0
@@ -315,21 +260,15 @@ class TextOptions:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        problem = ""
-        if self.separator is not None and (len(self.separator) != 1 or self.separator in '"\r\n'):
-            problem = f"separator: got {self.separator!r}, expected one character"
-        elif self.decimal not in (None, ".", ","):
-            problem = f"decimal: got {self.decimal!r}, expected '.', ',' or null"
-        elif self.decimal == self.separator == ",":
-            problem = "decimal and separator are both ',', expected a different separator"
-        elif len(set(self.names)) < len(self.names):
-            problem = f"names: got {', '.join(self.names)}, expected each once"
+        mark = self.separator
+        if mark is not None and (len(mark) != 1 or mark in '"\r\n' or mark == self.decimal):
+            raise ConfigurationError(
+                f"separator: got {mark!r}, expected one character, another than the decimal"
+            )
         try:
             codecs.lookup(self.encoding or "utf-8")
-        except LookupError:
-            problem = f"encoding: got {self.encoding!r}, expected one that is known, as latin-1"
-        if problem:
-            raise ConfigurationError(problem)
+        except LookupError as error:
+            raise ConfigurationError(f"encoding: {error}, expected one such as latin-1") from error
 
 
 @dataclass(frozen=True)
@@ -350,13 +289,12 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
     Raises RecordingError if a file cannot be read, ConfigurationError for a format that is not
     known or whose package is not installed.
     """
-    try:
-        files = [*map(Path, options.messages), path, *(path.rglob("*") if path.is_dir() else ())]
-        stats = [file.stat() for file in files if file.exists()]
-    except (OSError, ValueError):
-        stats = []
-    known = _sources(path, options, tuple((s.st_mtime_ns, s.st_size, s.st_ino) for s in stats))
-    return dict(known)
+    stamps: list[tuple[int, ...]] = []
+    with suppress(OSError, ValueError):  # which reading it says
+        for file in (*map(Path, options.messages), path, *path.rglob("*")):
+            state = file.stat()
+            stamps.append((state.st_mtime_ns, state.st_size, state.st_ino))
+    return dict(_sources(path, options, tuple(stamps)))
 
 
 @lru_cache(maxsize=1)
@@ -402,10 +340,12 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
                 f"{path}: is of no known format, expected {', '.join(FORMATS)} "
                 f"({', '.join(SUFFIXES)})"
             )
-    form = FORMATS[kind or "dat"]
+    kind = kind or "dat"
+    form, expected = FORMATS[kind], f"expected a recording in the format {kind}"
     if form.package is not None and find_spec(form.package) is None:
+        extra = EXTRAS.get(kind, kind)
         raise ConfigurationError(
-            f"{path}: {form.package} is not installed: pip install 'seatrial[{form.extra}]'"
+            f"{path}: {form.package} is not installed: pip install 'seatrial[{extra}]'"
         )
     # what is read at once must fit; a bag is read message by message
     if form.package != "rosbags" and (size := path.stat().st_size) > LARGEST_BYTES:
@@ -414,33 +354,35 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
             "recording"
         )
     module, _, function = form.reader.partition(".")
-    reader = getattr(import_module(f"{formats.__name__}.{module}"), function)
-    with foreign(path, form.expected) if form.expected else nullcontext():
-        sources, left_out = reader(path, options)
+    reader, quiet = import_module(f"{formats.__name__}.{module}"), io.StringIO()
+    try:
+        with warnings.catch_warnings(), redirect_stdout(quiet), redirect_stderr(quiet):
+            warnings.simplefilter("ignore")
+            sources, left_out = getattr(reader, function)(path, options)
+    except Exception as error:  # a library may raise anything
+        if isinstance(error, SeatrialError) or module == "text":
+            raise
+        reason = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
+        raise RecordingError(f"{path}: cannot be read ({reason}), {expected}") from error
     if not sources:
         reasons = "".join(f"; {line}" for line in left_out)
-        raise RecordingError(
-            f"{path}: got no columns of numbers{reasons}, expected {form.expected}"
-        )
+        raise RecordingError(f"{path}: got no columns of numbers{reasons}, {expected}")
     return [replace(sources[0], left_out=(*left_out, *sources[0].left_out)), *sources[1:]]
 
 
 def _files(folder: Path, options: ReadOptions) -> dict[Path, str]:
     """The recorded files below a folder, and their names relative to it, without suffix."""
     kinds = FORMATS if options.format is None else (options.format,)
-    found = [
-        path
+    plain = {
+        path: path.relative_to(folder).with_suffix("").as_posix()
         for path in sorted(folder.rglob("*"))
         if SUFFIXES.get(path.suffix.lower()) in kinds or path.suffix == f".{options.format}"
         if path.is_file()
-    ]
-    if not found:
+    }
+    if not plain:
         raise RecordingError(
             f"{folder}: is a folder without recordings, expected files with {', '.join(SUFFIXES)}"
         )
-    if len(found) > MOST_FILES:
-        raise RecordingError(f"{folder}: got {len(found)} files, expected at most {MOST_FILES}")
-    plain = {path: path.relative_to(folder).with_suffix("").as_posix() for path in found}
     counts = Counter(plain.values())
     return {
         path: name if counts[name] == 1 else path.relative_to(folder).as_posix()

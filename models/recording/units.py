@@ -78,19 +78,26 @@ def target_of(unit: str, targets: Sequence[str]) -> str | None:
     return None
 
 
-def si_factor(option: str, unit: str) -> float:
+def si_factor(option: str, unit: str, scale: float = 1.0) -> float:
     """The factor on an option such as `velocity.surge` in some unit that gives it in SI units.
 
-    Angles are in rad, speeds of shafts in 1/s. Raises ConfigurationError.
+    Angles are in rad, speeds of shafts in 1/s. What was recorded of a ship that is `scale` times as
+    long as the vessel is of the size of the vessel by Froude's law. Raises ConfigurationError.
     """
     targets = targets_of(option)
-    if not unit or not targets:
-        return 1.0
-    target = target_of(unit, targets)
-    if target is None:
+    target = target_of(unit, targets) if unit else targets[0] if len(targets) == 1 else None
+    if targets and unit and target is None:
         kinds = " or ".join(target or "a number" for target in targets)
         raise ConfigurationError(f"unit: got {unit!r}, expected a unit of the kind of {kinds}")
-    return factor(unit, target)
+    if scale != 1.0 and option.startswith("geodetic"):
+        raise ConfigurationError("columns.geodetic: froude_scale needs a position in metres")
+    if scale != 1.0 and targets and target is None:
+        raise ConfigurationError(
+            f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} depends"
+        )
+    if target is None:
+        return 1.0
+    return (factor(unit, target) if unit else 1.0) * froude_factor(target, scale)
 
 
 def froude_factor(unit: str, scale: float) -> float:
@@ -106,23 +113,6 @@ def froude_factor(unit: str, scale: float) -> float:
         float(str(amount.get(f"[{name}]", 0))) for name in ("length", "time", "mass")
     )
     return float(scale ** -(length + 0.5 * time + 3.0 * mass))
-
-
-def froude_scaling(option: str, unit: str, scale: float) -> float:
-    """The factor of an option in SI units by Froude's law; 1 for what is of the same size.
-
-    Raises ConfigurationError if it depends on a unit that is not known.
-    """
-    if scale == 1.0 or not (targets := targets_of(option)):
-        return 1.0
-    kind = option.partition(".")[0]
-    if kind == "geodetic":
-        raise ConfigurationError("columns.geodetic: froude_scale needs a position in metres")
-    if len(targets) > 1 and not unit:
-        raise ConfigurationError(
-            f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} depends"
-        )
-    return froude_factor(targets[0] if len(targets) == 1 else unit, scale)
 
 
 def words_of(title: str) -> list[str]:

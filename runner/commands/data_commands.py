@@ -1,25 +1,23 @@
 """`seatrial data`: examines and converts recordings, and proposes maps of their columns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 import yaml
-from rich.console import Console
-from rich.table import Table as Grid
-from rich.text import Text
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.recording.diagnosis import FAULTS, doubts, examine, with_option
+from seatrial.models.recording.diagnosis import doubts, examine, with_option
 from seatrial.models.recording.proposal import Proposal, propose
-from seatrial.models.recording.source import ReadOptions, Source, read_sources
+from seatrial.models.recording.reader import FAULTS
+from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.runner.commands.benchmark import get
 from seatrial.runner.commands.data_convert import File, MapFile, convert
 from seatrial.runner.commands.recording_report import Report, report
+from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.page import write_page
-from seatrial.runner.configuration.config import build_as
 from seatrial.runner.configuration.recording_map import options_of, own_map, read_map, reader_of
 from seatrial.runner.sweeps import in_process
 
@@ -48,7 +46,6 @@ VesselName = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Write over files that exist.")]
 app.command()(convert)
 app.command()(get)
-LINE_WIDTH = 120  # letters of a line that goes to a file
 
 
 def main(words: Sequence[str]) -> int:
@@ -79,10 +76,7 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
     Without a map, that of `seatrial data map` is used.
     """
     node = read_map(map_file) if map_file else own_map(file)
-    reading = {key: node[key] for key in ("format", "text", "messages") if key in node}
-    sources = read_sources(file.expanduser(), build_as(ReadOptions, reading, "excitation"))
-    node = node or options_of(drafted(file, sources).map)
-    known = report(reader_of(file, node), sources)
+    known = report(reader_of(file, node or options_of(drafted(file).map)))
     if html is not None:
         write_page(recording_page.recording_page(known), html)
     _show(known)
@@ -99,7 +93,7 @@ def map_columns(
     if vessel is not None:
         node: Any = in_process.composed([f"vessel={vessel}"]).config["vessel"]
         wanted = tuple(node.get("inputs") or ())
-    draft = drafted(file, read_sources(file.expanduser(), ReadOptions()), wanted)
+    draft = drafted(file, wanted)
     kinds = {"sure": draft.sure, "question": draft.questions, "left out": draft.left_out}
     for kind, lines in kinds.items():
         for line in lines:
@@ -116,14 +110,12 @@ def map_columns(
     return draft.questions
 
 
-def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Proposal:
+def drafted(file: Path, wanted: Sequence[str] = ()) -> Proposal:
     """A proposed map of a recording, with the changes that the check tried and found to agree.
 
-    Args:
-        file: the recording
-        sources: its columns
-        wanted: names of the inputs of the vessel, if one is named
+    `wanted` are the names of the inputs of the vessel, if one is named.
     """
+    sources = read_sources(file.expanduser(), ReadOptions())
     draft = propose(sources, wanted)
     node, known = {**draft.map, "at_gap": "split"}, None
     try:
@@ -144,19 +136,7 @@ def drafted(file: Path, sources: Mapping[str, Source], wanted: Sequence[str] = (
 
 
 def _show(known: Report) -> None:
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, markup=False, width=LINE_WIDTH)
-    for line in known.verdict:
-        console.print(line, soft_wrap=True)
-    for table in known.tables:
-        console.print(table.title, soft_wrap=True)
-        grid = Grid(box=None)
-        for i, head in enumerate(table.heads):
-            grid.add_column(Text(head), no_wrap=i == 0)
-        for row in table.rows:
-            grid.add_row(*map(Text, row))
-        console.print(grid)
-    for line in (*(f"left out: {line}" for line in known.left_out),
-                 *(f"next: {line}" for line in known.advice)):  # fmt: skip
-        console.print(line, soft_wrap=True)
+    tables = [f"{render(table, OutputFormat.RICH)}\n" for table in known.tables]
+    left_out = [f"left out: {line}" for line in known.left_out]
+    for text in (*known.verdict, "", *tables, *left_out, *(f"next: {a}" for a in known.advice)):
+        typer.echo(text)

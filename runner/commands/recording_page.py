@@ -1,7 +1,8 @@
 """The page about a recording: the tables of the report, and figures."""
 
 from collections.abc import Sequence
-from itertools import pairwise, takewhile
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,11 +14,8 @@ from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.commands.recording_report import Report
 from seatrial.runner.compare.formats import html_table
-from seatrial.runner.compare.grid import grid_of
 from seatrial.runner.compare.page import Section, bullets, page, picture
 from seatrial.runner.compare.plots import style
-
-NUMBER = tuple("+-0123456789")  # how a number begins
 
 
 def recording_page(report: Report) -> str:
@@ -27,11 +25,7 @@ def recording_page(report: Report) -> str:
         "What to do next": report.advice,
     }  # fmt: skip
     parts = [(title, bullets(lines)) for title, lines in told.items() if lines]
-    for sheet in report.tables:
-        numbers = sheet.rows[0] if sheet.rows else ()
-        labels = sum(1 for _ in takewhile(lambda text: text[:1] not in NUMBER, numbers))
-        grid = grid_of("", sheet.heads, sheet.rows, labels=max(labels, 1))
-        parts.append((sheet.title, html_table(grid)))
+    parts += [(sheet.title, html_table(replace(sheet, title=""))) for sheet in report.tables]
     with style.drawn():
         sheets = {} if report.examination is None else figures(report.examination)
         drawn = enumerate(sheets.items())

@@ -3,21 +3,20 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.diagnosis import FAULTS, Examination, examine
+from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.preprocessing import outliers
-from seatrial.models.recording.reader import BRIDGED, Signals, clock_of, wanted
+from seatrial.models.recording.reader import BRIDGED, FAULTS, Signals, clock_of, readings
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import Sampling, sampling
 from seatrial.models.recording.smoothing import noise_floor
-from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import seconds
 from seatrial.models.recording.units import targets_of
+from seatrial.runner.compare.grid import TextTable, grid_of
 
 MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
 MOST_OUTLIERS = 0.02  # share of the samples of a velocity
@@ -26,14 +25,8 @@ SHORT_S = 120.0  # [s] below which a recording is short
 SAMPLING = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "missing [%]",
             "repeated times")  # fmt: skip
 RANGES = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
-
-
-class ReportTable(NamedTuple):
-    """A table: title, heads of the columns, and rows of text."""
-
-    title: str
-    heads: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
+COLUMNS = ("quantity", "column", "unit", "known from")
+AXES = ("axis", "compared", "correlation", "scale", "excited")
 
 
 @dataclass(frozen=True)
@@ -42,21 +35,18 @@ class Report:
 
     path: str
     verdict: tuple[str, ...]  # problems and questions, or that there is none
-    tables: tuple[ReportTable, ...]
+    tables: tuple[TextTable, ...]
     left_out: tuple[str, ...]
     advice: tuple[str, ...]
     examination: Examination | None
 
 
-def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
+def report(file: RecordedFile) -> Report:
     """Examine a recording by its map; what cannot be read is said, the rest is reported."""
-    columns, samplings, used = file.columns, dict[str, Sampling](), set[str]()
+    sources, columns, samplings = file.sources(), file.columns, dict[str, Sampling]()
     for name, source in sources.items():
         with suppress(*FAULTS):
             samplings[name] = sampling(seconds(source, clock_of(source, columns)))
-    for spec in wanted(columns, DOFS)[0].values():
-        with suppress(*FAULTS):
-            used.add(column(sources, spec.name)[0].name)
     turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
     known, signals = None, list[Signals]()
@@ -66,19 +56,24 @@ def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
         signals += file.account(known.recording.dofs if known else dofs) if dofs or known else ()
     except FAULTS as error:
         why = str(error)
-    tables = [ReportTable("Sampling", SAMPLING, [
-        (name or "-", f"{s.count}", f"{s.duration_s:.1f}", f"{s.rate_hz:.4g}", f"{s.gaps}",
+    sampled = [
+        (name or "-", s.count, f"{s.duration_s:.1f}", s.rate_hz, s.gaps,
          f"{s.longest_gap_s:.3g} at {s.longest_gap_at_s:.0f}" if s.gaps else "-",
-         f"{100.0 * s.missing:.1f}", f"{s.not_later}")
+         f"{100.0 * s.missing:.1f}", s.not_later)
         for name, s in samplings.items()
-    ])]  # fmt: skip
-    readings = dict.fromkeys(row for part in signals for row in part.readings)
-    rows = [(r.option, r.column, r.unit or "-", r.known_from) for r in readings]
-    tables += [ReportTable("Columns", ("quantity", "column", "unit", "known from"), rows)]
+    ]  # fmt: skip
+    read = dict.fromkeys(reading[:4] for part in signals for reading in part.readings)
+    units = [(option, name, unit or "-", origin) for option, name, unit, origin in read]
+    tables = [grid_of("Sampling", SAMPLING, sampled), grid_of("Columns", COLUMNS, units, 4)]
     if known is not None:
-        tables += [_agreement(known), *(ReportTable("Ranges", RANGES, _ranges(s)) for s in signals)]
+        result, lag = known.result, round(known.result.lag_s, 3) + 0.0
+        title = f"Pose and velocity, below {result.cutoff_hz:.2g} Hz; the velocities are"
+        axes = [(axis.dof, axis.kind, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
+                 "yes" if axis.excited else "no") for axis in result.axes]  # fmt: skip
+        tables.append(grid_of(f"{title} {lag:+.3f} s behind", AXES, axes, 2))
+        tables += [grid_of("Ranges", RANGES, _ranges(part), 2, digits=3) for part in signals]
     left_out = dict.fromkeys(line for part in signals for line in part.left_out)
-    verdict = [f"problem: {why}"] if known is None else _verdict(known, signals)
+    used = {reading.source.name for reading in readings(sources, columns).values()}
     slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
     advice = list(_advice(slow, known.recording if known else None))
     if known:
@@ -88,6 +83,7 @@ def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
         ]  # fmt: skip
         advice = advice or [f"nothing is missing: seatrial vessel=NAME excitation=recording "
                             f"excitation.path={file.path} excitation.map=MAP.yaml"]  # fmt: skip
+    verdict = [f"problem: {why}"] if known is None else _verdict(known, signals)
     filled = tuple(table for table in tables if table.rows)
     return Report(str(file.path), tuple(verdict), filled, tuple(left_out), tuple(advice), known)
 
@@ -111,29 +107,16 @@ def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
     return [*lines, *(f"not compared: {line}" for line in known.not_compared)]
 
 
-def _agreement(known: Examination) -> ReportTable:
-    result = known.result
-    title = (
-        f"Pose and velocity, below {result.cutoff_hz:.2g} Hz; the velocities are "
-        f"{round(result.lag_s, 3) + 0.0:+.3f} s behind"
-    )
-    return ReportTable(title, ("axis", "compared", "correlation", "scale", "excited"), [
-        (axis.dof, axis.kind, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
-         "yes" if axis.excited else "no")
-        for axis in result.axes
-    ])  # fmt: skip
-
-
-def _ranges(signals: Signals) -> list[tuple[str, ...]]:
+def _ranges(signals: Signals) -> list[tuple[str | float, ...]]:
     """Range, noise and outliers of every signal, in SI units and our frames."""
     period, starts = float(np.median(np.diff(signals.t))), np.zeros(len(signals.t), dtype=np.bool_)
     starts[piece_edges(signals.t, period)[:-1]] = True
-    counts, rows = _outliers(signals), []
+    counts, rows = _outliers(signals), list[tuple[str | float, ...]]()
     for option, x in signals.values.items():
         targets, noise = targets_of(option), noise_floor(x[:, None], starts, period)
-        numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), noise.deviation[0])
+        numbers = map(float, (np.nanmin(x), np.nanmax(x), np.nanstd(x), noise.deviation[0]))
         unit = targets[0] if len(targets) == 1 else "-"
-        rows.append((option, unit, *(f"{n:.3g}" for n in numbers), f"{counts.get(option, '-')}"))
+        rows.append((option, unit, *numbers, counts.get(option, "-")))
     return rows
 
 

@@ -63,8 +63,8 @@ def _by_files(key: str, node: object) -> object:
     if isinstance(node, Mapping):
         if key == "excitation" and isinstance(node.get("train"), list | tuple) and node["train"]:
             with suppress(ConfigurationError):  # which the trial says
-                known = recorded_file.file_set(node["train"], node.get("test") or ())
-                node = {**node, "train": [*map(str, known.train)], "test": [*map(str, known.test)]}
+                train, test = recorded_file.file_set(node["train"], node.get("test") or ())
+                node = {**node, "train": [*map(str, train)], "test": [*map(str, test)]}
         return {
             str(name): _map_by_content(value) if name in MAPS else _by_files(str(name), value)
             for name, value in node.items()

@@ -21,7 +21,6 @@ from seatrial.runner.configuration.search_path import CONF, located
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
 MAP_COLUMNS = tuple(field.name for field in fields(ColumnMap))
-ALIASES = {"heading": "yaw", "roll": "roll", "pitch": "pitch"}  # of an angle of the position
 OTHERS: dict[str, object] = {"heading_deg": 0.0, "statistics": []}  # by default of other files
 KEY = "seatrial"  # of the metadata of a converted file
 
@@ -82,13 +81,10 @@ def read_map(path: Path) -> dict[str, object]:
 def options_of(content: dict[str, object]) -> dict[str, object]:
     """Options of a recording from the content of a map."""
     columns = {key: content.pop(key) for key in MAP_COLUMNS if key in content}
-    written = columns.get("position")
-    position = dict(written) if isinstance(written, dict) else {}
-    for alias, dof in ALIASES.items():
-        if alias in content:
-            position[dof] = content.pop(alias)
-    if position:
-        columns["position"] = position
+    if "heading" in content:
+        written = columns.get("position")
+        position = written if isinstance(written, dict) else {}
+        columns["position"] = {**position, "yaw": content.pop("heading")}
     return {**content, "columns": columns}
 
 

@@ -54,8 +54,8 @@ def diagnostics(file: RecordedFile, dofs: Sequence[str]) -> list[Diagnostic]:
     left_out = dict.fromkeys(line for signals in read for line in signals.left_out)
     for line in left_out:
         log.warning("recording: %s", line)
-    columns = dict.fromkeys(reading for signals in read for reading in signals.readings)
-    texts = [(f"{c.option}: {c.column} ({c.known_from})", c.unit) for c in columns]
+    columns = dict.fromkeys(reading[:4] for signals in read for reading in signals.readings)
+    texts = [(f"{option}: {name} ({origin})", unit) for option, name, unit, origin in columns]
     account = [
         *(Diagnostic("recording_left_out", "all", None, i=i, label=line)
           for i, line in enumerate(left_out)),

@@ -4,8 +4,9 @@ They are read by rosbags, pymavlink and pyulog, which are imported where they ar
 """
 
 import re
+from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,8 @@ from seatrial.models.recording.source import (
     MOST_ELEMENTS,
     Contents,
     ReadOptions,
-    Rows,
     Source,
+    Values,
     check_size,
 )
 
@@ -26,7 +27,69 @@ INSTANCES = ("I", "C", "Instance")  # columns of small numbers that tell sensors
 UNITS = {"degheading": "deg", "deglatitude": "deg", "deglongitude": "deg", "m/s/s": "m/s^2",
          "instance": "", "UNKNOWN": "", "satellites": ""}  # fmt: skip
 TIMES = {"TimeUS": "us", "TimeMS": "ms", "timestamp": "s"}
-CHECKED = 10_000  # messages between two checks of the size
+CHECKED = 10_000  # messages of a kind between two checks of the size
+Key = tuple[str, str]  # what a message is, and who sent it
+
+
+class Messages:
+    """Columns by kind and sender that grow message by message; what one lacks stays missing.
+
+    A column holds numbers or texts, by its first value.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.counts = Counter[Key]()
+        self.cells = defaultdict[Key, dict[str, Any]](dict)  # arrays of float, or lists of str
+        self.long: dict[str, int] = {}  # arrays that are left out
+
+    def add(self, kind: str, values: Iterable[tuple[str, object]], sender: str = "") -> None:
+        """Add a message: its numbers, texts, arrays and messages within it by name."""
+        key = kind, sender
+        count, columns = self.counts[key], self.cells[key]
+        for name, value in values:
+            for leaf, cell in self._leaves(kind, name, value):
+                text = isinstance(cell, str)
+                cells = columns.setdefault(leaf, [] if text else array("d"))
+                _fill(cells, count)
+                cells.append(cell)
+        self.counts[key] += 1
+        if count % CHECKED == 0:
+            check_size(self.path, sum(n * len(self.cells[k]) for k, n in self.counts.items()))
+
+    def _leaves(self, kind: str, name: str, value: Any) -> Iterator[tuple[str, float | str]]:
+        """The numbers and texts of a value by dotted name, elements of arrays as `name[0]`."""
+        if isinstance(value, str):
+            yield name, value
+        elif isinstance(value, bytes | bytearray):
+            yield name, value.hex()
+        elif isinstance(value, bool | int | float | np.number | np.bool_):
+            yield name, float(value)
+        elif is_dataclass(value):
+            for field in fields(value):
+                if not field.name.startswith("__"):
+                    inner = f"{name}.{field.name}" if name else field.name
+                    yield from self._leaves(kind, inner, getattr(value, field.name))
+        elif isinstance(value, list | tuple | np.ndarray):
+            if len(value) > MOST_ELEMENTS:
+                self.long[f"{kind}, {name}"] = len(value)
+                return
+            for i, element in enumerate(value):
+                yield from self._leaves(kind, f"{name}[{i}]", element)
+
+    def tables(self) -> Iterator[tuple[Key, str, dict[str, Values]]]:
+        """The columns of each kind and sender, and their name, (N,)."""
+        kinds = Counter(kind for kind, _ in self.cells)
+        for key, columns in self.cells.items():
+            result: dict[str, Values] = {}
+            for name, cells in columns.items():
+                _fill(cells, self.counts[key])
+                result[name] = np.array(cells, dtype=object if isinstance(cells, list) else float)
+            yield key, key[0] if kinds[key[0]] == 1 else "/".join(key), result
+
+
+def _fill(cells: Any, count: int) -> None:
+    cells.extend(["" if isinstance(cells, list) else np.nan] * (count - len(cells)))
 
 
 def read_bag(path: Path, options: ReadOptions) -> Contents:
@@ -37,12 +100,9 @@ def read_bag(path: Path, options: ReadOptions) -> Contents:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    topics: dict[str, Rows] = {}
-    long: dict[str, int] = {}  # arrays that are left out
-    left_out: list[str] = []
+    messages, left_out, known = Messages(path), list[str](), []
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
         _define(bag, options)
-        known = []
         for connection in bag.connections:
             try:
                 bag.typestore.get_msgdef(connection.msgtype)
@@ -54,18 +114,13 @@ def read_bag(path: Path, options: ReadOptions) -> Contents:
                     f"topic {connection.topic} ({connection.msgtype}): {of} is not in the file; "
                     f"excitation.messages=[{missing.rpartition('/')[2]}.msg] gives it"
                 )
-        for count, (connection, time_ns, raw) in enumerate(bag.messages(known) if known else ()):
+        for connection, time_ns, raw in bag.messages(known) if known else ():
             message = bag.deserialize(raw, connection.msgtype)
-            name = connection.topic.lstrip("/")
-            values = _leaves("", message, long, name)
-            topics.setdefault(name, Rows()).add([("time", time_ns / 1e9), *values])
-            if count % CHECKED == 0:
-                check_size(path, sum(t.count * len(t.cells) for t in topics.values()))
-    left_out += [f"topic /{place}: arrays of {size} elements" for place, size in long.items()]
-    silent = dict.fromkeys(c.topic for c in known if c.topic.lstrip("/") not in topics)
-    left_out += [f"topic {name}: no messages" for name in silent]
-    sources = [Source(name, path, rows.columns(), {"time": "s"}) for name, rows in topics.items()]
-    return sources, left_out
+            messages.add(connection.topic.lstrip("/"), [("time", time_ns / 1e9), ("", message)])
+    left_out += [f"topic /{name}: arrays of {n} elements" for name, n in messages.long.items()]
+    sources = [Source(name, path, cells, {"time": "s"}) for _, name, cells in messages.tables()]
+    silent = dict.fromkeys(c.topic for c in known if not messages.counts[c.topic.lstrip("/"), ""])
+    return sources, [*left_out, *(f"topic {name}: no messages" for name in silent)]
 
 
 def _define(bag: Any, options: ReadOptions) -> None:
@@ -95,27 +150,6 @@ def _define(bag: Any, options: ReadOptions) -> None:
     bag.typestore.register({k: v for k, v in types.items() if k not in bag.typestore.fielddefs})
 
 
-def _leaves(
-    name: str, value: object, long: dict[str, int], topic: str
-) -> Iterator[tuple[str, float | str]]:
-    """The numbers and texts of a message by dotted name, elements of arrays as `name[0]`."""
-    if isinstance(value, str):
-        yield name, value
-    elif isinstance(value, bool | int | float | np.number | np.bool_):
-        yield name, float(value)
-    elif is_dataclass(value):
-        for field in fields(value):
-            if not field.name.startswith("__"):
-                inner = f"{name}.{field.name}" if name else field.name
-                yield from _leaves(inner, getattr(value, field.name), long, topic)
-    elif isinstance(value, list | tuple | np.ndarray):
-        if len(value) > MOST_ELEMENTS:
-            long[f"{topic}, {name}"] = len(value)
-            return
-        for i, element in enumerate(value):
-            yield from _leaves(f"{name}[{i}]", element, long, topic)
-
-
 def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
     """The message types of a log (.bin, .tlog), `XKF1/0`, `XKF1/1` of several instances.
 
@@ -126,35 +160,26 @@ def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
     with path.open("rb") as file:
         binary = file.read(2) == b"\xa3\x95"
     log = DFReader.DFReader_binary(str(path)) if binary else mavutil.mavlogfile(str(path))
-    rows: dict[tuple[str, int], Rows] = defaultdict(Rows)
-    units: dict[tuple[str, int], dict[str, str]] = {}
-    read = bad = count = 0
+    messages, units, read, bad = Messages(path), dict[str, dict[str, str]](), 0, 0
     while (message := log.recv_msg()) is not None:
-        kind, count = message.get_type(), count + 1
+        kind, names = message.get_type(), message.get_fieldnames()
         read += message.fmt.len if binary else 0
         if kind.startswith(("FMT", "BAD_DATA", "UNKNOWN")):
             bad += not binary
             continue
-        key = (kind, 0 if binary else message.get_srcSystem())
-        if key not in units and binary:
-            units[key] = dict(zip(message.fmt.columns, message.fmt.units or (), strict=False))
-        elif key not in units:
-            units[key] = message.fieldunits_by_name
-        values = [] if binary else [("timestamp", message._timestamp)]
-        for name in message.get_fieldnames():
-            value = getattr(message, name)
-            if isinstance(value, list | tuple):
-                values += [(f"{name}[{i}]", part) for i, part in enumerate(value)]
-            else:
-                values.append((name, value.hex() if isinstance(value, bytes) else value))
-        rows[key].add(values)
-        if count % CHECKED == 0:
-            check_size(path, sum(own.count * len(own.cells) for own in rows.values()))
+        if kind not in units:
+            units[kind] = (dict(zip(message.fmt.columns, message.fmt.units or (), strict=False))
+                           if binary else message.fieldunits_by_name)  # fmt: skip
+        values = [(name, getattr(message, name)) for name in names]
+        if binary:
+            messages.add(kind, values)
+        else:
+            values.insert(0, ("timestamp", message._timestamp))
+            messages.add(kind, values, str(message.get_srcSystem()))
     (log.filehandle if binary else log.f).close()
-    systems, sources = Counter(kind for kind, _ in rows), list[Source]()
-    for (kind, system), own in rows.items():
-        name = kind if systems[kind] == 1 else f"{kind}/{system}"
-        sources += _instances(path, name, own, units[kind, system] | TIMES, binary)
+    sources = list[Source]()
+    for (kind, _), name, columns in messages.tables():
+        sources += _instances(path, name, columns, units[kind] | TIMES, binary)
     lost = path.stat().st_size - read if binary else 0
     reasons = {f"{lost} bytes that are no messages": lost,
                f"{bad} messages that are damaged or of an unknown type": bad}  # fmt: skip
@@ -162,10 +187,9 @@ def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
 
 
 def _instances(
-    path: Path, name: str, rows: Rows, units: dict[str, str], several: bool
+    path: Path, name: str, columns: dict[str, Values], units: dict[str, str], several: bool
 ) -> list[Source]:
     """A message type as a source, or as one of each sensor where `several` are told apart."""
-    columns = rows.columns()
     known: dict[str, str] = {}
     for column in columns.keys() & units.keys():
         unit = UNITS.get(units[column], units[column])

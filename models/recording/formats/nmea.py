@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from pynmea2 import NMEASentence, TalkerSentence
 
+from seatrial.models.recording.formats.messages import Key, Messages
 from seatrial.models.recording.formats.text import column_of_cells, decoded
-from seatrial.models.recording.source import Contents, ReadOptions, Rows, Source, check_size
+from seatrial.models.recording.source import Contents, ReadOptions, Source, check_size
 
 DAY = 86400.0  # [s]
 SENTENCE = re.compile(
@@ -35,7 +36,6 @@ UNITS = {  # of fields, by how their names begin or end, the longest that fits
 }
 UNIT_OF = {name: unit for unit, names in UNITS.items() for name in names.split()}
 LETTERS = {"N": "knot", "K": "km/h", "M": "m/s", "D": "deg", "R": "rpm", "C": "degC", "P": "Pa"}
-Key = tuple[str, str]  # sentence type and talker
 
 
 def read(path: Path, options: ReadOptions) -> Contents:
@@ -43,7 +43,7 @@ def read(path: Path, options: ReadOptions) -> Contents:
     data, said = decoded(path, options.text.encoding)
     lines = data.decode().splitlines()
     check_size(path, 8 * len(lines))
-    tables, units = defaultdict[Key, Rows](Rows), defaultdict[Key, dict[str, str]](dict)
+    messages, units = Messages(path), defaultdict[Key, dict[str, str]](dict)
     stamps, lost = defaultdict[Key, list[str]](list), Counter[str]()
     days = (_day(raw) for *_, raw, _ in _sentences(lines, Counter()))
     day, clock = next((d for d in days if d is not None), 0.0), np.nan
@@ -72,22 +72,20 @@ def read(path: Path, options: ReadOptions) -> Contents:
             elif kind == "RPM":  # of a shaft or an engine, and its number
                 kind += f"/{raw.get('source', '')}{raw.get('engine_no', '')}"
                 known = {"speed": "rpm", "pitch": "percent"}
-            tables[kind, talker].add([("time", clock), *_fields(raw).items()])
+            messages.add(kind, [("time", clock), *_fields(raw).items()], talker)
             units[kind, talker] |= known
             stamps[kind, talker].append(stamp.replace(",", "."))
     left_out = [*said, *(f"{count} sentences {reason}" for reason, count in lost.items())]
-    stamped = any(any(own) for own in stamps.values())
-    talkers, sources = Counter(kind for kind, _ in tables), list[Source]()
-    for (kind, talker), rows in tables.items():
-        columns, known = rows.columns(), {"time": "s"} | units[kind, talker]
+    stamped, sources = any(any(own) for own in stamps.values()), list[Source]()
+    for key, name, columns in messages.tables():
+        known = {"time": "s"} | units[key]
         if stamped:
-            columns["time"], known["time"] = np.array(stamps[kind, talker], dtype=object), ""
-        name = kind if talkers[kind] == 1 else f"{kind}/{talker}"
+            columns["time"], known["time"] = np.array(stamps[key], dtype=object), ""
         for title, cells in columns.items():
             if cells.dtype == np.object_ and title not in ("timestamp", "datestamp"):
                 columns[title], reason = column_of_cells(cells.tolist())
                 left_out += [f"{name}:{title}: {reason}"] if reason else []
-            fits = [key for key in UNIT_OF if title.startswith(key) or title.endswith(key)]
+            fits = [end for end in UNIT_OF if title.startswith(end) or title.endswith(end)]
             if fits and columns[title].dtype != np.object_:
                 known.setdefault(title, UNIT_OF[max(fits, key=len)])
         known = {title: unit for title, unit in known.items() if unit}

@@ -38,6 +38,7 @@ FEW = 0.5  # share of cells, or rows, below which those that do not fit are left
 MOST_WORDS = 5  # different cells of a column that are named
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 LONGEST_LINE = 10**6  # bytes
+TABLES, TITLED = re.compile(rb"(?<=\n)(?=\r?\n)"), re.compile(rb"\s*[^#\s]")
 WHITE = re.compile(rb"[ \t\v\f]+")
 DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4}|\d\d?:\d\d", re.ASCII)
 SIZES = {"1", "2", "4", "8"}  # bytes of the columns of a glider, in a line below the units
@@ -47,19 +48,14 @@ INFLUX = ("_time", "_field", "_value")  # a table with a row a value
 def read(path: Path, options: ReadOptions) -> Contents:
     """The columns of a text file; raises RecordingError if it cannot be read as a table."""
     data, left_out = decoded(path, options.text.encoding)
-    parts = [data]
-    if re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE):
-        # Annotations or an empty line end a table; lines keep their numbers.
-        tables: dict[bytes, list[bytes]] = {}
-        lines: list[bytes] | None = None
-        for number, line in enumerate(data.split(b"\n")):
-            if not line.strip() or line.startswith(b"#"):
-                lines = None
-                continue
-            lines = tables.setdefault(line.rstrip(), []) if lines is None else lines
-            lines += [*[b""] * (number - len(lines)), line]
-        parts = [b"\n".join(lines) for lines in tables.values()]
-    sources = [source for part in parts for source in _wide(table(path, part, options.text))]
+    parts = {b"": data}
+    if re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE):  # tables of InfluxDB
+        parts = {}
+        for part in TABLES.split(data):
+            header = next((line for line in part.split(b"\n") if TITLED.match(line)), b"")
+            parts[header] = parts.get(header, b"") + part
+        parts.pop(b"", None)
+    sources = [s for part in parts.values() for s in _wide(table(path, part, options.text))]
     names = Counter(source.name for source in sources)
     sources = [
         replace(source, name=f"{source.name}/{i}") if names[source.name] > 1 else source

@@ -189,8 +189,8 @@ def test_course_and_speed_over_ground_with_a_heading_are_a_body_velocity(tmp_pat
     north, east = ahead * np.cos(PSI), ahead * np.sin(PSI) + 0.5
     columns = ColumnMap(
         "t", position={"yaw": Column("hdg", unit="deg")}, geodetic=maps.Geodetic("lat", "lon"),
-        ground=maps.GroundColumns(Column("sog", unit="knot"), Column("cog", unit="deg")),
-        water=maps.WaterColumns("stw_kn"),
+        ground={"speed": Column("sog", unit="knot"), "course": Column("cog", unit="deg")},
+        water={"speed": "stw_kn"},
     )  # fmt: skip
     knots = 3600.0 / 1852.0
     signals = read(

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.recording import Recording, blocked_k_fold, by_trips, half, trips
+from seatrial.models.recording.recording import Recording, blocked_k_fold, by_trips, half
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 
 
@@ -114,9 +114,9 @@ def test_what_cannot_be_split() -> None:
     with pytest.raises(ConfigurationError, match="train_fraction must lie between 0 and 1"):
         half(10, 0.0)
     with pytest.raises(ConfigurationError, match="trip_starts_s must increase"):
-        trips(np.arange(3.0), [1.0, 1.0])
+        by_trips(np.arange(3.0), [1.0, 1.0], [1])
     with pytest.raises(ConfigurationError, match=r"got \[1, 2\] of trips \[1, 2\]"):
-        by_trips(np.array([0, 1, 2]), (1, 2))
+        by_trips(np.arange(3.0), [1.0, 2.0], (1, 2))
     with pytest.raises(ConfigurationError, match="cannot cut 2 samples into 3 blocks"):
         blocked_k_fold(2, 3)
     with pytest.raises(ConfigurationError, match="at least 2 blocks"):
