@@ -39,7 +39,7 @@ from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_p
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import measured_sheet
 from seatrial.runner.record.catalogue import METRICS, definition_of
-from seatrial.runner.record.vocabulary import COMBINED, DOF_ORDER, GROUPS, LOST
+from seatrial.runner.record.vocabulary import GROUPS, LOST
 
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
 
@@ -121,7 +121,6 @@ def _result(
 ) -> list[Markup]:
     """What was compared and under which conditions; the first figure; the first table."""
     lost = [run for run in runs if run.status in LOST]
-    failed = f"{len(lost)} of {len(runs)} runs: see Failures" if lost else "none"
     failed = f"{len(lost)} of {len(runs)} runs, listed under Failures" if lost else "none"
     baseline = f"{request.rows} none" if found and found[0].baseline else "none is named"
     told = facts([*_varied(runs), ("baseline", baseline), ("failures", failed)])
@@ -238,46 +237,30 @@ def _pictures(
     """
     pictures: list[Markup] = []
     messages: list[str] = []
-    kinds = sorted(
-        (entry for entry in figures().values() if entry.caption), key=lambda entry: entry.place
-    )
     with drawn():
-        for figure in kinds:
-            drawings_for = drawings_of(figure.name)
-            for caption, variant in _variants(figure, _shared(request), request.rows, first):
+        for figure in sorted(figures().values(), key=lambda figure: figure.place):
+            for caption, asked in _asked(figure, request, first) if figure.caption else ():
                 try:
-                    drawings = drawings_for(results, variant)
+                    drawings = drawings_of(figure.name)(results, asked)
                 except (TooDifferentError, LogbookError, PartError) as error:
                     messages.append(f"{caption}: {error}")
                     continue
                 except ConfigurationError:
                     continue  # these runs have no data for this figure
-                one_dof = len(variant.dofs) == 1 and variant.dofs[0] not in COMBINED
-                title = f"{caption}, {variant.dofs[0]}" if one_dof else caption
                 for drawing in drawings:
-                    pictures.append(picture(drawing.figure, title, f"f{len(pictures)}-"))
-    return pictures, list(dict.fromkeys(messages))  # one for all degrees of freedom
+                    pictures.append(picture(drawing.figure, caption, f"f{len(pictures)}-"))
+    return pictures, messages
 
 
-def _variants(
-    figure: Figure, shared: PlotRequest, rows: str, first: str
-) -> Iterator[tuple[str, PlotRequest]]:
-    """Split a wide figure into requests of narrower ones, with their captions."""
-    for own in figure.report_rows or (figure.rows or rows,):
-        request = replace(shared, rows=own)
-        by_dof = [replace(request, dofs=(dof,)) for dof in DOF_ORDER]
-        match figure.each:
-            case "metric and dof":
-                named = (entry for entry in METRICS if entry.headline and entry.name != first)
-                for metric in named:
-                    parts = (replace(part, metric=metric.name) for part in by_dof)
-                    yield from ((metric.heading, part) for part in parts)
-            case "dof":
-                yield from ((figure.caption, part) for part in by_dof)
-            case "column":
-                yield figure.caption, replace(request, facet=request.columns)
-            case _:
-                yield figure.caption, request
+def _asked(figure: Figure, request: ReportRequest, first: str) -> Iterator[tuple[str, PlotRequest]]:
+    """Yield the requests of a figure with their captions."""
+    for rows in figure.report_rows or (figure.rows or request.rows,):
+        asked = replace(_shared(request), rows=rows)
+        if figure.of_metrics:
+            named = [entry for entry in METRICS if entry.headline and entry.name != first]
+            yield from ((one.heading, replace(asked, metric=one.name)) for one in named)
+        else:
+            yield figure.caption, asked
 
 
 def _warnings(results: Queries, condition: Condition) -> list[str]:

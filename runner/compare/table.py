@@ -12,9 +12,11 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import MOST_CELLS, TableOptions, axes_of
 from seatrial.runner.compare.comparability import differing, require_few, with_conditions
 from seatrial.runner.compare.frame import (
+    DIVERGED,
     FINISHED,
     METRIC_FACTORS,
     NOT_APPLICABLE,
+    WITHOUT,
     Queries,
     codes,
     complete,
@@ -25,7 +27,10 @@ from seatrial.runner.compare.grid import Scalar, TextTable, number_text, unit_te
 from seatrial.runner.compare.grid import TableCell as GridCell
 from seatrial.runner.compare.statistics import (
     DEFAULT,
+    INFEASIBLE,
+    MARK,
     RELATIVE_ROUNDING,
+    UNSETTLED,
     Cell,
     IntervalKind,
     Key,
@@ -46,8 +51,6 @@ from seatrial.runner.record.catalogue import PER_FILE, definition_of
 from seatrial.runner.record.vocabulary import NOT_STARTED, UNFINISHED
 
 EMPTY = "–"
-MARK = "†"
-UNSETTLED, INFEASIBLE = "‡", "§"
 MIXED = "mixed"
 FLAG_NOTE = (
     f"{MARK} below_true_model: the force error is below that of the true plant, so the model fits"
@@ -417,9 +420,7 @@ class _Writer:
         if cell is None:
             return GridCell("")
         text = _figures_text(self.figures[place], self.request) if cell.by_seed else EMPTY
-        marks = [MARK] if cell.flagged else []
-        marks += _flaws(cell)
-        text += f" {' '.join(marks)}" if marks else ""
+        text += f" {' '.join(cell.marks)}" if cell.marks else ""
         text += _counts_text(cell, self.request)
         if self.request.of_coefficients and cell.experiments:
             text += _uncertainty_text(cell, self.request.digits, cell.of_estimate)
@@ -480,7 +481,7 @@ class _Writer:
             notes.append(TEST_NOTE.format(_baseline_text(self.request)))
         if any(cell.of_estimate for cell in cells):
             notes.append(ESTIMATE_NOTE)
-        diverged = sum(cell.diverged for cell in cells)
+        diverged = sum(cell.missing.get(DIVERGED, 0) for cell in cells)
         if diverged:
             notes.append(DIVERGED_NOTE.format(diverged, "s"[: diverged != 1]))
         statuses = self.selection.trials["status"]
@@ -516,34 +517,21 @@ class _Writer:
             record["std_error"], record["true_value"] = cell.std_error, cell.true_value
             record["interval_of_estimate"] = cell.of_estimate
         record["n"] = len(cell.by_seed)
-        for status in UNFINISHED:
-            record[status.replace(" ", "_")] = cell.unfinished.get(status, 0)
-        record["without_value"] = cell.without
-        record["not_applicable"] = cell.missing.get(NOT_APPLICABLE, 0)
-        record["diverged_predictions"] = cell.diverged
+        for reason in (*UNFINISHED, WITHOUT, NOT_APPLICABLE):
+            record[reason.replace(" ", "_")] = cell.missing.get(reason, 0)
+        record["diverged_predictions"] = cell.missing.get(DIVERGED, 0)
         record["held_s"] = None if math.isnan(cell.held_s) else cell.held_s
         record["deterministic"] = cell.deterministic
         record["below_true_model"] = cell.flagged
-        marks = _flaws(cell)
-        record["unsettled"], record["infeasible"] = UNSETTLED in marks, INFEASIBLE in marks
+        record["unsettled"], record["infeasible"] = cell.unstable, cell.infeasible
         record["best"] = place in self.best
-        return record | self._test_record(place)
-
-    def _test_record(self, place: Place) -> dict[str, Scalar]:
-        if not self.request.baseline:
-            return {}
-        test = self.tests.get(place)
-        return {
-            "baseline": _baseline_text(self.request),
-            "ratio": test.ratio if test else None,
-            "difference": test.difference if test else None,
-            "p_value": test.p_value if test else None,
-            "p_holm": test.p_holm if test else None,
-            "effect": test.effect if test else None,
-            "wins": test.wins if test else None,
-            "pairs": test.pairs if test else None,
-            "lost_pairs": test.lost if test else None,
-        }
+        if self.request.baseline:
+            record["baseline"] = _baseline_text(self.request)
+            test = self.tests.get(place)
+            for name in ("ratio", "difference", "p_value", "p_holm", "effect", "wins", "pairs"):
+                record[name] = getattr(test, name, None)
+            record["lost_pairs"] = test.lost if test else None
+        return record
 
 
 def _statistics_text(request: TableRequest) -> str:
@@ -580,14 +568,12 @@ def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> 
 
 def _counts_text(cell: Cell, request: TableRequest) -> str:
     """Return ` (n=18, 2 failed)`; what is missing is shown with any choice of statistics."""
-    counts = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
-    if cell.diverged:
-        held = "" if math.isnan(cell.held_s) else f", held {number_text(cell.held_s, 2)} s"
-        counts.append(f"{cell.diverged} diverged in prediction{held}")
-    if cell.without:
-        counts.append(f"{cell.without} without value")
-    if other := cell.missing.get(NOT_APPLICABLE):
-        counts.append(f"{other} not applicable")
+    counts = []
+    for reason in (*sorted(UNFINISHED), DIVERGED, WITHOUT, NOT_APPLICABLE):
+        if count := cell.missing.get(reason):
+            held = reason == DIVERGED and not math.isnan(cell.held_s)
+            time = f", held {number_text(cell.held_s, 2)} s" if held else ""
+            counts.append(f"{count} {reason}{time}")
     if cell.uneven:
         counts.append(f"{cell.uneven} seed{'s'[: cell.uneven != 1]} without all levels")
     if cell.experiments and ("n" in request.statistics or counts):
@@ -606,11 +592,6 @@ def _uncertainty_text(cell: Cell, digits: int, of_estimate: bool) -> str:
     if not math.isnan(truth):
         texts.append(f"true {number_text(truth, digits)}")
     return "\n" + ", ".join(texts) if texts else ""
-
-
-def _flaws(cell: Cell) -> list[str]:
-    """Return the marks of the flaws of the controllers behind the deployment metrics."""
-    return [UNSETTLED] * cell.unstable + [INFEASIBLE] * cell.infeasible
 
 
 def _test_text(test: PairedTest, n: int, digits: int, is_score: bool) -> str:
