@@ -257,9 +257,14 @@ def select(results: Queries, request: TableRequest) -> Selection:
             results.names.check(factor, "--pool")
     condition, scope = results.selected(request.where, request.sweep, request.tag)
     trials = results.trials(condition, request.factors, planned=True)
-    numbers = _selected(results, _read(results, request, condition), request)
+    numbers = _read(results, request, condition)
     started = trials[trials["status"] != NOT_STARTED]
-    _check_baseline(request, started, numbers)
+    for factor, level in request.baseline.items():
+        available = ordered((numbers if factor in METRIC_FACTORS else started)[factor].unique())
+        if level not in available:
+            raise ConfigurationError(
+                f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
+            )
     frame = observations(numbers, trials, results.marks(condition))
     if request.of_coefficients:
         covering = frame["run"].isin(results.covering(condition))
@@ -287,13 +292,19 @@ def select(results: Queries, request: TableRequest) -> Selection:
 
 
 def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.DataFrame:
-    """Return the numbers of a request; all levels if none has the requested ones."""
+    """Return the numbers of a request; raises ConfigurationError if there are none of these."""
+    wanted = {"dof": request.dofs, "stage": request.stages, "model": request.models}
+    if request.models and "model" in request.baseline:
+        wanted["model"] = (*request.models, request.baseline["model"])
     if request.of_coefficients:
-        return results.coefficients(condition)
-    only = {name: levels for name, levels in _wanted(request).items() if name != "metric"}
-    numbers = results.metrics(request.names, condition, only)
-    if numbers.empty:  # read all levels, for the error message
-        numbers = results.metrics(request.names, condition)
+        numbers = results.coefficients(condition)
+        what, known = "coefficient", {*numbers["metric"].unique()}
+        numbers = numbers[numbers["metric"].isin(request.names)] if request.names else numbers
+    else:
+        numbers = results.metrics(request.names, condition, wanted)
+        if numbers.empty:  # read all levels, for the error message
+            numbers = results.metrics(request.names, condition)
+        what, known = "metric", {*results.metric_names()}
     if request.by_file:
         of_files = results.of_files(request.names, condition)
         if of_files.empty:
@@ -303,15 +314,13 @@ def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.D
             )
         both = pd.concat([numbers.astype(object), of_files.astype(object)], ignore_index=True)
         kinds = numbers.dtypes.to_dict().items()  # the levels of both, not of the first alone
-        own = {name: "category" if kind == "category" else kind for name, kind in kinds}
-        numbers = both.astype(own)
-    return numbers
-
-
-def _selected(results: Queries, numbers: pd.DataFrame, request: TableRequest) -> pd.DataFrame:
-    """Select numbers by name, DOF, stage and model; raises ConfigurationError if none is left."""
-    _check_names(results, request, {*numbers["metric"].unique()})
-    for factor, levels in _wanted(request).items():
+        numbers = both.astype({n: "category" if kind == "category" else kind for n, kind in kinds})
+    for name in request.names:  # one that only these runs lack gives an empty cell
+        if name not in known and known:
+            raise ConfigurationError(
+                f"--{what}: no {what} {name!r}; expected one of {', '.join(sorted(known))}"
+            )
+    for factor, levels in wanted.items():
         available = ordered(numbers[factor].unique())
         numbers = numbers[numbers[factor].isin(levels)] if levels else numbers
         if levels and available and numbers.empty:
@@ -320,37 +329,6 @@ def _selected(results: Queries, numbers: pd.DataFrame, request: TableRequest) ->
                 f" {factor} {', '.join(levels)}; expected one of {', '.join(available)}"
             )
     return numbers
-
-
-def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
-    """Return the requested levels of the metric factors; an empty list means all levels."""
-    models = list(request.models)
-    if models and "model" in request.baseline:
-        models.append(request.baseline["model"])
-    return {"metric": request.names, "dof": request.dofs, "stage": request.stages, "model": models}
-
-
-def _check_names(results: Queries, request: TableRequest, names: set[str]) -> None:
-    """Reject a name that no run has; a name that only these runs lack gives an empty cell."""
-    if names.issuperset(request.names):
-        return
-    what = "coefficient" if request.of_coefficients else "metric"
-    known = names if request.of_coefficients else names | {*results.metric_names()}
-    for name in request.names:
-        if name not in known and known:
-            raise ConfigurationError(
-                f"--{what}: no {what} {name!r}; expected one of {', '.join(sorted(known))}"
-            )
-
-
-def _check_baseline(request: TableRequest, trials: pd.DataFrame, numbers: pd.DataFrame) -> None:
-    for factor, level in request.baseline.items():
-        of_factor = numbers if factor in METRIC_FACTORS else trials
-        available = ordered(of_factor[factor].unique())
-        if level not in available:
-            raise ConfigurationError(
-                f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
-            )
 
 
 class _Writer:

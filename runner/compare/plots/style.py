@@ -276,12 +276,12 @@ def beside(axes: Axes, texts: Sequence[tuple[float, str, str]]) -> None:
     """
     low, high = axes.get_ylim()
     wanted = np.nan_to_num([(value - low) / (high - low) for value, _, _ in texts], nan=0.5)
-    lowest = 0.5 * TEXT_SHARE
+    heights, lowest = np.empty(len(texts)), 0.5 * TEXT_SHARE
     for left, place in enumerate(np.argsort(wanted, kind="stable"), 1 - len(texts)):
         highest = 1.0 + (left - 0.5) * TEXT_SHARE  # those above need their room
-        height = max(lowest, min(float(wanted[place]), highest))
-        lowest = height + TEXT_SHARE
-        _, text, colour = texts[place]
+        heights[place] = max(lowest, min(float(wanted[place]), highest))
+        lowest = heights[place] + TEXT_SHARE
+    for (_, text, colour), height in zip(texts, heights, strict=True):
         axes.text(
             1.005, height, text, transform=axes.transAxes, color=colour, fontsize=8.5, va="center"
         )
