@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
@@ -98,7 +99,11 @@ class _Report:
         self.results, self.request = results, request
         self.condition, self.scope = results.selected(request.where, request.sweep, request.tag)
         self.runs = results.runs(self.condition)
-        chosen = {"where": request.where, "sweep": request.sweep, "tag": request.tag}
+        chosen: dict[str, Any] = {
+            "where": request.where,
+            "sweep": request.sweep,
+            "tag": request.tag,
+        }
         asked = TableRequest([], rows=(request.rows,), columns=(request.columns,), **chosen)
         self.found, self.refused = headlines(results, self.runs, asked)
         self.shared = PlotRequest(rows=request.rows, columns=request.columns, **chosen)
@@ -118,7 +123,8 @@ class _Report:
         lost = sum(run.status in LOST for run in self.runs)
         failed = f"{lost} of {len(self.runs)} runs, listed under Failures" if lost else "none"
         baselines = [f"{self.request.rows} none" for one in self.found[:1] if one.baseline]
-        named = [("baseline", *(baselines or ["none is named"])), ("failures", failed)]
+        baseline = baselines[0] if baselines else "none is named"
+        named = [("baseline", baseline), ("failures", failed)]
         told = facts([*self.choices(), *named])
         if not self.found:
             return [group("beside", told)]

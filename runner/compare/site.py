@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import sqlalchemy as sa
 from markupsafe import Markup
 
@@ -206,61 +207,45 @@ def _factors(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
 
     `codes` are the places of the runs' levels; `conditions` say how --where writes a level.
     """
-    own = [*GROUPS, "seed"]
-    keys = [key for key in _varied(results) if key not in own][:MOST_FILTERS]
-    trials = results.trials(factors=keys)
-    levels = {name: trials[name].astype(str).tolist() for name in (*own, "status", *keys)}
-    levels["code"] = [str(code) for code in trials["of_code"].astype(object).fillna("none")]
-    factors = list[Json]()
-    for name, texts in levels.items():
-        distinct = ordered(texts)
-        if len(distinct) > 1:
-            codes = {text: i for i, text in enumerate(distinct)}
-            conditions = [_quoted(text) if name != "seed" else text for text in distinct]
-            if name == "code":  # a run of before has none
-                conditions = ["null" if text == "none" else _quoted(text) for text in distinct]
-            if name in keys:
-                first = {text: runs[i].id for i, text in reversed(list(enumerate(texts)))}
-                configs = results.configs_of([*first.values()])
-                conditions = [_literal(text, configs[first[text]].get(name)) for text in distinct]
-            factor = {"name": name, "levels": distinct, "conditions": conditions}
-            shown = name in (*own, "status")
-            factors.append({**factor, "codes": [codes[text] for text in texts], "shown": shown})
-    return factors
-
-
-def _varied(results: Queries) -> list[str]:
-    """Return the keys of the configuration that the commands of the runs set."""
     rows = results.reader.select(sa.select(RUN.c.overrides))
-    words = (text.partition("=")[0].lstrip("+~") for row in rows for text in row.overrides)
-    return [key for key in dict.fromkeys(words) if key in results.names.keys]
-
-
-def _literal(text: str, value: object) -> str:
-    """Return a level as the conditions of --where write it."""
-    if value is None:
-        return "null"
-    return text if isinstance(value, bool | int | float) else _quoted(text)
-
-
-def _quoted(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"'
+    words = dict.fromkeys(
+        text.partition("=")[0].lstrip("+~") for row in rows for text in row.overrides
+    )
+    own = [*GROUPS, "seed", "status"]
+    keys = [key for key in words if key in results.names.keys and key not in own][:MOST_FILTERS]
+    trials, factors = results.trials(factors=keys), list[Json]()
+    for name in (*own, *keys, "of_code"):
+        texts = trials[name].astype(object).fillna("none").astype(str)
+        levels, first = ordered(texts), texts.drop_duplicates()
+        if len(levels) > 1:
+            configs = results.configs_of(first.index.tolist()) if name in keys else {}
+            conditions = {}
+            for run, text in first.items():
+                value = configs[run].get(name) if name in keys else text
+                if value is None or (name, text) == ("of_code", "none"):  # a run of before has none
+                    conditions[text] = "null"
+                elif name == "seed" or isinstance(value, bool | int | float):
+                    conditions[text] = text
+                else:
+                    conditions[text] = '"' + text.replace('"', '""') + '"'
+            factors.append({
+                "name": name.removeprefix("of_"), "levels": levels, "shown": name in own,
+                "conditions": [conditions[text] for text in levels],
+                "codes": pd.Categorical(texts, levels).codes.tolist(),
+            })  # fmt: skip
+    return factors
 
 
 def _measures(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
     """Return the metrics of the first tables, of the identified models, as texts."""
-    places = {run.id: i for i, run in enumerate(runs)}
-    stored = set(results.metric_names())
+    ids, stored = [run.id for run in runs], set(results.metric_names())
     names = [name for name, shown in TABLES.items() if shown and name in stored]
     numbers = results.metrics(names, only={"model": ["identified"]})
-    numbers = numbers[numbers["run"].isin(list(places))]
     found = list[Json]()
     for (name, dof), rows in numbers.groupby(["metric", "dof"], observed=True, sort=False):
-        values: list[str | None] = [None] * len(runs)
-        for run, value in zip(rows["run"], rows["value"], strict=True):
-            values[places[run]] = _text(value)
+        values = rows.drop_duplicates("run", keep="last").set_index("run")["value"].reindex(ids)
         label = with_unit(f"{definition_of(name).label}, {dof}", rows["unit"].iloc[0])
-        found.append({"metric": name, "label": label, "values": values})
+        found.append({"metric": name, "label": label, "values": [*map(_text, values)]})
     return sorted(found, key=lambda measure: names.index(str(measure["metric"])))
 
 

@@ -17,6 +17,7 @@ import ast
 import operator as op
 import re
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from difflib import get_close_matches
@@ -315,26 +316,22 @@ def _operate(left: Expression, operator: str, right: Any) -> sa.ColumnElement[bo
 
 def _for_column(name: str, column: Expression, value: Value) -> Value | datetime | Expression:
     """Return the value in the type of the column; raises ConfigurationError for another type."""
-    kind, is_number = column.type, isinstance(value, int | float) and not isinstance(value, bool)
+    kind = column.type
     if value is None:
         return None
     if isinstance(kind, sa.Boolean):
         expected, fits = "true or false", isinstance(value, bool)
+    elif isinstance(kind, sa.Integer | sa.Float):
+        expected, fits = "a number", isinstance(value, int | float) and not isinstance(value, bool)
     elif isinstance(kind, Utc):
-        expected, fits = "a date such as 2026-01-31 or 2026-01-31T12:00", True
-        try:
+        expected, fits = "a date such as 2026-01-31 or 2026-01-31T12:00", False
+        with suppress(ValueError):
             moment = datetime.fromisoformat(str(value))
             return moment.replace(tzinfo=moment.tzinfo or UTC).astimezone(UTC)
-        except ValueError:
-            fits = False
-    elif isinstance(kind, sa.Integer | sa.Float):
-        expected, fits = "a number", is_number
     else:
         return str(value).lower() if isinstance(value, bool) else str(value)
     if not fits:
         raise ConfigurationError(f"--where: {name} is compared with {expected}, got {value!r}")
-    if is_number and not (isinstance(value, int) and abs(value) < 2**31):
-        return sa.literal(
-            float(value), sa.Double()
-        )  # a database refuses what its column cannot hold
+    if isinstance(value, float) or (isinstance(value, int) and abs(value) >= 2**31):
+        return sa.literal(float(value), sa.Double())  # whatever the column can hold
     return value

@@ -126,7 +126,7 @@ def _seeds(axes: Axes, centre: float, width: float, cell: Cell, marker: str) -> 
     """
     sample = cell.sample
     if sample.size < 2:
-        return max(0.0, *sample.tolist(), 0.0)
+        return float(np.max(sample, initial=0.0))
     mean, spread = float(np.mean(sample)), float(np.std(sample, ddof=1))
     places = centre + 0.5 * width * (np.arange(sample.size) * GOLDEN % 1.0 - 0.5)
     axes.plot(

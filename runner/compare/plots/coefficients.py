@@ -31,7 +31,9 @@ FIGURE = Figure(
     place=6,
 )
 
-LOOKS = {  # of an interval, by whether it covers the coefficient, not only the estimate
+LOOKS: dict[
+    bool, tuple[str, dict[str, Any]]
+] = {  # of an interval, by whether it covers the coefficient, not only the estimate
     True: ("95 % interval", {"linewidth": 1.3}),
     False: ("95 % interval, without bias", {"linewidth": 0.8, "linestyle": "--", "color": "0.5"}),
 }
@@ -143,7 +145,7 @@ def _panel(axes: Axes, estimates: pd.DataFrame, groups: list[str]) -> None:
         top += lines
     for covers, (label, look) in LOOKS.items():
         if ((estimates["covers"] == covers) & (estimates["high"] > estimates["low"])).any():
-            axes.plot([], [], label=label, **{"color": "black", **look})
+            axes.plot([], [], label=label, **({"color": "black"} | look))
     axes.set_yticks([*ticks.values()], [*ticks])
     axes.set_ylim(top, 0.0)
     known = estimates["known"].all()
@@ -159,7 +161,7 @@ def _mark(axes: Axes, row: Any, place: float, i: int) -> None:
     """Draw one estimate, of group i, with its interval; an arrow at the edge if it is beyond it."""
     colour = style.PALETTE[i % len(style.PALETTE)]
     if row.high > row.low:
-        axes.plot([row.low, row.high], [place, place], **{"color": colour, **LOOKS[row.covers][1]})
+        axes.plot([row.low, row.high], [place, place], **({"color": colour} | LOOKS[row.covers][1]))
     marker = style.marker_of(i)
     axes.plot([row.value], [place], marker, color=colour, markersize=5, label=row.group)
     if abs(row.value - 1.0) > WIDEST:

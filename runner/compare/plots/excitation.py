@@ -13,6 +13,7 @@ with the names in `label`; `singular_value` (i = number, from 1), `selected_orde
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -56,7 +57,7 @@ NORTH, EAST = "wind_north", "wind_east"
 CALM_M_S = 1e-6  # below it wind has no direction
 ROUNDING = 1e-9  # of the mean, a deviation that is none
 NARROWEST_DEG = 10.0  # smallest half-range of the direction
-SMALL = {"loc": "left", "fontsize": 8.5, "fontweight": "normal"}  # titles of panels
+SMALL: dict[str, Any] = {"loc": "left", "fontsize": 8.5, "fontweight": "normal"}  # titles of panels
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +79,12 @@ def commanded_signals(series: Series, config: Config, dofs: Sequence[str]) -> li
         if f"tau_{dof}" in columns:
             force, acting = columns[f"tau_{dof}"], columns.get(f"tau_actual_{dof}")
             unit, size = style.prefixed(series.units[f"tau_{dof}"], style.largest_of([force]))
-            late = acting is None or np.allclose(acting[1:], force[:-1])
+            if acting is not None and np.allclose(acting[1:], force[:-1]):
+                acting = None
             own = (-limits[dof] / size, limits[dof] / size) if dof in limits else None
             signals.append(CommandedSignal(
-                dof.capitalize(), force / size, None if late else acting / size, unit, own, dof,
+                dof.capitalize(), force / size, None if acting is None else acting / size, unit,
+                own, dof,
             ))  # fmt: skip
     if signals:
         return signals

@@ -84,8 +84,8 @@ def _panel(axes: Axes, series: Series, dof: str, train: Sample) -> None:
     )
     texts = []
     for model, values in shown.items():
-        colour, look = style.MODEL_COLOURS[model], {"linewidth": 0.9, "alpha": 0.9}
-        axes.plot(t, values / size, color=colour, label=MODELS[model], **look)
+        colour, label = style.MODEL_COLOURS[model], MODELS[model]
+        axes.plot(t, values / size, color=colour, label=label, linewidth=0.9, alpha=0.9)
         held_out = values[train == 0] if np.any(train == 0) else values
         level = float(np.sqrt(np.mean(np.square(held_out)))) / size
         axes.axhline(level, color=colour, linewidth=0.9, linestyle="--")

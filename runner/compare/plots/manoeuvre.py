@@ -71,22 +71,17 @@ def _circle(axes: Axes, track: Track, measures: Turn) -> None:
     ahead, aside = (way / track.length_m for way in way_from(track, start, course))
     axes.plot(aside, ahead, color=style.PALETTE[0], label="track")
     axes.plot(0.0, 0.0, "o", color=style.REFERENCE, markersize=5, label="execution")
-    lines = (
-        ("advance", measures.advance, start + measures.time_90_s, style.PALETTE[3]),
-        ("transfer", measures.transfer, start + measures.time_90_s, style.PALETTE[5]),
-        (
-            "tactical diameter",
-            measures.tactical_diameter,
-            start + measures.time_180_s,
-            style.PALETTE[1],
-        ),
-    )
-    for name, value, time, colour in lines:
+    for name, value, after, k in (
+        ("advance", measures.advance, measures.time_90_s, 3),
+        ("transfer", measures.transfer, measures.time_90_s, 5),
+        ("tactical diameter", measures.tactical_diameter, measures.time_180_s, 1),
+    ):
         if np.isfinite(value):
-            at = track.at(aside, time), track.at(ahead, time)
+            at = track.at(aside, start + after), track.at(ahead, start + after)
             foot = (at[0], 0.0) if name == "advance" else (0.0, at[1])
             label = f"{name} {number_text(value, 3)} L"
-            axes.plot(*zip(foot, at, strict=True), color=colour, linewidth=1.6, label=label)
+            line = zip(foot, at, strict=True)
+            axes.plot(*line, color=style.PALETTE[k], linewidth=1.6, label=label)
     axes.margins(0.08)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("Across the approach [L]")
@@ -113,6 +108,7 @@ def _zigzag(axes: Axes, track: Track, measures: ZigZagMeasures) -> None:
     axes.plot(t, heading, color=style.PALETTE[0], label="heading from the approach")
     for side in (-1.0, 1.0):
         axes.axhline(side * measures.turn_deg, color=style.MUTED, linewidth=0.7, linestyle=":")
+    arrow = {"arrowstyle": "<->", "color": style.MUTED, "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
     overshoots = zip(
         measures.execute_s[1:3], measures.overshoot_s, measures.overshoot_deg, strict=False
     )
@@ -120,13 +116,6 @@ def _zigzag(axes: Axes, track: Track, measures: ZigZagMeasures) -> None:
         time = executed - start + delay
         peak = float(np.interp(time, t, heading))
         side = np.sign(peak)
-        arrow = {
-            "arrowstyle": "<->",
-            "color": style.MUTED,
-            "linewidth": 0.8,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        }
         axes.annotate("", (time, peak), (time, peak - side * angle), arrowprops=arrow)
         axes.annotate(
             f"{number_text(angle, 3)}°", (time, peak), (0, 3 * side), textcoords="offset points",

@@ -68,7 +68,10 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
         moved = deployed.notna().all() and not np.isclose(chosen, deployed).all(axis=1).any()
         polished |= moved
         i = places.index(groups[run])
-        look = {"color": style.PALETTE[i % len(style.PALETTE)], "label": groups[run]}
+        look: dict[str, Any] = {
+            "color": style.PALETTE[i % len(style.PALETTE)],
+            "label": groups[run],
+        }
         for panel, (x, y) in zip(axes, pairs, strict=False):
             marker = style.marker_of(i)
             panel.plot(front[x], front[y], marker, markersize=4, alpha=0.75, **look)

@@ -7,6 +7,7 @@ models of one run, or with `--rows controller` the runs of several controllers o
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import matplotlib.figure
 import numpy as np
@@ -155,7 +156,7 @@ def _by_force(
         peak = style.largest_of([series.columns[f"tau_{dof}"] for series, _ in lines.values()])
         unit, size = style.prefixed(first.units[f"tau_{dof}"], peak)
         for i, (label, (series, colour)) in enumerate(lines.items()):
-            look = {"color": colour, "label": label}
+            look: dict[str, Any] = {"color": colour, "label": label}
             width = 1.1 + 0.45 * (len(lines) - 1 - i)  # the first ones are seen below others
             t, tau = series.columns["t"], series.columns[f"tau_{dof}"] / size
             pose.plot(t, _pose(series, POSE_OF[dof]), linewidth=width, **look)

@@ -186,16 +186,15 @@ def panels(
 
 def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
     """Add the title and one legend, with each label once, above the figure."""
-    canvas = _canvas()
-    if canvas.axes is not None:
-        canvas.axes.set_title(title, loc="left")
-        if canvas.axes.get_legend_handles_labels()[0]:
-            canvas.axes.legend()
-        return
-    handles: dict[str, Artist] = {}
+    canvas, handles = _canvas(), dict[str, Artist]()
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
+    if canvas.axes is not None:
+        canvas.axes.set_title(title, loc="left")
+        if handles:
+            canvas.axes.legend([*handles.values()], [*handles])
+        return
     size = TITLE_SIZE if canvas.width_mm is None else paper.POINTS
     letters = TITLE_LETTERS_PER_INCH * TITLE_SIZE / size
     title = "\n".join(wrap(title, int(chart.get_figwidth() * letters)))

@@ -7,6 +7,7 @@ recorded track. `outline` and `draw_waters` are for other figures of hulls in th
 
 from collections.abc import Iterator, Mapping
 from itertools import count
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -204,7 +205,12 @@ def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> 
         recording.columns["y"], recording.columns["x"], color=style.MUTED, linewidth=0.9,
         label="sailed", zorder=2.2,
     )  # fmt: skip
-    look = {"linestyle": ":", "color": style.REFERENCE, "linewidth": 1.2, "zorder": 2.5}
+    look: dict[str, Any] = {
+        "linestyle": ":",
+        "color": style.REFERENCE,
+        "linewidth": 1.2,
+        "zorder": 2.5,
+    }
     for i, part in enumerate(_intervals(columns["manoeuvre"] < 0.0)):
         label = None if i else "passage"
         axes.plot(columns["y"][part], columns["x"][part], label=label, **look)
