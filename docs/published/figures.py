@@ -3,12 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from seatrial.models.simulation import metrics
-from seatrial.runner.compare.frame import Queries, StoredDiagnostic
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots.style import (
     MODEL_COLOURS,
@@ -39,7 +40,7 @@ def objective_figure(results: Queries, sweep: int) -> Figure:
     condition = Condition(sweeps=(sweep,))
     runs = results.runs(condition)
     names = ("topology_first", "topology_second", "topology")
-    stored = results.diagnostics(runs, names, condition)
+    stored = results.diagnostics(names, condition)
     configs = results.configs_of([run.id for run in runs])
     truths = {
         (row.run, f"{row.dof}.{row.metric}"): row.true_value
@@ -48,8 +49,9 @@ def objective_figure(results: Queries, sweep: int) -> Figure:
     }
     chart, axes = panels(-(-len(runs) // 2), 2, 4.7, 3.9)
     for panel, run in zip(axes, runs, strict=False):
-        first, second, z = ([row for row in stored[run.id] if row.name == n] for n in names)
-        labels = first[0].label, second[0].label
+        own = stored[stored["run"] == run.id]
+        first, second, z = (own[own["name"] == name] for name in names)
+        labels = first["label"].iloc[0], second["label"].iloc[0]
         truth = [truths[run.id, label] for label in labels if (run.id, label) in truths]
         _objective_panel(panel, first, second, z, truth)
         objective = configs[run.id]["identifier.objective"]
@@ -63,16 +65,11 @@ def objective_figure(results: Queries, sweep: int) -> Figure:
 
 
 def _objective_panel(
-    axes: Axes,
-    first: Sequence[StoredDiagnostic],
-    second: Sequence[StoredDiagnostic],
-    z: Sequence[StoredDiagnostic],
-    truth: Sequence[float],
+    axes: Axes, first: pd.DataFrame, second: pd.DataFrame, z: pd.DataFrame, truth: Sequence[float]
 ) -> None:
-    x, y = ([row.value for row in side] for side in (first, second))
+    x, y = (side["value"].tolist() for side in (first, second))
     heights = np.full((len(x), len(y)), np.nan)
-    for row in z:
-        heights[row.i, row.j] = row.value
+    heights[z["i"].to_numpy(int), z["j"].to_numpy(int)] = z["value"]
     high = float(np.nanmax(heights))
     norm = LogNorm(max(high * 10.0**-DECADES, np.finfo(float).tiny), high)
     axes.pcolormesh(
@@ -84,8 +81,8 @@ def _objective_panel(
     if len(truth) == 2:
         place = [truth[0]], [truth[1]]
         axes.plot(*place, "*", color="black", mec="white", mew=0.6, ms=12, label="true values")
-    axes.set_xlabel(with_unit(str(first[0].label), first[0].unit))
-    axes.set_ylabel(with_unit(str(second[0].label), second[0].unit))
+    axes.set_xlabel(with_unit(first["label"].iloc[0], first["unit"].iloc[0]))
+    axes.set_ylabel(with_unit(second["label"].iloc[0], second["unit"].iloc[0]))
     axes.grid(visible=False)
 
 
@@ -98,16 +95,16 @@ def times_figure(results: Queries, sweep: int) -> Figure:
     condition = Condition(sweeps=(sweep,))
     run = results.runs(condition)[-1]
     lines = {"prediction_time": "-", "prediction_time_compiled": ":"}
-    rows = results.diagnostics([run], list(lines), condition)[run.id]
+    rows = results.diagnostics([*lines], Condition(run=run.id))
     chart, (axes,) = panels(1, 1, 6.5, 4.2)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    for k, way in enumerate(dict.fromkeys(row.label for row in rows)):
+    for k, way in enumerate(rows["label"].unique()):
         for name, line in lines.items():
-            points = sorted((r.i, r.value) for r in rows if (r.name, r.label) == (name, way))
+            points = rows[(rows["name"] == name) & (rows["label"] == way)].sort_values("i")
             axes.plot(
-                *zip(*points, strict=True), color=PALETTE[k], marker=marker_of(k), linestyle=line,
-                label=way if line == "-" else None,
+                points["i"].to_numpy(int), points["value"], color=PALETTE[k], marker=marker_of(k),
+                linestyle=line, label=way if line == "-" else None,
             )  # fmt: skip
     axes.set_xlabel("Number of predictions")
     axes.set_ylabel("Time [s]")
@@ -126,19 +123,20 @@ def scaled_coefficients_figure(results: Queries, sweep: int) -> Figure:
     runs = results.runs(condition)
     configs = results.configs_of([run.id for run in runs])
     runs = [run for run in runs if configs[run.id]["identifier.selection"] == "test"]
-    stored = results.diagnostics(runs, ("scaled_coefficient", "selected_order"), condition)
-    dofs = list(dict.fromkeys(row.dof for run in runs for row in stored[run.id]))
-    terms = max(sum(row.dof == dofs[0] for row in stored[run.id]) for run in runs)
+    stored = results.diagnostics(("scaled_coefficient", "selected_order"), condition)
+    stored = stored[stored["run"].isin([run.id for run in runs])]
+    dofs = stored.sort_values("run", kind="stable")["dof"].unique().tolist()
+    terms = int(stored[stored["dof"] == dofs[0]].groupby("run").size().max())
     abreast = len(dofs) if terms < MANY_TERMS else 1
     width, rows_of = (3.9, len(runs)) if abreast > 1 else (8.0, len(runs) * len(dofs))
     chart, axes = panels(rows_of, abreast, width, 2.6)
     places = [(run, dof) for run in runs for dof in dofs]
     for panel, (run, dof) in zip(axes, places, strict=True):
-        rows = [row for row in stored[run.id] if row.dof == dof]
-        (order,) = (row.value for row in rows if row.name == "selected_order")
-        bars = [row for row in rows if row.name == "scaled_coefficient"]
-        panel.bar(range(len(bars)), [abs(row.value) for row in bars], color=PALETTE[0])
-        panel.set_xticks(range(len(bars)), [str(row.label) for row in bars], rotation=90)
+        rows = stored[(stored["run"] == run.id) & (stored["dof"] == dof)]
+        (order,) = rows.loc[rows["name"] == "selected_order", "value"]
+        bars = rows[rows["name"] == "scaled_coefficient"]
+        panel.bar(range(len(bars)), bars["value"].abs(), color=PALETTE[0])
+        panel.set_xticks(range(len(bars)), bars["label"], rotation=90)
         panel.set_title(f"{dof}, {run.levels['identifier']}, order {order:g}", loc="left")
         panel.set_ylabel("|Theta_pre|" if abreast == 1 or dof == dofs[0] else "")
         panel.grid(visible=False, axis="x")

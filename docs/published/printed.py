@@ -384,11 +384,10 @@ class _Stored:
         """Return the diagnostic of each run, over a metric of the run for the model `/nominal`."""
         figure = self.figure
         name, _, metric = figure.name.partition("/")
-        rows = self.results.diagnostics(self.runs, [name], self.condition)
+        rows = self._of_finished(self.results.diagnostics([name], self.condition))
         chosen = [
             row
-            for run in self.runs
-            for row in rows[run.id]
+            for row in rows.sort_values("run", kind="stable").itertuples()
             if figure.dof in ("", row.dof)
             and figure.label
             in ("", row.label or "", str(row.i), f"{row.label} {row.i}", f"{row.i},{row.j}")
@@ -399,7 +398,7 @@ class _Stored:
         own = self._matching(self._metrics(metric))
         own = own[own["model"] == figure.model.removeprefix("/")]
         divisors = dict(zip(own["run"], own["value"], strict=True))
-        pairs = [(row.value, divisors.get(row.run_id)) for row in chosen]
+        pairs = [(row.value, divisors.get(row.run)) for row in chosen]
         return [value / divisor for value, divisor in pairs if divisor]
 
     def _coefficients(self) -> pd.DataFrame:

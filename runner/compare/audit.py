@@ -7,13 +7,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from seatrial.runner.compare.comparability import EXPERIMENT, differing, of_runs, with_conditions
-from seatrial.runner.compare.frame import (
-    BELOW_TRUE_MODEL,
-    FINISHED,
-    Queries,
-    diverged_predictions,
-    stored_runs,
-)
+from seatrial.runner.compare.frame import BELOW_TRUE_MODEL, FINISHED, Queries, diverged_predictions
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text, one_line
 from seatrial.runner.compare.runs import runs_of
 from seatrial.runner.compare.where import Condition
@@ -135,8 +129,8 @@ def _diverged(
     results: Queries, finished: pd.DataFrame, marks: pd.DataFrame, condition: Condition
 ) -> Iterator[AuditEntry]:
     """Find predictions that diverged, and models that cannot be simulated."""
-    reasons = results.diagnostics(stored_runs(finished), ["no_prediction"], condition)
-    impossible = {(id_, str(r.label).split()[0]) for id_, rows in reasons.items() for r in rows}
+    reasons = results.diagnostics(["no_prediction"], condition)
+    impossible = {(row.run, str(row.label).split()[0]) for row in reasons.itertuples()}
     lost = diverged_predictions(marks).join(finished["identifier"], on="run")
     lost["singular"] = [pair in impossible for pair in zip(lost["run"], lost["model"], strict=True)]
     for (identifier, model, singular), rows in lost.groupby(
@@ -163,7 +157,8 @@ def _held_text(times_s: Sequence[float]) -> str:
 def _without_coverage(
     results: Queries, finished: pd.DataFrame, condition: Condition
 ) -> Iterator[AuditEntry]:
-    uncertain = results.with_standard_errors(condition) - results.covering(condition)
+    stated = results.coefficients(condition).dropna(subset="std_error")
+    uncertain = {*stated["run"]} - results.covering(condition)
     own = finished[finished.index.isin(uncertain)]
     for identifier, rows in own.groupby("identifier", observed=True, sort=False):
         what = f"identifier={identifier}: standard errors of the estimate, not of the coefficient"

@@ -1,7 +1,7 @@
 """The page of the benchmark: tables, free runs over every test file, failures, and licences."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from markupsafe import Markup
@@ -26,10 +26,10 @@ from seatrial.runner.compare.page import (
     write_page,
 )
 from seatrial.runner.compare.plots.critical_difference import chart
-from seatrial.runner.compare.plots.free_runs import Runs, colours_of, part_of, tracks, velocities
+from seatrial.runner.compare.plots.prediction import free_runs
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.configuration.invocation import results_program, trial_program
-from seatrial.runner.export.manoeuvre_tracks import length_of
+from seatrial.runner.record.rows import Series
 
 FIRST = 3  # entrants on the figures of free runs, beside `none`
 ABOUT = (
@@ -118,7 +118,6 @@ def _source(board: Board) -> Markup:
 def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
     """Yield the figures of every test file, of the first entrants and `none`."""
     names = [*board.leaders(FIRST), "none"]
-    colours = colours_of(names)
     for label, case in board.task.cases.items():
         chosen = [
             entry
@@ -128,26 +127,28 @@ def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
         ]
         if not chosen:
             continue
-        length = length_of(results.reader.run(chosen[0].run).config)
         whole = {e.cell.entrant: results.reader.series(e.run, "prediction") for e in chosen}
         for k, (title, runs) in enumerate(_by_file(label, case, whole)):
-            prefix = f"{board.name}-{label}-{k}-"
-            shown = velocities(title, runs, colours, board.task.outputs)
+            shown, prefix = free_runs(title, runs, board.task.outputs), f"{board.name}-{label}-{k}-"
             yield picture(shown, f"{title}: free run from the first measured state", prefix)
-            plane = tracks(title, runs, colours, length)
-            if plane is not None:
-                yield picture(plane, f"{title}: tracks of the free runs", f"{prefix}track-")
 
 
-def _by_file(label: str, case: Case, runs: Runs) -> Iterator[tuple[str, Runs]]:
+def _by_file(
+    label: str, case: Case, runs: Mapping[str, Series]
+) -> Iterator[tuple[str, Mapping[str, Series]]]:
     """Yield the runs over each test file, where the pieces of the series are the files."""
     ends = list(pieces(next(iter(runs.values()))))
     if len(ends) != len(case.test) or len(ends) == 1:
         yield label, runs
         return
     for path, (first, last) in zip(case.test, ends, strict=True):
-        part = slice(first, last)
-        yield f"{label}, {Path(path).name}", {k: part_of(v, part) for k, v in runs.items()}
+        parts = {
+            name: Series(
+                series.kind, {k: v[first:last] for k, v in series.columns.items()}, series.units
+            )
+            for name, series in runs.items()
+        }
+        yield f"{label}, {Path(path).name}", parts
 
 
 def failures(boards: Sequence[Board]) -> TextTable:

@@ -2,13 +2,10 @@
 
 Each file of the folder `plots` with `FIGURE = Figure(...)` and `drawings(results, request)` is a
 figure; there is no other list of figures. The declaration says which options of `plot` the figure
-takes. Its arguments are literals and are read without importing the file, because the help shows
-them and matplotlib is slow to import. Files of plug-ins are searched for figures too
-(configuration/plugins.py). Any other module with the same two names is a figure as well; it is
-selected by its module name.
+takes. Files of plug-ins are searched for figures too (configuration/plugins.py). Any other module
+with the same two names is a figure as well; it is selected by its module name.
 """
 
-import ast
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +13,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError, PartError, SeatrialError
 from seatrial.runner.configuration.plugins import failure, is_own, plugins
@@ -29,6 +26,7 @@ if TYPE_CHECKING:
     Drawings = Callable[[Queries, PlotRequest], list[Drawing]]
 
 PLOTS = Path(__file__).with_name("plots")
+DECLARES = "\nFIGURE = "  # in the file of a figure
 log = logging.getLogger(__name__)
 LONGEST_NAME = 200  # of a module
 OPTIONS = (*("run", "metric", "rows", "columns", "dof", "model"), *("facet", "band", "log", "pool"))
@@ -40,8 +38,8 @@ class Figure:
 
     `needs` is the data that runs must have stored. `options` are those of the command `plot` that
     the figure takes, beside those that select runs and files; `rows` is the default of --rows. A
-    report shows the figure with `caption` at position `place`, once for every level of `each` and
-    for each of `report_rows`; a figure without a caption is not in the report.
+    report shows the figure with `caption` at position `place`, for each of `report_rows`, and if it
+    is `of_metrics` for each of the main metrics; a figure without a caption is not in the report.
     """
 
     name: str
@@ -51,21 +49,17 @@ class Figure:
     rows: str = ""
     caption: str = ""
     place: int = 0
-    each: Literal["", "dof", "column", "metric and dof"] = ""
+    of_metrics: bool = False
     report_rows: Sequence[str] = ()
 
 
-@cache
 def figures() -> dict[str, Figure]:
     """Return the figures of the folder `plots` and of plug-ins by name, in alphabetical order."""
-    return {name: figure for name, (figure, _) in sorted(_declared().items())}
+    return {name: vars(module)["FIGURE"] for name, module in sorted(_modules().items())}
 
 
 def figure_of(name: str) -> Figure:
     """Return the declaration of a figure; raises ConfigurationError for an unknown name."""
-    figure = figures().get(name)
-    if figure is not None:
-        return figure
     figure = vars(_module(name)).get("FIGURE")
     if not isinstance(figure, Figure):
         raise ConfigurationError(f"plot: {name} has no FIGURE = Figure(...)")
@@ -100,69 +94,46 @@ def drawings_of(name: str) -> "Drawings":
 
 def _module(name: str) -> ModuleType:
     """Return the module of a figure, given its name or the name of another module."""
-    module = _declared()[name][1] if name in _declared() else name
-    if len(module) < LONGEST_NAME and all(part.isidentifier() for part in module.split(".")):
+    known = _modules()
+    if name in known:
+        return known[name]
+    if len(name) < LONGEST_NAME and all(part.isidentifier() for part in name.split(".")):
         try:
-            return import_module(module)
+            return import_module(name)
         except Exception as error:
             missing = error.name if isinstance(error, ModuleNotFoundError) else None
-            if not f"{module}.".startswith(f"{missing}."):  # there is one, and it fails
-                if is_own(module):
-                    raise
-                raise PartError(f"plot: cannot import {failure(module, error)}") from error
-    expected = ", ".join(figures())
+            if not f"{name}.".startswith(f"{missing}."):  # there is one, and it fails
+                raise PartError(f"plot: cannot import {failure(name, error)}") from error
+    expected = ", ".join(sorted(known))
     raise ConfigurationError(
         f"plot: got {name!r}, expected one of {expected}, or the name of a module"
     )
 
 
 @cache
-def _declared() -> dict[str, tuple[Figure, str]]:
-    """The figures with their modules; of two of one name the first counts."""
-    result: dict[str, tuple[Figure, str]] = {}
-    for file, module in _files():
-        figure = _declaration(file) if is_own(module) else _foreign_declaration(file)
-        if figure is None:
+def _modules() -> dict[str, ModuleType]:
+    """The modules of the figures by name; of two figures of one name the first counts."""
+    modules: dict[str, ModuleType] = {}
+    for name in _declaring():
+        try:
+            module = import_module(name)
+            figure: Figure = vars(module)["FIGURE"]
+        except Exception as error:
+            if is_own(name):
+                raise
+            log.warning("%s is no figure: %s", name, " ".join(str(error).split()))
             continue
-        if figure.name in result:
-            log.warning(
-                "figure %s of %s is not used: %s has it",
-                figure.name,
-                module,
-                result[figure.name][1],
-            )
-        else:
-            result[figure.name] = figure, module
-    return result
+        first = modules.setdefault(figure.name, module)
+        if first is not module:
+            log.warning("figure %s of %s is not used: %s has it", figure.name, name, first.__name__)
+    return modules
 
 
-def _files() -> Iterator[tuple[Path, str]]:
-    """Yield the files that may declare a figure, with their modules."""
-    for path in sorted(PLOTS.glob("*.py")):
-        yield path, f"{__package__}.plots.{path.stem}"
+def _declaring() -> Iterator[str]:
+    """Yield the names of the modules whose files declare a figure."""
+    files = [(path, f"{__package__}.plots.{path.stem}") for path in sorted(PLOTS.glob("*.py"))]
     for plugin in plugins():
         for path in plugin.files:
             inside = plugin.is_package and path.stem != "__init__"
-            yield path, f"{plugin.module}.{path.stem}" if inside else plugin.module
-
-
-def _foreign_declaration(path: Path) -> Figure | None:
-    try:
-        return _declaration(path)
-    except Exception as error:
-        log.warning("%s is no figure: %s", path, " ".join(str(error).split()))
-        return None
-
-
-def _declaration(path: Path) -> Figure | None:
-    text = path.read_text(encoding="utf-8")
-    if "\nFIGURE = " not in text:
-        return None
-    for node in ast.parse(text).body:
-        match node:
-            case ast.Assign(targets=[ast.Name("FIGURE")], value=ast.Call() as call):
-                options = {
-                    keyword.arg or "": ast.literal_eval(keyword.value) for keyword in call.keywords
-                }
-                return Figure(*map(ast.literal_eval, call.args), **options)
-    return None
+            files.append((path, f"{plugin.module}.{path.stem}" if inside else plugin.module))
+    return (module for path, module in files if DECLARES in path.read_text(encoding="utf-8"))

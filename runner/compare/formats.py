@@ -181,37 +181,27 @@ def _latex(grid: TextTable) -> str:
     )
 
 
-def _html(grid: TextTable) -> str:
-    """An HTML fragment in ASCII, which is valid in a page of any encoding."""
-    head = "".join(f'<th scope="col">{_html_text(header)}</th>' for header in grid.headers)
-    lines = [
-        "<table>",
-        f"<caption>{_html_text(grid.title)}</caption>",
-        f"<thead><tr>{head}</tr></thead>",
-        "<tbody>",
-        *("<tr>" + _html_row(grid, row) + "</tr>" for row in grid.rows),
-        "</tbody>",
-        "</table>",
-        *(f"<p>{_html_text(note)}</p>" for note in grid.notes),
-    ]
-    return "\n".join(lines).encode("ascii", "xmlcharrefreplace").decode("ascii")
-
-
 def html_table(grid: TextTable) -> Markup:
-    """Return the table for a page; it has its own scroll bar, and its headings sort it.
+    """Return the table as HTML; on a page it has its own scroll bar, and its headings sort it.
 
     On a phone the first column stays in view with the other labels in small print, so that the
     values follow it at once.
     """
+
+    def others(texts: Sequence[str]) -> str:
+        text = ", ".join(filter(None, texts[1 : grid.labels]))
+        return f' data-others="{_html_text(text)}"' if text and grid.labels < len(texts) else ""
+
     heads = "".join(
-        f'<th scope="col"{" class=label" if index < grid.labels else ""}>'
-        f'<button type="button">{_html_text(header)}</button></th>'
+        f'<th scope="col"{" class=label" if index < grid.labels else ""}'
+        f"{'' if index else others(grid.headers)}>{_html_text(header)}</th>"
         for index, header in enumerate(grid.headers)
     )
-    others = ", ".join(grid.headers[1 : grid.labels])
-    if others and grid.labels < len(grid.headers):
-        heads = heads.replace("<th", f'<th data-others="{_html_text(others)}"', 1)
-    rows = "\n".join("<tr>" + _page_row(grid, row) + "</tr>" for row in grid.rows)
+    rows = ""
+    for row in grid.rows:
+        more = others([cell.text for cell in row])
+        cells = (_html_cell(c, i < grid.labels, "" if i else more) for i, c in enumerate(row))
+        rows += f"<tr>{''.join(cells)}</tr>\n"
     title = _html_text(grid.title)
     caption = f'<p class="small">{title}</p>' if title else ""  # a <caption> would not wrap
     notes = "".join(f'<p class="small">{_html_text(note)}</p>' for note in grid.notes)
@@ -221,28 +211,18 @@ def html_table(grid: TextTable) -> Markup:
     )
 
 
-def _page_row(grid: TextTable, row: Sequence[TableCell]) -> str:
-    """Return a row whose first cell repeats the other labels for phones, which hide those."""
-    others = ", ".join(cell.text for cell in row[1 : grid.labels] if cell.text)
-    text = f' data-others="{_html_text(others)}"' if others and grid.labels < len(row) else ""
-    return _html_row(grid, row).replace('<th scope="row"', f'<th scope="row"{text}', 1)
+def _html(grid: TextTable) -> str:
+    """An HTML fragment in ASCII, which is valid in a page of any encoding."""
+    return html_table(grid).encode("ascii", "xmlcharrefreplace").decode("ascii")
 
 
-def _html_row(grid: TextTable, row: Sequence[TableCell]) -> str:
-    return "".join(
-        html_cell(cell, "th" if index < grid.labels else "td") for index, cell in enumerate(row)
-    )
-
-
-def html_cell(cell: TableCell, tag: str) -> str:
+def _html_cell(cell: TableCell, is_label: bool, more: str) -> str:
     """Return one cell; `data-value` is the number by which a sortable table sorts it."""
-    text = _html_text(cell.text)
-    scope = ' scope="row"' if tag == "th" else ""
-    value = "" if cell.sort is None else f' data-value="{cell.sort!r}"'
-    prose = " class=text" if cell.prose else ""
-    return (
-        f"<{tag}{scope}{prose}{value}>{f'<strong>{text}</strong>' if cell.bold else text}</{tag}>"
-    )
+    text, tag = _html_text(cell.text), "th" if is_label else "td"
+    text = f"<strong>{text}</strong>" if cell.bold else text
+    attributes = (' scope="row"' if is_label else "") + (" class=text" if cell.prose else "")
+    attributes += "" if cell.sort is None else f' data-value="{cell.sort!r}"'
+    return f"<{tag}{attributes}{more}>{text}</{tag}>"
 
 
 def _html_text(text: str) -> str:

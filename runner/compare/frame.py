@@ -95,7 +95,6 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
-StoredDiagnostic = sa.Row[*tuple[object, ...]]
 Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
 LABELS = (*GROUPS, "seed")
 NO_LEVELS = ("of_sweep", "of_experiment", "streams", "of_code")  # columns of trials, no factors
@@ -305,49 +304,29 @@ class Queries:
         names = (BELOW_TRUE_MODEL, *LIMITED, *DESIGN_FLAWS, HELD_FREE_RUN)
         return self.metrics(names, condition, None, told)
 
-    def diagnostics(
-        self, runs: Sequence[StoredRun], names: Sequence[str], condition: Condition = EVERY_RUN
-    ) -> dict[int, list[StoredDiagnostic]]:
-        """Return rows (run_id, name, dof, i, j, label, value, unit) of diagnostics, by run.
-
-        `names` are those of the diagnostics, `condition` is the one that selected the runs.
-        """
+    def diagnostics(self, names: Sequence[str], condition: Condition = EVERY_RUN) -> pd.DataFrame:
+        """Return the named diagnostics: run, name, dof, i, j, label, value (NaN), unit."""
         d = DiagnosticRow.__table__.c
-        query = sa.select(d.run_id, d.name, d.dof, d.i, d.j, d.label, d.value, d.unit)
-        query = query.where(d.name.in_(names), d.run_id.in_(self._ids(condition)))
-        by_run: dict[int, list[StoredDiagnostic]] = {run.id: [] for run in runs}
-        for row in self.reader.select(query.order_by(d.id)):
-            if row.run_id in by_run:
-                by_run[row.run_id].append(row)
-        return by_run
+        columns = (d.run_id.label("run"), d.name, d.dof, d.i, d.j, d.label, d.value, d.unit)
+        query = sa.select(*columns).where(d.name.in_(names), d.run_id.in_(self._ids(condition)))
+        rows = self.reader.select(query.order_by(d.id))
+        frame = pd.DataFrame(list(map(tuple, rows)), columns=[column.name for column in columns])
+        kinds = {"run": "int64", "i": "Int64", "j": "Int64", "value": "float64"}
+        return frame.astype(kinds)
 
     def covering(self, condition: Condition = EVERY_RUN) -> frozenset[int]:
         """Return the runs whose standard errors are of the coefficient, not only of the estimate.
 
         Of runs of earlier versions, and of identifiers that do not say so, it is not known.
         """
-        d = DiagnosticRow.__table__.c
-        query = sa.select(d.run_id).where(d.name == INTERVAL_OF_ESTIMATE, d.value == 0.0)
-        rows = self.reader.select(query.where(d.run_id.in_(self._ids(condition))))
-        return frozenset(row.run_id for row in rows)
-
-    def with_standard_errors(self, condition: Condition = EVERY_RUN) -> frozenset[int]:
-        """Return the runs that have a standard error of a coefficient."""
-        c = CoefficientRow.__table__.c
-        query = sa.select(c.run_id).where(c.std_error.is_not(None)).distinct()
-        rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition))))
-        return frozenset(row.run_id for row in rows)
+        rows = self.diagnostics([INTERVAL_OF_ESTIMATE], condition)
+        return frozenset(rows.loc[rows["value"] == 0.0, "run"])
 
     def warnings(self, condition: Condition = EVERY_RUN) -> list[tuple[str, list[int]]]:
         """Return each distinct warning with the numbers of its runs, oldest first."""
-        d = DiagnosticRow.__table__.c
-        query = sa.select(d.label, d.run_id).where(d.name == "warning")
-        query = query.where(d.run_id.in_(self._ids(condition))).order_by(d.run_id, d.id)
-        runs_of: dict[str, list[int]] = {}
-        for text, run_id in map(tuple, self.reader.select(query)):
-            if run_id not in runs_of.setdefault(text, []):
-                runs_of[text].append(run_id)
-        return list(runs_of.items())
+        rows = self.diagnostics(["warning"], condition).sort_values("run", kind="stable")
+        runs_of = rows.groupby("label", sort=False)["run"].unique()
+        return [(str(text), runs.tolist()) for text, runs in runs_of.items()]
 
     def series_columns(self, condition: Condition = EVERY_RUN) -> dict[int, dict[str, list[str]]]:
         """Return the column names of the stored series by run and kind."""
@@ -362,11 +341,6 @@ class Queries:
         """Return the names of all stored metrics."""
         name = MetricRow.__table__.c.name
         return [row.name for row in self.reader.select(sa.select(name).distinct().order_by(name))]
-
-    def terms(self) -> list[str]:
-        """Return the terms of all stored coefficients."""
-        term = CoefficientRow.__table__.c.term
-        return [row.term for row in self.reader.select(sa.select(term).distinct().order_by(term))]
 
     def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:
         """Return the configurations of the given runs by run number, with dotted names."""

@@ -154,19 +154,21 @@ def thin(figure: "Figure") -> None:
             x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
             if len(x) > 4 * THINNED_COLUMNS and np.all(np.diff(x) > 0.0) and np.all(np.isfinite(y)):
                 log = axes.get_xscale() == "log" and x[0] > 0.0
-                kept = _extremes(np.log(x) if log else x, y)
+                kept = extremes(np.log(x) if log else x, y, THINNED_COLUMNS)
                 line.set_data(x[kept], y[kept])
 
 
-def _extremes(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[int]:
-    """Return the samples (n,) that are the first, last, lowest or highest of a column of pixels."""
-    edges = np.linspace(x[0], x[-1], THINNED_COLUMNS + 1)[1:-1]
+def extremes(x: NDArray[np.float64], y: NDArray[np.float64], columns: int) -> list[int]:
+    """Return the samples that are the first, last, lowest or highest of one of equal columns of x.
+
+    `x` increases; it and `y` have shape (n,) and are finite.
+    """
+    edges = np.linspace(x[0], x[-1], columns + 1)[1:-1]
     parts = np.split(np.arange(len(x)), np.searchsorted(x, edges))
-    kept = {0, len(x) - 1}
-    for part in parts:
-        if len(part):
-            kept |= {int(part[np.argmin(y[part])]), int(part[np.argmax(y[part])])}
-    return sorted(kept)
+    ends = [
+        int(part[end(y[part])]) for part in parts if len(part) for end in (np.argmin, np.argmax)
+    ]
+    return sorted({0, len(x) - 1, *ends})
 
 
 def picture(figure: "Figure", caption: str, prefix: str) -> Markup:

@@ -10,10 +10,10 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import sqlalchemy as sa
 from markupsafe import Markup
 
@@ -23,7 +23,7 @@ from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import RUN, Queries, StoredRun, ordered
 from seatrial.runner.compare.grid import TextTable, number_text, with_unit
 from seatrial.runner.compare.headlines import TABLES, in_words
-from seatrial.runner.compare.page import Section, bullets, code, link, page, paragraph
+from seatrial.runner.compare.page import Section, bullets, code, extremes, link, page, paragraph
 from seatrial.runner.compare.plots.request import PREFIX, subtitle
 from seatrial.runner.compare.report import ReportRequest, render_report
 from seatrial.runner.compare.runs import run_details
@@ -207,61 +207,45 @@ def _factors(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
 
     `codes` are the places of the runs' levels; `conditions` say how --where writes a level.
     """
-    own = [*GROUPS, "seed"]
-    keys = [key for key in _varied(results) if key not in own][:MOST_FILTERS]
-    trials = results.trials(factors=keys)
-    levels = {name: trials[name].astype(str).tolist() for name in (*own, "status", *keys)}
-    levels["code"] = [str(code) for code in trials["of_code"].astype(object).fillna("none")]
-    factors = list[Json]()
-    for name, texts in levels.items():
-        distinct = ordered(texts)
-        if len(distinct) > 1:
-            codes = {text: i for i, text in enumerate(distinct)}
-            conditions = [_quoted(text) if name != "seed" else text for text in distinct]
-            if name == "code":  # a run of before has none
-                conditions = ["null" if text == "none" else _quoted(text) for text in distinct]
-            if name in keys:
-                first = {text: runs[i].id for i, text in reversed(list(enumerate(texts)))}
-                configs = results.configs_of([*first.values()])
-                conditions = [_literal(text, configs[first[text]].get(name)) for text in distinct]
-            factor = {"name": name, "levels": distinct, "conditions": conditions}
-            shown = name in (*own, "status")
-            factors.append({**factor, "codes": [codes[text] for text in texts], "shown": shown})
-    return factors
-
-
-def _varied(results: Queries) -> list[str]:
-    """Return the keys of the configuration that the commands of the runs set."""
     rows = results.reader.select(sa.select(RUN.c.overrides))
-    words = (text.partition("=")[0].lstrip("+~") for row in rows for text in row.overrides)
-    return [key for key in dict.fromkeys(words) if key in results.names.keys]
-
-
-def _literal(text: str, value: object) -> str:
-    """Return a level as the conditions of --where write it."""
-    if value is None:
-        return "null"
-    return text if isinstance(value, bool | int | float) else _quoted(text)
-
-
-def _quoted(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"'
+    words = dict.fromkeys(
+        text.partition("=")[0].lstrip("+~") for row in rows for text in row.overrides
+    )
+    own = [*GROUPS, "seed", "status"]
+    keys = [key for key in words if key in results.names.keys and key not in own][:MOST_FILTERS]
+    trials, factors = results.trials(factors=keys), list[Json]()
+    for name in (*own, *keys, "of_code"):
+        texts = trials[name].astype(object).fillna("none").astype(str)
+        levels, first = ordered(texts), texts.drop_duplicates()
+        if len(levels) > 1:
+            configs = results.configs_of(first.index.tolist()) if name in keys else {}
+            conditions = {}
+            for run, text in first.items():
+                value = configs[run].get(name) if name in keys else text
+                if value is None or (name, text) == ("of_code", "none"):  # a run of before has none
+                    conditions[text] = "null"
+                elif name == "seed" or isinstance(value, bool | int | float):
+                    conditions[text] = text
+                else:
+                    conditions[text] = '"' + text.replace('"', '""') + '"'
+            factors.append({
+                "name": name.removeprefix("of_"), "levels": levels, "shown": name in own,
+                "conditions": [conditions[text] for text in levels],
+                "codes": pd.Categorical(texts, levels).codes.tolist(),
+            })  # fmt: skip
+    return factors
 
 
 def _measures(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
     """Return the metrics of the first tables, of the identified models, as texts."""
-    places = {run.id: i for i, run in enumerate(runs)}
-    stored = set(results.metric_names())
+    ids, stored = [run.id for run in runs], set(results.metric_names())
     names = [name for name, shown in TABLES.items() if shown and name in stored]
     numbers = results.metrics(names, only={"model": ["identified"]})
-    numbers = numbers[numbers["run"].isin(list(places))]
     found = list[Json]()
     for (name, dof), rows in numbers.groupby(["metric", "dof"], observed=True, sort=False):
-        values: list[str | None] = [None] * len(runs)
-        for run, value in zip(rows["run"], rows["value"], strict=True):
-            values[places[run]] = _text(value)
+        values = rows.drop_duplicates("run", keep="last").set_index("run")["value"].reindex(ids)
         label = with_unit(f"{definition_of(name).label}, {dof}", rows["unit"].iloc[0])
-        found.append({"metric": name, "label": label, "values": values})
+        found.append({"metric": name, "label": label, "values": [*map(_text, values)]})
     return sorted(found, key=lambda measure: names.index(str(measure["metric"])))
 
 
@@ -280,24 +264,19 @@ def figures_of(results: Queries, run_id: int) -> tuple[Json, list[str]]:
     the band of the prediction, and residuals of the force.
     """
     figures = dict[str, dict[str, object]]()
+    lines = defaultdict[str, dict[object, Json]](dict)
     trouble = []
-
-    def add(key: str, title: str, labels: tuple[str, str], line: Json) -> None:
-        figure = {"title": title, "x": labels[0], "y": labels[1], "equal": key.endswith("track")}
-        lines = figures.setdefault(key, {**figure, "lines": []})["lines"]
-        assert isinstance(lines, list)
-        if line["name"] not in [one["name"] for one in lines]:
-            lines.append(line)
-
     for file in results.reader.series_files(run_id):
         try:
             series = results.reader.series(run_id, file.kind)
         except LogbookError as error:
             trouble.append(str(error))
             continue
-        for part in _lines(series):
-            add(*part)
-    return figures, trouble
+        for key, title, (x, y), line in _lines(series):
+            lines[key].setdefault(line["name"], line)
+            equal = key.endswith("track")
+            figures.setdefault(key, {"title": title, "x": x, "y": y, "equal": equal})
+    return {k: figure | {"lines": [*lines[k].values()]} for k, figure in figures.items()}, trouble
 
 
 def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
@@ -306,33 +285,36 @@ def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
     t = columns.get("t", np.zeros(0))
     if not t.size:
         return
-    model = series.kind.removeprefix(PREFIX) if series.kind.startswith(PREFIX) else "measured"
-    sailed = model != "measured"
-    plane = ("East [m]", "North [m]")
-    if {"x", "y"} <= columns.keys() and sailed:
-        yield "track", "Track", plane, _plane(model, columns["y"], columns["x"])
-    elif {"x", "y"} <= columns.keys() and series.kind == "recording":
-        measured = _plane(model, columns["y"], columns["x"])
-        yield "recorded_track", "Track of the recording", plane, measured
-    if {"x_d", "y_d"} <= columns.keys() and sailed:
-        wanted = _plane("reference", columns["y_d"], columns["x_d"])
-        yield "track", "Track", plane, wanted | {"dash": True}
-    for name, (label, factor, unit) in ERRORS.items():
-        if name in columns and sailed:
-            title, axes = f"{label} over time", ("Time [s]", f"{label} [{unit}]")
-            yield name, title, axes, _over_time(model, t, factor * columns[name])
-    for dof in DOFS if series.kind in ("prediction", "residual") else ():
-        names = {f"residual_{one}_{dof}": one for one in ("nominal", "identified")}
-        title = f"Force residual, {dof}"
-        if series.kind == "prediction":
-            models = {f"{dof}_{one}": one for one in ("nominal", "identified")}
-            names, title = {dof: "measured", **models}, f"Free run, {dof}, with the 90 % band"
-        for name, one in names.items():
+    plane, models = ("East [m]", "North [m]"), ("nominal", "identified")
+    if series.kind == "recording" and {"x", "y"} <= columns.keys():
+        line = _plane("measured", columns["y"], columns["x"])
+        yield "recorded_track", "Track of the recording", plane, line
+    if series.kind.startswith(PREFIX):
+        model = series.kind.removeprefix(PREFIX)
+        if {"x", "y"} <= columns.keys():
+            yield "track", "Track", plane, _plane(model, columns["y"], columns["x"])
+        if {"x_d", "y_d"} <= columns.keys():
+            wanted = _plane("reference", columns["y_d"], columns["x_d"])
+            yield "track", "Track", plane, wanted | {"dash": True}
+        for name, (label, factor, unit) in ERRORS.items():
             if name in columns:
-                band = columns.get(f"{dof}_{IDENTIFIED_STD}") if one == "identified" else None
-                line = _over_time(one, t, columns[name], band)
+                axes = "Time [s]", f"{label} [{unit}]"
+                yield name, f"{label} over time", axes, _over_time(model, t, factor * columns[name])
+    for dof in DOFS if series.kind in ("prediction", "residual") else ():
+        names, title = {f"residual_{m}_{dof}": m for m in models}, f"Force residual, {dof}"
+        if series.kind == "prediction":
+            names = {dof: "measured"} | {f"{dof}_{model}": model for model in models}
+            title = f"Free run, {dof}, with the 90 % band"
+        for name, model in names.items():
+            if name in columns:
+                band = columns.get(f"{dof}_{IDENTIFIED_STD}") if model == "identified" else None
                 labels = "Time [s]", with_unit(dof, series.units.get(name))
-                yield f"{series.kind}-{dof}", title, labels, line
+                yield (
+                    f"{series.kind}-{dof}",
+                    title,
+                    labels,
+                    _over_time(model, t, columns[name], band),
+                )
 
 
 def _plane(name: str, east: Sample, north: Sample) -> dict[str, object]:
@@ -343,34 +325,23 @@ def _plane(name: str, east: Sample, north: Sample) -> dict[str, object]:
 
 def _over_time(name: str, t: Sample, values: Sample, deviation: Sample | None = None) -> Json:
     """A line over time, thinned, with the band of a normal distribution about it."""
-    x, y = map(_rounded, extremes(t, values))
+    x, y = _thinned(t, values)
     line: dict[str, object] = {"name": name, "x": x, "y": y}
     if deviation is not None and np.any(np.isfinite(values) & np.isfinite(deviation)):
         half = half_width(deviation)
-        ends = (extremes(t, edge) for edge in (values - half, values + half))
-        line["band"] = [[*map(_rounded, end)] for end in ends]
+        line["band"] = [[*_thinned(t, edge)] for edge in (values - half, values + half)]
     return line
 
 
-def extremes(t: Sample, values: Sample) -> tuple[Sample, Sample]:
-    """Return the lowest and the highest sample of each stretch, in their order.
-
-    `t` and `values` have shape (n,), the results at most (2 STRETCHES,). Values that are not finite
-    are left out.
-    """
-    kept = np.isfinite(values)
-    t, values = t[kept], values[kept]
-    if values.size <= 2 * STRETCHES:
-        return t, values
-    edges = np.linspace(0, values.size, STRETCHES + 1, dtype=np.int64)
-    rows: Sequence[int] = [
-        edge
-        for low, high in pairwise(edges.tolist())
-        for edge in (low + int(np.argmin(values[low:high])), low + int(np.argmax(values[low:high])))
-    ]
-    chosen = np.unique(np.array(rows))
-    return t[chosen], values[chosen]
+def _thinned(t: Sample, values: Sample) -> tuple[list[float], list[float]]:
+    """Return the finite samples of a line, of a long one those that show its shape."""
+    finite = np.isfinite(values)
+    t, values = t[finite], values[finite]
+    if len(t) > 2 * STRETCHES:
+        kept = extremes(t, values, STRETCHES)
+        t, values = t[kept], values[kept]
+    return _rounded(t), _rounded(values)
 
 
-def _rounded(values: Sample) -> list[float | None]:
-    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
+def _rounded(values: Sample) -> list[float]:
+    return [float(f"{value:.{DIGITS}g}") for value in values.tolist()]

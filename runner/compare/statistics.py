@@ -30,7 +30,7 @@ from seatrial.runner.compare.frame import (
     ordered,
 )
 from seatrial.runner.record.catalogue import Better, definition_of
-from seatrial.runner.record.vocabulary import DOF_ORDER, MODELS, UNFINISHED
+from seatrial.runner.record.vocabulary import DOF_ORDER, MODELS
 
 Sample = NDArray[np.float64]
 IntervalKind = Literal["t", "bootstrap"]
@@ -43,17 +43,9 @@ BOOTSTRAP_SEED = 0  # fixed, so that a repeated table shows the same interval
 _QUANTILE = re.compile(r"q(\d{1,2})")
 
 
-def _std(sample: Sample) -> float:
-    """Standard deviation with n - 1 in the denominator; NaN for a single value."""
-    return float(np.std(sample, ddof=1)) if sample.size > 1 else math.nan
-
-
-SIMPLE: dict[str, Callable[[Sample], float]] = {
-    "mean": lambda sample: float(np.mean(sample)),
-    "std": _std,
-    "median": lambda sample: float(np.median(sample)),
-    "min": lambda sample: float(np.min(sample)),
-    "max": lambda sample: float(np.max(sample)),
+SIMPLE: dict[str, Callable[[Sample], np.floating]] = {
+    **{"mean": np.mean, "median": np.median, "min": np.min, "max": np.max},
+    "std": lambda sample: np.std(sample, ddof=1) if sample.size > 1 else np.float64(np.nan),
 }
 CHOICES = "mean, std, n, median, min, max, q05 ... q95 (any quantile in percent), ci"
 DEFAULT = ("mean", "std", "n")
@@ -89,7 +81,7 @@ def _statistic(sample: Sample, name: str) -> float:
     quantile = _QUANTILE.fullmatch(name)
     if quantile:
         return float(np.quantile(sample, int(quantile[1]) / 100.0))
-    return SIMPLE[name](sample)
+    return float(SIMPLE[name](sample))
 
 
 def confidence_interval(sample: Sample, kind: IntervalKind = "t") -> tuple[float, float]:
@@ -99,19 +91,10 @@ def confidence_interval(sample: Sample, kind: IntervalKind = "t") -> tuple[float
     """
     if sample.size < 2:
         return math.nan, math.nan
-    if kind == "bootstrap":
-        return _bootstrap_interval(sample)
-    quantile = quantile_of_t(sample.size - 1)
-    mean, half = float(np.mean(sample)), quantile * _std(sample) / math.sqrt(sample.size)
-    return mean - half, mean + half
-
-
-def quantile_of_t(freedom: int) -> float:
-    """Return the t within +- which Student's distribution of this freedom has 95 %."""
-    return float(scipy.special.stdtrit(freedom, 0.5 + CONFIDENCE / 2.0))
-
-
-def _bootstrap_interval(sample: Sample) -> tuple[float, float]:
+    if kind == "t":
+        quantile = float(scipy.special.stdtrit(sample.size - 1, 0.5 + CONFIDENCE / 2.0))
+        half = quantile * float(np.std(sample, ddof=1)) / math.sqrt(sample.size)
+        return float(np.mean(sample)) - half, float(np.mean(sample)) + half
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     # in blocks of one thousand resamples, to limit the memory of the index array
     means = [
@@ -234,6 +217,7 @@ Key = tuple[str, ...]
 Place = tuple[Key, Key]
 # Cells are compared with each other if they differ in nothing but these.
 COMPARED = ("identifier", "controller", "update")
+MARK, UNSETTLED, INFEASIBLE = "†", "‡", "§"  # below the true model; flaws of a controller's design
 
 
 @dataclass(frozen=True)
@@ -267,19 +251,10 @@ class Cell:
     of_estimate: bool = False  # a standard error is of the estimate, not of the coefficient
 
     @property
-    def unfinished(self) -> Mapping[str, int]:
-        """The number of unfinished trials by status."""
-        return {status: n for status, n in self.missing.items() if status in UNFINISHED}
-
-    @property
-    def diverged(self) -> int:
-        """The number of finished runs whose prediction diverged."""
-        return self.missing.get(DIVERGED, 0)
-
-    @property
-    def without(self) -> int:
-        """The number of other finished runs whose number has no value."""
-        return self.missing.get(WITHOUT, 0)
+    def marks(self) -> list[str]:
+        """The marks of the cell in tables and figures."""
+        held = {MARK: self.flagged, UNSETTLED: self.unstable, INFEASIBLE: self.infeasible}
+        return [mark for mark, holds in held.items() if holds]
 
     @property
     def deterministic(self) -> bool:

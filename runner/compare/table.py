@@ -12,9 +12,11 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import MOST_CELLS, TableOptions, axes_of
 from seatrial.runner.compare.comparability import differing, require_few, with_conditions
 from seatrial.runner.compare.frame import (
+    DIVERGED,
     FINISHED,
     METRIC_FACTORS,
     NOT_APPLICABLE,
+    WITHOUT,
     Queries,
     codes,
     complete,
@@ -25,7 +27,10 @@ from seatrial.runner.compare.grid import Scalar, TextTable, number_text, unit_te
 from seatrial.runner.compare.grid import TableCell as GridCell
 from seatrial.runner.compare.statistics import (
     DEFAULT,
+    INFEASIBLE,
+    MARK,
     RELATIVE_ROUNDING,
+    UNSETTLED,
     Cell,
     IntervalKind,
     Key,
@@ -46,8 +51,6 @@ from seatrial.runner.record.catalogue import PER_FILE, definition_of
 from seatrial.runner.record.vocabulary import NOT_STARTED, UNFINISHED
 
 EMPTY = "–"
-MARK = "†"
-UNSETTLED, INFEASIBLE = "‡", "§"
 MIXED = "mixed"
 FLAG_NOTE = (
     f"{MARK} below_true_model: the force error is below that of the true plant, so the model fits"
@@ -254,9 +257,14 @@ def select(results: Queries, request: TableRequest) -> Selection:
             results.names.check(factor, "--pool")
     condition, scope = results.selected(request.where, request.sweep, request.tag)
     trials = results.trials(condition, request.factors, planned=True)
-    numbers = _selected(results, _read(results, request, condition), request)
+    numbers = _read(results, request, condition)
     started = trials[trials["status"] != NOT_STARTED]
-    _check_baseline(request, started, numbers)
+    for factor, level in request.baseline.items():
+        available = ordered((numbers if factor in METRIC_FACTORS else started)[factor].unique())
+        if level not in available:
+            raise ConfigurationError(
+                f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
+            )
     frame = observations(numbers, trials, results.marks(condition))
     if request.of_coefficients:
         covering = frame["run"].isin(results.covering(condition))
@@ -284,13 +292,19 @@ def select(results: Queries, request: TableRequest) -> Selection:
 
 
 def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.DataFrame:
-    """Return the numbers of a request; all levels if none has the requested ones."""
+    """Return the numbers of a request; raises ConfigurationError if there are none of these."""
+    wanted = {"dof": request.dofs, "stage": request.stages, "model": request.models}
+    if request.models and "model" in request.baseline:
+        wanted["model"] = (*request.models, request.baseline["model"])
     if request.of_coefficients:
-        return results.coefficients(condition)
-    only = {name: levels for name, levels in _wanted(request).items() if name != "metric"}
-    numbers = results.metrics(request.names, condition, only)
-    if numbers.empty:  # read all levels, for the error message
-        numbers = results.metrics(request.names, condition)
+        numbers = results.coefficients(condition)
+        what, known = "coefficient", {*numbers["metric"].unique()}
+        numbers = numbers[numbers["metric"].isin(request.names)] if request.names else numbers
+    else:
+        numbers = results.metrics(request.names, condition, wanted)
+        if numbers.empty:  # read all levels, for the error message
+            numbers = results.metrics(request.names, condition)
+        what, known = "metric", {*results.metric_names()}
     if request.by_file:
         of_files = results.of_files(request.names, condition)
         if of_files.empty:
@@ -300,15 +314,13 @@ def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.D
             )
         both = pd.concat([numbers.astype(object), of_files.astype(object)], ignore_index=True)
         kinds = numbers.dtypes.to_dict().items()  # the levels of both, not of the first alone
-        own = {name: "category" if kind == "category" else kind for name, kind in kinds}
-        numbers = both.astype(own)
-    return numbers
-
-
-def _selected(results: Queries, numbers: pd.DataFrame, request: TableRequest) -> pd.DataFrame:
-    """Select numbers by name, DOF, stage and model; raises ConfigurationError if none is left."""
-    _check_names(results, request, {*numbers["metric"].unique()})
-    for factor, levels in _wanted(request).items():
+        numbers = both.astype({n: "category" if kind == "category" else kind for n, kind in kinds})
+    for name in request.names:  # one that only these runs lack gives an empty cell
+        if name not in known and known:
+            raise ConfigurationError(
+                f"--{what}: no {what} {name!r}; expected one of {', '.join(sorted(known))}"
+            )
+    for factor, levels in wanted.items():
         available = ordered(numbers[factor].unique())
         numbers = numbers[numbers[factor].isin(levels)] if levels else numbers
         if levels and available and numbers.empty:
@@ -317,37 +329,6 @@ def _selected(results: Queries, numbers: pd.DataFrame, request: TableRequest) ->
                 f" {factor} {', '.join(levels)}; expected one of {', '.join(available)}"
             )
     return numbers
-
-
-def _wanted(request: TableRequest) -> dict[str, Sequence[str]]:
-    """Return the requested levels of the metric factors; an empty list means all levels."""
-    models = list(request.models)
-    if models and "model" in request.baseline:
-        models.append(request.baseline["model"])
-    return {"metric": request.names, "dof": request.dofs, "stage": request.stages, "model": models}
-
-
-def _check_names(results: Queries, request: TableRequest, names: set[str]) -> None:
-    """Reject a name that no run has; a name that only these runs lack gives an empty cell."""
-    if names.issuperset(request.names):
-        return
-    what = "coefficient" if request.of_coefficients else "metric"
-    known = names if request.of_coefficients else names | {*results.metric_names()}
-    for name in request.names:
-        if name not in known and known:
-            raise ConfigurationError(
-                f"--{what}: no {what} {name!r}; expected one of {', '.join(sorted(known))}"
-            )
-
-
-def _check_baseline(request: TableRequest, trials: pd.DataFrame, numbers: pd.DataFrame) -> None:
-    for factor, level in request.baseline.items():
-        of_factor = numbers if factor in METRIC_FACTORS else trials
-        available = ordered(of_factor[factor].unique())
-        if level not in available:
-            raise ConfigurationError(
-                f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
-            )
 
 
 class _Writer:
@@ -417,9 +398,7 @@ class _Writer:
         if cell is None:
             return GridCell("")
         text = _figures_text(self.figures[place], self.request) if cell.by_seed else EMPTY
-        marks = [MARK] if cell.flagged else []
-        marks += _flaws(cell)
-        text += f" {' '.join(marks)}" if marks else ""
+        text += f" {' '.join(cell.marks)}" if cell.marks else ""
         text += _counts_text(cell, self.request)
         if self.request.of_coefficients and cell.experiments:
             text += _uncertainty_text(cell, self.request.digits, cell.of_estimate)
@@ -480,7 +459,7 @@ class _Writer:
             notes.append(TEST_NOTE.format(_baseline_text(self.request)))
         if any(cell.of_estimate for cell in cells):
             notes.append(ESTIMATE_NOTE)
-        diverged = sum(cell.diverged for cell in cells)
+        diverged = sum(cell.missing.get(DIVERGED, 0) for cell in cells)
         if diverged:
             notes.append(DIVERGED_NOTE.format(diverged, "s"[: diverged != 1]))
         statuses = self.selection.trials["status"]
@@ -516,34 +495,21 @@ class _Writer:
             record["std_error"], record["true_value"] = cell.std_error, cell.true_value
             record["interval_of_estimate"] = cell.of_estimate
         record["n"] = len(cell.by_seed)
-        for status in UNFINISHED:
-            record[status.replace(" ", "_")] = cell.unfinished.get(status, 0)
-        record["without_value"] = cell.without
-        record["not_applicable"] = cell.missing.get(NOT_APPLICABLE, 0)
-        record["diverged_predictions"] = cell.diverged
+        for reason in (*UNFINISHED, WITHOUT, NOT_APPLICABLE):
+            record[reason.replace(" ", "_")] = cell.missing.get(reason, 0)
+        record["diverged_predictions"] = cell.missing.get(DIVERGED, 0)
         record["held_s"] = None if math.isnan(cell.held_s) else cell.held_s
         record["deterministic"] = cell.deterministic
         record["below_true_model"] = cell.flagged
-        marks = _flaws(cell)
-        record["unsettled"], record["infeasible"] = UNSETTLED in marks, INFEASIBLE in marks
+        record["unsettled"], record["infeasible"] = cell.unstable, cell.infeasible
         record["best"] = place in self.best
-        return record | self._test_record(place)
-
-    def _test_record(self, place: Place) -> dict[str, Scalar]:
-        if not self.request.baseline:
-            return {}
-        test = self.tests.get(place)
-        return {
-            "baseline": _baseline_text(self.request),
-            "ratio": test.ratio if test else None,
-            "difference": test.difference if test else None,
-            "p_value": test.p_value if test else None,
-            "p_holm": test.p_holm if test else None,
-            "effect": test.effect if test else None,
-            "wins": test.wins if test else None,
-            "pairs": test.pairs if test else None,
-            "lost_pairs": test.lost if test else None,
-        }
+        if self.request.baseline:
+            record["baseline"] = _baseline_text(self.request)
+            test = self.tests.get(place)
+            for name in ("ratio", "difference", "p_value", "p_holm", "effect", "wins", "pairs"):
+                record[name] = getattr(test, name, None)
+            record["lost_pairs"] = test.lost if test else None
+        return record
 
 
 def _statistics_text(request: TableRequest) -> str:
@@ -580,14 +546,12 @@ def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> 
 
 def _counts_text(cell: Cell, request: TableRequest) -> str:
     """Return ` (n=18, 2 failed)`; what is missing is shown with any choice of statistics."""
-    counts = [f"{n} {status}" for status, n in sorted(cell.unfinished.items())]
-    if cell.diverged:
-        held = "" if math.isnan(cell.held_s) else f", held {number_text(cell.held_s, 2)} s"
-        counts.append(f"{cell.diverged} diverged in prediction{held}")
-    if cell.without:
-        counts.append(f"{cell.without} without value")
-    if other := cell.missing.get(NOT_APPLICABLE):
-        counts.append(f"{other} not applicable")
+    counts = []
+    for reason in (*sorted(UNFINISHED), DIVERGED, WITHOUT, NOT_APPLICABLE):
+        if count := cell.missing.get(reason):
+            held = reason == DIVERGED and not math.isnan(cell.held_s)
+            time = f", held {number_text(cell.held_s, 2)} s" if held else ""
+            counts.append(f"{count} {reason}{time}")
     if cell.uneven:
         counts.append(f"{cell.uneven} seed{'s'[: cell.uneven != 1]} without all levels")
     if cell.experiments and ("n" in request.statistics or counts):
@@ -606,11 +570,6 @@ def _uncertainty_text(cell: Cell, digits: int, of_estimate: bool) -> str:
     if not math.isnan(truth):
         texts.append(f"true {number_text(truth, digits)}")
     return "\n" + ", ".join(texts) if texts else ""
-
-
-def _flaws(cell: Cell) -> list[str]:
-    """Return the marks of the flaws of the controllers behind the deployment metrics."""
-    return [UNSETTLED] * cell.unstable + [INFEASIBLE] * cell.infeasible
 
 
 def _test_text(test: PairedTest, n: int, digits: int, is_score: bool) -> str:

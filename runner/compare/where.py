@@ -9,13 +9,15 @@
 
 A NAME is a column of table `run` (identifier, seed, status, ...) or a dotted key of the
 configuration (plant.scale, identifier.force). Names are looked up before any SQL is built, and
-values are bound as parameters, so text from the command line never becomes SQL.
+values are bound as parameters, so text from the command line never becomes SQL. The grammar is that
+of Python's comparisons, whose parser reads it, with `_` in place of every name and value.
 """
 
-import math
+import ast
 import operator as op
 import re
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from difflib import get_close_matches
@@ -31,15 +33,12 @@ from seatrial.runner.database.tables import Reuse, RunRow, Utc
 Value = str | float | int | bool | tuple["Value", ...] | None  # a tuple: of `in`
 Compared = Callable[[str, str, Value], Any]  # name, operator, value: what &, | and ~ combine
 Expression = sa.ColumnElement[object]
-OPERATORS = {
-    **{"=": "=", "==": "=", "!=": "!=", "<>": "!="},
-    **{"<": "<", "<=": "<=", ">": ">", ">=": ">="},
-}
+OPERATORS = {ast.Eq: "=", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
 ORDERINGS: dict[str, Callable[[Any, Any], Any]] = {
     "<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge,
 }  # fmt: skip
-MAX_DEPTH = 50
-KEYWORDS = {"and", "or", "not", "in"}
+MOST_NESTED = 100  # parentheses and negations
+KEYWORDS = ("and", "or", "not", "in")
 CONSTANTS: dict[str, Value] = {"true": True, "false": False, "null": None}
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
 _TOKEN = re.compile(
@@ -74,7 +73,94 @@ def parse(text: str, compare: Compared) -> Any:
     `compare` gives the meaning of `name operator value`; the operator `in` takes a tuple. Raises
     ConfigurationError if the text breaks the grammar above.
     """
-    return _Parser(text, compare).parse()
+    tokens, source, position = dict[int, re.Match[str]](), "", 0
+    while text[position:].strip():
+        match = _TOKEN.match(text, position)
+        if match is None:
+            raise _refused(text, position)
+        tokens[len(source)] = match
+        source += f"{_as_python(match)} "
+        position = match.end()
+    nested = sum(match[0].strip().lower() in ("(", "not") for match in tokens.values())
+    if nested > MOST_NESTED:
+        raise ConfigurationError(
+            f"--where: got {nested} parentheses and negations, expected at most {MOST_NESTED}"
+        )
+    try:
+        tree = ast.parse(source, mode="eval").body
+    except SyntaxError as error:
+        before = [match for column, match in tokens.items() if column < (error.offset or 1)]
+        at_end = (error.offset or 1) > len(source.rstrip()) or not before
+        start = len(text) if at_end else before[-1].start(before[-1].lastgroup or 0)
+        raise _refused(text, start) from None
+    return _Meaning(text, tokens, compare).of(tree)
+
+
+def _as_python(token: re.Match[str]) -> str:
+    """Return what stands for a token in Python: itself, or `_` for a name or value."""
+    if token["operator"]:
+        return {"=": "==", "<>": "!="}.get(token["operator"], token["operator"])
+    word = (token["word"] or "").lower()
+    return token["mark"] or (word if word in KEYWORDS else "_")
+
+
+def _refused(text: str, start: int) -> ConfigurationError:
+    rest = text[start:].strip()
+    return ConfigurationError(
+        f"--where: cannot read {repr(rest[:20]) if rest else 'the end'} at character {start + 1};"
+        ' expected comparisons such as "seed<10 and identifier=ls"'
+    )
+
+
+class _Meaning:
+    """The meaning of a text that Python's parser has read; `tokens` are by their column in it."""
+
+    def __init__(self, text: str, tokens: Mapping[int, re.Match[str]], compare: Compared) -> None:
+        self.text, self.tokens, self.compare = text, tokens, compare
+
+    def of(self, node: ast.expr) -> Any:
+        """Return the meaning of a condition."""
+        match node:
+            case ast.BoolOp(op=joint, values=parts):
+                return reduce(
+                    op.and_ if isinstance(joint, ast.And) else op.or_, map(self.of, parts)
+                )
+            case ast.UnaryOp(operand=operand):
+                return ~self.of(operand)
+            case ast.Compare(left=ast.Name(), ops=[operator], comparators=[right]):
+                name = self.tokens[node.col_offset]["word"] or ""
+                if NAME.fullmatch(name):
+                    return self.comparison(name, operator, right)
+        raise self.refused(node)
+
+    def comparison(self, name: str, operator: ast.cmpop, right: ast.expr) -> Any:
+        """Return the meaning of `name operator right`."""
+        if isinstance(operator, ast.In | ast.NotIn):
+            several = right.elts if isinstance(right, ast.Tuple) else [right]
+            if not several:
+                raise self.refused(right)
+            among = self.compare(name, "in", tuple(map(self.value, several)))
+            return among if isinstance(operator, ast.In) else ~among
+        sign, value = OPERATORS[type(operator)], self.value(right)
+        if sign in ORDERINGS and (value is None or isinstance(value, bool)):
+            raise ConfigurationError(
+                f"--where: {name} {sign} {str(value).lower()} has no meaning; use = or !="
+            )
+        return self.compare(name, sign, value)
+
+    def value(self, node: ast.expr) -> Value:
+        """Return a value: a quoted text, or what an unquoted word looks like."""
+        if not isinstance(node, ast.Name):
+            raise self.refused(node)
+        token = self.tokens[node.col_offset]
+        quoted: str | None = token["text"]
+        if quoted:
+            return quoted[1:-1].replace(2 * quoted[0], quoted[0])
+        return bare_value(token["word"])
+
+    def refused(self, node: ast.expr) -> ConfigurationError:
+        token = self.tokens[node.col_offset]
+        return _refused(self.text, token.start(token.lastgroup or 0))
 
 
 def names_in(text: str | None) -> set[str]:
@@ -96,10 +182,10 @@ def holds(own: Value, operator: str, value: Value) -> bool:
         return isinstance(value, tuple) and own in value
     if operator in ("=", "!="):
         return (own == value) == (operator == "=")
-    numbers = isinstance(own, int | float) and isinstance(value, int | float)
-    if not (numbers or (isinstance(own, str) and isinstance(value, str))):
+    try:
+        return bool(ORDERINGS[operator](own, value))
+    except TypeError:  # a text and a number, or no value
         return False
-    return bool(ORDERINGS[operator](own, value))
 
 
 def bare_value(word: str) -> Value:
@@ -109,129 +195,6 @@ def bare_value(word: str) -> Value:
     if _INTEGER.fullmatch(word):
         return int(word)
     return float(word) if _NUMBER.fullmatch(word) else word
-
-
-def _tokens(text: str) -> list[tuple[str, str, int]]:
-    """Return kind (text, operator, mark, word, end), text and position of every token."""
-    pieces: list[tuple[str, str, int]] = []
-    position = 0
-    while text[position:].strip():
-        match = _TOKEN.match(text, position)
-        if match is None or match.lastgroup is None:
-            rest = text[position:].strip()
-            raise ConfigurationError(
-                f"--where: cannot read {rest[:20]!r}; expected comparisons such as"
-                ' "seed<10 and identifier=ls"'
-            )
-        kind = match.lastgroup
-        pieces.append((kind, match[kind], match.start(kind)))
-        position = match.end()
-    return [*pieces, ("end", "", len(text))]
-
-
-class _Parser:
-    """Recursive descent over the tokens, one method for each rule of the grammar."""
-
-    def __init__(self, text: str, compare: Compared) -> None:
-        self.tokens = _tokens(text)
-        self.compare = compare
-        self.at = 0
-        self.depth = 0
-
-    def parse(self) -> Any:
-        meaning = self.disjunction()
-        if self.kind != "end":
-            raise self.unexpected("and, or, or the end")
-        return meaning
-
-    def disjunction(self) -> Any:
-        return self.joined("or", self.conjunction, op.or_)
-
-    def conjunction(self) -> Any:
-        return self.joined("and", self.negation, op.and_)
-
-    def joined(self, word: str, part: Callable[[], Any], by: Callable[[Any, Any], Any]) -> Any:
-        parts = [part()]
-        while self.take("word", word):
-            parts.append(part())
-        return reduce(by, parts)
-
-    def negation(self) -> Any:
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            raise ConfigurationError(f"--where: nested deeper than {MAX_DEPTH} levels")
-        if self.take("word", "not"):
-            meaning = ~self.negation()
-        elif self.take("mark", "("):
-            meaning = self.disjunction()
-            self.need(")")
-        else:
-            meaning = self.comparison()
-        self.depth -= 1
-        return meaning
-
-    def comparison(self) -> Any:
-        if self.kind != "word" or self.text.lower() in KEYWORDS or not NAME.fullmatch(self.text):
-            raise self.unexpected("a column or a dotted name of the configuration")
-        name = self.next()
-        negated = self.take("word", "not")
-        if self.take("word", "in"):
-            meaning = self.compare(name, "in", self.values())
-            return ~meaning if negated else meaning
-        if negated or self.kind != "operator":
-            raise self.unexpected("in" if negated else "one of = != < <= > >= in")
-        operator = OPERATORS[self.next()]
-        value = self.value()
-        if operator not in ("=", "!=") and (value is None or isinstance(value, bool)):
-            raise ConfigurationError(
-                f"--where: {name} {operator} {str(value).lower()} has no meaning; use = or !="
-            )
-        return self.compare(name, operator, value)
-
-    def values(self) -> tuple[Value, ...]:
-        self.need("(")
-        values = [self.value()]
-        while self.take("mark", ","):
-            values.append(self.value())
-        self.need(")")
-        return tuple(values)
-
-    def value(self) -> Value:
-        if self.kind == "text":
-            quote = self.text[0]
-            return self.next()[1:-1].replace(2 * quote, quote)
-        if self.kind != "word" or self.text.lower() in KEYWORDS:
-            raise self.unexpected("a value")
-        return bare_value(self.next())
-
-    @property
-    def kind(self) -> str:
-        return self.tokens[self.at][0]
-
-    @property
-    def text(self) -> str:
-        return self.tokens[self.at][1]
-
-    def next(self) -> str:
-        """Return the text of this token and go to the next one."""
-        self.at += 1
-        return self.tokens[self.at - 1][1]
-
-    def take(self, kind: str, text: str) -> bool:
-        """Go to the next token if this one is of this kind and text; return whether it was."""
-        matches = self.kind == kind and self.text.lower() == text
-        self.at += matches
-        return matches
-
-    def need(self, mark: str) -> None:
-        if not self.take("mark", mark):
-            raise self.unexpected(repr(mark))
-
-    def unexpected(self, expected: str) -> ConfigurationError:
-        got = repr(self.text) if self.kind != "end" else "the end"
-        return ConfigurationError(
-            f"--where: expected {expected}, got {got} at character {self.tokens[self.at][2] + 1}"
-        )
 
 
 class ColumnNames:
@@ -287,7 +250,7 @@ class ColumnNames:
             reused = sa.select(Reuse.run_id).where(Reuse.sweep_id.in_(condition.sweeps))
             clauses.append(RunRow.id.in_(own.union(reused)))
         if condition.run is not None:
-            clauses.append(self._compare("id", "=", condition.run))
+            clauses.append(RunRow.id == condition.run)
         return clauses
 
     def _compare(self, name: str, operator: str, value: Value) -> sa.ColumnElement[bool]:
@@ -353,46 +316,22 @@ def _operate(left: Expression, operator: str, right: Any) -> sa.ColumnElement[bo
 
 def _for_column(name: str, column: Expression, value: Value) -> Value | datetime | Expression:
     """Return the value in the type of the column; raises ConfigurationError for another type."""
+    kind = column.type
     if value is None:
         return None
-    kind = column.type
     if isinstance(kind, sa.Boolean):
-        if isinstance(value, bool):
-            return value
-        raise _mismatch(name, "true or false", value)
-    if isinstance(kind, Utc):
-        return _moment(name, value)
-    if isinstance(kind, sa.Integer | sa.Float):
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            return _number(kind, value)
-        raise _mismatch(name, "a number", value)
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _number(kind: sa.types.TypeEngine[object], value: float) -> float | Expression:
-    """Return an integer that the column can hold, and any other number as a double.
-
-    A database refuses an integer beyond the range of its column instead of comparing it.
-    """
-    bits = 63 if isinstance(kind, sa.BigInteger) else 31
-    if isinstance(value, int) and -(2**bits) <= value < 2**bits:
-        return value
-    try:
-        return sa.literal(float(value), sa.Double())
-    except OverflowError:
-        return sa.literal(math.copysign(math.inf, value), sa.Double())
-
-
-def _moment(name: str, value: Value) -> datetime:
-    try:
-        moment = datetime.fromisoformat(str(value))
-    except ValueError:
-        raise _mismatch(name, "a date such as 2026-01-31 or 2026-01-31T12:00", value) from None
-    try:
-        return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
-    except OverflowError:  # in the first or the last hours of the calendar
-        return moment.replace(tzinfo=UTC)
-
-
-def _mismatch(name: str, expected: str, value: Value) -> ConfigurationError:
-    return ConfigurationError(f"--where: {name} is compared with {expected}, got {value!r}")
+        expected, fits = "true or false", isinstance(value, bool)
+    elif isinstance(kind, sa.Integer | sa.Float):
+        expected, fits = "a number", isinstance(value, int | float) and not isinstance(value, bool)
+    elif isinstance(kind, Utc):
+        expected, fits = "a date such as 2026-01-31 or 2026-01-31T12:00", False
+        with suppress(ValueError):
+            moment = datetime.fromisoformat(str(value))
+            return moment.replace(tzinfo=moment.tzinfo or UTC).astimezone(UTC)
+    else:
+        return str(value).lower() if isinstance(value, bool) else str(value)
+    if not fits:
+        raise ConfigurationError(f"--where: {name} is compared with {expected}, got {value!r}")
+    if isinstance(value, float) or (isinstance(value, int) and abs(value) >= 2**31):
+        return sa.literal(float(value), sa.Double())  # whatever the column can hold
+    return value

@@ -1,11 +1,9 @@
 """A metric by identifier and disturbance: mean over seeds, its spread, and every seed."""
 
-from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from seatrial.runner.compare.comparability import with_conditions
 from seatrial.runner.compare.figures import Figure
@@ -17,18 +15,10 @@ from seatrial.runner.compare.frame import (
     complete,
     observations,
 )
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
-from seatrial.runner.compare.plots.style import (
-    MUTED,
-    PALETTE,
-    Drawing,
-    drawing_of,
-    marker_of,
-    metric_label,
-    panels,
-)
-from seatrial.runner.compare.statistics import Cell, Pivot, pivot
-from seatrial.runner.compare.table import INFEASIBLE, MARK, UNSETTLED
+from seatrial.runner.compare.plots.style import Drawing
+from seatrial.runner.compare.statistics import INFEASIBLE, MARK, UNSETTLED, Cell, Pivot, pivot
 from seatrial.runner.record.catalogue import definition_of
 
 FIGURE = Figure(
@@ -36,16 +26,17 @@ FIGURE = Figure(
     "A metric by rows and columns: mean over seeds, its spread, every seed, and what is missing.",
     "a metric",
     ("run", "metric", "rows", "columns", "dof", "model", "facet", "log", "pool"),
-    each="metric and dof",
+    of_metrics=True,
     caption="A metric",
     place=1,
 )
 
 SHORT = {DIVERGED: "diverged", WITHOUT: "no value", NOT_APPLICABLE: "n/a"}  # reasons
-NOTES = {
-    MARK: "below the true model: fits lag or feedback, not the vessel",
-    UNSETTLED: "the controller is not stable on its own model",
-    INFEASIBLE: "the weather needs more force than the limits allow",
+NOTES = {  # of marks and reasons
+    MARK: f"{MARK} below the true model: fits lag or feedback, not the vessel",
+    UNSETTLED: f"{UNSETTLED} the controller is not stable on its own model",
+    INFEASIBLE: f"{INFEASIBLE} the weather needs more force than the limits allow",
+    NOT_APPLICABLE: f"{SHORT[NOT_APPLICABLE]}: the run finished, its method has no such number",
 }
 LOGARITHMIC_FROM = 100.0  # largest over smallest mean
 GROUP_WIDTH = 0.8  # of the distance between two groups
@@ -80,128 +71,84 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     first = tables[dofs[0]]
     width = max(3.4, FRAME + 0.32 * len(first.row_keys) * len(first.column_keys))
     width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
-    figure, axes = panels(1, len(dofs), width, 3.8)
+    figure, axes = style.panels(1, len(dofs), width, 3.8)
     for panel, dof in zip(axes, dofs, strict=True):
         unit = frame.loc[frame["dof"] == dof, "unit"].iloc[0]
-        _panel(panel, tables[dof], request, metric_label(request.metric, dof, unit), width)
+        _panel(panel, tables[dof], request, style.metric_label(request.metric, dof, unit), width)
     title = facet.title(f"{definition_of(request.metric).heading}, {request.model} model")
-    marks = {mark for table in tables.values() for cell in table.cells.values()
-             for mark in _marks_of(cell)}  # fmt: skip
-    notes = [_legend(tables), *(f"{mark} {NOTES[mark]}" for mark in NOTES if mark in marks)]
-    reasons = {why for table in tables.values() for cell in table.cells.values()
-               for why in cell.missing}  # fmt: skip
-    if NOT_APPLICABLE in reasons:
-        notes.append(f"{SHORT[NOT_APPLICABLE]}: the run finished, its method has no such number")
+    cells = [cell for table in tables.values() for cell in table.cells.values()]
+    several = max(cell.experiments for cell in cells) > 1
+    means = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
+    notes = [means if several else "one experiment a bar"]
+    held = {name for cell in cells for name in (*cell.marks, *cell.missing)}
+    notes += [text for name, text in NOTES.items() if name in held]
     notes += [f"bars average over {', '.join(request.pool)}"] if request.pool else []
-    return drawing_of(facet.file(f"bars-{request.metric}"), figure, axes, title, notes)
+    return style.drawing_of(facet.file(f"bars-{request.metric}"), figure, axes, title, notes)
 
 
 def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_width: float) -> None:
-    width = GROUP_WIDTH / len(table.row_keys)
+    names = [key[0] for key in table.column_keys]
+    width, places = GROUP_WIDTH / len(table.row_keys), np.arange(len(names), dtype=np.float64)
+    narrow = (panel_width - FRAME) * GROUP_WIDTH / (len(names) * len(table.row_keys)) <= WORD
+    lost = False
     for i, row in enumerate(table.row_keys):
-        shift = (i - (len(table.row_keys) - 1) / 2) * width
-        centres = np.arange(len(table.column_keys), dtype=np.float64) + shift
+        centres = places + (i - (len(table.row_keys) - 1) / 2) * width
         cells = [table.cell(row, column) for column in table.column_keys]
-        _bars(axes, centres, cells, width, i, row[0])
-        _whiskers(axes, centres, cells)
+        means = [float(np.mean(cell.sample)) if cell.by_seed else np.nan for cell in cells]
+        colour = style.PALETTE[i % len(style.PALETTE)]
+        axes.bar(centres, means, 0.92 * width, color=colour, alpha=0.75, label=row[0])
+        ends = np.add.outer((-0.46 * width, 0.46 * width), centres).ravel()
+        axes.update_datalim(np.column_stack([ends, ends]), updatey=False)  # room for missing bars
         for centre, cell in zip(centres, cells, strict=True):
-            _write_counts(axes, centre, cell, _marks_of(cell))
-    axes.set_xticks(np.arange(len(table.column_keys)), [key[0] for key in table.column_keys])
+            top = _seeds(axes, centre, width, cell, style.marker_of(i))
+            _words(axes, centre, top, cell, narrow)
+            lost |= bool(cell.missing)
+    axes.set_xticks(places, names)
     axes.set_xlabel(request.columns)
     axes.set_ylabel(label)
     axes.grid(axis="x", visible=False)
-    axes.margins(y=0.35 if _turn_counts(axes, table, panel_width) else 0.12)
-    if _logarithmic(table, request):
+    axes.margins(y=0.35 if narrow and lost else 0.12)
+    means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.by_seed]
+    wide = len(means) > 0 and min(means) > 0.0 and max(means) > LOGARITHMIC_FROM * min(means)
+    if wide if request.log is None else request.log:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-    if sum(len(key[0]) for key in table.column_keys) * 0.09 > panel_width:
+    if sum(map(len, names)) * 0.09 > panel_width:
         axes.tick_params(axis="x", rotation=20)
 
 
-def _turn_counts(axes: Axes, table: Pivot, panel_width: float) -> bool:
-    """Turn the counts above narrow bars, which would overlap; return whether there are any."""
-    words = [text for text in axes.texts if any(map(str.isdigit, text.get_text()))]
-    bars = len(table.column_keys) * len(table.row_keys)
-    if not words or (panel_width - FRAME) * GROUP_WIDTH / bars > WORD:
-        return False
-    for text in words:
-        text.set_rotation(90)
-    return True
-
-
-def _logarithmic(table: Pivot, request: PlotRequest) -> bool:
-    """Return whether the axis is logarithmic: as requested, else by the range of the means."""
-    if request.log is not None:
-        return request.log
-    means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.experiments]
-    return len(means) > 0 and min(means) > 0.0 and max(means) > LOGARITHMIC_FROM * min(means)
-
-
-def _bars(
-    axes: Axes,
-    centres: NDArray[np.float64],
-    cells: Sequence[Cell],
-    width: float,
-    i: int,
-    label: str,
-) -> None:
-    means = [float(np.mean(cell.sample)) if cell.by_seed else np.nan for cell in cells]
-    colour = PALETTE[i % len(PALETTE)]
-    axes.bar(centres, means, 0.92 * width, color=colour, alpha=0.75, label=label)
-    ends = np.add.outer((-0.46 * width, 0.46 * width), centres).ravel()
-    axes.update_datalim(np.column_stack([ends, ends]), updatey=False)  # room for missing bars
-    for centre, sample in zip(centres, (cell.sample for cell in cells), strict=True):
-        if sample.size > 1:
-            places = centre + 0.5 * width * (np.arange(sample.size) * GOLDEN % 1.0 - 0.5)
-            axes.plot(
-                places, sample, marker_of(i), color="white", markeredgecolor="black",
-                markeredgewidth=0.6, markersize=3.2, zorder=3,
-            )  # fmt: skip
-
-
-def _whiskers(axes: Axes, centres: NDArray[np.float64], cells: Sequence[Cell]) -> None:
-    """Draw the standard deviation of bars of several seeds.
+def _seeds(axes: Axes, centre: float, width: float, cell: Cell, marker: str) -> float:
+    """Draw the seeds of a bar and their standard deviation; return the height of all.
 
     A bar of one seed has none. Where the lower end of positive values would be zero or less, which
     a logarithmic axis draws down to its floor, there is only the upper half.
     """
-    for centre, sample in zip(centres, (cell.sample for cell in cells), strict=True):
-        if sample.size > 1:
-            mean, spread = float(np.mean(sample)), float(np.std(sample, ddof=1))
-            below = 0.0 if np.min(sample) > 0.0 and spread >= mean else spread
-            axes.errorbar(
-                [centre], [mean], [[below], [spread]], fmt="none", ecolor="black", capsize=3,
-                elinewidth=1.2,
-            )  # fmt: skip
+    sample = cell.sample
+    if sample.size < 2:
+        return float(np.max(sample, initial=0.0))
+    mean, spread = float(np.mean(sample)), float(np.std(sample, ddof=1))
+    places = centre + 0.5 * width * (np.arange(sample.size) * GOLDEN % 1.0 - 0.5)
+    axes.plot(
+        places, sample, marker, color="white", markeredgecolor="black", markeredgewidth=0.6,
+        markersize=3.2, zorder=3,
+    )  # fmt: skip
+    below = 0.0 if np.min(sample) > 0.0 and spread >= mean else spread
+    axes.errorbar(
+        [centre], [mean], [[below], [spread]], fmt="none", ecolor="black", capsize=3,
+        elinewidth=1.2,
+    )  # fmt: skip
+    return max(mean + spread, float(np.max(sample)), 0.0)
 
 
-def _marks_of(cell: Cell) -> list[str]:
-    """Return the marks of a cell, which are those of the tables."""
-    held = {MARK: cell.flagged, UNSETTLED: cell.unstable, INFEASIBLE: cell.infeasible}
-    return [mark for mark, holds in held.items() if holds]
-
-
-def _write_counts(axes: Axes, centre: float, cell: Cell, marks: Sequence[str]) -> None:
+def _words(axes: Axes, centre: float, top: float, cell: Cell, narrow: bool) -> None:
     """Write the counts of lost runs and the marks above a bar, or at the foot of a missing one."""
     lines = [f"{n} {SHORT.get(why, why)}" for why, n in sorted(cell.missing.items())]
-    only_marks = not lines
-    lines += [" ".join(marks)] if marks else []
-    if not lines:
-        return
-    sample, top = cell.sample, 0.0
-    if sample.size:
-        spread = float(np.std(sample, ddof=1)) if sample.size > 1 else 0.0
-        top = max(float(np.mean(sample)) + spread, *sample.tolist(), 0.0)
-    axes.annotate(
-        "\n".join(lines), (centre, top), xytext=(0, 4), textcoords="offset points", ha="center",
-        va="bottom", fontsize=7.5, color="black" if only_marks else MUTED,
-        xycoords="data" if sample.size else axes.get_xaxis_transform(),
-    )  # fmt: skip
-
-
-def _legend(tables: Mapping[str, Pivot]) -> str:
-    """Return what bars, whiskers and points are."""
-    largest = max(cell.experiments for table in tables.values() for cell in table.cells.values())
-    several = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
-    return several if largest > 1 else "one experiment a bar"
+    lines += [" ".join(cell.marks)] if cell.marks else []
+    if lines:
+        axes.annotate(
+            "\n".join(lines), (centre, top), xytext=(0, 4), textcoords="offset points", ha="center",
+            va="bottom", fontsize=7.5, color=style.MUTED if cell.missing else "black",
+            xycoords="data" if cell.by_seed else axes.get_xaxis_transform(),
+            rotation=90 if narrow and cell.missing else 0,
+        )  # fmt: skip

@@ -5,9 +5,7 @@ that is not known, to its estimate. Only some identifiers have an interval that 
 the coefficient; the intervals of the others do not include their bias, and are dashed.
 """
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -19,15 +17,9 @@ from seatrial.runner.compare.comparability import distinct, with_conditions
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, observations, ordered
 from seatrial.runner.compare.grid import number_text, unit_text
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
-from seatrial.runner.compare.plots.style import (
-    PALETTE,
-    SHADE,
-    Drawing,
-    drawing_of,
-    marker_of,
-    panels,
-)
+from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import confidence_interval
 
 FIGURE = Figure(
@@ -36,34 +28,21 @@ FIGURE = Figure(
     "coefficients of an identified model",
     ("run", "rows", "columns", "dof", "model", "facet", "pool"),
     caption="Identified against true coefficients",
-    each="column",
     place=6,
 )
 
-INTERVAL, BIASED = "95 % interval", "95 % interval, without bias"  # by whether it covers
+LOOKS: dict[
+    bool, tuple[str, dict[str, Any]]
+] = {  # of an interval, by whether it covers the coefficient, not only the estimate
+    True: ("95 % interval", {"linewidth": 1.3}),
+    False: ("95 % interval, without bias", {"linewidth": 0.8, "linestyle": "--", "color": "0.5"}),
+}
 OF_SEEDS = "intervals: of the mean over seeds (t) where they differ, else of the fit"
-UNCERTAIN = "0.5"  # grey
 NORMAL_95 = 1.959963984540054
 LINE = 0.145  # height of the line of an estimate [inch]; a text of 8 points fits
 WIDEST = 4.0  # limit of the axis, in multiples of the reference; arrows mark values beyond it
 MOST_NAMED = 8  # terms of a note
 NARROWEST = 0.02  # smallest half-range of the axis; hides the rounding errors of an exact fit
-
-
-@dataclass(frozen=True)
-class CoefficientEstimate:
-    """A coefficient of one group of runs, relative to `reference`, with its interval."""
-
-    group: str
-    term: str
-    unit: str
-    reference: float
-    known: bool  # the reference is the true value
-    value: float
-    low: float
-    high: float
-    of_seeds: bool  # the interval is that of a mean over seeds
-    covers: bool  # the interval is one of the coefficient, not only of its estimate
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -82,160 +61,114 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     marks = results.marks(facet.condition)
     numbers = observations(results.coefficients(facet.condition), facet.trials, marks)
     numbers = numbers[(numbers["model"] == request.model) & (numbers["reason"] == "")]
+    dofs = request.shown(lambda dof: bool((numbers["dof"] == dof).any()))
+    numbers = numbers[numbers["dof"].isin(dofs)]
     if numbers.empty:
         return None
     numbers = distinct(with_conditions(results, facet.trials, numbers)[0])
     numbers["covers"] = numbers["run"].isin(results.covering(facet.condition))
-    dofs = request.shown(lambda dof: bool((numbers["dof"] == dof).any()))
-    by_dof = {dof: _estimates(numbers[numbers["dof"] == dof], request) for dof in dofs}
-    by_dof = {dof: estimates for dof, estimates in by_dof.items() if estimates}
-    if not by_dof:
+    estimates = _estimates(numbers, request)
+    if estimates.empty:
         return None
-    groups = ordered(one.group for estimates in by_dof.values() for one in estimates)
-    spans = {dof: _spans(estimates) for dof, estimates in by_dof.items()}
-    lowest = max(span.stop for own in spans.values() for span in own.values())
-    width = max(3.9, 5.5 / len(by_dof))
-    figure, axes = panels(1, len(by_dof), width, 2.2 + LINE * lowest, rigid=True)
-    for panel, (dof, estimates) in zip(axes, by_dof.items(), strict=True):
-        _panel(panel, estimates, spans[dof], groups)
+    shown = dict(iter(estimates.groupby("dof", observed=True, sort=False)))
+    groups = ordered(estimates["group"])
+    lowest = max(int(own.groupby("term").size().clip(lower=2).sum()) for own in shown.values())
+    width = max(3.9, 5.5 / len(shown))
+    figure, axes = style.panels(1, len(shown), width, 2.2 + LINE * lowest)
+    for panel, dof in zip(axes, [dof for dof in dofs if dof in shown], strict=True):
+        _panel(panel, shown[dof], groups)
         panel.set_title(dof, loc="left")
     if len({panel.get_position().y0 for panel in axes}) == 1:  # side by side: lines of one height
         for panel in axes:
             panel.set_ylim(lowest, 0.0)
-    known = numbers[(numbers["true_value"] == 0.0) & numbers["dof"].isin([*by_dof])]
-    terms = zip(known["metric"], known["dof"], strict=True)
-    zero = dict.fromkeys(f"{term} ({dof})" for term, dof in terms)
-    notes = [OF_SEEDS] * any(e.of_seeds for estimates in by_dof.values() for e in estimates)
+    notes = [OF_SEEDS] if estimates["of_seeds"].any() else []
+    known = numbers[numbers["true_value"] == 0.0]
+    zero = dict.fromkeys(f"{row.metric} ({row.dof})" for row in known.itertuples())
     if zero:
         named = ", ".join(zero) if len(zero) <= MOST_NAMED else f"{len(zero)} terms"
         notes.append(f"not shown, as the true value is zero: {named}")
     title = facet.title(f"Coefficients of the {request.model} model")
-    return drawing_of(facet.file("coefficients"), figure, axes, title, notes)
+    return style.drawing_of(facet.file("coefficients"), figure, axes, title, notes)
 
 
-def _estimates(numbers: pd.DataFrame, request: PlotRequest) -> list[CoefficientEstimate]:
-    """Return the estimates of each group (row, and column and vessel if several) and term."""
+def _estimates(numbers: pd.DataFrame, request: PlotRequest) -> pd.DataFrame:
+    """Return mean and interval over seeds, or of a single run, of each group and term.
+
+    A group is a row, and a column and a vessel if there are several. `value`, `low` and `high` are
+    relative to `reference`, the true value or, if it is not `known`, the estimate. A term whose
+    true value is zero has no relative scale and is left out; so is a term without a true value
+    whose standard error is missing or whose mean is zero.
+    """
     factors = [request.rows]
     for name in (request.columns, "vessel"):
         if name not in factors and numbers[name].nunique() > 1:
             factors.append(name)
-    groups = numbers.groupby([*factors, "metric"], observed=True, sort=False)
-    estimates = (_estimate(", ".join(levels[:-1]), sample) for levels, sample in groups)
-    return [estimate for estimate in estimates if estimate is not None]
+    rows = []
+    for levels, own in numbers.groupby([*factors, "dof", "metric"], observed=True, sort=False):
+        values, truths = own["value"].to_numpy(), own["true_value"].unique()
+        squares, mean = own["std_error"].dropna() ** 2, float(np.mean(values))
+        truth = truths[0] if len(truths) == 1 else np.nan
+        reference = mean if np.isnan(truth) else float(truth)
+        if reference == 0.0 or (np.isnan(truth) and squares.empty):
+            continue
+        low, high, of_seeds = mean, mean, bool(np.ptp(values) > 0.0)
+        if of_seeds:
+            low, high = confidence_interval(values)
+        elif len(squares):
+            half = NORMAL_95 * float(np.sqrt(squares.mean()))
+            low, high = mean - half, mean + half
+        low, high = sorted((low / reference, high / reference))
+        rows.append({
+            "group": ", ".join(levels[:-2]), "dof": levels[-2], "term": levels[-1],
+            "unit": own["unit"].iloc[0], "reference": reference, "known": not np.isnan(truth),
+            "value": mean / reference, "low": low, "high": high, "of_seeds": of_seeds,
+            "covers": bool(own["covers"].all()),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
 
 
-def _estimate(group: str, sample: pd.DataFrame) -> CoefficientEstimate | None:
-    """Return mean and interval over seeds, or of a single run; None if it cannot be shown.
-
-    A term whose true value is zero has no relative scale. Neither has a term without a true value
-    whose standard error is missing or whose mean is zero.
-    """
-    values, first = sample["value"].to_numpy(), sample.iloc[0]
-    truths, errors = sample["true_value"].unique(), sample["std_error"].dropna().tolist()
-    truth = None if len(truths) > 1 or np.isnan(truths[0]) else float(truths[0])
-    mean = float(np.mean(values))
-    if truth == 0.0 or (truth is None and (not errors or mean == 0.0)):
-        return None
-    low, high, of_seeds = mean, mean, bool(np.ptp(values) > 0.0)
-    if of_seeds:
-        low, high = confidence_interval(values)
-    elif errors:
-        half = NORMAL_95 * math.sqrt(sum(e * e for e in errors) / len(errors))
-        low, high = mean - half, mean + half
-    reference = mean if truth is None else truth
-    ends = sorted((low / reference, high / reference))
-    return CoefficientEstimate(
-        group, first["metric"], first["unit"], reference, truth is not None, mean / reference,
-        ends[0], ends[1], of_seeds, bool(sample["covers"].all()),
-    )  # fmt: skip
-
-
-def _spans(estimates: Sequence[CoefficientEstimate]) -> dict[str, range]:
-    """Return the lines of each term from the top, inertia first.
-
-    There is one line for each group that has the term, and at least two.
-    """
-    counts: dict[str, int] = {}
-    for estimate in estimates:
-        counts[estimate.term] = counts.get(estimate.term, 0) + 1
-    first, spans = 0, {}
-    for term in sorted(counts, key=lambda term: ("_dot" not in term, len(term), term)):
-        spans[term] = range(first, first + max(2, counts[term]))
-        first = spans[term].stop
-    return spans
-
-
-def _panel(
-    axes: Axes,
-    estimates: Sequence[CoefficientEstimate],
-    spans: Mapping[str, range],
-    groups: Sequence[str],
-) -> None:
-    """Draw the estimates, each on its own line, the lines of every second term shaded."""
+def _panel(axes: Axes, estimates: pd.DataFrame, groups: list[str]) -> None:
+    """Draw the estimates, each on its own line, inertia first; every second term is shaded."""
     axes.axvline(1.0, color="black", linewidth=1.2)
-    ticks = {}
-    for k, (term, span) in enumerate(spans.items()):
-        own = sorted((e for e in estimates if e.term == term), key=lambda e: groups.index(e.group))
-        first = span.start + 0.5 * (len(span) - len(own)) + 0.5
-        for i, estimate in enumerate(own):
-            _mark(axes, estimate, first + i, groups.index(estimate.group))
-        ticks[_tick(own[0])] = 0.5 * (span.start + span.stop)
+    top, ticks = 0, {}
+    terms = sorted({*estimates["term"]}, key=lambda term: ("_dot" not in term, len(term), term))
+    for k, term in enumerate(terms):
+        own = estimates[estimates["term"] == term]
+        lines = max(2, len(own))
+        first = top + 0.5 * (lines - len(own)) + 0.5
+        for i, row in enumerate(sorted(own.itertuples(), key=lambda row: groups.index(row.group))):
+            _mark(axes, row, first + i, groups.index(row.group))
+        reference, unit = own["reference"].iloc[0], unit_text(own["unit"].iloc[0])
+        ticks[f"{term}: {number_text(reference, 4)} {unit}".rstrip()] = top + 0.5 * lines
         if k % 2 == 0:
-            axes.axhspan(span.start, span.stop, color=SHADE, alpha=0.6, linewidth=0, zorder=0)
-    for covers, label in ((True, INTERVAL), (False, BIASED)):
-        if any(e.covers == covers and e.high > e.low for e in estimates):
-            axes.plot([], [], label=label, **_look(covers, "black"))
+            axes.axhspan(top, top + lines, color=style.SHADE, alpha=0.6, linewidth=0, zorder=0)
+        top += lines
+    for covers, (label, look) in LOOKS.items():
+        if ((estimates["covers"] == covers) & (estimates["high"] > estimates["low"])).any():
+            axes.plot([], [], label=label, **({"color": "black"} | look))
     axes.set_yticks([*ticks.values()], [*ticks])
-    axes.set_ylim([*spans.values()][-1].stop, 0.0)
-    known = all(estimate.known for estimate in estimates)
+    axes.set_ylim(top, 0.0)
+    known = estimates["known"].all()
     axes.set_xlabel("identified / true value" if known else "relative to the estimate")
-    low, high = axes.get_xlim()
-    low, high = min(low, 1.0 - NARROWEST), max(high, 1.0 + NARROWEST)
-    beyond = [e.value for e in estimates if abs(e.value - 1.0) > WIDEST]
-    low = 1.0 - WIDEST if any(value < 1.0 for value in beyond) else low
-    high = 1.0 + WIDEST if any(value > 1.0 for value in beyond) else high
+    values, (low, high) = estimates["value"], axes.get_xlim()
+    low = 1.0 - WIDEST if values.min() < 1.0 - WIDEST else min(low, 1.0 - NARROWEST)
+    high = 1.0 + WIDEST if values.max() > 1.0 + WIDEST else max(high, 1.0 + NARROWEST)
     axes.set_xlim(max(low, 1.0 - WIDEST), min(high, 1.0 + WIDEST))
     axes.grid(axis="y", visible=False)
 
 
-def _tick(estimate: CoefficientEstimate) -> str:
-    """Return `u_dot: 1195 kg`: the term and the value at 1 on the axis."""
-    value = f"{number_text(estimate.reference, 4)} {unit_text(estimate.unit)}"
-    return f"{estimate.term}: {value.rstrip()}"
-
-
-def _look(covers: bool, colour: str) -> dict[str, Any]:
-    """Return how an interval is drawn: that of an estimate only is thin, grey and dashed."""
-    if covers:
-        return {"color": colour, "linewidth": 1.3}
-    return {"color": UNCERTAIN, "linewidth": 0.8, "linestyle": "--"}
-
-
-def _mark(axes: Axes, estimate: CoefficientEstimate, place: float, i: int) -> None:
-    """Draw one estimate, of group i, with its interval."""
-    colour = PALETTE[i % len(PALETTE)]
-    if estimate.high > estimate.low:
-        look = _look(estimate.covers, colour)
-        axes.plot([estimate.low, estimate.high], [place, place], **look)
-    axes.plot(
-        [estimate.value], [place], marker_of(i), color=colour, markersize=5, label=estimate.group
-    )
-    if abs(estimate.value - 1.0) > WIDEST:
-        _arrow(axes, estimate.value, place, colour)
-
-
-def _arrow(axes: Axes, value: float, place: float, colour: str) -> None:
-    """Draw an arrow at the edge for a value outside the axis."""
-    right = value > 1.0
-    axes.annotate(
-        f"{number_text(value, 2)} →" if right else f"← {number_text(value, 2)}",
-        (1.0 + (WIDEST if right else -WIDEST), place),
-        xytext=(-4 if right else 4, 0),
-        textcoords="offset points",
-        ha="right" if right else "left",
-        va="center",
-        fontsize=7.5,
-        color=colour,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
-        zorder=4,
-    )
+def _mark(axes: Axes, row: Any, place: float, i: int) -> None:
+    """Draw one estimate, of group i, with its interval; an arrow at the edge if it is beyond it."""
+    colour = style.PALETTE[i % len(style.PALETTE)]
+    if row.high > row.low:
+        axes.plot([row.low, row.high], [place, place], **({"color": colour} | LOOKS[row.covers][1]))
+    marker = style.marker_of(i)
+    axes.plot([row.value], [place], marker, color=colour, markersize=5, label=row.group)
+    if abs(row.value - 1.0) > WIDEST:
+        side, text = np.sign(row.value - 1.0), number_text(row.value, 2)
+        axes.annotate(
+            f"{text} →" if side > 0.0 else f"← {text}", (1.0 + side * WIDEST, place),
+            xytext=(-4 * side, 0), textcoords="offset points", va="center", fontsize=7.5,
+            ha="right" if side > 0.0 else "left", color=colour, zorder=4,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        )  # fmt: skip

@@ -10,15 +10,8 @@ from seatrial.runner.compare.benchmark.boards import Ranked, boards, overall
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import number_text
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import PlotRequest
-from seatrial.runner.compare.plots.style import (
-    MUTED,
-    PALETTE,
-    REFERENCE,
-    Drawing,
-    drawing_of,
-    panels,
-)
 from seatrial.runner.compare.ranking import Ranking, critical_difference
 
 FIGURE = Figure(
@@ -38,17 +31,19 @@ NOTE = (
 )
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     """Draw one figure of each group of tasks with the same entrants, and one of each task."""
     own = [board for board in boards(results) if board.ranked.ranks is not None]
     if not own:
         raise ConfigurationError("plot critical_difference: no task of the benchmark has been run")
-    drawn = [Drawing(f"critical_difference-{b.name}", chart(b.task.title, b.ranked)) for b in own]
+    drawn = [
+        style.Drawing(f"critical_difference-{b.name}", chart(b.task.title, b.ranked)) for b in own
+    ]
     for group, every in overall(own):
         if every.ranks is not None:
             titles = ", ".join(board.task.title for board in group)
             names = "-".join(board.name for board in group)
-            drawn.insert(0, Drawing(f"critical_difference-{names}", chart(titles, every)))
+            drawn.insert(0, style.Drawing(f"critical_difference-{names}", chart(titles, every)))
     return drawn
 
 
@@ -59,28 +54,28 @@ def chart(title: str, ranked: Ranked) -> Chart:
     names = [name.replace("_", " ") for name in ranked.names]
     difference = critical_difference(len(names), len(ranked.losses))
     lines = -(-len(names) // 2) + len(ranks.groups())
-    figure, (axes,) = panels(1, 1, 7.0, ROW * lines + 2.2)
+    figure, (axes,) = style.panels(1, 1, 7.0, ROW * lines + 2.2)
     _axis(axes, len(names), difference)
     below = _groups(axes, ranks)
     _names(axes, names, ranks, below)
     axes.set_axis_off()
     cases = f"{len(ranked.losses)} case{'s' if len(ranked.losses) != 1 else ''}"
     title = f"{title}: mean ranks over {cases}"
-    return drawing_of("critical_difference", figure, [axes], title, [NOTE]).figure
+    return style.drawing_of("critical_difference", figure, [axes], title, [NOTE]).figure
 
 
 def _axis(axes: Axes, count: int, difference: float) -> None:
     """The scale of the ranks from 1 to `count`, and above it the critical difference."""
-    axes.plot([1.0, count], [0.0, 0.0], color=REFERENCE, linewidth=1.0)
+    axes.plot([1.0, count], [0.0, 0.0], color=style.REFERENCE, linewidth=1.0)
     for rank in range(1, count + 1):
-        axes.plot([rank, rank], [0.0, 0.3], color=REFERENCE, linewidth=1.0)
+        axes.plot([rank, rank], [0.0, 0.3], color=style.REFERENCE, linewidth=1.0)
         axes.text(rank, 0.45, str(rank), ha="center", va="bottom", fontsize=9)
     end = min(1.0 + difference, float(count))
     text = f"CD = {number_text(difference, 3)}"
     if 1.0 + difference > count:
         text += ", more than all ranks"
-    axes.plot([1.0, end], [2.0, 2.0], color=MUTED, linewidth=1.4, marker="|", markersize=8)
-    axes.text(1.0, 2.3, text, ha="left", va="bottom", fontsize=9, color=MUTED)
+    axes.plot([1.0, end], [2.0, 2.0], color=style.MUTED, linewidth=1.4, marker="|", markersize=8)
+    axes.text(1.0, 2.3, text, ha="left", va="bottom", fontsize=9, color=style.MUTED)
     room = SIDE * (count - 1.0)
     axes.set_xlim(1.0 - room, count + room)
 
@@ -91,8 +86,8 @@ def _groups(axes: Axes, ranks: Ranking) -> float:
     for group in ranks.groups():
         ends = [float(ranks.mean_ranks[group[0]]), float(ranks.mean_ranks[group[-1]])]
         axes.plot(
-            [ends[0] - 0.04, ends[1] + 0.04], [height, height], color=PALETTE[5], linewidth=4.0,
-            solid_capstyle="butt",
+            [ends[0] - 0.04, ends[1] + 0.04], [height, height], color=style.PALETTE[5],
+            linewidth=4.0, solid_capstyle="butt",
         )  # fmt: skip
         height -= 0.6
     return height - 0.4
@@ -108,7 +103,7 @@ def _names(axes: Axes, names: Sequence[str], ranks: Ranking, below: float) -> No
         left = place < half
         height = below - (place if left else len(order) - 1 - place)
         rank, edge = float(ranks.mean_ranks[i]), 1.0 - inner if left else len(order) + inner
-        axes.plot([rank, rank, edge], [0.0, height, height], color=REFERENCE, linewidth=0.8)
+        axes.plot([rank, rank, edge], [0.0, height, height], color=style.REFERENCE, linewidth=0.8)
         text = f"{names[i]}  {rank:.2f}" if left else f"{rank:.2f}  {names[i]}"
         side = -0.3 * inner if left else 0.3 * inner
         axes.text(edge + side, height, text, ha="right" if left else "left", va="center")

@@ -11,34 +11,23 @@ with the names in `label`; `singular_value` (i = number, from 1), `selected_orde
 `eigenvalue_real`, `eigenvalue_imag` (i = number), discrete time, of the identified model.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.frame import Queries, StoredDiagnostic, StoredRun
+from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import PlotRequest, diagnostics_of, each_run, subtitle
-from seatrial.runner.compare.plots.style import (
-    MUTED,
-    PALETTE,
-    REFERENCE,
-    SHOWN_LIMIT,
-    WIND,
-    Drawing,
-    beside,
-    drawing_of,
-    largest_of,
-    limits_of,
-    panels,
-    prefixed,
-    shaded,
-)
+from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import DOFS, Config
@@ -63,59 +52,53 @@ SINGULAR, ORDER = "singular_value", "selected_order"
 REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"
 MATTERS = 0.1  # smallest amplitude that matters, relative to the largest, both smoothed
 DEPTH = 1e-3  # smallest amplitude shown, likewise
-FORCE, ACTING = PALETTE[0], PALETTE[1]
+FORCE, ACTING = style.PALETTE[0], style.PALETTE[1]
 NORTH, EAST = "wind_north", "wind_east"
 CALM_M_S = 1e-6  # below it wind has no direction
 ROUNDING = 1e-9  # of the mean, a deviation that is none
 NARROWEST_DEG = 10.0  # smallest half-range of the direction
+SMALL: dict[str, Any] = {"loc": "left", "fontsize": 8.5, "fontweight": "normal"}  # titles of panels
 
 
 @dataclass(frozen=True, eq=False)
 class CommandedSignal:
-    """A commanded signal over time, shape (n,), in the unit of its axis.
-
-    `dof` is its degree of freedom, empty for an input; `size` is the size of the unit in SI units.
-    """
+    """A commanded signal over time, shape (n,), in the unit of its axis; an input has no `dof`."""
 
     name: str
     commanded: Sample
     acting: Sample | None
     unit: str
-    size: float
     limits: tuple[float, float] | None
     dof: str = ""
 
 
 def commanded_signals(series: Series, config: Config, dofs: Sequence[str]) -> list[CommandedSignal]:
     """Return the forces of a series in these degrees of freedom, or else its inputs."""
-    forces = [dof for dof in dofs if f"tau_{dof}" in series.columns]
-    if forces:
-        limits = limits_of(config)
-        return [_force(series, dof, limits.get(dof)) for dof in forces]
-    inputs = (config.get("vessel") or {}).get("inputs") or {}
-    return [_input(series, name, inputs[name]) for name in inputs if name in series.columns]
-
-
-def _force(series: Series, dof: str, limit: float | None) -> CommandedSignal:
-    force, acting = series.columns[f"tau_{dof}"], series.columns.get(f"tau_actual_{dof}")
-    unit, size = prefixed(series.units[f"tau_{dof}"], largest_of([force]))
-    if acting is not None and np.allclose(acting[1:], force[:-1]):
-        acting = None
-    return CommandedSignal(
-        dof.capitalize(), force / size, None if acting is None else acting / size, unit, size,
-        None if limit is None else (-limit / size, limit / size), dof,
-    )  # fmt: skip
-
-
-def _input(series: Series, name: str, options: Config) -> CommandedSignal:
-    command, measured = series.columns.get(f"{name}_command"), series.columns[name]
-    unit, size = INPUT_UNITS.get(name.split("_")[0], ("-", 1.0))
-    low, high = options.get("low"), options.get("high")
-    return CommandedSignal(
-        name, (measured if command is None else command) / size,
-        None if command is None or np.allclose(command, measured) else measured / size, unit, size,
-        None if low is None or high is None else (low / size, high / size),
-    )  # fmt: skip
+    columns, limits, signals = series.columns, style.limits_of(config), []
+    for dof in dofs:
+        if f"tau_{dof}" in columns:
+            force, acting = columns[f"tau_{dof}"], columns.get(f"tau_actual_{dof}")
+            unit, size = style.prefixed(series.units[f"tau_{dof}"], style.largest_of([force]))
+            if acting is not None and np.allclose(acting[1:], force[:-1]):
+                acting = None
+            own = (-limits[dof] / size, limits[dof] / size) if dof in limits else None
+            signals.append(CommandedSignal(
+                dof.capitalize(), force / size, None if acting is None else acting / size, unit,
+                own, dof,
+            ))  # fmt: skip
+    if signals:
+        return signals
+    for name, options in ((config.get("vessel") or {}).get("inputs") or {}).items():
+        if name in columns:
+            measured = columns[name]
+            command = columns.get(f"{name}_command", measured)
+            unit, size = INPUT_UNITS.get(name.split("_")[0], ("-", 1.0))
+            ends = [options.get(end) for end in ("low", "high")]
+            signals.append(CommandedSignal(
+                name, command / size, None if np.allclose(command, measured) else measured / size,
+                unit, None if None in ends else (ends[0] / size, ends[1] / size),
+            ))  # fmt: skip
+    return signals
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -131,79 +114,75 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
     signals = commanded_signals(series, results.reader.run(run.id).config, dofs)
     excited = [s for s in signals if np.any(s.commanded if s.dof else np.diff(s.commanded))]
     excited = excited or [signal for signal in signals if np.any(signal.commanded)]
-    idle = [signal for signal in signals if signal not in excited]
-    blown = request.shown(lambda dof: f"wind_{dof}" in series.columns)
     if not excited:
         raise ConfigurationError(f"plot excitation: run {run.id} has no force in these DOFs")
     names = (*REPORT, GROUPS, SINGULAR, ORDER, REAL, IMAGINARY)
     diagnostics = diagnostics_of(results, run, names)
-    subspace = any(row.name in (SINGULAR, REAL) for row in diagnostics)
+    values = {name: own.set_index("i")["value"] for name, own in diagnostics.groupby("name")}
+    subspace = SINGULAR in values or REAL in values
+    blown = request.shown(lambda dof: f"wind_{dof}" in series.columns)
     winds = 0 if NORTH not in series.columns else 2 if blown else 1
     rows = len(excited) + winds + subspace
-    figure, axes = panels(rows, 2, 5.4, 2.3 if len(excited) > 1 or rows > 1 else 3.2)
+    figure, axes = style.panels(rows, 2, 5.4, 2.3 if rows > 1 else 3.2)
     for left, right, signal in zip(axes[::2], axes[1::2], excited, strict=False):
         _over_time(left, series, signal)
         _spectrum(right, series, signal, diagnostics)
     last = 2 * len(excited)
     axes[last - 1].set_xlabel("Frequency [Hz]")
+    axes[last + 2 * winds - 2].set_xlabel(with_unit("Time", series.units["t"]))
     if winds:
         _wind(axes[last : last + 2 * winds], series, blown)
-    axes[last + 2 * winds - 2].set_xlabel(with_unit("Time", series.units["t"]))
     if subspace:
-        _singular_values(axes[-2], diagnostics)
-        _eigenvalues(axes[-1], diagnostics)
+        _subspace(axes[-2], axes[-1], values, diagnostics)
     notes = ["shaded: training part"] if np.any(series.columns.get("train", np.zeros(1))) else []
-    notes += [_idle_note(idle)] if idle else []
+    idle = [signal for signal in signals if signal not in excited]
+    if idle and all(signal.dof and not np.any(signal.commanded) for signal in idle):
+        notes.append(f"no force in {', '.join(signal.dof for signal in idle)}")
+    elif idle:
+        levels = [f"{s.name} {_amount(s.commanded[0], s.unit)}" for s in idle]
+        notes.append(f"constant: {', '.join(levels)}")
     notes.append("spectra: up to twice the last frequency with a tenth of the highest amplitude")
     notes += ["wind: means and deviations at the right, direction from north over east"] * (
         winds > 0
     )
-    notes += _inseparable(diagnostics, dofs)
-    name = f"excitation-run-{run.id}"
-    return drawing_of(name, figure, figure.axes, f"Excitation, {subtitle(run)}", notes)
+    alike = diagnostics[(diagnostics["name"] == GROUPS) & diagnostics["dof"].isin(dofs)]
+    for dof, own in alike.groupby("dof", sort=False):
+        terms = "; ".join(" ~ ".join(label.split()) for label in own["label"])
+        notes.append(f"{dof}, not separable: {terms}")
+    name, title = f"excitation-run-{run.id}", f"Excitation, {subtitle(run)}"
+    return style.drawing_of(name, figure, figure.axes, title, notes)
 
 
-def _idle_note(idle: Sequence[CommandedSignal]) -> str:
-    """Return `no force in sway`, or `constant: n 10 1/s`."""
-    if all(not np.any(signal.commanded) and signal.dof for signal in idle):
-        return f"no force in {', '.join(signal.dof for signal in idle)}"
-    levels = (f"{s.name} {number_text(float(s.commanded[0]), 3)} {unit_text(s.unit)}" for s in idle)
-    return f"constant: {', '.join(levels)}"
+def _amount(value: float, unit: str) -> str:
+    return f"{number_text(float(value), 3)} {unit_text(unit)}"
 
 
 def _over_time(axes: Axes, series: Series, signal: CommandedSignal) -> None:
-    t, unit = series.columns["t"], unit_text(signal.unit)
+    """Draw what is commanded and acts, with the limits and how much of them is used."""
+    t, peak = series.columns["t"], style.largest_of([signal.commanded])
     axes.plot(t, signal.commanded, color=FORCE, linewidth=1.0, label="commanded")
     if signal.acting is not None:
         axes.plot(t, signal.acting, color=ACTING, linewidth=1.0, label="acting")
-    peak = largest_of([signal.commanded])
-    title = f"peak {number_text(peak, 3)} {unit}"
+    title = f"peak {_amount(peak, signal.unit)}"
     if signal.limits is not None:
-        limit = max(map(abs, signal.limits))
-        title += f", {peak / limit:.0%} of the limit"
-        for side in signal.limits if limit <= SHOWN_LIMIT * peak else ():
-            axes.axhline(side, color=REFERENCE, linestyle="-.", linewidth=1.0, label="limit")
-    shaded(axes, t, np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64))
-    axes.set_title(title, loc="left", fontsize=8.5, fontweight="normal")
+        largest = max(map(abs, signal.limits))
+        title += f", {peak / largest:.0%} of the limit"
+        if largest <= style.SHOWN_LIMIT * peak:
+            style.draw_limits(axes, signal.limits, peak, unit_text(signal.unit))
+    style.shaded(axes, t, np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64))
+    axes.set_title(title, **SMALL)
     axes.set_ylabel(with_unit(signal.name, signal.unit))
     axes.margins(x=0)
 
 
-def amplitudes(t: Sample, force: Sample) -> tuple[Sample, Sample]:
-    """Return positive frequencies [Hz] and force amplitudes, shape (n // 2,) each.
-
-    `t` [s] and `force` (in any unit) have shape (n,); the sampling is uniform.
-    """
-    period = float(t[-1] - t[0]) / (len(t) - 1)
-    size = 2.0 * np.abs(np.fft.rfft(force - np.mean(force))) / len(force)
-    frequency = np.asarray(np.fft.rfftfreq(len(force), period), dtype=np.float64)
-    return frequency[1:], np.asarray(size[1:], dtype=np.float64)
-
-
 def _spectrum(
-    axes: Axes, series: Series, signal: CommandedSignal, diagnostics: Sequence[StoredDiagnostic]
+    axes: Axes, series: Series, signal: CommandedSignal, diagnostics: pd.DataFrame
 ) -> None:
-    frequency, size = amplitudes(series.columns["t"], signal.commanded)
+    """Draw the amplitudes of a uniformly sampled signal, and what can be separated by it."""
+    t, force = series.columns["t"], signal.commanded
+    period = float(t[-1] - t[0]) / (len(t) - 1)
+    size = 2.0 * np.abs(np.fft.rfft(force - np.mean(force)))[1:] / len(force)
+    frequency = np.fft.rfftfreq(len(force), period)[1:]
     axes.set_xscale("log")
     axes.set_ylabel(with_unit("Amplitude", signal.unit))
     largest = float(np.max(size))
@@ -217,52 +196,43 @@ def _spectrum(
         axes.plot(frequency, size, color=FORCE, linewidth=0.8)
         axes.set_xlim(frequency[0], frequency[shown][-1])
         axes.set_ylim(max(DEPTH * largest, 0.5 * float(np.min(size[shown]))), 2.0 * largest)
-    values = {r.name: r.value for r in diagnostics if r.dof == signal.dof and r.name in REPORT}
-    if len(values) == len(REPORT):
-        rank, unknowns, lines = (int(values[name]) for name in REPORT)
-        title = f"spectral lines: {lines}; {rank} of {unknowns} terms separable"
-        axes.set_title(title, loc="left", fontsize=8.5, fontweight="normal")
-
-
-def _inseparable(diagnostics: Sequence[StoredDiagnostic], dofs: Sequence[str]) -> Iterator[str]:
-    """Yield a line for each degree of freedom with terms that the data cannot separate."""
-    by_dof: dict[str, list[str]] = {}
-    for row in diagnostics:
-        if row.name == GROUPS and row.dof in dofs:
-            by_dof.setdefault(row.dof, []).append(" ~ ".join(row.label.split()))
-    return (f"{dof}, not separable: {'; '.join(groups)}" for dof, groups in by_dof.items())
+    own = diagnostics[(diagnostics["dof"] == signal.dof) & diagnostics["name"].isin(REPORT)]
+    if len(own) == len(REPORT):
+        rank, unknowns, lines = own.set_index("name")["value"].astype(int)[[*REPORT]]
+        axes.set_title(f"spectral lines: {lines}; {rank} of {unknowns} terms separable", **SMALL)
 
 
 def _wind(axes: Sequence[Axes], series: Series, dofs: Sequence[str]) -> None:
     """Draw speed and direction of the wind, and below them its forces and its moments."""
-    speed_axes, direction_axes, *below = axes
     north, east, t = (series.columns[name] for name in (NORTH, EAST, "t"))
+    speed_axes, direction_axes, *below = axes
     speed, direction = np.hypot(north, east), blown_to(north, east)
-    speed_axes.plot(t, speed, color=WIND)
-    speed_axes.set_ylim(0.0, 1.1 * max(float(np.nanmax(speed)), CALM_M_S))
-    speed_axes.set_ylabel("Wind speed [m/s]")
-    beside(speed_axes, [_statistics(speed, "m/s", WIND)])
-    direction_axes.plot(t, direction, color=WIND)
-    middle = float(np.nanmean(direction)) if np.any(np.isfinite(direction)) else 0.0
-    low, high = direction_axes.get_ylim()
-    direction_axes.set_ylim(min(low, middle - NARROWEST_DEG), max(high, middle + NARROWEST_DEG))
-    direction_axes.set_ylabel("Blows to [deg]")
-    beside(direction_axes, [_statistics(direction, "deg", WIND)])
-    of_force = [dof for dof in dofs if series.units[f"wind_{dof}"] == "N"]
-    of_moment = [dof for dof in dofs if dof not in of_force]
-    for panel, what, own in zip(below, ("force", "moment"), (of_force, of_moment), strict=False):
+    for panel, values, unit in ((speed_axes, speed, "m/s"), (direction_axes, direction, "deg")):
+        panel.plot(t, values, color=style.WIND)
+        if unit == "m/s":
+            panel.set_ylim(0.0, 1.1 * max(float(np.nanmax(speed)), CALM_M_S))
+            panel.set_ylabel("Wind speed [m/s]")
+        else:
+            middle = float(np.nanmean(values)) if np.any(np.isfinite(values)) else 0.0
+            low, high = panel.get_ylim()
+            panel.set_ylim(min(low, middle - NARROWEST_DEG), max(high, middle + NARROWEST_DEG))
+            panel.set_ylabel("Blows to [deg]")
+        style.beside(panel, [_statistics(values, unit, style.WIND)])
+    for panel, what, si in zip(below, ("force", "moment"), ("N", "Nm"), strict=False):
+        own = [dof for dof in dofs if series.units[f"wind_{dof}"] == si]
         if not own:
             panel.remove()
             continue
-        values = {dof: series.columns[f"wind_{dof}"] for dof in own}
-        unit, size = prefixed(series.units[f"wind_{own[0]}"], largest_of([*values.values()]))
-        colours = {dof: PALETTE[2 + DOFS.index(dof)] for dof in own}
+        forces = {dof: series.columns[f"wind_{dof}"] for dof in own}
+        unit, size = style.prefixed(si, style.largest_of([*forces.values()]))
         panel.axhline(0.0, color="black", linewidth=0.8)
-        for dof, force in values.items():
-            label = f"wind, {dof}"
-            panel.plot(t, force / size, color=colours[dof], linewidth=1.0, label=label)
+        texts = []
+        for dof, force in forces.items():
+            colour = style.PALETTE[2 + DOFS.index(dof)]
+            panel.plot(t, force / size, color=colour, linewidth=1.0, label=f"wind, {dof}")
+            texts.append(_statistics(force / size, unit, colour))
         panel.set_ylabel(with_unit(f"Wind {what}", unit))
-        beside(panel, [_statistics(v / size, unit, colours[dof]) for dof, v in values.items()])
+        style.beside(panel, texts)
     for panel in axes:
         panel.margins(x=0)
     axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
@@ -286,45 +256,39 @@ def _statistics(values: Sample, unit: str, colour: str) -> tuple[float, str, str
         return 0.0, "", colour
     mean, deviation = float(np.mean(finite)), float(np.std(finite))
     deviation = 0.0 if deviation < ROUNDING * abs(mean) else deviation
-    text = f"{number_text(mean, 3)} ± {number_text(deviation, 3)} {unit_text(unit)}"
-    return mean, text, colour
+    return mean, f"{number_text(mean, 3)} ± {_amount(deviation, unit)}", colour
 
 
-def _singular_values(axes: Axes, rows: Sequence[StoredDiagnostic]) -> None:
-    """Draw the singular values of the data; those within the selected order are filled."""
-    points = sorted((row.i, row.value) for row in rows if row.name == SINGULAR and row.value)
-    if not points:
-        axes.remove()
+def _subspace(
+    left: Axes, right: Axes, values: "Mapping[str, pd.Series[float]]", rows: pd.DataFrame
+) -> None:
+    """Draw the singular values of the data and the eigenvalues of the model.
+
+    Singular values within the selected order are filled; the eigenvalues are in the complex plane
+    with the unit circle.
+    """
+    points = values.get(SINGULAR, pd.Series(dtype=float)).dropna().sort_index()
+    if points.empty:
+        left.remove()
+    else:
+        left.plot(points.index, points, "o-", color=FORCE, fillstyle="none")
+        order = values[ORDER].iloc[0] if ORDER in values else 0
+        if order > 0:
+            left.plot(points.index[points.index <= order], points[points.index <= order], "o",
+                      color=FORCE)  # fmt: skip
+            left.set_title(f"filled: the selected order {order:g}", **SMALL)
+        left.set_yscale("log")
+        left.set_xlabel("Number")
+        unit = rows.loc[rows["name"] == SINGULAR, "unit"].iloc[0]
+        left.set_ylabel(with_unit("Singular value", unit))
+        left.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if REAL not in values:
+        right.remove()
         return
-    order = next((row.value for row in rows if row.name == ORDER), 0)
-    unit = next(row.unit for row in rows if row.name == SINGULAR)
-    axes.plot(*zip(*points, strict=True), "o-", color=FORCE, fillstyle="none")
-    selected = [point for point in points if point[0] <= order]
-    if selected:
-        axes.plot(*zip(*selected, strict=True), "o", color=FORCE)
-        title = f"filled: the selected order {order:g}"
-        axes.set_title(title, loc="left", fontsize=8.5, fontweight="normal")
-    axes.set_yscale("log")
-    axes.set_xlabel("Number")
-    axes.set_ylabel(with_unit("Singular value", unit))
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-
-
-def _eigenvalues(axes: Axes, rows: Sequence[StoredDiagnostic]) -> None:
-    """Draw the eigenvalues of the identified model in the complex plane with the unit circle."""
-    real, imaginary = (
-        {row.i: row.value for row in rows if row.name == name} for name in (REAL, IMAGINARY)
-    )
-    numbers = sorted(real.keys() & imaginary.keys())
-    if not numbers:
-        axes.remove()
-        return
-    values = np.array([complex(real[k], imaginary[k]) for k in numbers])
-    axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor=MUTED, linewidth=1.2))
-    axes.plot(values.real, values.imag, "o", color=FORCE, markersize=6, alpha=0.8)
-    reach = 1.1 * max(1.0, float(np.max(np.abs(values))))
-    axes.set_xlim(-reach, reach)
-    axes.set_ylim(-reach, reach)
-    axes.set_aspect("equal")
-    axes.set_xlabel("Real part of the eigenvalues")
-    axes.set_ylabel("Imaginary part")
+    plane = pd.DataFrame({name: values[name] for name in (REAL, IMAGINARY)}).dropna()
+    right.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor=style.MUTED, linewidth=1.2))
+    right.plot(plane[REAL], plane[IMAGINARY], "o", color=FORCE, markersize=6, alpha=0.8)
+    reach = 1.1 * max(1.0, float(np.hypot(plane[REAL], plane[IMAGINARY]).max()))
+    right.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    right.set_xlabel("Real part of the eigenvalues")
+    right.set_ylabel("Imaginary part")

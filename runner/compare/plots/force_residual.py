@@ -9,17 +9,9 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
-from seatrial.runner.compare.plots.style import (
-    MODEL_COLOURS,
-    Drawing,
-    beside,
-    drawing_of,
-    largest_of,
-    panels,
-    prefixed,
-    shaded,
-)
+from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.rows import Series
@@ -33,7 +25,7 @@ FIGURE = Figure(
     place=12,
 )
 
-MODELS = (("nominal", "before (nominal)"), ("identified", "after (identified)"))
+MODELS = {"nominal": "before (nominal)", "identified": "after (identified)"}
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -51,63 +43,54 @@ def typical(results: Queries, runs: Sequence[StoredRun], condition: Condition) -
     The improvement is the mean logarithm over degrees of freedom of the force MSE after over that
     before. Of equal runs, and without these metrics, it is the newest.
     """
-    identified = [run for run in runs if run.levels["identifier"] != "none"] or runs
+    identified = [run for run in runs if run.levels["identifier"] != "none"] or list(runs)
     numbers = results.metrics(("force_mse",), condition)
     numbers = numbers[(numbers["value"] > 0.0) & numbers["run"].isin([r.id for r in identified])]
-    mse = numbers.set_index(["run", "dof", "model"])["value"].to_dict()
-    ratios: dict[int, list[float]] = {}
-    for (run, dof, model), value in mse.items():
-        if model == "identified" and (run, dof, "nominal") in mse:
-            ratios.setdefault(run, []).append(np.log(value / mse[run, dof, "nominal"]))
-    judged = [run for run in identified if run.id in ratios]
-    if not judged:
+    mse = numbers.pivot_table("value", ["run", "dof"], "model", observed=True)
+    if not {*MODELS} <= {*mse}:
         return identified[-1]
-    scores = sorted(float(np.mean(ratios[run.id])) for run in judged)
-    median = scores[(len(scores) - 1) // 2]
-    return [run for run in judged if float(np.mean(ratios[run.id])) == median][-1]
+    ratios = np.log(mse["identified"] / mse["nominal"]).groupby("run").mean().dropna()
+    if ratios.empty:
+        return identified[-1]
+    median = ratios.sort_values().iloc[(len(ratios) - 1) // 2]
+    return next(run for run in identified if run.id == ratios.index[ratios == median].max())
 
 
 def _drawing(request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
     dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in series.columns)
     if not dofs:
         raise ConfigurationError(f"plot residual: run {run.id} has no residual of these DOFs")
-    figure, axes = panels(len(dofs), 1, 8.0, 2.3, share_x=True)
+    train = np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64)
+    figure, axes = style.panels(len(dofs), 1, 8.0, 2.3, share_x=True)
     for panel, dof in zip(axes, dofs, strict=True):
-        _panel(panel, series, dof)
+        _panel(panel, series, dof, train)
     axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
-    training = bool(np.any(_training(series)))
-    notes = ["shaded: training part"] if training else []
-    samples = "the part that is not shaded" if training else "all samples"
+    notes = ["shaded: training part"] if train.any() else []
+    samples = "the part that is not shaded" if train.any() else "all samples"
     notes.append(f"dashed, and at the right: root mean square over {samples}")
     lacking = [dof for dof in dofs if f"residual_identified_{dof}" not in series.columns]
     notes += [f"no identified model in {', '.join(lacking)}"] if lacking else []
-    if request.run is None:
-        notes.append("a run of median improvement; --run shows another")
-    name = f"residual-run-{run.id}"
-    return drawing_of(name, figure, axes, f"Force residual, {subtitle(run)}", notes)
+    notes += ["a run of median improvement; --run shows another"] if request.run is None else []
+    title = f"Force residual, {subtitle(run)}"
+    return style.drawing_of(f"residual-run-{run.id}", figure, axes, title, notes)
 
 
-def _training(series: Series) -> Sample:
-    return np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64)
-
-
-def _panel(axes: Axes, series: Series, dof: str) -> None:
-    t, train = series.columns["t"], _training(series)
-    shown = [v for m, _ in MODELS if (v := series.columns.get(f"residual_{m}_{dof}")) is not None]
-    unit, size = prefixed(series.units[f"residual_nominal_{dof}"], largest_of(shown))
+def _panel(axes: Axes, series: Series, dof: str, train: Sample) -> None:
+    t = series.columns["t"]
+    residuals = {model: series.columns.get(f"residual_{model}_{dof}") for model in MODELS}
+    shown = {model: values for model, values in residuals.items() if values is not None}
+    unit, size = style.prefixed(
+        series.units[f"residual_nominal_{dof}"], style.largest_of([*shown.values()])
+    )
     texts = []
-    for model, label in MODELS:
-        values = series.columns.get(f"residual_{model}_{dof}")
-        if values is None:
-            continue
-        axes.plot(
-            t, values / size, color=MODEL_COLOURS[model], label=label, linewidth=0.9, alpha=0.9
-        )
+    for model, values in shown.items():
+        colour, label = style.MODEL_COLOURS[model], MODELS[model]
+        axes.plot(t, values / size, color=colour, label=label, linewidth=0.9, alpha=0.9)
         held_out = values[train == 0] if np.any(train == 0) else values
-        level = float(np.sqrt(np.mean(np.square(held_out))))
-        texts.append((level, f"rms {number_text(level / size, 3)} {unit}", MODEL_COLOURS[model]))
-        axes.axhline(level / size, color=MODEL_COLOURS[model], linewidth=0.9, linestyle="--")
-    shaded(axes, t, train)
+        level = float(np.sqrt(np.mean(np.square(held_out)))) / size
+        axes.axhline(level, color=colour, linewidth=0.9, linestyle="--")
+        texts.append((level, f"rms {number_text(level, 3)} {unit}", colour))
+    style.shaded(axes, t, train)
     axes.set_ylabel(with_unit(dof.capitalize(), unit))
     axes.margins(x=0)
-    beside(axes, [(value / size, text, colour) for value, text, colour in texts])
+    style.beside(axes, texts)

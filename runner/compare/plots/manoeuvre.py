@@ -8,15 +8,8 @@ from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredRun, stored_runs
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, notes_of
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
-from seatrial.runner.compare.plots.style import (
-    MUTED,
-    PALETTE,
-    REFERENCE,
-    Drawing,
-    drawing_of,
-    panels,
-)
 from seatrial.runner.export.manoeuvre_tracks import (
     Recorded,
     Sheet,
@@ -37,7 +30,7 @@ FIGURE = Figure(
 )
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     """Draw the newest run of each vessel and excitation that is a manoeuvre, or one run."""
     newest = newest_manoeuvres(
         results, stored_runs(request.trials(results, [], False)), ("turn", "zigzag")
@@ -50,25 +43,25 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     return drawn
 
 
-def _drawing(run: StoredRun, recorded: Recorded) -> Drawing:
+def _drawing(run: StoredRun, recorded: Recorded) -> style.Drawing:
     track = recorded.track
     try:
         result = measured_sheet(track, recorded.manoeuvre)
     except RecordingError as error:
         raise ConfigurationError(f"plot manoeuvre: run {run.id}: {error}") from error
     if isinstance(result.measures, Turn):
-        figure, axes = panels(1, 2, 4.4, 4.4)
+        figure, axes = style.panels(1, 2, 4.4, 4.4)
         _circle(axes[0], track, result.measures)
         _speeds(axes[1], track, result)
         title = f"Turning circle, helm {round(result.measures.helm_deg)} deg"
     else:
         assert isinstance(result.measures, ZigZagMeasures)
-        figure, axes = panels(1, 1, 7.0, 4.0)
+        figure, axes = style.panels(1, 1, 7.0, 4.0)
         _zigzag(axes[0], track, result.measures)
         helm, turned = abs(result.measures.helm_deg), result.measures.turn_deg
         title = f"Zig-zag {round(helm)}/{round(turned)}"
     name, title = f"manoeuvre-run-{run.id}", f"{title}, {subtitle(run)}"
-    return drawing_of(name, figure, axes, title, notes_of(result))
+    return style.drawing_of(name, figure, axes, title, notes_of(result))
 
 
 def _circle(axes: Axes, track: Track, measures: Turn) -> None:
@@ -76,19 +69,19 @@ def _circle(axes: Axes, track: Track, measures: Turn) -> None:
     start = measures.execute_s
     course = track.at(track.psi, start)
     ahead, aside = (way / track.length_m for way in way_from(track, start, course))
-    axes.plot(aside, ahead, color=PALETTE[0], label="track")
-    axes.plot(0.0, 0.0, "o", color=REFERENCE, markersize=5, label="execution")
-    lines = (
-        ("advance", measures.advance, start + measures.time_90_s, PALETTE[3]),
-        ("transfer", measures.transfer, start + measures.time_90_s, PALETTE[5]),
-        ("tactical diameter", measures.tactical_diameter, start + measures.time_180_s, PALETTE[1]),
-    )
-    for name, value, time, colour in lines:
+    axes.plot(aside, ahead, color=style.PALETTE[0], label="track")
+    axes.plot(0.0, 0.0, "o", color=style.REFERENCE, markersize=5, label="execution")
+    for name, value, after, k in (
+        ("advance", measures.advance, measures.time_90_s, 3),
+        ("transfer", measures.transfer, measures.time_90_s, 5),
+        ("tactical diameter", measures.tactical_diameter, measures.time_180_s, 1),
+    ):
         if np.isfinite(value):
-            at = track.at(aside, time), track.at(ahead, time)
+            at = track.at(aside, start + after), track.at(ahead, start + after)
             foot = (at[0], 0.0) if name == "advance" else (0.0, at[1])
             label = f"{name} {number_text(value, 3)} L"
-            axes.plot(*zip(foot, at, strict=True), color=colour, linewidth=1.6, label=label)
+            line = zip(foot, at, strict=True)
+            axes.plot(*line, color=style.PALETTE[k], linewidth=1.6, label=label)
     axes.margins(0.08)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("Across the approach [L]")
@@ -99,8 +92,8 @@ def _speeds(axes: Axes, track: Track, result: Sheet) -> None:
     """Speed over that of the approach, and yaw rate without dimension, over time."""
     t = track.t - (result.measures.execute_s if isinstance(result.measures, Turn) else 0.0)
     rate = np.gradient(track.psi, track.t) * track.length_m / result.speed_m_s
-    axes.plot(t, track.speed / result.speed_m_s, color=PALETTE[4], label="U / U0")
-    axes.plot(t, np.abs(rate), color=PALETTE[2], label="|r| L / U0")
+    axes.plot(t, track.speed / result.speed_m_s, color=style.PALETTE[4], label="U / U0")
+    axes.plot(t, np.abs(rate), color=style.PALETTE[2], label="|r| L / U0")
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("Time [s]")
     axes.set_ylabel("Speed, yaw rate [-]")
@@ -111,10 +104,11 @@ def _zigzag(axes: Axes, track: Track, measures: ZigZagMeasures) -> None:
     start = measures.execute_s[0]
     course = track.at(track.psi, start)
     heading, t = np.degrees(track.psi - course), track.t - start
-    axes.plot(t, np.degrees(track.helm), color=PALETTE[1], label="helm")
-    axes.plot(t, heading, color=PALETTE[0], label="heading from the approach")
+    axes.plot(t, np.degrees(track.helm), color=style.PALETTE[1], label="helm")
+    axes.plot(t, heading, color=style.PALETTE[0], label="heading from the approach")
     for side in (-1.0, 1.0):
-        axes.axhline(side * measures.turn_deg, color=MUTED, linewidth=0.7, linestyle=":")
+        axes.axhline(side * measures.turn_deg, color=style.MUTED, linewidth=0.7, linestyle=":")
+    arrow = {"arrowstyle": "<->", "color": style.MUTED, "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
     overshoots = zip(
         measures.execute_s[1:3], measures.overshoot_s, measures.overshoot_deg, strict=False
     )
@@ -122,8 +116,7 @@ def _zigzag(axes: Axes, track: Track, measures: ZigZagMeasures) -> None:
         time = executed - start + delay
         peak = float(np.interp(time, t, heading))
         side = np.sign(peak)
-        style = {"arrowstyle": "<->", "color": MUTED, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", (time, peak), (time, peak - side * angle), arrowprops=style)
+        axes.annotate("", (time, peak), (time, peak - side * angle), arrowprops=arrow)
         axes.annotate(
             f"{number_text(angle, 3)}°", (time, peak), (0, 3 * side), textcoords="offset points",
             fontsize=8, ha="center", va="bottom" if side > 0.0 else "top",

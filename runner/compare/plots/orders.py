@@ -1,19 +1,21 @@
-"""Force MSE over model order, per degree of freedom; the selected orders are marked."""
+"""Force MSE over model order, per degree of freedom; the selected orders are marked.
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+Diagnostics: `order_mse` (dof, i = order, label = how the order is chosen), `selected_order` (dof).
+"""
+
 from functools import partial
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.frame import Queries, StoredDiagnostic, ordered
+from seatrial.runner.compare.frame import Queries, ordered
 from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
-from seatrial.runner.compare.plots.style import PALETTE, Drawing, drawing_of, marker_of, panels
-from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.plots.style import Drawing
 
 FIGURE = Figure(
     "orders",
@@ -21,28 +23,13 @@ FIGURE = Figure(
     "diagnostic order_mse, as of identifier=plsr",
     ("run", "rows", "columns", "dof", "facet", "pool"),
     caption="Error over model order",
-    each="dof",
     place=2,
 )
 
 LINE_STYLES = ("-", "--", ":", "-.")
 MIN_ORDERS = 8  # orders that are shown at least, if there are as many
 MAX_SHOWN_ERROR = 100.0  # largest error shown, in medians of the errors shown
-NAMES = ("order_mse", "selected_order")
-
-
-@dataclass(frozen=True)
-class Curves:
-    """Errors over order of one line; `mse` has shape (runs, orders), NaN if missing.
-
-    `selected` are the orders that the runs selected.
-    """
-
-    orders: Sequence[int]
-    mse: Sample
-    selected: Sequence[int]
-    unit: str
-    label: str  # method of selection of the order
+MSE, SELECTED = "order_mse", "selected_order"
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -53,99 +40,70 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
-    curves = _curves(results, request, facet)
-    dofs = request.shown(lambda dof: any(dof in by_dof for by_dof in curves.values()))
+    frame = facet.diagnostics(results, (MSE, SELECTED))
+    frame = frame[(frame["name"] == SELECTED) | frame["i"].notna()]
+    frame["key"] = [*zip(frame[request.rows], frame[request.columns], strict=True)]
+    points = frame[frame["name"] == MSE]
+    frame = frame[frame["key"].isin({*points["key"]})]  # `auto` may have selected another method
+    dofs = request.shown(lambda dof: bool((points["dof"] == dof).any()))
     if not dofs:
         return None
-    figure, axes = panels(1, len(dofs), max(3.6, 5.0 / len(dofs)), 3.8)
-    rows, columns = (ordered(levels) for levels in zip(*curves, strict=True))
+    figure, axes = style.panels(1, len(dofs), max(3.6, 5.0 / len(dofs)), 3.8)
     for panel, dof in zip(axes, dofs, strict=True):
-        for (row, column), by_dof in sorted(curves.items()):
-            if dof in by_dof:
-                style = LINE_STYLES[rows.index(row) % len(LINE_STYLES)]
-                label = f"{row}, {column}" if len(rows) > 1 else column
-                _line(panel, by_dof[dof], columns.index(column), style, label)
-        unit = next(by_dof[dof].unit for by_dof in curves.values() if dof in by_dof)
-        panel.set_xlabel("Model order")
+        own = frame[frame["dof"] == dof]
+        _panel(panel, own, *(ordered(points[name]) for name in (request.rows, request.columns)))
+        unit = own.loc[own["name"] == MSE, "unit"].iloc[0]
         panel.set_ylabel(with_unit(f"Force MSE, {dof}", unit))
-        panel.set_yscale("log")
-        panel.xaxis.set_major_locator(MaxNLocator(integer=True))
-        _limit(panel, [by_dof[dof] for by_dof in curves.values() if dof in by_dof])
-    title = facet.title(f"Force MSE over model order, {', '.join(rows)}")
-    return drawing_of(facet.file("orders"), figure, axes, title, _notes(curves))
+        _limit(panel, own)
+    several = points.groupby(["key", "dof"], observed=True)["run"].nunique().max() > 1
+    notes = ["line: median over seeds, band: smallest to largest"] if several else []
+    if (frame["name"] == SELECTED).any():
+        notes.append("markers: selected orders; not shown: orders above twice the largest of them")
+    labels = ordered(points["label"].dropna())
+    notes += [f"order chosen by: {', '.join(labels)}"] if labels else []
+    title = facet.title(f"Force MSE over model order, {', '.join(ordered(points[request.rows]))}")
+    return style.drawing_of(facet.file("orders"), figure, axes, title, notes)
 
 
-def _curves(
-    results: Queries, request: PlotRequest, facet: Facet
-) -> Mapping[tuple[str, str], Mapping[str, Curves]]:
-    """Curves by (row, column) and degree of freedom."""
-    diagnostics = results.diagnostics(facet.runs, NAMES, facet.condition)
-    groups: dict[tuple[str, str], dict[str, list[StoredDiagnostic]]] = {}
-    for run in facet.runs:
-        rows = diagnostics[run.id]
-        key = (run.levels[request.rows], run.levels[request.columns])
-        for dof in {row.dof for row in rows if row.name == NAMES[0] and row.i is not None}:
-            own = groups.setdefault(key, {}).setdefault(dof, [])
-            own += [row for row in rows if row.dof == dof]
-    return {
-        key: {dof: _joined(rows) for dof, rows in by_dof.items()} for key, by_dof in groups.items()
-    }
-
-
-def _joined(rows: Sequence[StoredDiagnostic]) -> Curves:
-    """Return the curves of all runs of a group in one degree of freedom."""
-    points = [row for row in rows if row.name == NAMES[0] and row.i is not None]
-    runs, orders = (sorted({getattr(row, name) for row in points}) for name in ("run_id", "i"))
-    mse = np.full((len(runs), len(orders)), np.nan)
-    for row in points:
-        mse[runs.index(row.run_id), orders.index(row.i)] = row.value
-    selected = [int(row.value) for row in rows if row.name == NAMES[1] and row.value is not None]
-    return Curves(orders, mse, selected, points[0].unit, points[0].label or "")
-
-
-def _line(axes: Axes, curves: Curves, colour_index: int, style: str, label: str) -> None:
-    colour = PALETTE[colour_index % len(PALETTE)]
-    middle = np.nanmedian(curves.mse, axis=0)
-    axes.plot(curves.orders, middle, style, color=colour, label=label)
-    if len(curves.mse) > 1:
-        low, high = np.nanmin(curves.mse, axis=0), np.nanmax(curves.mse, axis=0)
-        axes.fill_between(curves.orders, low, high, color=colour, alpha=0.18, linewidth=0)
-    for order in sorted(set(curves.selected)):
-        if order in curves.orders:
+def _panel(axes: Axes, frame: pd.DataFrame, rows: list[str], columns: list[str]) -> None:
+    """Draw the errors of each row and column over the orders, the selected ones marked."""
+    for (row, column), own in sorted(frame.groupby("key")):
+        mse = own[own["name"] == MSE].pivot(index="run", columns="i", values="value")
+        if mse.empty:
+            continue
+        i = columns.index(column)
+        colour = style.PALETTE[i % len(style.PALETTE)]
+        line = LINE_STYLES[rows.index(row) % len(LINE_STYLES)]
+        label = f"{row}, {column}" if len(rows) > 1 else column
+        orders, middle = mse.columns.to_numpy(int), mse.median()
+        axes.plot(orders, middle, line, color=colour, label=label)
+        if len(mse) > 1:
+            axes.fill_between(orders, mse.min(), mse.max(), color=colour, alpha=0.18, linewidth=0)
+        selected = own.loc[own["name"] == SELECTED, "value"].dropna().astype(int)
+        for order in sorted({*selected} & {*orders.tolist()}):
             axes.plot(
-                [order], [middle[curves.orders.index(order)]], marker_of(colour_index),
-                color=colour, markeredgecolor="black", markersize=7, zorder=3,
+                [order], [middle[order]], style.marker_of(i), color=colour,
+                markeredgecolor="black", markersize=7, zorder=3,
             )  # fmt: skip
+    axes.set_xlabel("Model order")
+    axes.set_yscale("log")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _limit(axes: Axes, curves: Sequence[Curves]) -> None:
+def _limit(axes: Axes, frame: pd.DataFrame) -> None:
     """Set the limits to what matters: the orders up to twice the largest that was selected.
 
     Beyond it the error of an overfitted model grows by orders of magnitude.
     """
-    orders = sorted({order for line in curves for order in line.orders})
-    last = max((order for line in curves for order in line.selected), default=orders[-1])
-    last = min(max(2 * last, MIN_ORDERS), orders[-1])
-    shown = [line.mse[:, np.asarray(line.orders) <= last] for line in curves]
-    values = np.concatenate([part[np.isfinite(part) & (part > 0.0)] for part in shown])
-    axes.set_xlim(orders[0] - 0.5, last + 0.5)
-    if values.size:
-        chosen = [
-            float(np.nanmax(line.mse[:, line.orders.index(order)]))
-            for line in curves
-            for order in line.selected
-            if order in line.orders
-        ]
-        highest = min(float(np.max(values)), MAX_SHOWN_ERROR * float(np.median(values)))
-        highest = max([highest, *(value for value in chosen if np.isfinite(value))])
-        axes.set_ylim(0.7 * float(np.min(values)), 1.4 * highest)
-
-
-def _notes(curves: Mapping[tuple[str, str], Mapping[str, Curves]]) -> list[str]:
-    lines = [line for by_dof in curves.values() for line in by_dof.values()]
-    several = any(len(line.mse) > 1 for line in lines)
-    notes = ["line: median over seeds, band: smallest to largest"] if several else []
-    if any(line.selected for line in lines):
-        notes.append("markers: selected orders; not shown: orders above twice the largest of them")
-    labels = ordered(line.label for line in lines if line.label)
-    return ["; ".join(notes), *([f"order chosen by: {', '.join(labels)}"] if labels else [])]
+    points = frame[frame["name"] == MSE]
+    selected = frame.loc[frame["name"] == SELECTED, "value"].dropna()
+    last = min(
+        max(2.0 * selected.max() if len(selected) else np.inf, MIN_ORDERS), points["i"].max()
+    )
+    axes.set_xlim(points["i"].min() - 0.5, last + 0.5)
+    values = points.loc[(points["i"] <= last) & (points["value"] > 0.0), "value"]
+    if len(values):
+        chosen = points.loc[points["i"].isin(selected), "value"]
+        highest = min(values.max(), MAX_SHOWN_ERROR * values.median())
+        highest = np.nanmax([highest, *chosen[np.isfinite(chosen)]])
+        axes.set_ylim(0.7 * values.min(), 1.4 * highest)

@@ -6,20 +6,19 @@ polish has made of it. With up to three objectives every pair has a panel; with 
 the same degree of freedom have one.
 """
 
-from collections.abc import Sequence
 from functools import partial
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
+import pandas as pd
 
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
-from seatrial.runner.compare.plots.style import PALETTE, Drawing, drawing_of, marker_of, panels
-from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.plots.style import Drawing
 
 FIGURE = Figure(
     "pareto",
@@ -33,6 +32,7 @@ FIGURE = Figure(
 OBJECTIVE, CHOSEN, DEPLOYED = "pareto_objective", "pareto_chosen", "objective"
 MOST_PANELS, ABREAST = 6, 3
 LINEAR_RANGE = 30.0  # largest ratio of values on a linear axis
+RING: dict[str, Any] = {"fillstyle": "none", "color": "black", "zorder": 4, "linestyle": "none"}
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -42,84 +42,53 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
-    named = (OBJECTIVE, CHOSEN, DEPLOYED)
-    diagnostics = results.diagnostics(facet.runs, named, facet.condition)
-    fronts: list[_Front] = []
-    names: list[str] = []
-    dofs: list[str] = []
-    for run in facet.runs:
-        points = [row for row in diagnostics[run.id] if row.name == OBJECTIVE and row.i is not None]
-        if not points:
-            continue
-        axes_of = {row.j: with_unit(row.label or f"objective {row.j}", row.unit) for row in points}
-        names = names or [axes_of[j] for j in sorted(axes_of)]
-        dof_of = {row.j: row.dof for row in points}
-        dofs = dofs or [dof_of[j] for j in sorted(dof_of)]
-        front = np.full((1 + max(row.i for row in points), len(names)), np.nan)
-        for row in points:
-            front[row.i, sorted(axes_of).index(row.j)] = row.value
-        chosen = {int(row.i) for row in diagnostics[run.id] if row.name == CHOSEN}
-        deployed = np.full(len(names), np.nan)
-        for row in diagnostics[run.id]:
-            if row.name == DEPLOYED and row.j in axes_of:
-                deployed[sorted(axes_of).index(row.j)] = row.value
-        label = f"{run.levels[request.rows]}, {run.levels[request.columns]}"
-        fronts.append(_Front(label, front, chosen, deployed))
-    if len(names) < 2:
+    frame = facet.diagnostics(results, (OBJECTIVE, CHOSEN, DEPLOYED))
+    points = frame[(frame["name"] == OBJECTIVE) & frame["i"].notna()]
+    objectives = points.drop_duplicates("j").set_index("j").sort_index()
+    every = [*combinations(objectives.index, 2)]
+    if not every:
         return None
-    all_pairs = list(combinations(range(len(names)), 2))
-    alike = [(a, b) for a, b in all_pairs if dofs[a] == dofs[b]] if len(dofs) > 3 else []
-    pairs = (alike or all_pairs)[:MOST_PANELS]
+    dofs = objectives["dof"]
+    alike = [(a, b) for a, b in every if dofs[a] == dofs[b]] if len(dofs) > 3 else []
+    pairs = (alike or every)[:MOST_PANELS]
     columns = min(len(pairs), ABREAST)
     rows = -(-len(pairs) // columns)
-    figure, axes = panels(rows, columns, max(3.8, 5.0 / columns), 3.9)
+    figure, axes = style.panels(rows, columns, max(3.8, 5.0 / columns), 3.9)
     for spare in axes[len(pairs) :]:
         spare.remove()
+    runs = [*points.groupby("run")]
+    groups = {run: ", ".join(own[[request.rows, request.columns]].iloc[0]) for run, own in runs}
+    places = [*dict.fromkeys(groups.values())]
+    polished = False
+    for run, own in runs:
+        front = own.pivot(index="i", columns="j", values="value")
+        mine = frame[frame["run"] == run]
+        chosen = front.loc[front.index.isin(mine.loc[mine["name"] == CHOSEN, "i"])]
+        deployed = mine[mine["name"] == DEPLOYED].set_index("j")["value"].reindex(front.columns)
+        moved = deployed.notna().all() and not np.isclose(chosen, deployed).all(axis=1).any()
+        polished |= moved
+        i = places.index(groups[run])
+        look: dict[str, Any] = {
+            "color": style.PALETTE[i % len(style.PALETTE)],
+            "label": groups[run],
+        }
+        for panel, (x, y) in zip(axes, pairs, strict=False):
+            marker = style.marker_of(i)
+            panel.plot(front[x], front[y], marker, markersize=4, alpha=0.75, **look)
+            panel.plot(chosen[x], chosen[y], marker="o", markersize=11, **RING)
+            if moved:
+                panel.plot([deployed[x]], [deployed[y]], marker="D", markersize=9, **RING)
+    ends = pd.concat([points, frame[frame["name"] == DEPLOYED]]).groupby("j")["value"]
+    log = (ends.min() > 0.0) & (ends.max() > LINEAR_RANGE * ends.min())
+    labels = {j: with_unit(row.label or f"objective {j}", row.unit)
+              for j, row in objectives.iterrows()}  # fmt: skip
+    for panel, (x, y) in zip(axes, pairs, strict=False):
+        panel.set_xlabel(labels[x])
+        panel.set_ylabel(labels[y])
+        panel.set(xscale="log" if log[x] else "linear", yscale="log" if log[y] else "linear")
+    seeds = "; one front for each run" if len(runs) > 1 else ""
+    left_out = f"; {len(pairs)} of {len(every)} pairs" if len(pairs) < len(every) else ""
+    made = "; diamond: what the polish made of it" if polished else ""
+    notes = [f"circle: the chosen point{made}{seeds}{left_out}"]
     axes = axes[: len(pairs)]
-    for panel, pair in zip(axes, pairs, strict=True):
-        _panel(panel, fronts, names, pair)
-    seeds = "; one front for each run" if len(fronts) > 1 else ""
-    left_out = f"; {len(pairs)} of {len(all_pairs)} pairs" if len(pairs) < len(all_pairs) else ""
-    moved = "; diamond: what the polish made of it" if any(map(_moved, fronts)) else ""
-    notes = [f"circle: the chosen point{moved}{seeds}{left_out}"]
-    return drawing_of(facet.file("pareto"), figure, axes, facet.title("Pareto set"), notes)
-
-
-class _Front(NamedTuple):
-    """The front of one run."""
-
-    label: str
-    front: Sample  # (n, n_objectives)
-    chosen: set[int]
-    deployed: Sample  # (n_objectives,) of the model
-
-
-def _moved(front: _Front) -> bool:
-    """Whether the model is none of the chosen points."""
-    points = front.front[sorted(front.chosen & set(range(len(front.front))))]
-    known = np.all(np.isfinite(front.deployed))
-    return bool(known and not np.any(np.all(np.isclose(points, front.deployed), axis=1)))
-
-
-def _panel(
-    axes: Axes, fronts: Sequence[_Front], names: Sequence[str], pair: tuple[int, int]
-) -> None:
-    labels = list(dict.fromkeys(front.label for front in fronts))
-    for own in fronts:
-        i = labels.index(own.label)
-        colour = PALETTE[i % len(PALETTE)]
-        x, y = own.front[:, pair[0]], own.front[:, pair[1]]
-        marker = marker_of(i)
-        axes.plot(x, y, marker, color=colour, markersize=4, alpha=0.75, label=own.label)
-        ring: dict[str, Any] = {"fillstyle": "none", "color": "black", "zorder": 4}
-        for index in own.chosen & set(range(len(own.front))):
-            axes.plot(x[index], y[index], "o", markersize=11, **ring)
-        if _moved(own):
-            axes.plot(*own.deployed[list(pair)], "D", markersize=9, **ring)
-    axes.set_xlabel(names[pair[0]])
-    axes.set_ylabel(names[pair[1]])
-    for column, set_scale in ((pair[0], axes.set_xscale), (pair[1], axes.set_yscale)):
-        values = np.concatenate([np.append(f.front[:, column], f.deployed[column]) for f in fronts])
-        low, high = np.nanmin(values), np.nanmax(values)
-        if low > 0.0 and high > LINEAR_RANGE * low:
-            set_scale("log")
+    return style.drawing_of(facet.file("pareto"), figure, axes, facet.title("Pareto set"), notes)

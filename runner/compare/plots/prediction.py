@@ -5,8 +5,9 @@ measured values lie at that level, by what the data leave open of its parameters
 error.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -15,15 +16,9 @@ from seatrial.runner.compare.benchmark.scores import half_width
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import PlotRequest, diagnostics_of, each_run, subtitle
-from seatrial.runner.compare.plots.style import (
-    MODEL_COLOURS,
-    REFERENCE,
-    Drawing,
-    beside,
-    drawing_of,
-    panels,
-)
+from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import DOFS, IDENTIFIED_STD, POSES
@@ -39,6 +34,7 @@ FIGURE = Figure(
 
 MODELS = ("nominal", "identified")
 ROOM = 3.0  # standard deviations of the measured velocity around its range that are shown
+POINTS = 400  # of a line of several entrants
 Line = tuple[str, Sample, str]  # label, values over time, colour
 
 
@@ -51,61 +47,80 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
-    dofs = request.shown(lambda dof: dof in series.columns)
-    if not dofs:
+    columns, band = series.columns, request.band
+    names = request.shown(lambda dof: dof in columns)
+    if not names:
         raise ConfigurationError(f"plot prediction: run {run.id} has no prediction of these DOFs")
-    names = dofs if request.band is None else _banded(series, dofs, request.band, run)
-    figure, axes = panels(len(names), 1, 8.0, 2.3, share_x=True)
-    for panel, name in zip(axes, names, strict=True):
-        lines = [
-            (model, series.columns[f"{name}_{model}"], MODEL_COLOURS[model])
-            for model in MODELS
-            if f"{name}_{model}" in series.columns
-        ]
-        if request.band is not None:
-            _band(panel, series, name, request.band)
-        draw_motion(panel, series, name, lines)
-    axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
-    begins = "the first measured state"
-    if np.sum(series.columns["start"]) > 1:
-        begins += " of each piece"
-    notes = [f"predictions begin at {begins}; FIT at the right: 100 % is perfect"]
-    if request.band is not None:
-        notes.append(
-            f"band: {request.band:g} % of what is measured, by what the data leave open of the"
-            " parameters, the model error and the noise"
-        )
-    reasons = diagnostics_of(results, run, ("no_prediction",))
-    notes += [f"no prediction: {row.label}" for row in reasons]
-    title = f"Free run, {subtitle(run)}"
-    return drawing_of(f"prediction-run-{run.id}", figure, axes, title, notes)
-
-
-def _banded(series: Series, dofs: list[str], band: float, run: StoredRun) -> list[str]:
-    """Return the poses and velocities that have a band; raises ConfigurationError if none does."""
-    if not 0.0 < band < 100.0:
-        raise ConfigurationError(f"plot prediction: --band: got {band:g}, expected 0 to 100 [%]")
-    poses = [POSES[DOFS.index(dof)] for dof in dofs]
-    names = [name for name in (*poses, *dofs) if f"{name}_{IDENTIFIED_STD}" in series.columns]
+    if band is not None:
+        if not 0.0 < band < 100.0:
+            raise ConfigurationError(
+                f"plot prediction: --band: got {band:g}, expected 0 to 100 [%]"
+            )
+        names = [*(POSES[DOFS.index(dof)] for dof in names), *names]
+        names = [name for name in names if f"{name}_{IDENTIFIED_STD}" in columns]
     if not names:
         raise ConfigurationError(
             f"plot prediction: run {run.id} has no bands: its identifier gives no distribution, or"
             " its draws diverge"
         )
-    return names
+    figure, axes = style.panels(len(names), 1, 8.0, 2.3, share_x=True)
+    for panel, name in zip(axes, names, strict=True):
+        if band is not None:
+            half = half_width(columns[f"{name}_{IDENTIFIED_STD}"], 0.01 * band)
+            t, middle, half = _with_gaps(series, columns[f"{name}_identified"], half)
+            panel.fill_between(
+                t, middle - half, middle + half, alpha=0.2, linewidth=0, label=f"{band:g} % band",
+                color=style.MODEL_COLOURS["identified"],
+            )  # fmt: skip
+        lines = [
+            (model, columns[f"{name}_{model}"], style.MODEL_COLOURS[model])
+            for model in MODELS
+            if f"{name}_{model}" in columns
+        ]
+        _draw_motion(panel, series, name, lines)
+    axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
+    piece = " of each piece" if np.sum(columns["start"]) > 1 else ""
+    notes = [f"predictions begin at the first measured state{piece}; FIT at the right: 100 % is"
+             " perfect"]  # fmt: skip
+    if band is not None:
+        notes.append(
+            f"band: {band:g} % of what is measured, by what the data leave open of the parameters,"
+            " the model error and the noise"
+        )
+    reasons = diagnostics_of(results, run, ("no_prediction",))["label"]
+    notes += [f"no prediction: {reason}" for reason in reasons]
+    title = f"Free run, {subtitle(run)}"
+    return style.drawing_of(f"prediction-run-{run.id}", figure, axes, title, notes)
 
 
-def _band(axes: Axes, series: Series, name: str, band: float) -> None:
-    """Draw the band of the identified model at a level [%]."""
-    half = half_width(series.columns[f"{name}_{IDENTIFIED_STD}"], 0.01 * band)
-    t, shown, half = with_gaps(series, series.columns[f"{name}_identified"], half)
-    axes.fill_between(
-        t, shown - half, shown + half, color=MODEL_COLOURS["identified"], alpha=0.2, linewidth=0,
-        label=f"{band:g} % band",
-    )  # fmt: skip
+def free_runs(
+    title: str, runs: Mapping[str, Series], outputs: Sequence[str]
+) -> matplotlib.figure.Figure:
+    """Return the measured velocities of a test file and those of the free runs of several entrants.
+
+    Args:
+        title: of the figure.
+        runs: the series `prediction` of each entrant, all of the same file.
+        outputs: the velocities, of which each has a panel.
+    """
+    first = next(iter(runs.values()))
+    figure, axes = style.panels(len(outputs), 1, 7.0, 1.9, share_x=True)
+    others = iter(style.PALETTE[k] for k in (0, 2, 3, 4, 7))
+    colours = {
+        name: style.MODEL_COLOURS["nominal"] if name == "none" else next(others) for name in runs
+    }
+    for panel, dof in zip(axes, outputs, strict=True):
+        predicted = [
+            (name, series.columns[f"{dof}_identified"], colours[name])
+            for name, series in runs.items()
+            if f"{dof}_identified" in series.columns
+        ]
+        _draw_motion(panel, first, dof, predicted, max(len(first.columns["t"]) // POINTS, 1))
+    axes[-1].set_xlabel(with_unit("Time", first.units["t"]))
+    return style.drawing_of("velocities", figure, axes, title).figure
 
 
-def draw_motion(
+def _draw_motion(
     axes: Axes, series: Series, name: str, lines: Sequence[Line], every: int = 1
 ) -> None:
     """Draw a measured motion and predictions of it over time, with their FIT at the right.
@@ -114,8 +129,8 @@ def draw_motion(
     that runs away leaves the panel. Of long series only each sample of number `every` is drawn.
     """
     measured = series.columns[name]
-    for label, values, colour in [("measured", measured, REFERENCE), *lines]:
-        t, shown = with_gaps(series, values)
+    for label, values, colour in [("measured", measured, style.REFERENCE), *lines]:
+        t, shown = _with_gaps(series, values)
         chosen = (np.arange(len(t)) % every == 0) | np.isnan(shown)
         axes.plot(t[chosen], shown[chosen], color=colour, label=label, linewidth=0.9, alpha=0.9)
     margin = ROOM * float(np.std(measured)) or 1.0
@@ -123,27 +138,23 @@ def draw_motion(
     axes.set_ylim(*np.clip(axes.get_ylim(), low, high).tolist())
     axes.set_ylabel(with_unit(name.capitalize(), series.units[name]))
     axes.margins(x=0)
-    beside(axes, [(_end(v), f"FIT {fit_text(measured, v)}", colour) for _, v, colour in lines])
+    ends = [next(iter(v[np.isfinite(v)][-1:]), np.nan) for _, v, _ in lines]  # beside which it is
+    style.beside(axes, [
+        (float(end), f"FIT {_fit_text(measured, values)}", colour)
+        for end, (_, values, colour) in zip(ends, lines, strict=True)
+    ])  # fmt: skip
 
 
-def with_gaps(series: Series, *signals: Sample) -> list[Sample]:
+def _with_gaps(series: Series, *signals: Sample) -> list[Sample]:
     """Return time and signals with NaN before each piece, so that no line joins two pieces."""
     gaps = np.flatnonzero(series.columns["start"] > 0.0)[1:]
     return [np.insert(values, gaps, np.nan) for values in (series.columns["t"], *signals)]
 
 
-def _end(values: Sample) -> float:
-    """Return the last finite value of a line, beside which its FIT is written."""
-    finite = values[np.isfinite(values)]
-    return float(finite[-1]) if len(finite) else float("nan")
-
-
-def fit_text(measured: Sample, predicted: Sample) -> str:
+def _fit_text(measured: Sample, predicted: Sample) -> str:
     """Return the FIT of a prediction, or that it diverges."""
     if np.any(np.isnan(predicted)):
         return "diverges"
     spread = float(np.std(measured))
-    if not spread:
-        return "-"
-    nrmse = float(np.sqrt(np.mean(np.square(predicted - measured)))) / spread
-    return f"{100.0 * (1.0 - nrmse):.0f} %"
+    error = float(np.sqrt(np.mean(np.square(predicted - measured))))
+    return f"{100.0 * (1.0 - error / spread):.0f} %" if spread else "-"

@@ -4,9 +4,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from hashlib import sha256
-from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -17,20 +15,18 @@ from seatrial.runner.compare.frame import (
     FINISHED,
     NO_LEVELS,
     Queries,
-    StoredDiagnostic,
     StoredRun,
     codes,
     ordered,
     stored_runs,
 )
+from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import DOF_ORDER, NOT_STARTED
 
-Drawing = TypeVar("Drawing")
-Choice = Callable[[Queries, Sequence[StoredRun], Condition], StoredRun]
 Voyages = Mapping[str, Series]  # deployments by model, or the recording
 PREFIX = "deployment_"
 DEPLOYMENTS = (f"{PREFIX}nominal", f"{PREFIX}identified")
@@ -66,11 +62,37 @@ class PlotRequest:
         return replace(results.where(self.where), run=self.run)
 
     def trials(self, results: Queries, factors: Sequence[str], planned: bool) -> pd.DataFrame:
-        """Return its trials with their levels of the factors, as matplotlib can draw them."""
-        for factor in factors:
-            results.names.check(factor, "--rows/--columns/--facet")
+        """Return its trials with their levels of the factors, as matplotlib can draw them.
+
+        A factor may be several, comma-separated, whose levels are joined.
+        """
+        parts = {factor: parts_of(factor) for factor in factors}
+        names = list(dict.fromkeys(name for own in parts.values() for name in own))
+        for name in names:
+            results.names.check(name, "--rows/--columns/--facet")
         attempts = self.run is not None  # the run asked for may be one that was repeated
-        return _drawable(results.trials(self.condition(results), factors, attempts, planned))
+        trials = results.trials(self.condition(results), names, attempts, planned)
+        levels = [name for name in trials if name not in ("status", *NO_LEVELS)]
+        trials = trials.assign(**{n: trials[n].cat.rename_categories(_drawable) for n in levels})
+        for factor, own in parts.items():
+            if len(own) > 1:
+                trials[factor] = trials[own].astype(str).agg(", ".join, axis=1).astype("category")
+        return trials
+
+
+def parts_of(factor: str) -> list[str]:
+    """Return the names of a factor of several, comma-separated."""
+    return [name.strip() for name in factor.split(",")]
+
+
+def _drawable(level: str) -> str:
+    """Return a level as text, not as a formula between $.
+
+    One that is long or has control characters ends with a part of its digest: it stays distinct.
+    """
+    if len(level) > LONGEST_STEM or visible(level) != level:
+        level = f"{visible(level)[:60]}… {sha256(level.encode()).hexdigest()[:8]}"
+    return level.replace("$", r"\$")
 
 
 @dataclass(frozen=True)
@@ -82,18 +104,23 @@ class Facet:
     label: str = ""  # "vessel = milliampere", empty if there is one figure
     run: int | None = None  # the requested run
 
-    @cached_property
+    @property
     def runs(self) -> Sequence[StoredRun]:
         """The runs as objects, without the trials that were not started."""
         return stored_runs(self.trials[self.trials["status"] != NOT_STARTED])
+
+    def diagnostics(self, results: Queries, names: Sequence[str]) -> pd.DataFrame:
+        """Return the named diagnostics of the runs with the levels of their trials."""
+        rows = results.diagnostics(names, self.condition)
+        return rows.join(self.trials, on="run", how="inner")
 
     def title(self, text: str) -> str:
         """Return the title of the figure with the vessel and the facet."""
         parts = [self.label] if self.label else []
         parts += [f"run {self.run}"] if self.run is not None else []
-        vessels = {run.levels["vessel"] for run in self.runs if run.status == FINISHED}
+        vessels = self.trials.loc[self.trials["status"] == FINISHED, "vessel"].unique()
         if len(vessels) == 1 and "vessel = " not in self.label:
-            text = f"{text}, {vessels.pop()}"
+            text = f"{text}, {vessels[0]}"
         return f"{text} ({', '.join(parts)})" if parts else text
 
     def file(self, name: str) -> str:
@@ -106,55 +133,42 @@ class Facet:
         return f"{safe[:LONGEST_STEM]}-{sha256(stem.encode()).hexdigest()[:12]}"
 
 
-def _drawable(trials: pd.DataFrame) -> pd.DataFrame:
-    """Return trials whose levels matplotlib draws as text, not as formulas between $.
-
-    A level that is long or has control characters ends with a part of its digest, so that levels
-    stay distinct.
-    """
-    names = [name for name in trials if name not in ("status", *NO_LEVELS)]
-    return trials.assign(**{name: trials[name].cat.rename_categories(_label) for name in names})
-
-
-def _label(level: str) -> str:
-    if len(level) > LONGEST_STEM or visible(level) != level:
-        level = f"{visible(level)[:60]}… {sha256(level.encode()).hexdigest()[:8]}"
-    return level.replace("$", r"\$")
-
-
-def facets(
+def each_facet(
     results: Queries,
     request: PlotRequest,
-    rows: Sequence[str] | None = None,
+    draw: Callable[[Facet], Drawing | None],
+    missing: str,
     averages: bool = False,
-) -> list[Facet]:
-    """Return the runs of each figure; raises ConfigurationError if no run matches.
+) -> list[Drawing]:
+    """Return the drawing of each facet that `draw` does not leave out by None.
 
-    `rows` are the factors of a figure with several row factors. A figure that `averages` over runs
-    is drawn once for each level of what the runs of a group differ in, and for each vessel.
+    A figure that `averages` over runs is drawn once for each level of what the runs of a group
+    differ in, and for each vessel.
+
+    Raises ConfigurationError if no run matches, and with the message `missing` if `draw` leaves out
+    all facets.
     """
-    own = [*(rows or [request.rows]), request.columns]
+    own = [request.rows, request.columns]
     names = [] if request.facet is None else [request.facet]
     trials = request.trials(results, [*own, *names], planned=True)
     if averages and "all" not in request.pool:
         split = _unlike(results, trials, [*own, *names], request)
-        if trials["vessel"].nunique() > 1 and "vessel" not in (*own, *names, *split, *request.pool):
+        named = {*parts_of(",".join(own)), *names, *split, *request.pool}
+        if trials["vessel"].nunique() > 1 and "vessel" not in named:
             split.append("vessel")
         names += split
         trials = request.trials(results, [*own, *names], planned=True) if split else trials
     condition = request.condition(results)
-    if not names:
-        return [Facet(trials, condition, run=request.run)]
-    parts = dict(iter(trials.groupby(names, observed=True)))
+    parts = dict(iter(trials.groupby(names, observed=True))) if names else {(): trials}
     ranks = [ordered(levels) for levels in zip(*parts, strict=True)]
-    return [
-        Facet(
-            parts[key], condition,
-            ", ".join(f"{name} = {level}" for name, level in zip(names, key, strict=True)),
-            request.run,
-        )
-        for key in sorted(parts, key=lambda key: list(map(list.index, ranks, key)))
-    ]  # fmt: skip
+    drawings = []
+    for key in sorted(parts, key=lambda key: list(map(list.index, ranks, key))):
+        label = ", ".join(f"{name} = {level}" for name, level in zip(names, key, strict=True))
+        drawings.append(draw(Facet(parts[key], condition, label, request.run)))
+    made = [drawing for drawing in drawings if drawing is not None]
+    if not made:
+        raise ConfigurationError(missing)
+    return made
 
 
 def _unlike(
@@ -170,36 +184,11 @@ def _unlike(
     return split
 
 
-def each_facet(
-    results: Queries,
-    request: PlotRequest,
-    draw: Callable[[Facet], Drawing | None],
-    missing: str,
-    averages: bool = False,
-) -> list[Drawing]:
-    """Return the drawing of each facet that `draw` does not leave out by None.
-
-    Raises ConfigurationError with the message `missing` if it leaves out all of them.
-    """
-    parts = facets(results, request, averages=averages)
-    drawings = [drawing for facet in parts if (drawing := draw(facet))]
-    if not drawings:
-        raise ConfigurationError(missing)
-    return drawings
-
-
-def diagnostics_of(
-    results: Queries, run: StoredRun, names: Sequence[str]
-) -> Sequence[StoredDiagnostic]:
-    """Return the diagnostics of one run with these names."""
-    return results.diagnostics([run], names, Condition(run=run.id))[run.id]
-
-
 def each_run(
     results: Queries,
     request: PlotRequest,
     kinds: Sequence[str],
-    typical: Choice = lambda results, runs, condition: runs[-1],  # the newest
+    typical: Callable[[Queries, Sequence[StoredRun], Condition], StoredRun] | None = None,
 ) -> list[tuple[StoredRun, dict[str, Series]]]:
     """Return the runs of figures over time, and those of the series `kinds` that each run has.
 
@@ -215,18 +204,18 @@ def each_run(
         if has and (request.run is not None or run.status == FINISHED):
             candidates[run.levels[facet] if facet is not None else ""].append(run)
     if not candidates:
-        subject = "no finished run that matches has a" if request.run is None else (
-            f"run {request.run} has no")  # fmt: skip
+        subject = "no finished run that matches has a"
+        subject = subject if request.run is None else f"run {request.run} has no"
         raise ConfigurationError(f"plot: {subject} series {' or '.join(kinds)}")
-    chosen = [typical(results, candidates[level], condition) for level in ordered(candidates)]
+    of_levels = [candidates[level] for level in ordered(candidates)]
+    chosen = [typical(results, runs, condition) if typical else runs[-1] for runs in of_levels]
     read = results.reader.series
     return [(run, {k: read(run.id, k) for k in kinds if k in stored[run.id]}) for run in chosen]
 
 
 def subtitle(run: StoredRun) -> str:
     """Return `run 17: milliampere, noise, plsr, seed 3`."""
-    names = ("vessel", "disturbance", "identifier")
-    levels = ", ".join(run.levels[name] for name in names)
+    levels = ", ".join(run.levels[name] for name in ("vessel", "disturbance", "identifier"))
     return f"run {run.id}: {levels}, seed {run.levels['seed']}"
 
 
@@ -251,19 +240,22 @@ def distinct(
     without identification. Of a model that was not deployed the note says why.
     """
     voyages = {kind.removeprefix(PREFIX): series for kind, series in series_of.items()}
-    nominal, identified = voyages.get("nominal"), voyages.get("identified")
-    if nominal is None and identified is None:
+    models = ("nominal", "identified")
+    absent = [model for model in models if model not in voyages]
+    if len(absent) == len(models):
         return voyages, []
-    if nominal is not None and identified is not None and _equal(nominal, identified):
+    if absent:
+        reason = results.reader.run(run.id).note
+        return voyages, [reason or f"the {model} model did not sail" for model in absent]
+    first, second = (voyages[model].columns for model in models)
+    if first.keys() == second.keys() and all(
+        np.array_equal(first[name], second[name], equal_nan=True) for name in first
+    ):
         del voyages["identified"]
         return voyages, ["the identified model sails the same track"]
-    reason = results.reader.run(run.id).note
-    absent = [model for model in ("nominal", "identified") if model not in voyages]
-    return voyages, [reason or f"the {model} model did not sail" for model in absent]
+    return voyages, []
 
 
-def _equal(first: Series, second: Series) -> bool:
-    return first.columns.keys() == second.columns.keys() and all(
-        np.array_equal(first.columns[name], second.columns[name], equal_nan=True)
-        for name in first.columns
-    )
+def diagnostics_of(results: Queries, run: StoredRun, names: Sequence[str]) -> pd.DataFrame:
+    """Return the diagnostics of one run with these names."""
+    return results.diagnostics(names, Condition(run=run.id))

@@ -1,7 +1,7 @@
-"""Common style of the figures: palette, fonts, labels with units, and reproducible files.
+"""Common style of the figures: palette, sizes, titles, legends, notes and reproducible files.
 
-Figures are made without pyplot: no window, no global state, and no effect of backend settings.
-A figure with one panel may be drawn into axes of the caller's (`drawn(axes)`); title, legend and
+Figures are made without pyplot: no window, no global state, and no effect of backend settings. A
+figure with one panel may be drawn into axes of the caller's (`drawn(axes)`); title, legend and
 notes then belong to these axes, and the rest of their figure is not changed.
 
 Units of forces on axes: kN and MNm for ships, N and Nm for models; and the thrusters' limits.
@@ -21,7 +21,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.grid import number_text, with_unit
@@ -32,7 +31,6 @@ from seatrial.runner.record.vocabulary import COMBINED, Config
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
-
 
 # Okabe and Ito (2008), ordered for contrast of neighbours, without yellow, which is too pale; then
 # dark colours of Tol (2021) for figures of many series.
@@ -48,17 +46,16 @@ MODEL_COLOURS = {
 REFERENCE = "#000000"
 WIND = "#56B4E9"
 MUTED = "#595959"
+SHADE = "#E8E8E8"
 TITLE_SIZE = 11
 TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, a low estimate
 TEXT_SHARE = 0.17  # height of a line of text beside a panel, of the lowest panel
-SHADE = "#E8E8E8"
-RC: Mapping["RcKeyType", object] = {
+RC: "Mapping[RcKeyType, object]" = {
     "font.family": "DejaVu Sans",  # part of matplotlib: the same on every machine
     "font.size": 10,
     "axes.titlesize": TITLE_SIZE,
     "axes.titleweight": "bold",
-    "axes.labelsize": 10,
     "legend.fontsize": 9,
     "legend.frameon": False,
     "xtick.labelsize": 9,
@@ -78,10 +75,25 @@ RC: Mapping["RcKeyType", object] = {
     "svg.fonttype": "path",
     "path.simplify": True,
 }
+PREFIXES = (("M", 1e6, 1e6), ("k", 1e3, 1e4))  # letter, factor, smallest value that takes it
+PREFIXED = ("N", "Nm", "W", "J")
+SHOWN_LIMIT = 2.5  # a limit above this multiple of the peak is not drawn
 
 
-_GIVEN: ContextVar[Axes | None] = ContextVar("axes", default=None)  # of the caller
-_DRAWING: ContextVar[bool] = ContextVar("drawing", default=False)  # inside of `drawn`
+@dataclass(frozen=True)
+class Canvas:
+    """What is drawn on: axes of the caller's, or paper of a width [mm], else the screen."""
+
+    axes: Axes | None = None
+    width_mm: float | None = None
+
+
+SCREEN = Canvas()
+_CANVAS: ContextVar[Canvas | None] = ContextVar("canvas", default=None)  # None: outside of `drawn`
+
+
+def _canvas() -> Canvas:
+    return _CANVAS.get() or SCREEN
 
 
 class Chart(Figure):
@@ -89,7 +101,7 @@ class Chart(Figure):
 
     def savefig(self, *arguments: Any, **options: Any) -> None:
         """Write the figure as `matplotlib.figure.Figure.savefig` does, in the style above."""
-        with nullcontext() if _DRAWING.get() else drawn():
+        with drawn() if _CANVAS.get() is None else nullcontext():
             super().savefig(*arguments, **options)
 
     def _repr_png_(self) -> bytes:
@@ -106,11 +118,6 @@ class Drawing:
     figure: Figure
 
 
-def marker_of(i: int) -> str:
-    """Return the marker of group i; with the colours of PALETTE there are 196 distinct pairs."""
-    return MARKERS[(i + i // len(PALETTE)) % len(MARKERS)]
-
-
 @contextmanager
 def drawn(axes: Axes | None = None, width_mm: float | None = None) -> Iterator[None]:
     """Context for drawing and saving: the settings above on matplotlib's defaults.
@@ -118,56 +125,52 @@ def drawn(axes: Axes | None = None, width_mm: float | None = None) -> Iterator[N
     `axes` are those of the caller, for a figure with one panel. With `width_mm` figures are for
     print, of this width. Raises LogbookError for a stored name that reads as a formula and is none.
     """
-    given, drawing = _GIVEN.set(axes), _DRAWING.set(True)
+    token = _CANVAS.set(Canvas(axes, width_mm))
     try:
-        with _styled(width_mm), paper.of_width(width_mm):
+        with mpl.rc_context():
+            mpl.rcdefaults()
+            mpl.rcParams.update({**RC, **({} if width_mm is None else paper.RC)})
             yield
+    except ValueError as error:
+        if "ParseFatalException" not in str(error):
+            raise
+        message = f"plot: a stored name cannot be drawn: {str(error).strip()}"
+        raise LogbookError(message) from error
     finally:
-        _GIVEN.reset(given)
-        _DRAWING.reset(drawing)
+        _CANVAS.reset(token)
 
 
-@contextmanager
-def _styled(width_mm: float | None) -> Iterator[None]:
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        for name, value in {**RC, **({} if width_mm is None else paper.RC)}.items():
-            mpl.rcParams[name] = value
-        try:
-            yield
-        except ValueError as error:
-            if "ParseFatalException" not in str(error):
-                raise
-            message = f"plot: a stored name cannot be drawn: {str(error).strip()}"
-            raise LogbookError(message) from error
-
-
-def figure(width: float, height: float, rigid: bool = False) -> Figure:
+def figure(width: float, height: float) -> Figure:
     """Return an empty figure of width x height [inch] with constrained layout.
 
+    In print its width is that of the paper; texts do not shrink with it, so the height hardly does.
     Raises ConfigurationError if there are axes of the caller, which cannot hold several panels.
     """
-    if _GIVEN.get() is not None:
+    canvas = _canvas()
+    if canvas.axes is not None:
         raise ConfigurationError("plot: ax: got axes for a figure of several panels, expected None")
-    size = paper.size_of(width, height)
-    return Chart(figsize=(size[0], height) if rigid else size, layout="constrained")
+    if canvas.width_mm is not None:
+        inches = canvas.width_mm / paper.MM_PER_INCH
+        width, height = inches, height * min(1.0, inches / width) ** 0.25
+    return Chart(figsize=(width, height), layout="constrained")
 
 
 def panels(
-    rows: int, columns: int, width: float, height: float, share_x: bool = False, rigid: bool = False
+    rows: int, columns: int, width: float, height: float, share_x: bool = False
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure of rows x columns axes, each width x height [inch], and its axes by row.
 
-    With `share_x` all axes have the same range of x. `rigid` panels have the same height in print:
-    their lines of text need it. Panels that are too narrow in print stand below each other. One
-    panel is drawn into the axes of the caller, if there are any.
+    With `share_x` all axes have the same range of x. Panels that are too narrow in print stand
+    below each other. One panel is drawn into the axes of the caller, if there are any.
     """
-    given = _GIVEN.get()
-    if given is not None and rows * columns == 1:
-        return cast(Figure, given.figure), [given]
-    abreast = paper.columns_of(columns)
+    canvas, abreast = _canvas(), columns
+    if canvas.axes is not None and rows * columns == 1:
+        return cast(Figure, canvas.axes.figure), [canvas.axes]
+    if canvas.width_mm is not None:
+        most = int(canvas.width_mm / paper.MM_PER_INCH / paper.PANEL_INCH)
+        abreast = max(1, min(columns, most))
     bands = -(-columns // abreast)
-    chart = figure(abreast * width, rows * bands * height, rigid)
+    chart = figure(abreast * width, rows * bands * height)
     grid = chart.subplots(rows * bands, abreast, squeeze=False, sharex="all" if share_x else "none")
     axes = [
         grid[column // abreast * rows + row, column % abreast]
@@ -181,29 +184,19 @@ def panels(
     return chart, axes
 
 
-def metric_label(name: str, dof: str, unit: str | None) -> str:
-    """Return an axis label such as `Force MSE, surge [N²]`.
-
-    `name` is that of a metric, `dof` its degree of freedom, `unit` the stored unit.
-    """
-    label = definition_of(name).label
-    text = label if dof in COMBINED else f"{label}, {dof}"
-    return with_unit(text, unit)
-
-
 def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
     """Add the title and one legend, with each label once, above the figure."""
-    given = _GIVEN.get()
-    if given is not None:
-        given.set_title(title, loc="left")
-        if given.get_legend_handles_labels()[0]:
-            given.legend()
-        return
-    handles: dict[str, Artist] = {}
+    canvas, handles = _canvas(), dict[str, Artist]()
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    letters = TITLE_LETTERS_PER_INCH * TITLE_SIZE / paper.text_size(TITLE_SIZE)
+    if canvas.axes is not None:
+        canvas.axes.set_title(title, loc="left")
+        if handles:
+            canvas.axes.legend([*handles.values()], [*handles])
+        return
+    size = TITLE_SIZE if canvas.width_mm is None else paper.POINTS
+    letters = TITLE_LETTERS_PER_INCH * TITLE_SIZE / size
     title = "\n".join(wrap(title, int(chart.get_figwidth() * letters)))
     if not handles:
         chart.suptitle(title, x=0.01, ha="left", fontsize=TITLE_SIZE, fontweight="bold")
@@ -221,61 +214,11 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
     )
 
 
-def beside(axes: Axes, texts: Sequence[tuple[float, str, str]]) -> None:
-    """Write texts at the right of a panel, each (value on the y axis, text, colour) at its value.
-
-    The limits of the axis must be final. Texts that would overlap are moved apart.
-    """
-    low, high = axes.get_ylim()
-    wanted = np.nan_to_num([(value - low) / (high - low) for value, _, _ in texts], nan=0.5)
-    order = np.argsort(wanted, kind="stable")
-    heights = np.empty(len(texts))
-    heights[order] = apart(wanted[order], TEXT_SHARE)
-    for (_, text, colour), height in zip(texts, heights, strict=True):
-        axes.text(
-            1.005, height, text, transform=axes.transAxes, color=colour, fontsize=8.5, va="center"
-        )
-
-
-def apart(heights: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
-    """Return increasing heights in 0 to 1, shape (n,), moved to be `distance` from each other.
-
-    They are moved as little as possible in least squares: those that are too near to each other
-    become a block around their mean.
-    """
-    steps = distance * np.arange(len(heights))
-    blocks: list[list[float]] = []
-    for height in heights - steps:
-        blocks.append([float(height)])
-        while len(blocks) > 1 and np.mean(blocks[-2]) > np.mean(blocks[-1]):
-            last = blocks.pop()
-            blocks[-1] += last
-    moved = steps + [float(np.mean(block)) for block in blocks for _ in block]
-    room = 0.5 * distance
-    upward = np.maximum(moved, room + steps)
-    return np.asarray(np.minimum(upward, 1.0 - room - steps[::-1]))
-
-
-def trim(chart: Figure) -> None:
-    """Take away the height that panels of equal axes leave unused above and below them."""
-    if _GIVEN.get() is not None:
-        return
-    for _ in range(2):  # the first layout has the old height
-        chart.draw_without_rendering()
-        rows: dict[float, float] = {}
-        for axes in chart.axes:
-            slot, used = axes.get_position(original=True), axes.get_position()
-            unused = slot.height - used.height
-            key = round(slot.y0, 3)
-            rows[key] = min(rows.get(key, unused), unused)
-        chart.set_figheight(chart.get_figheight() * (1.0 - sum(rows.values())))
-
-
 def footnote(chart: Figure, notes: Sequence[str]) -> None:
     """Add small text below the figure, wrapped to its width."""
-    given = _GIVEN.get()
-    if given is not None:
-        given.annotate(
+    own = _canvas().axes
+    if own is not None:
+        own.annotate(
             "\n".join(notes), (0.0, 0.0), xycoords="axes fraction", xytext=(0.0, -36.0),
             textcoords="offset points", va="top", fontsize=8, color=MUTED,
         )  # fmt: skip
@@ -295,6 +238,54 @@ def drawing_of(
     return Drawing(name, chart)
 
 
+def save(drawing: Drawing, folder: Path, print_: bool = False) -> list[Path]:
+    """Write NAME.png and NAME.svg, or for print NAME.pdf; equal figures give equal SVG and PDF.
+
+    Returns the paths of the files. Raises OSError if one cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    forms = {"png": {"Software": None}, "svg": {"Date": None}}
+    if print_:
+        paper.fit(drawing.figure)
+        forms = {"pdf": {"CreationDate": None}}
+    paths = [folder / f"{drawing.name}.{suffix}" for suffix in forms]
+    for path, metadata in zip(paths, forms.values(), strict=True):
+        drawing.figure.savefig(path, metadata=metadata)
+    return paths
+
+
+def trim(chart: Figure) -> None:
+    """Take away the height that panels of equal axes leave unused above and below them."""
+    if _canvas().axes is not None:
+        return
+    for _ in range(2):  # the first layout has the old height
+        chart.draw_without_rendering()
+        rows: dict[float, float] = {}
+        for axes in chart.axes:
+            slot, used = axes.get_position(original=True), axes.get_position()
+            key, unused = round(slot.y0, 3), slot.height - used.height
+            rows[key] = min(rows.get(key, unused), unused)
+        chart.set_figheight(chart.get_figheight() * (1.0 - sum(rows.values())))
+
+
+def beside(axes: Axes, texts: Sequence[tuple[float, str, str]]) -> None:
+    """Write texts at the right of a panel, each (value on the y axis, text, colour) at its value.
+
+    The limits of the axis must be final. Texts that would overlap are moved apart.
+    """
+    low, high = axes.get_ylim()
+    wanted = np.nan_to_num([(value - low) / (high - low) for value, _, _ in texts], nan=0.5)
+    heights, lowest = np.empty(len(texts)), 0.5 * TEXT_SHARE
+    for left, place in enumerate(np.argsort(wanted, kind="stable"), 1 - len(texts)):
+        highest = 1.0 + (left - 0.5) * TEXT_SHARE  # those above need their room
+        heights[place] = max(lowest, min(float(wanted[place]), highest))
+        lowest = heights[place] + TEXT_SHARE
+    for (_, text, colour), height in zip(texts, heights, strict=True):
+        axes.text(
+            1.005, height, text, transform=axes.transAxes, color=colour, fontsize=8.5, va="center"
+        )
+
+
 def shaded(axes: Axes, t: Sample, train: Sample) -> None:
     """Shade the training samples; `t` [s] and `train` (0 or 1) have shape (n,)."""
     chosen = np.concatenate([[False], train > 0, [False]])
@@ -302,31 +293,23 @@ def shaded(axes: Axes, t: Sample, train: Sample) -> None:
         axes.axvspan(t[first], t[end - 1], color=SHADE, linewidth=0, zorder=0)
 
 
+def marker_of(i: int) -> str:
+    """Return the marker of group i; with the colours of PALETTE there are 196 distinct pairs."""
+    return MARKERS[(i + i // len(PALETTE)) % len(MARKERS)]
+
+
+def metric_label(name: str, dof: str, unit: str | None) -> str:
+    """Return an axis label such as `Force MSE, surge [N²]`.
+
+    `name` is that of a metric, `dof` its degree of freedom, `unit` the stored unit.
+    """
+    label = definition_of(name).label
+    return with_unit(label if dof in COMBINED else f"{label}, {dof}", unit)
+
+
 def degrees(values: Sample) -> Sample:
     """Convert radians to degrees."""
     return np.asarray(np.degrees(values), dtype=np.float64)
-
-
-def save(drawing: Drawing, folder: Path, print_: bool = False) -> list[Path]:
-    """Write NAME.png and NAME.svg, or for print NAME.pdf; equal figures give equal SVG and PDF.
-
-    Returns the paths of the files. Raises OSError if one cannot be written.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    screen = {"png": {"Software": None}, "svg": {"Date": None}}
-    if print_:
-        paper.fit(drawing.figure)
-    for suffix, metadata in ({"pdf": {"CreationDate": None}} if print_ else screen).items():
-        path = folder / f"{drawing.name}.{suffix}"
-        drawing.figure.savefig(path, metadata=metadata)
-        paths.append(path)
-    return paths
-
-
-PREFIXES = (("M", 1e6, 1e6), ("k", 1e3, 1e4))  # letter, factor, smallest value that takes it
-PREFIXED = ("N", "Nm", "W", "J")
-SHOWN_LIMIT = 2.5  # a limit above this multiple of the peak is not drawn
 
 
 def prefixed(unit: str, largest: float) -> tuple[str, float]:
@@ -350,17 +333,17 @@ def limits_of(config: Config) -> dict[str, float]:
     return dict(zip(vessel.get("dofs") or (), vessel.get("force_limits") or (), strict=False))
 
 
-def draw_limit(axes: Axes, limit: float, peak: float, unit: str, size: float) -> None:
-    """Draw a limit [N, Nm] at both sides, or write it at the top if it is far above the peak.
+def draw_limits(axes: Axes, limits: tuple[float, float], peak: float, unit: str) -> None:
+    """Draw the limits of a signal, or write the larger one at the top if it is far above the peak.
 
-    `unit` and `size` are those of the axis.
+    All are in the unit of the axis.
     """
-    if limit <= SHOWN_LIMIT * peak:
-        for side in (-limit, limit):
-            axes.axhline(side / size, color=REFERENCE, linestyle="-.", linewidth=0.9, label="limit")
+    largest = max(map(abs, limits))
+    if largest <= SHOWN_LIMIT * peak:
+        for side in limits:
+            axes.axhline(side, color=REFERENCE, linestyle="-.", linewidth=0.9, label="limit")
         return
-    text = f"limit {number_text(limit / size, 3)} {unit}"
     axes.text(
-        0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=8,
-        color=REFERENCE,
+        0.99, 0.97, f"limit {number_text(largest, 3)} {unit}", transform=axes.transAxes,
+        ha="right", va="top", fontsize=8, color=REFERENCE,
     )  # fmt: skip

@@ -4,10 +4,10 @@ Diagnostics: `surface_mse` (dof, i = order, j = number of variables), `selected_
 `selected_variables` (dof).
 """
 
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
@@ -15,11 +15,11 @@ from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.frame import Queries, StoredDiagnostic
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import with_unit
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet, subtitle
-from seatrial.runner.compare.plots.style import Drawing, drawing_of, panels
-from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.plots.style import Drawing
 
 FIGURE = Figure(
     "surface",
@@ -43,25 +43,25 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
-    diagnostics = results.diagnostics(facet.runs, (SURFACE, ORDER, VARIABLES), facet.condition)
-    having = [r for r in facet.runs if any(row.name == SURFACE for row in diagnostics[r.id])]
-    if not having:
+    frame = facet.diagnostics(results, (SURFACE, ORDER, VARIABLES))
+    having = frame.loc[frame["name"] == SURFACE, "run"]
+    if having.empty:
         return None
-    run = having[-1]
-    rows = diagnostics[run.id]
-    dofs = request.shown(lambda d: any(o.name == SURFACE and o.dof == d for o in rows))
+    run = next(run for run in facet.runs if run.id == having.max())
+    rows = frame[frame["run"] == run.id].dropna(subset="value")
+    dofs = request.shown(lambda d: bool(((rows["dof"] == d) & (rows["name"] == SURFACE)).any()))
     if not dofs:
         raise ConfigurationError(f"plot surface: run {run.id} has no surface of these DOFs")
-    figure, axes = panels(1, len(dofs), max(4.3, 5.0 / len(dofs)), 4.0)
+    figure, axes = style.panels(1, len(dofs), max(4.3, 5.0 / len(dofs)), 4.0)
     for panel, dof in zip(axes, dofs, strict=True):
-        of_dof = [row for row in rows if row.dof == dof]
-        points = [row for row in of_dof if row.name == SURFACE and row.value is not None]
-        mesh = _panel(panel, dof, points)
-        figure.colorbar(
-            mesh, ax=panel, label=with_unit("MSE", points[0].unit), pad=0.02, extend="max"
-        )
-        chosen = {row.name: row.value for row in of_dof if row.name in (ORDER, VARIABLES)}
-        if len(chosen) == 2:
+        own = rows[rows["dof"] == dof]
+        points = own[own["name"] == SURFACE]
+        mesh = _panel(panel, points.pivot(index="i", columns="j", values="value"))
+        label = with_unit("MSE", points["unit"].iloc[0])
+        figure.colorbar(mesh, ax=panel, label=label, pad=0.02, extend="max")
+        panel.set_title(dof, loc="left")
+        chosen = own.set_index("name")["value"]
+        if {ORDER, VARIABLES} <= {*chosen.index}:
             place = [chosen[VARIABLES]], [chosen[ORDER]]
             panel.plot(*place, "D", color="#D55E00", mec="black", ms=9, label="selected")
     notes = [
@@ -69,24 +69,20 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
         "blank: no model of that order"
     ]
     title = f"Force MSE over order and variables, {subtitle(run)}"
-    return drawing_of(f"surface-run-{run.id}", figure, axes, title, notes)
+    return style.drawing_of(f"surface-run-{run.id}", figure, axes, title, notes)
 
 
-def _panel(axes: Axes, dof: str, points: Sequence[StoredDiagnostic]) -> QuadMesh:
-    """Draw the grid and its contours; return the mesh for the colour bar."""
-    orders, variables = sorted({p.i for p in points}), sorted({p.j for p in points})
-    mse: Sample = np.full((len(orders), len(variables)), np.nan)
-    for point in points:
-        mse[orders.index(point.i), variables.index(point.j)] = point.value
-    low, high = float(np.nanmin(mse)), float(np.nanmax(mse))
+def _panel(axes: Axes, mse: pd.DataFrame) -> QuadMesh:
+    """Draw the errors by order and number of variables; return the mesh for the colour bar."""
+    low, high = float(mse.min(axis=None)), float(mse.max(axis=None))
     low = max(low, 1e-12 * high, np.finfo(float).tiny)
     norm = LogNorm(low, max(min(high, WORST * low), 1.0000001 * low))
-    masked = np.ma.masked_invalid(mse)
+    variables, orders = mse.columns.to_numpy(float), mse.index.to_numpy(float)
+    masked = np.ma.masked_invalid(mse.to_numpy(float))
     mesh = axes.pcolormesh(variables, orders, masked, norm=norm, cmap=COLOURS, shading="nearest")
     powers = np.arange(np.ceil(np.log10(low)), np.floor(np.log10(high)) + 1)
     if min(mse.shape) > 1 and powers.size:
         axes.contour(variables, orders, masked, levels=10.0**powers, colors="white", linewidths=0.8)
-    axes.set_title(dof, loc="left")
     axes.set_xlabel("Number of variables")
     axes.set_ylabel("Model order")
     for axis in (axes.xaxis, axes.yaxis):

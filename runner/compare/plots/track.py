@@ -7,16 +7,17 @@ recorded track. `outline` and `draw_waters` are for other figures of hulls in th
 
 from collections.abc import Iterator, Mapping
 from itertools import count
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.excitation import EAST, NORTH
 from seatrial.runner.compare.plots.request import (
     DEPLOYMENTS,
@@ -28,18 +29,7 @@ from seatrial.runner.compare.plots.request import (
     in_plane,
     subtitle,
 )
-from seatrial.runner.compare.plots.style import (
-    MODEL_COLOURS,
-    MUTED,
-    PALETTE,
-    REFERENCE,
-    SHADE,
-    WIND,
-    Drawing,
-    drawing_of,
-    panels,
-    trim,
-)
+from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.record.rows import Series
@@ -64,7 +54,6 @@ ARROWS = 16  # arrows of the wind along a track, at most
 ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
 SIDE, PLAN_SIDE = 4.6, 6.4  # of a panel [inch]
 TESTING = 2.0  # the role of a manoeuvre that is held out
-STYLES = ("-", (0, (5, 1)), (0, (1, 0.6)))  # for more manoeuvres than colours
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -110,18 +99,9 @@ def outline(north: float, east: float, psi: float, length_m: float) -> Sample:
     return np.column_stack([easts, norths])
 
 
-def draw_hull(
-    axes: Axes, north: float, east: float, psi: float, length_m: float, colour: str
-) -> None:
-    """Draw the outline of a hull [m, rad] to scale."""
-    corners = outline(north, east, psi, length_m)
-    axes.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
-
-
-def draw_plane(axes: Axes, series: Series, north: Sample, east: Sample) -> None:
+def _plane(axes: Axes, series: Series, north: Sample, east: Sample) -> None:
     """Give axes the limits of north and east [m], shape (2,) each, equal scales and labels."""
-    axes.set_xlim(*east)
-    axes.set_ylim(*north)
+    axes.set(xlim=tuple(east), ylim=tuple(north))
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel(with_unit("East", series.units["y"]))
     axes.set_ylabel(with_unit("North", series.units["x"]))
@@ -129,62 +109,47 @@ def draw_plane(axes: Axes, series: Series, north: Sample, east: Sample) -> None:
 
 def _drawing(results: Queries, run: StoredRun, voyages: Voyages, absent: list[str]) -> Drawing:
     series_of = list(voyages.values())
-    extent = max(float(np.ptp(limits)) for limits in _ranges(series_of))
+    windy = any(NORTH in series.columns for series in series_of)
+    ranges = []  # smallest and largest north and east [m], each of shape (2,)
+    for names in (("x", "x_d"), ("y", "y_d")):
+        values = [s.columns[name] for s in series_of for name in names if name in s.columns]
+        ranges.append(np.array([min(map(np.nanmin, values)), max(map(np.nanmax, values))]))
+    extent = max(float(np.ptp(limits)) for limits in ranges)
     length, note = drawn_length(results.reader.run(run.id).config, extent)
-    north, east = _limits(series_of, length)
+    margin = max((0.06 + ARROW_SHARE * windy) * extent + 1e-9, 0.55 * length)  # room for the hulls
+    least = 0.5 * SLENDEREST * (extent + 2.0 * margin)
+    north, east = (
+        np.mean(limits) + max(0.5 * float(np.ptp(limits)) + margin, least) * np.array([-1.0, 1.0])
+        for limits in ranges
+    )
     height = SIDE * float(np.clip(np.ptp(north) / np.ptp(east), 0.45, 1.6))
-    figure, axes = panels(1, len(voyages), SIDE, height + 0.9)
+    figure, axes = style.panels(1, len(voyages), SIDE, height + 0.9)
     for panel, (model, series) in zip(axes, voyages.items(), strict=True):
         _panel(panel, model, series, length, max(np.ptp(north), np.ptp(east)))
-        draw_plane(panel, series, north, east)
+        _plane(panel, series, north, east)
     notes = [f"{note}, at equal distances sailed"]
-    if any(NORTH in series.columns for series in series_of):
-        notes.append("arrows: direction and speed of the wind at the position of the tip")
+    notes += ["arrows: direction and speed of the wind at the position of the tip"] * windy
     name, title = f"track-run-{run.id}", f"Track, {subtitle(run)}"
-    drawing = drawing_of(name, figure, axes, title, [*notes, *absent])
-    trim(figure)
+    drawing = style.drawing_of(name, figure, axes, title, [*notes, *absent])
+    style.trim(figure)
     return drawing
 
 
-def _ranges(series_of: list[Series]) -> list[Sample]:
-    """Return smallest and largest north and east [m], each of shape (2,)."""
-    ranges = []
-    for names in (("x", "x_d"), ("y", "y_d")):
-        own = [s.columns[name] for s in series_of for name in names if name in s.columns]
-        values = np.concatenate(own)
-        ranges.append(np.array([np.nanmin(values), np.nanmax(values)]))
-    return ranges
-
-
-def _limits(series_of: list[Series], length: float) -> tuple[Sample, Sample]:
-    """Return common limits of north and east [m], each of shape (2,), with room for the hulls."""
-    ranges = _ranges(series_of)
-    share = 0.06 if all(NORTH not in v.columns for v in series_of) else 0.06 + ARROW_SHARE
-    margin = share * max(float(np.ptp(limits)) for limits in ranges) + 1e-9
-    margin = max(margin, 0.55 * length)
-    least = SLENDEREST * max(float(np.ptp(limits)) + 2.0 * margin for limits in ranges)
-    halves = (max(0.5 * float(np.ptp(limits)) + margin, 0.5 * least) for limits in ranges)
-    north, east = (
-        np.mean(limits) + np.array([-half, half])
-        for limits, half in zip(ranges, halves, strict=True)
-    )
-    return north, east
-
-
 def _panel(axes: Axes, model: str, series: Series, length: float, extent: float) -> None:
-    columns, colour = series.columns, MODEL_COLOURS[model]
+    columns, colour = series.columns, style.MODEL_COLOURS[model]
     if "x_d" in columns:
-        axes.plot(columns["y_d"], columns["x_d"], "--", color=REFERENCE, label="reference")
+        axes.plot(columns["y_d"], columns["x_d"], "--", color=style.REFERENCE, label="reference")
     label = "sailed" if model == "recording" else f"{model} model"
     axes.plot(columns["y"], columns["x"], color=colour, label=label)
     if "psi" in columns:
         for index in _equidistant(columns["x"], columns["y"], length):
             x, y, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
-            draw_hull(axes, x, y, psi, length, colour)
+            corners = outline(x, y, psi, length)
+            axes.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
     if NORTH in columns:
         _arrows(axes, series, extent)
     axes.plot(
-        columns["y"][0], columns["x"][0], "o", color=REFERENCE, markersize=7, label="start",
+        columns["y"][0], columns["x"][0], "o", color=style.REFERENCE, markersize=7, label="start",
         markeredgecolor="white", markeredgewidth=1.2, zorder=5,
     )  # fmt: skip
 
@@ -192,23 +157,23 @@ def _panel(axes: Axes, model: str, series: Series, length: float, extent: float)
 def _arrows(axes: Axes, series: Series, extent: float) -> None:
     """Draw the mean wind of equal parts of the time; each tip is the vessel at mid-time."""
     columns = series.columns
-    parts = np.array_split(np.arange(len(columns["t"])), ARROWS)
-    middle = np.array([part[len(part) // 2] for part in parts if len(part)])
-    wind = np.array([[np.mean(columns[w][p]) for w in (EAST, NORTH)] for p in parts if len(p)])
+    parts = [part for part in np.array_split(np.arange(len(columns["t"])), ARROWS) if len(part)]
+    middle = np.array([part[len(part) // 2] for part in parts])
+    wind = np.array([[np.mean(columns[w][part]) for w in (EAST, NORTH)] for part in parts])
     places = np.column_stack([columns["y"][middle], columns["x"][middle]])
     rows: list[int] = []  # far enough from each other to be told apart
     for i, place in enumerate(places):
         if all(np.hypot(*(place - places[j])) >= 0.5 * ARROW_SHARE * extent for j in rows):
             rows.append(i)
     strongest = float(np.max(np.hypot(*wind.T)))
-    if strongest <= 0.0:
-        return
-    axes.quiver(
-        *places[rows].T, *wind[rows].T, color=WIND, pivot="tip", angles="xy", units="inches",
-        scale_units="xy", scale=strongest / (ARROW_SHARE * extent + 1e-9), width=0.025, zorder=3,
-    )  # fmt: skip
-    label = f"wind, up to {number_text(strongest, 3)} m/s"
-    axes.plot([], [], color=WIND, marker=">", linewidth=2.0, label=label)
+    if strongest > 0.0:
+        axes.quiver(
+            *places[rows].T, *wind[rows].T, color=style.WIND, pivot="tip", angles="xy",
+            units="inches", scale_units="xy", scale=strongest / (ARROW_SHARE * extent + 1e-9),
+            width=0.025, zorder=3,
+        )  # fmt: skip
+        label = f"wind, up to {number_text(strongest, 3)} m/s"
+        axes.plot([], [], color=style.WIND, marker=">", linewidth=2.0, label=label)
 
 
 def _equidistant(north: Sample, east: Sample, length: float) -> list[int]:
@@ -223,54 +188,73 @@ def _equidistant(north: Sample, east: Sample, length: float) -> list[int]:
 
 
 def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> Drawing:
-    """Draw the planned path in its waters, manoeuvres by colour, and the recorded track."""
-    waters = results.reader.series(run.id, "waters")
+    """Draw the planned path in its waters, manoeuvres by colour, and the recorded track.
+
+    Each repetition of a manoeuvre begins with a dot and is thin if it is held out for testing.
+    """
+    waters, columns = results.reader.series(run.id, "waters"), plan.columns
     margin = 0.03 * max(float(np.ptp(waters.columns[name])) for name in ("x", "y"))
     north, east = (
         np.array([np.min(waters.columns[name]) - margin, np.max(waters.columns[name]) + margin])
         for name in ("x", "y")
     )
     ratio = float(np.clip(np.ptp(north) / np.ptp(east), 0.4, 1.6))
-    figure, (axes,) = panels(1, 1, PLAN_SIDE, 1.2 + 0.9 * PLAN_SIDE * ratio)
+    figure, (axes,) = style.panels(1, 1, PLAN_SIDE, 1.2 + 0.9 * PLAN_SIDE * ratio)
     draw_waters(axes, waters)
-    sailed = recording.columns
-    axes.plot(sailed["y"], sailed["x"], color=MUTED, linewidth=0.9, label="sailed", zorder=2.2)
-    for i, part in enumerate(_intervals(plan.columns["manoeuvre"] < 0.0)):
-        passage = plan.columns["y"][part], plan.columns["x"][part]
+    axes.plot(
+        recording.columns["y"], recording.columns["x"], color=style.MUTED, linewidth=0.9,
+        label="sailed", zorder=2.2,
+    )  # fmt: skip
+    look: dict[str, Any] = {
+        "linestyle": ":",
+        "color": style.REFERENCE,
+        "linewidth": 1.2,
+        "zorder": 2.5,
+    }
+    for i, part in enumerate(_intervals(columns["manoeuvre"] < 0.0)):
         label = None if i else "passage"
-        axes.plot(*passage, ":", color=REFERENCE, linewidth=1.2, label=label, zorder=2.5)
+        axes.plot(columns["y"][part], columns["x"][part], label=label, **look)
     rows = diagnostics_of(results, run, ("mix_count", "plan_deviation", "sailed_clearance"))
-    names = {float(row.i): str(row.label) for row in rows if row.name == "mix_count"}
-    if not names:
-        raise ConfigurationError(f"plot track: run {run.id} has no diagnostic mix_count")
-    planned = sorted({n for n in plan.columns["manoeuvre"].tolist() if n >= 0.0})
-    for place, number in enumerate(planned):
-        _manoeuvre(axes, plan, number, place, names[number])
-    _ends(axes, plan)
-    draw_plane(axes, plan, north, east)
+    counts, values = rows[rows["name"] == "mix_count"], rows.set_index("name")["value"]
+    held_out = columns["role"] == TESTING
+    for k, (number, name) in enumerate(sorted(zip(counts["i"], counts["label"], strict=True))):
+        parts = _intervals(columns["manoeuvre"] == number)
+        # the first line, which is in the legend, is thick
+        for i, part in enumerate(sorted(parts, key=lambda part: held_out[part.start])):
+            path = columns["y"][part], columns["x"][part]
+            colour = style.PALETTE[k % len(style.PALETTE)]
+            width = 1.4 if held_out[part.start] else 2.6
+            label = None if i else name
+            axes.plot(*path, color=colour, linewidth=width, label=label, zorder=3)
+            axes.plot(path[0][0], path[1][0], "o", color=colour, markersize=4, zorder=3.2)
+    for index, label, marker in ((0, "start", "o"), (-1, "goal", "s")):
+        axes.plot(
+            columns["y"][index], columns["x"][index], marker, color=style.REFERENCE, label=label,
+            fillstyle="full" if label == "start" else "none", markersize=9, zorder=4,
+        )  # fmt: skip
+    _plane(axes, plan, north, east)
     clearance = float(waters.columns["clearance"][0])
     notes = [f"clearance of the plan: {clearance:g} m; thin: held out for testing"]
-    values = {row.name: row.value for row in rows if row.name != "mix_count"}
-    if len(values) == 2:
+    if {"plan_deviation", "sailed_clearance"} <= {*values.index}:
         notes.append(
             f"the vessel deviated from the plan by at most {values['plan_deviation']:.3g} m and"
             f" came within {values['sailed_clearance']:.3g} m of an obstacle or the boundary"
         )
-    title = f"Track and plan, {subtitle(run)}"
-    drawing = drawing_of(f"track-plan-run-{run.id}", figure, [axes], title, notes)
-    trim(figure)
+    name, title = f"track-plan-run-{run.id}", f"Track and plan, {subtitle(run)}"
+    drawing = style.drawing_of(name, figure, [axes], title, notes)
+    style.trim(figure)
     return drawing
 
 
 def draw_waters(axes: Axes, waters: Series) -> None:
     """Draw the area (polygon 0) in white on grey and the obstacles hatched."""
-    axes.set_facecolor(SHADE)
+    axes.set_facecolor(style.SHADE)
     axes.grid(visible=False)
     numbers = waters.columns["polygon"]
     corners = np.column_stack([waters.columns["y"], waters.columns["x"]])
     for number in np.unique(numbers):
         polygon = Polygon(
-            corners[numbers == number], facecolor="white", edgecolor=MUTED, zorder=0.5
+            corners[numbers == number], facecolor="white", edgecolor=style.MUTED, zorder=0.5
         )
         if number:
             polygon.set(facecolor="#D9D9D9", hatch="///")
@@ -281,35 +265,3 @@ def _intervals(chosen: NDArray[np.bool_]) -> Iterator[slice]:
     """Yield the intervals of consecutive chosen samples, each with the sample after it."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
     return (slice(int(a), int(b) + 1) for a, b in edges.reshape(-1, 2))
-
-
-def _manoeuvre(axes: Axes, plan: Series, number: float, place: int, name: str) -> None:
-    """Draw each repetition of a manoeuvre from a dot on; thin if it is held out for testing."""
-    columns = plan.columns
-    colour, style = PALETTE[place % len(PALETTE)], STYLES[place // len(PALETTE) % len(STYLES)]
-    # the first line, which is in the legend, is thick
-    held_out = columns["role"] == TESTING
-    parts = sorted(_intervals(columns["manoeuvre"] == number), key=lambda p: held_out[p.start])
-    for i, part in enumerate(parts):
-        path = columns["y"][part], columns["x"][part]
-        axes.plot(
-            *path, color=colour, linestyle=style, linewidth=1.4 if held_out[part.start] else 2.6,
-            label=None if i else name, zorder=3,
-        )  # fmt: skip
-        axes.plot(path[0][0], path[1][0], "o", color=colour, markersize=4, zorder=3.2)
-
-
-def _ends(axes: Axes, plan: Series) -> None:
-    """Draw start and goal with their headings."""
-    columns = plan.columns
-    reach = 0.03 * max(np.ptp(columns["x"]), np.ptp(columns["y"]), 1e-9)
-    for index, label, marker, size in ((0, "start", "o", 7), (-1, "goal", "s", 12)):
-        east, north, psi = (float(columns[name][index]) for name in ("y", "x", "psi"))
-        axes.plot(
-            east, north, marker, color=REFERENCE, markersize=size, label=label, zorder=4,
-            markerfacecolor="none" if label == "goal" else REFERENCE, linestyle="none",
-        )  # fmt: skip
-        axes.annotate(
-            "", (east + 2.2 * reach * np.sin(psi), north + 2.2 * reach * np.cos(psi)),
-            (east, north), arrowprops={"arrowstyle": "->", "color": REFERENCE}, zorder=4,
-        )  # fmt: skip

@@ -1,12 +1,12 @@
 """Tracking errors over time with the nominal and the identified model."""
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text
+from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import (
     DEPLOYMENTS,
     PlotRequest,
@@ -15,16 +15,7 @@ from seatrial.runner.compare.plots.request import (
     each_run,
     subtitle,
 )
-from seatrial.runner.compare.plots.style import (
-    MODEL_COLOURS,
-    Drawing,
-    beside,
-    degrees,
-    drawing_of,
-    panels,
-)
-from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.record.rows import Series
+from seatrial.runner.compare.plots.style import Drawing
 
 FIGURE = Figure(
     "errors",
@@ -35,7 +26,7 @@ FIGURE = Figure(
     place=9,
 )
 
-ERRORS = (("e_pos", "Position error", "m"), ("e_psi", "Heading error", "deg"))
+ERRORS = {"e_pos": ("Position error", "m"), "e_psi": ("Heading error", "deg")}
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -47,33 +38,29 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 
 def _drawing(run: StoredRun, voyages: Voyages, absent: list[str]) -> Drawing:
-    errors = [error for error in ERRORS if any(error[0] in v.columns for v in voyages.values())]
+    errors = [name for name in ERRORS if any(name in v.columns for v in voyages.values())]
     if not errors:
         raise ConfigurationError(f"plot errors: run {run.id} tracks no position or heading")
-    figure, axes = panels(len(errors), 1, 8.0, 2.5, share_x=True)
-    for panel, (name, label, unit) in zip(axes, errors, strict=True):
+    figure, axes = style.panels(len(errors), 1, 8.0, 2.5, share_x=True)
+    for panel, name in zip(axes, errors, strict=True):
+        label, unit = ERRORS[name]
         panel.axhline(0.0, color="black", linewidth=0.8)
-        texts = [
-            _line(panel, series, name, model, unit)
-            for model, series in voyages.items()
-            if name in series.columns
-        ]
+        texts = []
+        for model, series in voyages.items():
+            if name in series.columns:
+                values = np.asarray(series.columns[name])
+                values = style.degrees(values) if series.units[name] == "rad" else values
+                mean, colour = float(np.mean(np.abs(values))), style.MODEL_COLOURS[model]
+                panel.plot(
+                    series.columns["t"], values, color=colour, label=f"{model} model",
+                    linewidth=1.1,
+                )  # fmt: skip
+                panel.axhline(mean, color=colour, linewidth=0.8, linestyle="--")
+                texts.append((mean, f"MAE {number_text(mean, 3)} {unit}", colour))
         panel.margins(x=0)
-        beside(panel, texts)
+        style.beside(panel, texts)
         panel.set_ylabel(f"{label} [{unit}]")
     axes[-1].set_xlabel("Time [s]")
     notes = ["dashed, and at the right: mean absolute error (MAE)", *absent]
-    name = f"errors-run-{run.id}"
-    return drawing_of(name, figure, axes, f"Tracking error, {subtitle(run)}", notes)
-
-
-def _line(axes: Axes, series: Series, name: str, model: str, unit: str) -> tuple[float, str, str]:
-    """Draw an error and its mean; return the text on it for the side of the panel."""
-    values: Sample = series.columns[name]
-    if series.units[name] == "rad":
-        values = degrees(values)
-    colour = MODEL_COLOURS[model]
-    axes.plot(series.columns["t"], values, color=colour, label=f"{model} model", linewidth=1.1)
-    mean = float(np.mean(np.abs(values)))
-    axes.axhline(mean, color=colour, linewidth=0.8, linestyle="--")
-    return mean, f"MAE {number_text(mean, 3)} {unit}", colour
+    title = f"Tracking error, {subtitle(run)}"
+    return style.drawing_of(f"errors-run-{run.id}", figure, axes, title, notes)

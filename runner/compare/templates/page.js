@@ -32,6 +32,10 @@ function watch(box) {
   new ResizeObserver(() => cue(box)).observe(box);
 }
 document.querySelectorAll(".scroll").forEach(watch);
-for (const button of document.querySelectorAll("thead th > button")) {
-  button.addEventListener("click", () => sort(button.parentElement));
+for (const heading of document.querySelectorAll(".scroll thead th")) {
+  const button = document.createElement("button");
+  button.type = "button";
+  button.append(...heading.childNodes);
+  heading.append(button);
+  button.addEventListener("click", () => sort(heading));
 }

@@ -106,7 +106,7 @@ REFUSED = (
     (["runs", "--database", "garbage://"], "unknown database dialect"),
     (["table", "--metric", "speed"], "no metric 'speed'; expected one of below_true_model"),
     (["table", "--where", "seed>99"], "no runs match"),
-    (["table", "--where", "1=1"], "expected a column"),
+    (["table", "--where", "1=1"], "cannot read"),
     (["table", "--format", "pdf"], "--format"),
     (["table", "--nonsense"], "No such option: --nonsense"),
     (["runs", "--limit", "0"], "--limit"),

@@ -12,7 +12,7 @@ import pytest
 from seatrial.models.errors import LogbookError
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.site import STRETCHES, extremes, script_of, write_site
+from seatrial.runner.compare.site import script_of, write_site
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints
 from tests.runner.compare.conftest import Program
@@ -217,15 +217,3 @@ def test_an_empty_logbook_has_a_page(offline: Any, tmp_path: Path) -> None:
         page = write_site(results, tmp_path / "site", "results.db", 1)
     offline.get(page.as_uri())
     assert "No runs in the logbook yet" in offline.find_element("tag name", "header").text
-
-
-def test_thinning_keeps_every_extreme() -> None:
-    draw = np.random.default_rng(5)
-    t = np.arange(0.0, 5000.0)
-    values = draw.normal(size=t.size).cumsum()
-    values[1234], values[4321], values[77] = 1e3, -1e3, np.nan
-    kept_t, kept = extremes(t, values)
-    assert kept.size <= 2 * STRETCHES
-    assert (kept.max(), kept.min()) == (1e3, -1e3)
-    assert np.all(np.diff(kept_t) > 0.0)
-    assert np.array_equal(values[kept_t.astype(int)], kept)

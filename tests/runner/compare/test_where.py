@@ -22,7 +22,7 @@ INJECTIONS = (
     "identifier='ls' UNION SELECT * FROM run", "seed=(select max(seed) from run)",
     "lower(identifier)=ls", "run.seed=1", "config=1", "traceback!=null", 'identifier"=ls',
     "identifier.force') OR 1=1", "identifier.'force'=1", "seed=1 /* */", "seed[0]=1",
-    "status like 'f%'", "seed=1 and", "(seed=1", "seed=1)", "seed", "seed in 1", "seed in ()",
+    "status like 'f%'", "seed=1 and", "(seed=1", "seed=1)", "seed", "seed in ()",
     "not", "seed < true", "seed=1 seed=2", "rowid=1", "identifier==\x00",
 )  # fmt: skip
 
@@ -59,7 +59,7 @@ def test_no_text_is_more_than_refused(text: str) -> None:
 
 def test_deep_nesting_is_refused_and_not_a_crash() -> None:
     for text in ("(" * 5000, "not " * 5000 + "seed=1"):
-        with pytest.raises(ConfigurationError, match="nested deeper"):
+        with pytest.raises(ConfigurationError, match="parentheses and negations"):
             parse(text, lambda *_: np.True_)
 
 
