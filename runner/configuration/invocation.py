@@ -28,6 +28,8 @@ REPLACED: Mapping[str, str] = {
     "identifier.recording": "the recording of identifier=command is always recording.csv",
     "identifier=least_squares": "use identifier=output_error",
     "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
+    "identifier=sparse": "use identifier=robust for few, physical terms, or surface_plsr, which"
+    " drops terms one by one",
     "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
     "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
     " identifier=prediction_times",

@@ -52,8 +52,6 @@ def recorded(vessel: str, identifier: str, *more: str):
 @pytest.mark.nightly
 @pytest.mark.parametrize(("vessel", "identifier"), list(product(FORCED, IDENTIFIERS)))
 def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
-    if identifier == "sparse":
-        pytest.importorskip("pysindy", reason="no pysindy: pip install -e '.[rivals]'")
     trial = recorded(vessel, identifier)
     trials.check(trial)
     try:
