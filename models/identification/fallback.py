@@ -107,18 +107,6 @@ def held_to_nominal(result: Identified, score: Score, problem: Problem) -> Ident
     return changed
 
 
-def guarded_by(
-    models: Sequence[Vessel], blocks: CrossValidation, result: Identified
-) -> Identified:
-    """The result with the nominal equation of each axis that is predicted worse with its own.
-
-    `models` were identified without each of the blocks.
-    """
-    if not blocks.axes:
-        return result
-    return held_to_nominal(result, blocks.score(models), blocks.problem)
-
-
 def with_nominal_axes(
     result: Identified, nominal: Vessel, axes: Sequence[int], diagnostic: str
 ) -> Identified:

@@ -27,6 +27,8 @@ REPLACED: Mapping[str, str] = {
     "identifier.bound_factor": "use identifier.inertia_factor",
     "identifier.recording": "the recording of identifier=command is always recording.csv",
     "identifier=least_squares": "use identifier=output_error",
+    "identifier=gaussian_process": "use identifier=auto, which tries further terms where they predict"
+    " better",
     "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
     "identifier=sparse": "use identifier=robust for few, physical terms, or surface_plsr, which"
     " drops terms one by one",

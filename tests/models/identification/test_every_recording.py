@@ -24,7 +24,6 @@ SMALL = {
     "nsga2_thesis": ["population=8", "generations=2"],
     "plsr": ["bootstrap=null"],
     "surface_plsr": ["bootstrap=null", "folds=2"],
-    "gaussian_process": ["subsample=50", "folds=2"],
     "auto": ["candidates.plsr.bootstrap=null", "folds=2"],
 }
 # What a recording of a minute may not determine, and the words of the reason.
