@@ -139,10 +139,7 @@ def regressors_again(
 
 
 def with_attenuation(
-    options: ResidualOptions,
-    problem: Problem,
-    samples: Samples,
-    result: Identified,
+    options: ResidualOptions, problem: Problem, samples: Samples, result: Identified
 ) -> Identified:
     """The result with a diagnostic for each coefficient that noise attenuates, and a warning."""
     training, dofs = problem.training, problem.nominal.dofs

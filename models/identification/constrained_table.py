@@ -52,9 +52,8 @@ def finished(
         refined = refined_by_segments(options, training, lag, model, change, 1.0)
         change, broken = refined.change, refined.active
         if not problem.compared:
-            covariance, point = refined.covariance, free.values + change
-            errors = free.std_error(covariance)[rows]
-            spread = ParameterSpread(problem.nominal, free, point, covariance, refined.prior)
+            errors = free.std_error(refined.covariance)[rows]
+            spread = refined.spread(problem.nominal)
     elif options.interval_covers and spread is not None:
         moved = moved_spread(problem, model, change, result)
         errors, spread = free.std_error(moved.covariance)[rows], moved

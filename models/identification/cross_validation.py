@@ -287,8 +287,7 @@ def best_of(
     if len(alternatives) == 1:
         return next(iter(alternatives.values())).identify(validation.problem, rng)
     reasons: dict[str, str] = {}
-    quick = {name: each.without_bootstrap() for name, each in alternatives.items()}
-    scores = scores_of(quick, validation, reasons)
+    scores = scores_of(alternatives, validation, reasons)
     if not scores:
         name, reason = next(iter(reasons.items()))
         raise IdentificationError(f"no alternative predicts the training part: {name}: {reason}")

@@ -157,7 +157,5 @@ def with_skill(
     )
     rows = (Diagnostic(NO_SKILL, dof, value) for dof, value in poor.items())
     return replace(
-        result,
-        diagnostics=(*result.diagnostics, *rows),
-        warnings=(*result.warnings, warning),
+        result, diagnostics=(*result.diagnostics, *rows), warnings=(*result.warnings, warning)
     )

@@ -283,7 +283,11 @@ class Nsga2(PredictionOptions):
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for missing bounds or a wrong number of weights."""
-        self.check_bounded(self.unknowns(nominal, windy=True))
+        for label in self.unknowns(nominal, windy=True).labels:
+            if self.inertia_factor is None and label not in self.bounds:
+                raise ConfigurationError(
+                    f"identifier.bounds.{label}: got none, expected a lower and an upper bound"
+                )
         count = 2 if self.grouped else 2 * len(nominal.dofs)
         if self.weights is not None and len(self.weights) != count:
             raise ConfigurationError(
@@ -309,7 +313,7 @@ class Nsga2(PredictionOptions):
             model, residual = free.model(problem.nominal, point), free.residual(point)
             identified = Identified(model, residual, diagnostics=tuple(bounds))
         else:
-            polished = fit_through(self, problem, point, self.polish_horizons, None, "estimated")
+            polished = fit_through(self, problem, point, self.polish_horizons, "estimated")
             identified = model_of(self, problem, polished)
             points = np.array([point, polished.parameters])
             squares = Objectives(predictor, "mse", grouped=True)(points)

@@ -148,13 +148,9 @@ class Identifier(ABC):
         """Sample time [s] of the identified state-space model; None: it identifies a table."""
         return None
 
-    def without_bootstrap(self) -> "Identifier":
-        """This identifier without bootstrap standard errors, for a cross-validation."""
-        return self
-
     def quick(self) -> "Identifier":
-        """This identifier without bootstrap and refinement, for a first comparison."""
-        return self.without_bootstrap()
+        """This identifier without refinement, for a first comparison."""
+        return self
 
     def alternatives(self, problem: Problem) -> dict[str, Self]:
         """Choices that its options leave to the data, the simplest first; empty: there are none."""

@@ -24,9 +24,8 @@ from seatrial.models.identification.free_parameters import (
 )
 from seatrial.models.identification.free_run_fit import refined_by_segments
 from seatrial.models.identification.input_terms import input_labels
-from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
+from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
-from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.structured import structure
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive
@@ -81,10 +80,6 @@ class Robust(ResidualOptions):
         """The terms of the nominal model and those of the basis."""
         return self.free(nominal).nominal.terms
 
-    def quick(self) -> Identifier:
-        """This identifier without refinement."""
-        return replace(self, refinement="none")
-
     def alternatives(self, problem: Problem) -> dict[str, Self]:
         """The choices of disturbance terms, and those of `tune`."""
         tuned = super().alternatives(problem)
@@ -119,9 +114,7 @@ class Robust(ResidualOptions):
             refined = refined_by_segments(self, training, lag, model, change, self.prior)
             change, active = refined.change, refined.active
             if not problem.compared:
-                covariance, point = refined.covariance, free.values + change
-                errors = free.std_error(covariance)
-                spread = ParameterSpread(problem.nominal, free, point, covariance, refined.prior)
+                errors, spread = free.std_error(refined.covariance), refined.spread(problem.nominal)
             diagnostics += (Diagnostic("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
         diagnostics += tuple(

@@ -271,8 +271,6 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sigma": [0.1, 0.0]}, r"sigma\[1\] must be positive"),
-        ({"sigma": [0.1]}, "expected 2: poses, then velocities"),
         ({"bounds": {"surge.u": [3.0, 1.0]}}, "a lower and a higher number"),
         ({"bounds": {"surge.v": [1.0, 3.0]}}, "not a parameter"),
         ({"inertia_factor": 1.0}, "inertia_factor must be above 1"),
