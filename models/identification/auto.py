@@ -41,12 +41,12 @@ from seatrial.models.identification.fallback import (
     with_skill,
 )
 from seatrial.models.identification.problem import (
+    Force,
     Identified,
     Identifier,
     Needs,
     NoIdentifier,
     Problem,
-    check_force,
     with_interval,
 )
 from seatrial.models.ranges import Folds, Positive, check_ranges
@@ -68,14 +68,13 @@ class Auto(Identifier):
     candidates: dict[str, Identifier]
     folds: Folds
     horizon_s: Positive | None
-    force: str | None
+    force: Force | None
     reserve: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_ranges(self)
         if not self.candidates:
             raise ConfigurationError("candidates: got none, expected at least one identifier")
-        check_force(self.force)
 
     def needs(self) -> Needs:
         """The force of the simulation."""

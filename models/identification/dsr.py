@@ -28,6 +28,7 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.physical_form import physical_form
 from seatrial.models.identification.problem import (
+    Force,
     Identified,
     Identifier,
     Needs,
@@ -83,7 +84,7 @@ class Dsr(Identifier):
     stable: bool
     inputs: tuple[str, ...] | None
     outputs: tuple[str, ...] | None
-    force: Literal["commanded", "filtered", "actual"] | None
+    force: Force | None
     extra_terms: tuple[str, ...] | Literal["physical"]  # further inputs beside the force
     period_s: Positive | None
     physical_form: Literal["better", "optional"]

@@ -129,7 +129,7 @@ class Estimate:
     samples: Samples
     kept: tuple[int, ...]  # terms that are determined; the others keep their nominal values
     solution: Solution  # over `kept`
-    diagnostics: tuple[Diagnostic, ...]
+    diagnostics: tuple[Diagnostic, ...] = ()
 
     def table(self, values: Array, missing: float) -> Array:
         """Values (n_kept, n_dof) on all terms, `missing` elsewhere, shape (n_terms, n_dof)."""
@@ -311,23 +311,27 @@ class InstrumentalVariables(ResidualOptions):
         estimate before. The refinement ends where no stretch can be; the last estimate is kept.
         """
         models = [problem.nominal]
-        z, same_sign, _ = self.columns(problem, models, lag)
-        estimate, count = _solve_excited_terms(samples, z), 0
+        instruments, same_sign, _ = self.columns(problem, models, lag)
+        estimate, count = _solve_excited_terms(samples, instruments), 0
         for _ in range(self.iterations):
             models.insert(0, problem.nominal + estimate.residual(problem.nominal.dofs))
             try:
                 instruments, same_sign, newest = self.columns(problem, models, lag)
                 if newest == 0.0:
                     break
-                estimate, z = _solve_excited_terms(samples, instruments), instruments
+                estimate = _solve_excited_terms(samples, instruments)
             except IdentificationError:
                 break
             count += 1
-        diagnostics = [Diagnostic("iterations", "all", float(count)), *_correlations(estimate, z)]
-        diagnostics.append(Diagnostic("instrument_strength", "all", estimate.strength))
-        for dof, share in zip(problem.nominal.dofs, same_sign, strict=True):
-            diagnostics.append(Diagnostic("same_sign", dof, float(share)))
-        return replace(estimate, diagnostics=tuple(diagnostics))
+        diagnostics = (
+            Diagnostic("iterations", "all", float(count)),
+            Diagnostic("instrument_strength", "all", estimate.strength),
+            *(
+                Diagnostic("same_sign", dof, float(share))
+                for dof, share in zip(problem.nominal.dofs, same_sign, strict=True)
+            ),
+        )
+        return replace(estimate, diagnostics=diagnostics)
 
     def columns(
         self, problem: Problem, models: Sequence[Vessel], lag: SecondOrderLag | None
@@ -337,11 +341,7 @@ class InstrumentalVariables(ResidualOptions):
         The instruments have zero mean except for the term 1, the intercept. Last is the share of
         the stretches that the first of the models simulates.
         """
-        recording = problem.training
-        if self.thruster == "estimated":
-            recording = recording.with_thruster(lag)
-        elif self.thruster == "none":
-            recording = replace(recording, tau_filtered=None)
+        recording = self.lagged(problem.training, lag)
         motion, first, newest = simulated_motion(recording, models, self.force, self.restart_s)
         starts = motion.t[first]
         smoothing = self.smoothing(problem.training)
@@ -376,19 +376,4 @@ def _solve_excited_terms(samples: Samples, z: Array) -> Estimate:
     phi = samples.phi if len(kept) == len(samples.terms) else samples.phi[:, list(kept)]
     instruments = phi if z is samples.phi else z[:, list(kept)]
     solution = solve(instruments, phi, samples.epsilon, names)
-    return Estimate(samples, kept, solution, ())
-
-
-def _correlations(estimate: Estimate, z: Array) -> tuple[Diagnostic, ...]:
-    """Correlation of every regressor with its instrument; a low one gives a poor estimate."""
-    values = []
-    for i in estimate.kept:
-        a, b = z[:, i] - np.mean(z[:, i]), estimate.samples.phi[:, i]
-        b = b - np.mean(b)
-        size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
-        if size > 0.0:
-            name = estimate.samples.terms[i].name
-            values.append(
-                Diagnostic("instrument_correlation", "all", float(a @ b) / size, label=name)
-            )
-    return tuple(values)
+    return Estimate(samples, kept, solution)

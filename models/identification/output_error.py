@@ -84,11 +84,8 @@ class OutputError(PredictionOptions):
 
         Raises IdentificationError when the predictions do not determine the parameters.
         """
-        return model_of(self, problem, self.fitted(problem))
-
-    def fitted(self, problem: Problem) -> Fit:
-        """The fit over the last horizon."""
-        return fit_through(self, problem, None, self.horizons, self.initial_state)
+        fitted = fit_through(self, problem, None, self.horizons, self.initial_state)
+        return model_of(self, problem, fitted)
 
 
 def check_horizons(horizons: tuple[int, ...]) -> None:

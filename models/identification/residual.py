@@ -32,6 +32,7 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
 from seatrial.models.identification.cross_validation import CrossValidation, best_of
 from seatrial.models.identification.problem import (
+    Force,
     Identified,
     Identifier,
     Needs,
@@ -111,7 +112,7 @@ class ResidualOptions(Identifier):
 
     basis: str | tuple[str, ...]
     extra_terms: tuple[str, ...]
-    force: Literal["commanded", "filtered", "actual"] | None
+    force: Force | None
     lowpass_hz: Positive | Literal["auto"] | None
     thruster: Literal["known", "estimated", "none"]
     inertia_factor: Annotated[float, Gt(1)] | None
@@ -240,6 +241,12 @@ class ResidualOptions(Identifier):
             return Smoothing(self.lowpass_hz)
         return smoothing_for(recording.noise.cutoff_hz, recording.period_s)
 
+    def lagged(self, recording: Recording, lag: SecondOrderLag | None) -> Recording:
+        """The recording with the force filtered by the lag."""
+        if self.thruster == "none":
+            return replace(recording, tau_filtered=None)
+        return recording.with_thruster(lag) if self.thruster == "estimated" else recording
+
     def filtered(
         self, recording: Recording, lag: SecondOrderLag | None, smoothing: Smoothing
     ) -> Recording:
@@ -247,28 +254,23 @@ class ResidualOptions(Identifier):
 
         Where the regressors are filtered too, their filter drops the ends of the pieces.
         """
-        if self.thruster == "none":
-            recording = replace(recording, tau_filtered=None)
-        elif self.thruster == "estimated":
-            recording = recording.with_thruster(lag)
         drop_s = DROP_S if smoothing.regressors_hz is None else 0.0
-        return recording.lowpass(smoothing.signals_hz, drop_s)
+        return self.lagged(recording, lag).lowpass(smoothing.signals_hz, drop_s)
 
     def samples(
         self,
         recording: Recording,
         nominal: Vessel,
         lag: SecondOrderLag | None,
-        smoothing: Smoothing | None = None,
         terms: tuple[Term, ...] | None = None,
     ) -> Samples:
         """Regressors and lack of fit of a recording.
 
-        `smoothing` is by default that for the recording, `terms` are those of the options.
+        `terms` are by default those of the options.
 
         Raises IdentificationError for values that are not finite or too few samples.
         """
-        smoothing = self.smoothing(recording) if smoothing is None else smoothing
+        smoothing = self.smoothing(recording)
         filtered = self.filtered(recording, lag, smoothing)
         terms = self.terms(nominal) if terms is None else terms
         parts = evaluated(

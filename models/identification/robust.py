@@ -101,14 +101,13 @@ class Robust(ResidualOptions):
         lag, diagnostics = thruster_of(self, problem)
         training, windy = problem.training, problem.training.wind is not None
         free = self.free(problem.nominal, (), windy)
-        smoothing = self.smoothing(training)
-        samples = self.samples(training, free.nominal, lag, smoothing, free.nominal.terms)
+        samples = self.samples(training, free.nominal, lag, free.nominal.terms)
         unexcited = unexcited_axes(samples, problem.nominal)
         if unexcited:
             free = self.free(problem.nominal, unexcited, windy)
         model = structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
-        diagnostics += (Diagnostic("smoothing", "all", smoothing.signals_hz, "Hz"),)
+        diagnostics += (Diagnostic("smoothing", "all", self.smoothing(training).signals_hz, "Hz"),)
         errors, spread = None, None
         if self.refinement == "free_run":
             refined = refined_by_segments(self, training, lag, model, change, self.prior)
