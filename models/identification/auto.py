@@ -31,7 +31,6 @@ from seatrial.models.identification.cross_validation import (
     Score,
     error_diagnostics,
     one_standard_error_rule,
-    scored,
     scores_of,
 )
 from seatrial.models.identification.fallback import (
@@ -147,7 +146,7 @@ def _best(
         reasons[best] = f"{shown[best]}, no better than that of another"
         return best, None
     refined.append((error, terms))
-    return best, scored(blocks, identifier, reasons, best)
+    return best, scores_of({best: identifier}, blocks, reasons).get(best)
 
 
 def _refusal(score: Score, blocks: CrossValidation) -> str | None:

@@ -77,11 +77,12 @@ class LeastSquares(ResidualOptions):
             spread = table_spread([fitted.covariance[own, own] for own in blocks], fitted.rest)
         conditions = [part.condition] * len(dofs)
         diagnostics += condition_diagnostics(samples.terms, part.varies, conditions, dofs)
-        for dof, penalty in () if penalties is None else zip(dofs, penalties, strict=True):
-            diagnostics += (
-                Diagnostic("ridge_penalty", dof, penalty / len(samples)),
-                Diagnostic("effective_parameters", dof, part.parameters(penalty)),
-            )
+        if penalties is not None:
+            for dof, penalty in zip(dofs, penalties.tolist(), strict=True):
+                diagnostics += (
+                    Diagnostic("ridge_penalty", dof, penalty / len(samples)),
+                    Diagnostic("effective_parameters", dof, part.parameters(penalty)),
+                )
         residual = Vessel("residual", dofs, samples.terms, fitted.theta)
         if self.ned_force:
             residual += Vessel("force", dofs, HEADING, (NED @ fitted.force).T)

@@ -129,7 +129,8 @@ def search(
     )
     problem, seed = Objectives(n_var=m, n_obj=len(scale), xl=0.0, xu=1.0), int(rng.integers(2**31))
     algorithm.setup(problem, seed=seed, termination=NoTermination())
-    reason, changes, front = "generations", list[Change](), np.zeros((0, len(scale)))
+    reason, changes = "generations", list[Change]()
+    units, front = np.zeros((0, m)), np.zeros((0, len(scale)))
     for _ in range(generations):
         if not algorithm.has_next():
             break
