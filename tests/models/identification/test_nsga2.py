@@ -377,7 +377,7 @@ def test_change_of_a_front():
 
 
 def test_a_front_of_one_point_does_not_converge():
-    found = searched(lambda points: np.tile(points[:, :1], 2), generations=60, window=3)
+    found = searched(lambda points: 1.0 + np.tile(points[:, :1], 2), generations=60, window=3)
     assert len(found.front) == 1
     assert (found.reason, len(found.changes)) == ("generations", 59)
 
