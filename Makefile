@@ -207,7 +207,7 @@ clean:
 # compile as they are imported: most of their modules never are.
 $(VENV)/demo.stamp: EXTRAS :=
 $(VENV)/test.stamp: EXTRAS := [test]
-$(VENV)/robustness.stamp: EXTRAS := [rivals]
+$(VENV)/robustness.stamp: EXTRAS :=
 $(VENV)/bench.stamp: EXTRAS := [test,bench]
 $(VENV)/docs.stamp: EXTRAS := [docs]
 $(VENV)/check.stamp: EXTRAS := [test,check]

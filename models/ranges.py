@@ -20,6 +20,7 @@ Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
 PositiveInt = Annotated[int, Ge(1), Le(MOST_REPEATS)]
 NotNegativeInt = Annotated[int, Ge(0)]
+Replicates = Annotated[int, Ge(20), Le(MOST_REPEATS)]  # of a bootstrap
 Folds = Annotated[int, Ge(2), Le(1000)]  # of a cross-validation
 
 

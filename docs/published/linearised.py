@@ -18,11 +18,11 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.dsr import fit, model_diagnostics
 from seatrial.models.identification.problem import (
+    Force,
     Identified,
     Identifier,
     Needs,
     Problem,
-    check_force,
     check_forces,
 )
 from seatrial.models.identification.sampled_data import Sampled, forces_of, sampled
@@ -53,12 +53,11 @@ class Linearised(Identifier):
     velocity: dict[str, float] | None
     operating_force: bool
     wind: Annotated[WindForce | None, FromVessel("tuning.windage")]
-    force: str | None
+    force: Force | None
     hold_s: Positive | None
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        check_force(self.force)
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for a velocity that the vessel does not have."""

@@ -119,13 +119,16 @@ def noticeable(
     return [(i, k) for i, k in order if force[i, k] > 0.0]
 
 
-def regressors_again(
-    options: ResidualOptions, training: Recording, samples: Samples
-) -> Array | None:
-    """Regressors (N, n_terms) of a recording with noise like its own added; None without noise."""
+def with_attenuation(
+    options: ResidualOptions, problem: Problem, samples: Samples, result: Identified
+) -> Identified:
+    """The result with a diagnostic for each coefficient that noise attenuates, and a warning."""
+    training, dofs = problem.training, problem.nominal.dofs
+    if problem.compared or not options.noise_remedies:
+        return result
     nu, nu_dot = noise_like(training, np.random.default_rng(0))
     if not (np.any(nu) or np.any(nu_dot)):
-        return None
+        return result
     nu += training.nu  # in their place: a long recording fills the memory
     nu_dot += training.nu_dot
     smoothing = options.smoothing(training)
@@ -135,23 +138,7 @@ def regressors_again(
     )  # fmt: skip
     del nu, nu_dot
     (again,) = evaluated(filtered, lambda part: evaluate(samples.terms, part.variables()))
-    return smoothed(filtered, again, smoothing)
-
-
-def with_attenuation(
-    options: ResidualOptions,
-    problem: Problem,
-    samples: Samples,
-    result: Identified,
-) -> Identified:
-    """The result with a diagnostic for each coefficient that noise attenuates, and a warning."""
-    training, dofs = problem.training, problem.nominal.dofs
-    if problem.compared or not options.noise_remedies:
-        return result
-    again = regressors_again(options, training, samples)
-    if again is None:
-        return result
-    shares = attenuations(samples.phi, again)
+    shares = attenuations(samples.phi, smoothed(filtered, again, smoothing))
     errors = None if result.std_error is None else result.std_error[: len(shares)]
     lost = noticeable(samples, shares, problem.nominal, errors)
     if not lost:

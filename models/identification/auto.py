@@ -19,7 +19,6 @@ of half a minute hardly show it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 
@@ -32,7 +31,6 @@ from seatrial.models.identification.cross_validation import (
     Score,
     error_diagnostics,
     one_standard_error_rule,
-    scored,
     scores_of,
 )
 from seatrial.models.identification.fallback import (
@@ -42,12 +40,12 @@ from seatrial.models.identification.fallback import (
     with_skill,
 )
 from seatrial.models.identification.problem import (
+    Force,
     Identified,
     Identifier,
     Needs,
     NoIdentifier,
     Problem,
-    check_force,
     with_interval,
 )
 from seatrial.models.ranges import Folds, Positive, check_ranges
@@ -63,22 +61,19 @@ class Auto(Identifier):
     `candidates` maps names to identifiers, those to be preferred first, `reserve` names those of
     them that are tried last; of the alternatives of one of them (`tune`) the best competes. `folds`
     is the number of blocks and `horizon_s` [s] the length of a free run (null: by how fast errors
-    grow), under the `force` of the simulation, as for `ls`. After `budget_s` [s] no further
-    candidate is tried (null: no limit); the result then depends on the machine's speed.
+    grow), under the `force` of the simulation, as for `ls`.
     """
 
     candidates: dict[str, Identifier]
     folds: Folds
     horizon_s: Positive | None
-    force: str | None
-    budget_s: Positive | None
+    force: Force | None
     reserve: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_ranges(self)
         if not self.candidates:
             raise ConfigurationError("candidates: got none, expected at least one identifier")
-        check_force(self.force)
 
     def needs(self) -> Needs:
         """The force of the simulation."""
@@ -91,15 +86,11 @@ class Auto(Identifier):
             return _fallback(problem, "no velocity moved by more than its noise")
         reasons, scores, tried = dict[str, str](), dict[str, Score](), dict[str, Identifier]()
         quick = list[tuple[float, set[Term]]]()
-        began = perf_counter()
         first = {n: c for n, c in self.candidates.items() if n not in self.reserve}
         last = {n: c for n, c in self.candidates.items() if n in self.reserve}
         chosen, found = NONE, None
         for group in (first, last):
             for name, candidate in group.items():
-                if self.budget_s is not None and perf_counter() - began > self.budget_s:
-                    reasons[name] = f"the budget of {self.budget_s:g} s is over"
-                    continue
                 alternatives = candidate.alternatives(problem) or {"": candidate}
                 named = {name + variant: one for variant, one in alternatives.items()}
                 best, score = _best(named, blocks, reasons, quick)
@@ -147,7 +138,7 @@ def _best(
     best = one_standard_error_rule(errors)
     shown = {n: f"quick estimate: NRMSE {np.sqrt(own.error):.3g}" for n, own in errors.items()}
     reasons.update((name, reason) for name, reason in shown.items() if name != best)
-    identifier, error = named[best].without_bootstrap(), errors[best].error
+    identifier, error = named[best], errors[best].error
     if identifier == quick[best]:
         return best, scores[best]
     terms = {*scores[best].models[0].terms}
@@ -155,7 +146,7 @@ def _best(
         reasons[best] = f"{shown[best]}, no better than that of another"
         return best, None
     refined.append((error, terms))
-    return best, scored(blocks, identifier, reasons, best)
+    return best, scores_of({best: identifier}, blocks, reasons).get(best)
 
 
 def _refusal(score: Score, blocks: CrossValidation) -> str | None:

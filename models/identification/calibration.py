@@ -133,9 +133,7 @@ class NearbyRuns:
         return total / (count * DEVIATION_SHARE**2)
 
 
-def nearby_runs(
-    model: Vessel, recording: Recording, thruster: SecondOrderLag | None
-) -> NearbyRuns:
+def nearby_runs(model: Vessel, recording: Recording, thruster: SecondOrderLag | None) -> NearbyRuns:
     """The runs near that of a model over a recording; raises the errors of `prediction`."""
     course = bounded_course(recording, thruster, None, None, model.attitude)
     return NearbyRuns(predicted_by(model, course), model, recording)
@@ -293,7 +291,7 @@ def fold_models(
     identifier: Identifier, problem: Problem, training: Recording, fold: NDArray[np.int64]
 ) -> tuple[Vessel, ...]:
     """The models identified without each fold; raises the errors of the identifier."""
-    identifier, models = identifier.without_bootstrap(), []
+    models = []
     for k in range(int(np.max(fold)) + 1):
         part = training.part(fold != k)
         known = replace(problem, training=part, validation=part, compared=True)
@@ -301,9 +299,7 @@ def fold_models(
     return tuple(models)
 
 
-def left_out_errors(
-    runs: NearbyRuns, models: Sequence[Vessel], fold: NDArray[np.int64]
-) -> Array:
+def left_out_errors(runs: NearbyRuns, models: Sequence[Vessel], fold: NDArray[np.int64]) -> Array:
     """Predicted minus measured (N, 2 n_dof), each fold by the model without it; NaN: diverged."""
     errors = np.full_like(runs.own.course.measured, np.nan)
     for k, model in enumerate(models):

@@ -15,8 +15,7 @@ from seatrial.models.identification.free_run_fit import refined_by_segments
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples
 from seatrial.models.identification.spread import ParameterSpread
-from seatrial.models.identification.structured import Structure, entries_of, structure
-from seatrial.models.vessel.basis import Array
+from seatrial.models.identification.structured import entries_of, structure
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 DRAWN = 100  # tables about one that was moved
@@ -52,12 +51,16 @@ def finished(
         refined = refined_by_segments(options, training, lag, model, change, 1.0)
         change, broken = refined.change, refined.active
         if not problem.compared:
-            covariance, point = refined.covariance, free.values + change
-            errors = free.std_error(covariance)[rows]
-            spread = ParameterSpread(problem.nominal, free, point, covariance, refined.prior)
+            errors = free.std_error(refined.covariance)[rows]
+            spread = refined.spread(problem.nominal)
     elif options.interval_covers and spread is not None:
-        moved = moved_spread(problem, model, change, result)
-        errors, spread = free.std_error(moved.covariance)[rows], moved
+        points = [
+            free.values + model.nearest((drawn - problem.nominal).on(terms).theta)[0]
+            for drawn in result.draws(DRAWN)
+        ]
+        covariance = np.cov(np.array(points), rowvar=False)
+        errors = free.std_error(covariance)[rows]
+        spread = ParameterSpread(problem.nominal, free, free.values + change, covariance)
     residual = free.residual(free.values + change).on(result.residual.terms)
     active = (Diagnostic("active_constraint", "all", 1.0, label=name) for name in broken)
     return replace(
@@ -68,19 +71,3 @@ def finished(
         diagnostics=(*result.diagnostics, *active),
         spread=spread,
     )
-
-
-def moved_spread(
-    problem: Problem, model: Structure, change: Array, result: Identified
-) -> ParameterSpread:
-    """The distribution of a table that was moved by `change` (m,) from the nominal one.
-
-    Its covariance is that of tables drawn about the estimate, each moved as the estimate was.
-    """
-    free, terms = model.free, model.free.nominal.terms
-    points = [
-        free.values + model.nearest((drawn - problem.nominal).on(terms).theta)[0]
-        for drawn in result.draws(DRAWN)
-    ]
-    covariance = np.cov(np.array(points), rowvar=False)
-    return ParameterSpread(problem.nominal, free, free.values + change, covariance)

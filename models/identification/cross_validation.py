@@ -255,26 +255,17 @@ def one_standard_error_rule(errors: Mapping[str, FoldErrors]) -> str:
     return next(name for name in errors if not errors[name].worse(errors[best]))
 
 
-def scored(
-    validation: CrossValidation, identifier: Identifier, reasons: dict[str, str], name: str
-) -> Score | None:
-    """The score of an identifier; None, with its reason by name, if it cannot be had."""
-    try:
-        return validation.score(validation.models(identifier))
-    except UNUSABLE as error:
-        reasons[name] = str(error)
-        return None
-
-
 def scores_of(
     alternatives: Mapping[str, Identifier], validation: CrossValidation, reasons: dict[str, str]
 ) -> dict[str, Score]:
-    """The scores of alternatives, such as values of an option, that can be had."""
-    return {
-        name: score
-        for name, identifier in alternatives.items()
-        if (score := scored(validation, identifier, reasons, name)) is not None
-    }
+    """The scores of alternatives, such as values of an option; why one has none is in `reasons`."""
+    scores = {}
+    for name, identifier in alternatives.items():
+        try:
+            scores[name] = validation.score(validation.models(identifier))
+        except UNUSABLE as error:
+            reasons[name] = str(error)
+    return scores
 
 
 def best_of(
@@ -287,8 +278,7 @@ def best_of(
     if len(alternatives) == 1:
         return next(iter(alternatives.values())).identify(validation.problem, rng)
     reasons: dict[str, str] = {}
-    quick = {name: each.without_bootstrap() for name, each in alternatives.items()}
-    scores = scores_of(quick, validation, reasons)
+    scores = scores_of(alternatives, validation, reasons)
     if not scores:
         name, reason = next(iter(reasons.items()))
         raise IdentificationError(f"no alternative predicts the training part: {name}: {reason}")

@@ -28,6 +28,7 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.physical_form import physical_form
 from seatrial.models.identification.problem import (
+    Force,
     Identified,
     Identifier,
     Needs,
@@ -45,17 +46,18 @@ from seatrial.models.identification.sampled_data import (
     samples_in,
 )
 from seatrial.models.identification.subspace import Realisation, identify_innovations
-from seatrial.models.identification.uncertainty import check_bootstrap
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
 from seatrial.models.identification.variant_selection import NAMES, Alternative, select_variant
 from seatrial.models.notation import ACCELERATIONS, DOFS, POSES, VELOCITIES, poses_of
-from seatrial.models.ranges import Positive, PositiveInt, check_ranges
+from seatrial.models.ranges import Positive, PositiveInt, Replicates, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Codes
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
+
+MARKOV_PARAMETERS = 20  # that are stored
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,8 @@ class Dsr(Identifier):
 
     `order` is a number, `physical` (two states for a pose, one for another output) or `gap` (the
     largest gap of the singular values). `variant: closed` (dsr_e) holds with and without feedback,
-    `open` only without; `auto` lets the data choose, and so does `feedthrough` None, whether there
-    is a direct term; a pose has none. `stable` moves poles outside the unit circle onto it.
+    `open` only without; `auto` lets the data choose. They also choose whether there is a direct
+    term; a pose has none. `stable` moves poles outside the unit circle onto it.
     `inputs` are forces (`tau_surge`) and terms, None all forces; `extra_terms` follow, `physical`
     are the nonlinear terms of the nominal model. `outputs` are poses (`x`) and terms (`u`,
     `u_dot`), None the whole pose.
@@ -79,18 +81,15 @@ class Dsr(Identifier):
     J: Annotated[int, Ge(1), Le(1000)]
     order: PositiveInt | Literal["physical", "gap"]
     variant: Literal["auto", "closed", "open"]
-    feedthrough: bool | None  # whether D is estimated
     stable: bool
     inputs: tuple[str, ...] | None
     outputs: tuple[str, ...] | None
-    force: Literal["commanded", "filtered", "actual"] | None
+    force: Force | None
     extra_terms: tuple[str, ...] | Literal["physical"]  # further inputs beside the force
     period_s: Positive | None
     physical_form: Literal["better", "optional"]
-    condition_limit: Positive
-    markov_parameters: Annotated[int, Ge(0), Le(10_000)]
-    bootstrap: int | None
-    block_s: float
+    bootstrap: Replicates | None
+    block_s: Positive
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -103,11 +102,6 @@ class Dsr(Identifier):
         for name, values in (("inputs", self.inputs), ("outputs", self.outputs)):
             if values is not None and len(set(values)) < max(len(values), 1):
                 raise ConfigurationError(f"{name}: got {list(values)}, expected different names")
-        if self.variant == "closed" and self.feedthrough:
-            raise ConfigurationError(
-                "feedthrough: got true with variant=closed, expected open or auto"
-            )
-        check_bootstrap(self.bootstrap, self.block_s)
 
     @property
     def protected(self) -> bool:
@@ -115,7 +109,7 @@ class Dsr(Identifier):
         return self.physical_form == "better"
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Raise ConfigurationError for unknown signals, a wrong order or an unknown force."""
+        """Raise ConfigurationError for unknown signals or a wrong order."""
         check_forces("dsr", nominal)
         check_signals(self.inputs, self.outputs, nominal)
         states = 2 * len(nominal.dofs)
@@ -130,10 +124,6 @@ class Dsr(Identifier):
             raise ConfigurationError(
                 f"identifier.order: got {order}, expected at most L x outputs = {most}"
             )
-        if self.force == "filtered" and thruster is None:
-            raise ConfigurationError(
-                "identifier.force: got filtered, but the thruster lag is not known"
-            )
 
     def needs(self) -> Needs:
         """The force of the input."""
@@ -145,10 +135,6 @@ class Dsr(Identifier):
         Raises ConfigurationError unless it is one.
         """
         return samples_in(self.period_s, sample_time_s) * sample_time_s
-
-    def without_bootstrap(self) -> Identifier:
-        """This identifier without bootstrap replicates."""
-        return replace(self, bootstrap=None)
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the state-space model and the vessel of its physical form.
@@ -168,16 +154,17 @@ class Dsr(Identifier):
                     "no physical form: it needs all forces as the first inputs and the whole pose "
                     "as output"
                 )
-            form = physical_form(model, self.condition_limit)
+            form = physical_form(model)
         except IdentificationError as error:
             diagnostics.append(Diagnostic("physical_form", "all", 0.0, label=str(error)))
             usable = usable and self.physical_form == "optional"
         else:
             model, vessel = form.model, form.vessel("identified", dofs, data.extra)
             diagnostics += form.diagnostics(dofs)
-            errors = self._standard_errors(data, model.order, method, vessel - nominal, rng)
+            if not problem.compared:
+                errors = self._standard_errors(data, model.order, method, vessel - nominal, rng)
         named = self.outputs is not None
-        diagnostics += model_diagnostics(model, self.markov_parameters, named)
+        diagnostics += model_diagnostics(model, MARKOV_PARAMETERS, named)
         diagnostics += fit_diagnostics(model, self._sampled(problem.validation, nominal), named)
         r = len(dofs)
         forced = replace(model, B=model.B[:, :r], D=model.D[:, :r], inputs=model.inputs[:r])
@@ -219,10 +206,8 @@ class Dsr(Identifier):
     def _method(self, data: Sampled, order: int | None) -> tuple[Alternative, list[Diagnostic]]:
         """The variant and whether D is estimated, chosen by the data if there is a choice."""
         pose = set(self.outputs or ()) <= set(POSES)
-        direct = [False] if pose else [False, True]
-        direct = direct if self.feedthrough is None else [self.feedthrough]
         alternatives = [
-            one for one in NAMES if self.variant in ("auto", one[0]) and one[1] in direct
+            one for one in NAMES if self.variant in ("auto", one[0]) and not (pose and one[1])
         ]
         if len(alternatives) == 1:
             return alternatives[0], []
@@ -256,7 +241,7 @@ class Dsr(Identifier):
             times = np.concatenate([blocks[i] for i in rng.integers(count, size=count)])
             try:
                 model = self._realise(data, order, method, times).model
-                form = physical_form(model, self.condition_limit)
+                form = physical_form(model)
                 tables.append(form.vessel("replicate", residual.dofs, data.extra))
             except IdentificationError:
                 continue  # a replicate may not excite the vessel enough

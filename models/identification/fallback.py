@@ -7,7 +7,7 @@ that run away or whose regression has failed, not those that are fitted too clos
 on blocks left out (`auto`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -107,30 +107,6 @@ def held_to_nominal(result: Identified, score: Score, problem: Problem) -> Ident
     return changed
 
 
-def guarded(
-    blocks: CrossValidation, estimate: Callable[[Problem], Vessel], result: Identified
-) -> Identified:
-    """The result with the nominal equation of each axis that is predicted worse with its own.
-
-    `estimate` returns the model of a part of the recording.
-    """
-    try:
-        models = [estimate(problem) for problem in blocks.problems]
-    except UNUSABLE:
-        nominal = blocks.problem.nominal
-        return with_nominal_axes(result, nominal, range(len(nominal.dofs)), WORSE_THAN_NOMINAL)
-    return guarded_by(models, blocks, result)
-
-
-def guarded_by(
-    models: Sequence[Vessel], blocks: CrossValidation, result: Identified
-) -> Identified:
-    """The same for models that were identified without each of the blocks."""
-    if not blocks.axes:
-        return result
-    return held_to_nominal(result, blocks.score(models), blocks.problem)
-
-
 def with_nominal_axes(
     result: Identified, nominal: Vessel, axes: Sequence[int], diagnostic: str
 ) -> Identified:
@@ -181,7 +157,5 @@ def with_skill(
     )
     rows = (Diagnostic(NO_SKILL, dof, value) for dof, value in poor.items())
     return replace(
-        result,
-        diagnostics=(*result.diagnostics, *rows),
-        warnings=(*result.warnings, warning),
+        result, diagnostics=(*result.diagnostics, *rows), warnings=(*result.warnings, warning)
     )

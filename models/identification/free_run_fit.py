@@ -33,6 +33,7 @@ from seatrial.models.identification.linear import turns
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor, states_of
 from seatrial.models.identification.residual import ResidualOptions
+from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.structured import Structure, inflation
 from seatrial.models.identification.uncertainty import long_run_share, parameter_covariance
 from seatrial.models.identification.validation import bounded_course, restart_length
@@ -41,6 +42,7 @@ from seatrial.models.packs import WIDTH
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.smoothing import MAX_CUTOFF, noise_floor
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 DIFFERENCE_STEP = 1e-6  # of finite differences, relative to the size of a parameter
@@ -227,14 +229,17 @@ class Fit:
         """Precision (m,) of the prior inside the inverse of the covariance."""
         return np.asarray(self.deviation**-2.0)
 
+    def spread(self, nominal: Vessel) -> ParameterSpread:
+        """The distribution of the parameters of a nominal model."""
+        free = self.runs.predictor.free
+        return ParameterSpread(nominal, free, self.parameters, self.covariance, self.prior)
+
     @cached_property
     def covariance(self) -> Array:
         """Covariance (m, m) of the parameters; an active constraint does not narrow it."""
         unknowns = len(self.change) + len(self.runs.begin) * len(self.runs.estimated)
         width = WIDE * len(self.rest) if self.slow > self.stage.slow_share else None
-        return parameter_covariance(
-            self.jacobian, self.rest, self.prior, self.tau, unknowns, width
-        )
+        return parameter_covariance(self.jacobian, self.rest, self.prior, self.tau, unknowns, width)
 
 
 def grown(

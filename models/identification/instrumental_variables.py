@@ -36,7 +36,7 @@ from seatrial.models.identification.linear import (
     triangle,
     turns,
 )
-from seatrial.models.identification.problem import Identified, Identifier, Problem
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import (
     CONSTANT,
     Refinement,
@@ -49,12 +49,6 @@ from seatrial.models.identification.residual import (
 )
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.identification.spread import TableSpread, table_spread
-from seatrial.models.identification.uncertainty import (
-    ErrorKind,
-    block_bootstrap,
-    check_bootstrap,
-    hac_variance,
-)
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import MOST_REPEATS, Positive
 from seatrial.models.vessel import basis
@@ -77,7 +71,7 @@ NO_INTERVALS = (
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """An instrumental-variable fit of m targets y; theta = gains' y is linear in them."""
+    """An instrumental-variable fit of m targets y, in which theta is linear."""
 
     theta: Array  # (n_terms, m)
     rest: Array  # (N, m) residuals
@@ -87,25 +81,16 @@ class Solution:
     left: Array  # (n, n_terms) R of what the instruments leave of the regressors
     condition: float  # condition number of the scaled regressors projected on the instruments
 
-    @property
-    def gains(self) -> Array:
-        """Weight of every sample's target in theta, shape (N, n_terms)."""
-        return np.asarray(self.z @ (self.inverse @ self.share))
-
     @cached_property
     def covariances(self) -> Array:
         """Covariances of theta for each target with stationary residuals, (m, n_terms, n_terms)."""
         own = long_run_covariances(lambda rows: self.z[rows] @ self.inverse, self.rest)
         return np.asarray(self.share.T @ own @ self.share)
 
-    def standard_errors(self, kind: ErrorKind) -> Array:
+    def standard_errors(self) -> Array:
         """Standard errors (n_terms, m) for autocorrelated residuals."""
         n, n_terms = len(self.rest), len(self.theta)
-        if kind == "hac":
-            gains = self.gains
-            variances = np.stack([hac_variance(gains * e[:, None]) for e in self.rest.T], axis=1)
-        else:
-            variances = np.diagonal(self.covariances, axis1=1, axis2=2).T
+        variances = np.diagonal(self.covariances, axis1=1, axis2=2).T
         return np.sqrt(np.clip(n / max(n - n_terms, 1) * variances, 0.0, None))
 
 
@@ -144,7 +129,7 @@ class Estimate:
     samples: Samples
     kept: tuple[int, ...]  # terms that are determined; the others keep their nominal values
     solution: Solution  # over `kept`
-    diagnostics: tuple[Diagnostic, ...]
+    diagnostics: tuple[Diagnostic, ...] = ()
 
     def table(self, values: Array, missing: float) -> Array:
         """Values (n_kept, n_dof) on all terms, `missing` elsewhere, shape (n_terms, n_dof)."""
@@ -185,8 +170,6 @@ class InstrumentalVariables(ResidualOptions):
     measured wind (null: where the vessel moves in surge, sway and yaw and the recording has a
     wind). The first instruments come from the nominal model, those of the `iterations` refinements
     from the last estimate. The simulation restarts at the measured state every `restart_s` [s].
-    `bootstrap` is the number of block-bootstrap replicates for standard errors, all with the same
-    instruments; null uses `errors`.
     """
 
     instruments: Literal["none", "simulated"]
@@ -195,13 +178,9 @@ class InstrumentalVariables(ResidualOptions):
     orientation_terms: bool
     wind_measurement: bool | None
     wind_terms: tuple[str, ...]
-    errors: ErrorKind
-    bootstrap: int | None
-    block_s: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_bootstrap(self.bootstrap, self.block_s)
         others = [str(term) for term in basis.terms(self.wind_terms) if not _in_air(term)]
         if others or not self.wind_terms:
             raise ConfigurationError(
@@ -267,18 +246,23 @@ class InstrumentalVariables(ResidualOptions):
         lag, diagnostics = thruster_of(self, problem)
         estimate = self.estimate(problem, lag)
         residual = estimate.residual(problem.nominal.dofs)
-        if self.inertia_factor is None:
-            _check_inertia(problem.nominal + residual)
-        weak = self._weak(problem, estimate)
+        model = problem.nominal + residual
+        least = float(np.min(np.linalg.eigvals(model.inertia).real))
+        if self.inertia_factor is None and least <= 0.0:
+            raise IdentificationError(
+                f"the instruments are too weak: the identified inertia has an eigenvalue of "
+                f"{least:.3g}, expected positive ones; the simulation may drift away from the "
+                f"measured motion: try orientation_terms=true or a shorter restart_s"
+            )
+        consistent = not problem.compared and self.instruments != "none"
+        weak = consistent and self.inertia_factor is not None and estimate.strength < WEAK
         errors, spread = None, None
         if not (problem.compared or weak):
-            errors = estimate.table(self._errors(estimate, rng), np.nan)
+            errors = estimate.table(estimate.solution.standard_errors(), np.nan)
             spread = estimate.spread()
         diagnostics = (*diagnostics, *estimate.diagnostics)
-        result = Identified(
-            problem.nominal + residual, residual, errors, diagnostics, spread=spread
-        )
-        if problem.compared or self.instruments == "none":
+        result = Identified(model, residual, errors, diagnostics, spread=spread)
+        if not consistent:
             return finished(self, problem, lag, estimate.samples, result)
         refinements: tuple[Refinement, ...] = ("none", "free_run")  # until one can be simulated
         if self.refinement != "none":
@@ -295,12 +279,6 @@ class InstrumentalVariables(ResidualOptions):
             "recording, expected one that can be simulated; try fewer terms or a longer recording"
         )
 
-    def _weak(self, problem: Problem, estimate: Estimate) -> bool:
-        """Whether the instruments determine too little for intervals of the regression."""
-        if problem.compared or self.instruments == "none" or self.inertia_factor is None:
-            return False
-        return estimate.strength < WEAK
-
     def _simulates(self, problem: Problem, model: Vessel) -> bool:
         """Whether a model can be simulated under what it was trained on."""
         try:
@@ -308,18 +286,6 @@ class InstrumentalVariables(ResidualOptions):
         except IdentificationError:
             return False
         return True
-
-    def without_bootstrap(self) -> Identifier:
-        """This identifier without bootstrap replicates."""
-        return replace(self, bootstrap=None)
-
-    def _errors(self, estimate: Estimate, rng: np.random.Generator) -> Array:
-        """Standard errors of the determined terms, shape (n_kept, n_dof)."""
-        if self.bootstrap is None:
-            return estimate.solution.standard_errors(self.errors)
-        length = round(self.block_s / estimate.samples.period_s)
-        gains, rest = estimate.solution.gains, estimate.solution.rest
-        return block_bootstrap(lambda drawn: gains.T @ drawn, rest, length, self.bootstrap, rng)
 
     def estimate(self, problem: Problem, lag: SecondOrderLag | None) -> Estimate:
         """The estimate without standard errors."""
@@ -345,23 +311,27 @@ class InstrumentalVariables(ResidualOptions):
         estimate before. The refinement ends where no stretch can be; the last estimate is kept.
         """
         models = [problem.nominal]
-        z, same_sign, _ = self.columns(problem, models, lag)
-        estimate, count = _solve_excited_terms(samples, z), 0
+        instruments, same_sign, _ = self.columns(problem, models, lag)
+        estimate, count = _solve_excited_terms(samples, instruments), 0
         for _ in range(self.iterations):
             models.insert(0, problem.nominal + estimate.residual(problem.nominal.dofs))
             try:
                 instruments, same_sign, newest = self.columns(problem, models, lag)
                 if newest == 0.0:
                     break
-                estimate, z = _solve_excited_terms(samples, instruments), instruments
+                estimate = _solve_excited_terms(samples, instruments)
             except IdentificationError:
                 break
             count += 1
-        diagnostics = [Diagnostic("iterations", "all", float(count)), *_correlations(estimate, z)]
-        diagnostics.append(Diagnostic("instrument_strength", "all", estimate.strength))
-        for dof, share in zip(problem.nominal.dofs, same_sign, strict=True):
-            diagnostics.append(Diagnostic("same_sign", dof, float(share)))
-        return replace(estimate, diagnostics=tuple(diagnostics))
+        diagnostics = (
+            Diagnostic("iterations", "all", float(count)),
+            Diagnostic("instrument_strength", "all", estimate.strength),
+            *(
+                Diagnostic("same_sign", dof, float(share))
+                for dof, share in zip(problem.nominal.dofs, same_sign, strict=True)
+            ),
+        )
+        return replace(estimate, diagnostics=diagnostics)
 
     def columns(
         self, problem: Problem, models: Sequence[Vessel], lag: SecondOrderLag | None
@@ -371,11 +341,7 @@ class InstrumentalVariables(ResidualOptions):
         The instruments have zero mean except for the term 1, the intercept. Last is the share of
         the stretches that the first of the models simulates.
         """
-        recording = problem.training
-        if self.thruster == "estimated":
-            recording = recording.with_thruster(lag)
-        elif self.thruster == "none":
-            recording = replace(recording, tau_filtered=None)
+        recording = self.lagged(problem.training, lag)
         motion, first, newest = simulated_motion(recording, models, self.force, self.restart_s)
         starts = motion.t[first]
         smoothing = self.smoothing(problem.training)
@@ -391,17 +357,6 @@ class InstrumentalVariables(ResidualOptions):
         z -= means
         z[~used] = 0.0
         return z, same_sign, newest
-
-
-def _check_inertia(model: Vessel) -> None:
-    """Raise IdentificationError for a model whose inertia is not positive definite."""
-    least = float(np.min(np.linalg.eigvals(model.inertia).real))
-    if least <= 0.0:
-        raise IdentificationError(
-            f"the instruments are too weak: the identified inertia has an eigenvalue of "
-            f"{least:.3g}, expected positive ones; the simulation may drift away from the measured "
-            f"motion: try orientation_terms=true or a shorter restart_s"
-        )
 
 
 def _in_air(term: Term) -> bool:
@@ -421,19 +376,4 @@ def _solve_excited_terms(samples: Samples, z: Array) -> Estimate:
     phi = samples.phi if len(kept) == len(samples.terms) else samples.phi[:, list(kept)]
     instruments = phi if z is samples.phi else z[:, list(kept)]
     solution = solve(instruments, phi, samples.epsilon, names)
-    return Estimate(samples, kept, solution, ())
-
-
-def _correlations(estimate: Estimate, z: Array) -> tuple[Diagnostic, ...]:
-    """Correlation of every regressor with its instrument; a low one gives a poor estimate."""
-    values = []
-    for i in estimate.kept:
-        a, b = z[:, i] - np.mean(z[:, i]), estimate.samples.phi[:, i]
-        b = b - np.mean(b)
-        size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
-        if size > 0.0:
-            name = estimate.samples.terms[i].name
-            values.append(
-                Diagnostic("instrument_correlation", "all", float(a @ b) / size, label=name)
-            )
-    return tuple(values)
+    return Estimate(samples, kept, solution)

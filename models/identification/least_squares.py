@@ -1,6 +1,6 @@
 """Least squares and ridge regression of the lack of fit, with standard errors.
 
-    theta = argmin sum_i w_i |epsilon_i - Phi_i' theta|^2 + penalty |scaled theta|^2
+    theta = argmin sum_i |epsilon_i - Phi_i' theta|^2 + penalty |scaled theta|^2
 
 epsilon = tau - F0(nu_dot, nu). If the force is first filtered by the thruster lag, least squares
 is exact on noise-free data. Ridge regression shrinks the estimate towards the nominal model; its
@@ -8,8 +8,7 @@ penalty minimises the generalised cross-validation of Golub, Heath and Wahba (19
 21, 215-223.
 """
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,56 +16,33 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.linear import (
+    NED,
     Decomposition,
     LinearFit,
-    bootstrap_errors,
     condition_diagnostics,
-    decompositions,
     fit,
-    standard_errors,
     turns,
 )
-from seatrial.models.identification.problem import Identified, Identifier, Problem
-from seatrial.models.identification.residual import (
-    NED_COLUMNS,
-    ResidualOptions,
-    Samples,
-    ned_columns,
-    ned_table,
-    thruster_of,
-)
-from seatrial.models.identification.spread import TableSpread, table_spread
-from seatrial.models.identification.uncertainty import ErrorKind, check_bootstrap
+from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.residual import HEADING, ResidualOptions, thruster_of
+from seatrial.models.identification.spread import table_spread
 from seatrial.models.notation import PLANAR
-from seatrial.models.ranges import NotNegative, Positive
+from seatrial.models.ranges import NotNegative
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
-HUBER = 1.345  # 95 % as efficient as least squares on Gaussian residuals
-NORMAL_MAD = 1.4826  # standard deviation over median absolute deviation of a Gaussian
 MAX_ROUNDS = 30
 
 
 @dataclass(frozen=True)
 class LeastSquares(ResidualOptions):
-    """Weighted least squares by SVD on standardised columns, the term 1 as intercept.
+    """Least squares by SVD on standardised columns, the term 1 as intercept.
 
     `ned_force` adds a force (north, east) that is constant in NED, shared between surge and sway.
-    `weighting: huber` reduces the weight of outliers, `half_life_s` [s] that of old samples.
-    `bootstrap` is the number of block-bootstrap replicates for standard errors; null uses `errors`.
     """
 
     ned_force: bool
-    weighting: Literal["uniform", "huber"]
-    half_life_s: Positive | None
-    errors: ErrorKind
-    bootstrap: int | None
-    block_s: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_bootstrap(self.bootstrap, self.block_s)
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for options that do not fit the vessel."""
@@ -76,7 +52,7 @@ class LeastSquares(ResidualOptions):
                 f"identifier.ned_force needs a vessel in {', '.join(PLANAR)}, "
                 f"got one in {', '.join(nominal.dofs)}"
             )
-        repeated = [term.name for term in NED_COLUMNS if term in self.terms(nominal)]
+        repeated = [term.name for term in HEADING if term in self.terms(nominal)]
         if self.ned_force and repeated:
             raise ConfigurationError(
                 f"identifier.ned_force already has {repeated[0]}: remove it from the basis or from "
@@ -86,79 +62,40 @@ class LeastSquares(ResidualOptions):
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table with standard errors and condition numbers."""
         lag, diagnostics = thruster_of(self, problem)
-        samples = self.samples(problem.training, problem.nominal, lag)
-        result = self.regression(problem, samples, rng)
-        result = replace(result, diagnostics=diagnostics + result.diagnostics)
+        samples, dofs = self.samples(problem.training, problem.nominal, lag), problem.nominal.dofs
+        part = Decomposition.of(samples, self.ned_force)
+        penalties = self.penalties(part)
+        fitted = fit(part, penalties)
+        if self.ned_force:
+            fitted = weighted(fitted, penalties)
+        errors, f_errors = (np.full_like(x, np.nan) for x in (fitted.theta, fitted.force))
+        spread = None
+        if not problem.compared:
+            errors, f_errors = fitted.standard_errors()
+        if not (problem.compared or self.ned_force):
+            blocks = turns(fitted.theta.size, len(fitted.theta))
+            spread = table_spread([fitted.covariance[own, own] for own in blocks], fitted.rest)
+        conditions = [part.condition] * len(dofs)
+        diagnostics += condition_diagnostics(samples.terms, part.varies, conditions, dofs)
+        if penalties is not None:
+            for dof, penalty in zip(dofs, penalties.tolist(), strict=True):
+                diagnostics += (
+                    Diagnostic("ridge_penalty", dof, penalty / len(samples)),
+                    Diagnostic("effective_parameters", dof, part.parameters(penalty)),
+                )
+        residual = Vessel("residual", dofs, samples.terms, fitted.theta)
+        if self.ned_force:
+            residual += Vessel("force", dofs, HEADING, (NED @ fitted.force).T)
+            shares = np.where(NED.any(axis=2), np.abs(NED @ f_errors), np.nan)
+            errors = np.vstack([errors, shares.T])
+            diagnostics += ned_diagnostics(fitted.force, f_errors)
+        model = problem.nominal + residual
+        result = Identified(model, residual, errors, diagnostics, spread=spread)
         return finished(self, problem, lag, samples, result)
 
-    def regression(
-        self, problem: Problem, samples: Samples, rng: np.random.Generator
-    ) -> Identified:
-        """The residual table of the regression alone."""
-        dofs = problem.nominal.dofs
-        fitted, penalty_diagnostics = self.solve(samples, dofs)
-        if problem.compared:
-            errors, f_errors = (np.full_like(x, np.nan) for x in (fitted.theta, fitted.shared))
-        elif self.bootstrap is None:
-            errors, f_errors = standard_errors(fitted, self.errors)
-        else:
-            length = round(self.block_s / samples.period_s)
-            errors, f_errors = bootstrap_errors(fitted, length, self.bootstrap, rng)
-        residual = Vessel("residual", dofs, samples.terms, fitted.theta)
-        conditions = [part.condition for part in fitted.parts]
-        diagnostics = condition_diagnostics(samples.terms, fitted.varies, conditions, dofs)
-        diagnostics += penalty_diagnostics
-        if self.ned_force:
-            residual += Vessel("force", dofs, NED_COLUMNS, ned_table(fitted.shared))
-            shares = np.where(ned_table(np.ones(2)) != 0.0, np.abs(ned_table(f_errors)), np.nan)
-            errors = np.vstack([errors, shares])
-            diagnostics += ned_diagnostics(fitted.shared, f_errors)
-        spread = None if problem.compared or self.ned_force else spread_of(fitted)
-        model = problem.nominal + residual
-        return Identified(model, residual, errors, diagnostics, spread=spread)
-
-    def without_bootstrap(self) -> Identifier:
-        """This identifier without bootstrap replicates."""
-        return replace(self, bootstrap=None)
-
-    def solve(
-        self, samples: Samples, dofs: tuple[str, ...]
-    ) -> tuple[LinearFit, tuple[Diagnostic, ...]]:
-        """The fit, and the diagnostics about its penalty.
-
-        Weights that depend on the residual (Huber's; the precision of each degree of freedom if
-        they share unknowns) are computed from the last fit, until they converge.
-        """
-        shared = ned_columns(samples.heading) if self.ned_force else None
-        base = recency(len(samples), samples.period_s, self.half_life_s)[:, None]
-        weights = np.broadcast_to(base, samples.epsilon.shape)
-        penalties, diagnostics = self.penalise(samples, weights, shared, dofs)
-        fitted = fit(samples, weights, penalties, shared)
-        depends = self.ned_force or self.weighting == "huber"
-        for _ in range(MAX_ROUNDS if depends else 0):
-            last, weights = weights, base * self.reweight(fitted.rest, samples)
-            fitted = fit(samples, weights, penalties, shared)
-            if np.max(np.abs(weights - last)) < 1e-4 * np.max(weights):
-                break
-        return fitted, diagnostics
-
-    def reweight(self, rest: Array, samples: Samples) -> Array:
-        """Weights from the residual `rest` (N, n_dof), shape (N, n_dof), at most 1."""
-        floor = 1e-9 * np.std(samples.force, axis=0) + np.finfo(float).tiny
-        weights = np.ones_like(rest)
-        if self.weighting == "huber":
-            scale = NORMAL_MAD * np.median(np.abs(rest), axis=0) + floor
-            weights = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(rest), floor))
-        if self.ned_force:
-            precision = 1.0 / (np.mean(weights * rest**2, axis=0) + floor**2)
-            weights = weights * precision / np.max(precision)
-        return weights
-
-    def penalise(
-        self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]
-    ) -> tuple[Array | None, tuple[Diagnostic, ...]]:
-        """Penalty of each degree of freedom (n_dof,), None for no penalty, and its diagnostics."""
-        return None, ()
+    def penalties(self, part: Decomposition) -> Array | None:
+        """Penalty of each degree of freedom (n_dof,); None: there is none."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -171,34 +108,34 @@ class Ridge(LeastSquares):
 
     penalty: NotNegative | None
 
-    def penalise(
-        self, samples: Samples, weights: Array, shared: Array | None, dofs: tuple[str, ...]
-    ) -> tuple[Array, tuple[Diagnostic, ...]]:
-        """Penalty of each degree of freedom (n_dof,), after the shared unknowns are subtracted."""
-        f = np.zeros(0) if shared is None else fit(samples, weights, None, shared).shared
-        parts, n = decompositions(samples, weights, self.penalty != 0.0, shared), len(samples)
+    def penalties(self, part: Decomposition) -> Array:
+        """Penalty of each degree of freedom (n_dof,), after what the force in NED explains."""
+        n, n_dof = part.samples.epsilon.shape
         if self.penalty is not None:
-            penalties = [self.penalty * n for _ in dofs]
-        else:
-            penalties = [least_gcv(part, k, f, n) for k, part in enumerate(parts)]
-        diagnostics = []
-        for dof, part, value in zip(dofs, parts, penalties, strict=True):
-            diagnostics.append(Diagnostic("ridge_penalty", dof, value / n))
-            diagnostics.append(Diagnostic("effective_parameters", dof, part.parameters(value)))
-        return np.array(penalties), tuple(diagnostics)
+            return np.full(n_dof, self.penalty * n)
+        explained = np.zeros((n_dof, 0))
+        if self.ned_force:
+            explained = NED @ fit(part).force
+        return np.array([least_gcv(part, k, f, n) for k, f in enumerate(explained)])
 
 
-def spread_of(fitted: LinearFit) -> TableSpread:
-    """The distribution of a table without shared unknowns."""
-    own = turns(fitted.theta.size, len(fitted.theta))
-    return table_spread([fitted.covariance[each, each] for each in own], fitted.rest)
+def weighted(fitted: LinearFit, penalties: Array | None) -> LinearFit:
+    """The fit with each degree of freedom weighted by the precision of its residuals."""
+    floor = 1e-9 * np.std(fitted.part.samples.force, axis=0) + np.finfo(float).tiny
+    for _ in range(MAX_ROUNDS):
+        precision = 1.0 / (np.mean(fitted.rest**2, axis=0) + floor**2)
+        last, weights = fitted.weights, precision / np.max(precision)
+        fitted = fit(fitted.part, penalties, weights)
+        if np.max(np.abs(weights - last)) < 1e-4 * np.max(weights):
+            break
+    return fitted
 
 
 def gcv(part: Decomposition, k: int, f: Array, n: int, penalties: Array) -> Array:
     """Generalised cross-validation n |rest|^2 / (n - parameters)^2 for each penalty, their shape.
 
-    The target is that of degree of freedom k after what the shared unknowns f (m,) explain; n is
-    the number of samples.
+    The target is that of degree of freedom k after f (m,) times the shared columns; n is the number
+    of samples.
     """
     change = np.append(-f, np.eye(part.along.shape[1] - len(f))[k])
     along, orthogonal = part.along @ change, float(np.sum((part.left @ change) ** 2))
@@ -216,14 +153,6 @@ def least_gcv(part: Decomposition, k: int, f: Array, n: int) -> float:
         best = int(np.argmin(gcv(part, k, f, n, grid)))
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, 60)]
     return float(grid[best])
-
-
-def recency(n: int, period_s: float, half_life_s: float | None) -> Array:
-    """Weights (n,) that halve every `half_life_s` [s] before the last sample; None gives ones."""
-    if half_life_s is None:
-        return np.ones(n)
-    age = period_s * np.arange(n - 1, -1, -1.0)
-    return np.asarray(np.exp2(-age / half_life_s))
 
 
 def ned_diagnostics(force: Array, errors: Array) -> tuple[Diagnostic, ...]:

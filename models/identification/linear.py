@@ -1,21 +1,21 @@
 """Linear least squares with an optional ridge, from the triangular factor of the columns.
 
-    minimise sum_k sum_i w_ik (y_ik - phi_i' theta_k - s_ik' f)^2 + penalty_k |scaled theta_k|^2
+    minimise sum_k w_k |y_k - Phi theta_k - H T_k f|^2 + penalty_k |scaled theta_k|^2
 
-Each degree of freedom k has its own theta_k; f are unknowns that the degrees of freedom share. The
-term 1 is the intercept and is not penalised; without it nothing is centred. Columns that do not
-vary get a coefficient of zero.
+Each degree of freedom k has its own theta_k; f is a force (north, east) that is constant in NED and
+common to them, H = [cos psi, sin psi]. The term 1 is the intercept and is not penalised; without it
+nothing is centred. Columns that do not vary get a coefficient of zero.
 
-With root(w) [1, X, Y] = Q R everything follows from R: its first row holds the means, the others
-are those of centred columns. R is computed in blocks of rows, as R of all rows is R of the last R
-stacked on the next block; a block stays in the processor's cache, and Q is never stored. Golub and
-Van Loan (2013), Matrix Computations, section 5.2; Demmel, Grigori, Hoemmen and Langou (2012), SIAM
-J. Sci. Comput. 34, A206-A239.
+With [1, X, Y] = Q R everything follows from R: its first row holds the means, the others are those
+of centred columns. R is computed in blocks of rows, as R of all rows is R of the last R stacked on
+the next block; a block stays in the processor's cache, and Q is never stored. Golub and Van Loan
+(2013), Matrix Computations, section 5.2; Demmel, Grigori, Hoemmen and Langou (2012), SIAM J. Sci.
+Comput. 34, A206-A239.
 """
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 import scipy.fft
@@ -23,20 +23,21 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.residual import CONSTANT, Samples
+from seatrial.models.identification.free_parameters import ned_forces
+from seatrial.models.identification.residual import HEADING, Samples
 from seatrial.models.identification.uncertainty import (
     PIECE,
-    ErrorKind,
     autocovariances,
     bandwidth,
     bartlett_weights,
-    block_bootstrap,
-    hac_variance,
 )
+from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.basis import Array, Term
 
 TOGETHER = 2048  # rows in a block
 SINGULAR_RATIO = 1e-12
+# T (n_dof, 2, 2): coefficients of cos(psi) and sin(psi) by a force of 1 N to the north or east
+NED = np.stack([one.on(HEADING).theta for one in ned_forces(PLANAR).values()], -1).swapaxes(0, 1)
 
 
 def turns(n: int, together: int | None = None) -> list[slice]:
@@ -56,9 +57,7 @@ def triangle(pieces: Iterable[Array]) -> Array:
     return R
 
 
-def check_distinguished(
-    s: Array, vt: Array, names: Sequence[str], what: str, ratio: float
-) -> None:
+def check_distinguished(s: Array, vt: Array, names: Sequence[str], what: str, ratio: float) -> None:
     """Raise IdentificationError with the names of dependent columns.
 
     s (P,) and vt (P, P) are singular values and right singular vectors, the least ones last.
@@ -75,47 +74,58 @@ def check_distinguished(
 
 @dataclass(frozen=True, eq=False)
 class Decomposition:
-    """SVD of the weighted, standardised columns of a regression, U diag(s) V', and its targets."""
+    """SVD of the standardised columns of a regression, U diag(s) V', and its m targets.
 
-    n_terms: int
+    The targets are H if a force in NED is estimated, then the lack of fit of every axis.
+    """
+
+    samples: Samples
     columns: NDArray[np.int64]  # terms that vary, P of them
-    constant: int | None  # index of the intercept
     mean: Array  # (P,) of the columns; zero without an intercept
     scale: Array  # (P,) standard deviations; root mean squares without an intercept
     offset: Array  # (m,) mean of the targets; zero without an intercept
     s: Array
     vt: Array
-    along: Array  # (P, m) U' of the weighted targets
+    along: Array  # (P, m) U' of the targets
     left: Array  # (n, m) R of what the columns leave of them
 
     @classmethod
-    def of(
-        cls, R: Array, terms: tuple[Term, ...], order: list[int], total: float, penalised: bool
-    ) -> "Decomposition":
-        """The decomposition by R of the terms in an `order`, the intercept first, and targets.
+    def of(cls, samples: Samples, ned_force: bool = False) -> "Decomposition":
+        """The decomposition of samples; with `ned_force` the columns H are among the targets."""
+        constant, every = samples.constant, range(len(samples.terms))
+        order = np.array([i for i in every if i != constant], dtype=np.int64)
+        first = int(constant is not None)
+        y = np.hstack([samples.heading, samples.epsilon]) if ned_force else samples.epsilon
 
-        `total` is the sum of the weights. Raises IdentificationError with the names of the terms
-        when the columns are dependent and no penalty makes the solution unique.
-        """
-        first, P = int(CONSTANT in [terms[i] for i in order[:1]]), len(order)
-        mean = R[0] / R[0, 0] if first else np.zeros(R.shape[1])
-        size = np.linalg.norm(R[first:, first:P], axis=0)
-        varies = size > SINGULAR_RATIO * np.linalg.norm(R[:, first:P], axis=0)
+        def blocks() -> Iterable[Array]:
+            for turn in turns(len(samples)):
+                ones = np.ones((len(y[turn]), first))
+                yield np.hstack([ones, samples.phi[turn][:, order], y[turn]])
+
+        R = triangle(blocks())
+        varying = slice(first, first + len(order))
+        varies = np.linalg.norm(R[first:, varying], axis=0) > SINGULAR_RATIO * np.linalg.norm(
+            R[:, varying], axis=0
+        )
         if not np.all(varies):
-            kept = np.concatenate([np.full(first, True), varies])
-            used = np.concatenate([kept, np.full(R.shape[1] - P, True)])
-            fewer = np.asarray(np.linalg.qr(R[:, used], mode="r"), dtype=np.float64)
-            return cls.of(fewer, terms, np.array(order)[kept].tolist(), total, penalised)
-        scale = size / np.sqrt(total)
+            order, used = order[varies], np.full(R.shape[1], True)
+            used[varying] = varies
+            R = np.asarray(np.linalg.qr(R[:, used], mode="r"), dtype=np.float64)
+        P = first + len(order)
+        mean = R[0] / R[0, 0] if first else np.zeros(R.shape[1])
+        scale = np.linalg.norm(R[first:, first:P], axis=0) / np.sqrt(len(samples))
         u, s, vt = np.linalg.svd(R[first:P, first:P] / scale)
-        if not penalised:
-            names = [str(terms[i]) for i in order[first:]]
-            what = "training part does not distinguish"
-            check_distinguished(s, vt, names, what, SINGULAR_RATIO)
         return cls(
-            len(terms), np.array(order[first:], dtype=np.int64), order[0] if first else None,
-            mean[first:P], scale, mean[P:], s, vt, u.T @ R[first:P, P:], R[P:, P:],
-        )  # fmt: skip
+            samples, order, mean[first:P], scale, mean[P:], s, vt, u.T @ R[first:P, P:], R[P:, P:]
+        )
+
+    @property
+    def varies(self) -> NDArray[np.bool_]:
+        """Terms that have a coefficient, (n_terms,)."""
+        varies = np.isin(np.arange(len(self.samples.terms)), self.columns)
+        if self.samples.constant is not None:
+            varies[self.samples.constant] = True
+        return varies
 
     @property
     def condition(self) -> float:
@@ -130,64 +140,23 @@ class Decomposition:
 
     def parameters(self, penalty: float) -> float:
         """Effective number of parameters, including the intercept."""
-        return float(np.sum(self.shrinkage(penalty))) + (self.constant is not None)
+        return float(np.sum(self.shrinkage(penalty))) + (self.samples.constant is not None)
 
     def coefficients(self, penalty: float = 0.0) -> Array:
         """Coefficients of the terms for each of the targets, shape (n_terms, m)."""
         theta = self.share(penalty).T @ self.along
-        if self.constant is not None:
-            theta[self.constant] += self.offset
+        if self.samples.constant is not None:
+            theta[self.samples.constant] += self.offset
         return theta
 
     def share(self, penalty: float) -> Array:
         """Derivative of the coefficients by U' of a target, shape (P, n_terms)."""
-        share = np.zeros((len(self.s), self.n_terms))
+        share = np.zeros((len(self.s), len(self.samples.terms)))
         shrunk = self.s / (self.s**2 + penalty)
         share[:, self.columns] = shrunk[:, None] * self.vt / self.scale
-        if self.constant is not None:
-            share[:, self.constant] = -share[:, self.columns] @ self.mean
+        if self.samples.constant is not None:
+            share[:, self.samples.constant] = -share[:, self.columns] @ self.mean
         return share
-
-
-def columns_of(samples: Samples) -> list[int]:
-    """The terms in the order of R: the intercept first."""
-    others = [i for i in range(len(samples.terms)) if i != samples.constant]
-    return others if samples.constant is None else [samples.constant, *others]
-
-
-def factor(samples: Samples, rows: slice, weights: Array | None, *targets: Array) -> Array:
-    """R of root(w) [terms in the order of `columns_of`, targets] of some rows."""
-    order, start = columns_of(samples), rows.indices(len(samples))[0]
-
-    def blocks() -> Iterable[Array]:
-        for turn in turns(len(samples.phi[rows])):
-            own = slice(start + turn.start, start + turn.stop)
-            block = np.hstack([samples.phi[own][:, order], *(target[own] for target in targets)])
-            if samples.constant is not None:
-                block[:, 0] = 1.0
-            yield block if weights is None else np.sqrt(weights[own])[:, None] * block
-
-    return triangle(blocks())
-
-
-def decompositions(
-    samples: Samples, weights: Array, penalised: bool = False, shared: Array | None = None
-) -> tuple[Decomposition, ...]:
-    """A decomposition for each degree of freedom, with weights (N, n_dof).
-
-    The targets are its shared columns (n_dof, N, m), then the lack of fit of all degrees of
-    freedom. Where nothing is shared, equal weights have one object.
-    """
-    parts: list[Decomposition] = []
-    for k, w in enumerate(weights.T):
-        if k and shared is None and np.array_equal(w, weights[:, 0]):
-            parts.append(parts[0])
-            continue
-        targets = (samples.epsilon,) if shared is None else (shared[k], samples.epsilon)
-        R = factor(samples, slice(None), w, *targets)
-        order, total = columns_of(samples), float(np.sum(w))
-        parts.append(Decomposition.of(R, samples.terms, order, total, penalised))
-    return tuple(parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,53 +164,45 @@ class LinearFit:
     """A fit of every degree of freedom, with the data needed for its standard errors.
 
     The unknowns are theta of one degree of freedom after the other, then f. They are linear in the
-    targets: their derivatives by the target of k are `rows` of k times `share` of k.
+    targets: their derivatives by the target of k are `rows` times `share` of k.
     """
 
-    samples: Samples
-    weights: Array  # (N, n_dof)
-    columns: Array  # (n_dof, N, m) of the shared unknowns
-    parts: tuple[Decomposition, ...]  # of each degree of freedom; equal weights share one object
-    penalties: Array  # (n_dof,)
-    normal: Array  # (m, m) of the shared unknowns
+    part: Decomposition
+    weights: Array  # (n_dof,)
+    penalties: Array  # (n_dof,) over the weights
+    turned: Array  # T (n_dof, m, m); m = 0: f is not estimated
+    normal: Array  # (m, m) of f
     theta: Array  # (n_terms, n_dof)
-    shared: Array  # (m,)
+    force: Array  # f (m,) [N]
     rest: Array  # (N, n_dof) residuals
 
     @property
     def parameters(self) -> Array:
         """Effective number of parameters (n_dof,)."""
-        pairs = zip(self.parts, self.penalties, strict=True)
-        return np.array([part.parameters(penalty) for part, penalty in pairs])
+        return np.array([self.part.parameters(penalty) for penalty in self.penalties])
 
-    @property
-    def varies(self) -> NDArray[np.bool_]:
-        """Terms that have a coefficient, (n_terms,)."""
-        part = self.parts[0]
-        used = [*part.columns, *([] if part.constant is None else [part.constant])]
-        return np.isin(np.arange(part.n_terms), used)
-
-    def rows(self, source: int, rows: slice) -> Array:
-        """w / sum(w), and root(w) times U and what it leaves of the shared columns, (n, q)."""
-        part, w = self.parts[source], self.weights[rows, source][:, None]
-        x = (self.samples.phi[rows][:, part.columns] - part.mean) / part.scale
+    def rows(self, rows: slice) -> Array:
+        """1 / N, U, and what it leaves of H, (n, q)."""
+        part, samples, m = self.part, self.part.samples, len(self.force)
+        x = (samples.phi[rows][:, part.columns] - part.mean) / part.scale
         least = SINGULAR_RATIO * np.max(part.s, initial=0.0)  # below it a penalty leaves nothing
-        u = w * (x @ (part.vt.T / np.maximum(part.s, least)))
-        m = len(self.shared)
-        s = w * (self.columns[source, rows] - part.offset[:m]) - u @ part.along[:, :m]
-        return np.hstack([w / np.sum(self.weights[:, source]), u, s])
+        u = x @ (part.vt.T / np.maximum(part.s, least))
+        h = samples.heading[rows, :m] - part.offset[:m] - u @ part.along[:, :m]
+        return np.hstack([np.full((len(x), 1), 1.0 / len(samples)), u, h])
 
-    def share(self, source: int) -> Array:
-        """Derivative of the unknowns by the target of `source` along its rows, (q, n_unknowns)."""
-        part, m = self.parts[source], len(self.shared)
-        kept = (1.0 - part.shrinkage(self.penalties[source]))[:, None] * part.along[:, :m]
-        side = np.vstack([np.zeros((1, m)), kept, np.eye(m)])
+    def share(self, k: int) -> Array:
+        """Derivative of the unknowns by the target of k along the rows, (q, n_unknowns)."""
+        part, m = self.part, len(self.force)
+        kept = (1.0 - part.shrinkage(self.penalties[k]))[:, None] * part.along[:, :m]
+        side = self.weights[k] * np.vstack([np.zeros((1, m)), kept, np.eye(m)]) @ self.turned[k]
         f = np.linalg.solve(self.normal, side.T).T
-        pairs = zip(self.parts, self.penalties, strict=True)
-        own = [-f @ part.coefficients(penalty)[:, :m].T for part, penalty in pairs]
-        own[source][1 : 1 + len(part.s)] += part.share(self.penalties[source])
-        if part.constant is not None:
-            own[source][0, part.constant] += 1.0
+        own = [
+            -f @ (part.coefficients(penalty)[:, :m] @ turned).T
+            for penalty, turned in zip(self.penalties, self.turned, strict=True)
+        ]
+        own[k][1 : 1 + len(part.s)] += part.share(self.penalties[k])
+        if part.samples.constant is not None:
+            own[k][0, part.samples.constant] += 1.0
         return np.hstack([*own, f])
 
     @cached_property
@@ -251,83 +212,53 @@ class LinearFit:
         For stationary residuals that are independent between the degrees of freedom.
         """
         inflated = len(self.rest) / np.maximum(len(self.rest) - self.parameters, 1.0)
-        total = np.zeros((self.theta.size + len(self.shared),) * 2)
-        for part in {id(part): part for part in self.parts}.values():
-            alike = [k for k, other in enumerate(self.parts) if other is part]
-            rows = partial(self.rows, alike[0])
-            for k, own in zip(alike, long_run_covariances(rows, self.rest[:, alike]), strict=True):
-                total += inflated[k] * self.share(k).T @ own @ self.share(k)
-        return total
+        own = long_run_covariances(self.rows, self.rest)
+        shares = map(self.share, range(len(own)))
+        return np.asarray(
+            sum(
+                factor * share.T @ each @ share
+                for factor, share, each in zip(inflated, shares, own, strict=True)
+            )
+        )
 
-    def unstacked(self, unknowns: Array) -> tuple[Array, Array]:
-        """Values of the unknowns as theta, NaN for terms that do not vary, and f."""
-        theta = unknowns[: self.theta.size].reshape(self.theta.shape[::-1]).T
-        return np.where(self.varies[:, None], theta, np.nan), unknowns[self.theta.size :]
+    def standard_errors(self) -> tuple[Array, Array]:
+        """Standard errors of theta (n_terms, n_dof), NaN for terms that do not vary, and of f."""
+        errors = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+        theta = errors[: self.theta.size].reshape(self.theta.shape[::-1]).T
+        return np.where(self.part.varies[:, None], theta, np.nan), errors[self.theta.size :]
 
 
 def fit(
-    samples: Samples, weights: Array, penalties: Array | None = None, shared: Array | None = None
+    part: Decomposition, penalties: Array | None = None, weights: Array | None = None
 ) -> LinearFit:
-    """Fit all degrees of freedom; weights (N, n_dof), penalties (n_dof,), shared (n_dof, N, m).
+    """Fit all degrees of freedom; penalties (n_dof,) and weights (n_dof,).
 
-    For the shared unknowns f the own columns are projected out of the shared columns and the
-    targets (Frisch, Waugh and Lovell): sum_k S_k' W (I - H_k) S_k f = sum_k S_k' W (I - H_k) y_k.
-    Raises IdentificationError when the columns are dependent.
+    For f the own columns are projected out of H and the targets (Frisch, Waugh and Lovell):
+    sum_k w_k T_k' H' (I - P_k) H T_k f = sum_k w_k T_k' H' (I - P_k) y_k. Raises
+    IdentificationError when the columns are dependent and no penalty makes the solution unique.
     """
-    y, phi = samples.epsilon, samples.phi
-    n, n_dof = y.shape
-    ridge = np.zeros(n_dof) if penalties is None else penalties
-    parts = decompositions(samples, weights, bool(np.all(ridge > 0.0)), shared)
-    s = np.zeros((n_dof, n, 0)) if shared is None else shared
-    m = s.shape[2]
+    samples, n_dof = part.samples, part.samples.epsilon.shape[1]
+    m = part.along.shape[1] - n_dof
+    weights = np.ones(n_dof) if weights is None else weights
+    ridge = np.zeros(n_dof) if penalties is None else penalties / weights
+    if not np.all(ridge > 0.0):
+        names = [str(samples.terms[i]) for i in part.columns]
+        what = "training part does not distinguish"
+        check_distinguished(part.s, part.vt, names, what, SINGULAR_RATIO)
+    turned = NED if m else np.zeros((n_dof, 0, 0))
     normal, side = np.zeros((m, m)), np.zeros(m)
-    for k, part in enumerate(parts):
-        kept = (1.0 - part.shrinkage(ridge[k]))[:, None] * part.along[:, :m]
-        normal += part.left[:, :m].T @ part.left[:, :m] + part.along[:, :m].T @ kept
-        side += part.left[:, :m].T @ part.left[:, m + k] + kept.T @ part.along[:, m + k]
+    for k, T in enumerate(turned):
+        along, left = part.along[:, :m] @ T, part.left[:, :m] @ T
+        kept = (1.0 - part.shrinkage(ridge[k]))[:, None] * along
+        normal += weights[k] * (left.T @ left + along.T @ kept)
+        side += weights[k] * (left.T @ part.left[:, m + k] + kept.T @ part.along[:, m + k])
     f = np.asarray(np.linalg.solve(normal, side), dtype=np.float64)
-    own = [part.coefficients(ridge[k]) for k, part in enumerate(parts)]
-    theta = np.stack([each[:, m + k] - each[:, :m] @ f for k, each in enumerate(own)], axis=1)
-    rest = y - phi @ theta - np.einsum("knm,m->nk", s, f)
-    return LinearFit(samples, weights, s, parts, ridge, normal, theta, f, rest)
-
-
-def standard_errors(fitted: LinearFit, kind: ErrorKind) -> tuple[Array, Array]:
-    """Standard errors of theta (n_terms, n_dof) and of the shared unknowns (m,).
-
-    `stationary` assumes that the residuals of different degrees of freedom are independent. The
-    result is NaN for terms that do not vary.
-    """
-    if kind == "stationary":
-        return fitted.unstacked(np.sqrt(np.clip(np.diag(fitted.covariance), 0.0, None)))
-    n, variances = len(fitted.rest), []
-    rest = fitted.rest * np.sqrt(n / np.maximum(n - fitted.parameters, 1.0))
-    shares = [fitted.share(k) for k in range(rest.shape[1])]
-    for turn in turns(shares[0].shape[1], len(fitted.theta)):
-        sources = [k for k, share in enumerate(shares) if np.any(share[:, turn])]
-        series = [
-            (fitted.rows(k, slice(n)) @ shares[k][:, turn]) * rest[:, [k]] for k in sources
-        ]
-        variances.append(hac_variance(np.sum(series, axis=0)))
-    return fitted.unstacked(np.sqrt(np.clip(np.concatenate(variances), 0.0, None)))
-
-
-def bootstrap_errors(
-    fitted: LinearFit, length: int, replicates: int, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Standard errors, as `standard_errors`, by a block bootstrap of the residuals.
-
-    `length` is the number of samples in a block.
-    """
-    n, parts = len(fitted.rest), fitted.parts
-    rows = {id(part): fitted.rows(k, slice(n)) for k, part in reversed([*enumerate(parts)])}
-    shares = [fitted.share(k) for k in range(len(parts))]
-
-    def refit(rest: Array) -> Array:
-        along = [rows[id(part)].T @ rest[:, k] for k, part in enumerate(parts)]
-        return np.asarray(sum(a @ share for a, share in zip(along, shares, strict=True)))
-
-    return fitted.unstacked(block_bootstrap(refit, fitted.rest, length, replicates, rng))
+    own = [part.coefficients(penalty) for penalty in ridge]
+    theta = np.stack(
+        [each[:, m + k] - each[:, :m] @ turned[k] @ f for k, each in enumerate(own)], axis=1
+    )
+    rest = samples.epsilon - samples.phi @ theta - samples.heading[:, :m] @ (turned @ f).T
+    return LinearFit(part, weights, ridge, turned, normal, theta, f, rest)
 
 
 def condition_diagnostics(

@@ -62,9 +62,7 @@ class ModelError:
         return tuple(rows)
 
 
-def gauss_markov(
-    shape: tuple[int, ...], period_s: float, rng: np.random.Generator
-) -> Array:
+def gauss_markov(shape: tuple[int, ...], period_s: float, rng: np.random.Generator) -> Array:
     """Stationary paths (N, n) of unit variance and correlation time CORRELATION_S.
 
     a_k = phi a_(k-1) + sqrt(1 - phi^2) w_k, phi = exp(-h / T), a_0 = w_0; `period_s` is h [s].

@@ -19,7 +19,7 @@ none. The result is the chosen point or what the polish has made of it, and noth
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -72,34 +72,6 @@ class Change(NamedTuple):
     front: float
 
 
-@dataclass
-class RunningMetric:
-    """History of the changes of a front; scale (n_objectives,) is the size of each objective."""
-
-    scale: Array
-    window: int
-    threshold: float
-    changes: list[Change] = field(default_factory=list)
-    last: Array | None = None
-
-    def update(self, front: Array) -> None:
-        """Add the front of the next generation, shape (n, n_objectives)."""
-        if self.last is not None:
-            self.changes.append(change(self.last, front, RESOLUTION * self.scale))
-        self.last = front
-
-    @property
-    def converged(self) -> bool:
-        """Whether all changes of the last `window` generations are below the threshold.
-
-        A front of one point has no extent, so it never counts as converged.
-        """
-        recent = self.changes[-self.window :]
-        if self.last is None or len(self.last) < 2 or len(recent) < self.window:
-            return False
-        return max(map(max, recent)) < self.threshold
-
-
 def change(before: Array, after: Array, least: Array) -> Change:
     """Change between the fronts (n, n_objectives) of two generations.
 
@@ -115,31 +87,32 @@ def change(before: Array, after: Array, least: Array) -> Change:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class SearchResult:
+class SearchResult(NamedTuple):
     """The result of a search; the front has no duplicates and no dominated point."""
 
     points: Array  # (n, m)
     front: Array  # (n, n_objectives)
-    metric: RunningMetric
-    generations: int
+    changes: list[Change]  # in every generation but the first
     reason: str  # why the search ended: running_metric, generations or floor
 
 
 def search(
     evaluate: Callable[[Array], Array],
     box: tuple[Array, Array],
-    floor: Array,
-    metric: RunningMetric,
+    scale: Array,
+    floor: float,
+    window: int,
+    threshold: float,
     population: int,
     generations: int,
     rng: np.random.Generator,
 ) -> SearchResult:
-    """Search until the running metric converges, a point reaches the floor, or for `generations`.
+    """Search for a number of generations, or until one of two things happens before.
 
-    `evaluate` gives the objectives (n, n_objectives) of design points (n, m), which lie in the
-    `box` of lower and upper bounds (m,). `floor` (n_objectives,) are the values of the objectives
-    that count as zero.
+    A point reaches `floor` times the `scale` (n_objectives,) of the objectives, or the front has
+    changed by less than `threshold` in the last `window` generations. A front of one point has no
+    extent, so it never counts as converged. `evaluate` gives the objectives (n, n_objectives) of
+    design points (n, m), which lie in the `box` of lower and upper bounds (m,).
     """
     lower, upper = box
     m = len(lower)
@@ -154,20 +127,26 @@ def search(
         mutation=PM(eta=ETA, prob=1.0, prob_var=1.0 / m),
         eliminate_duplicates=_Distinct(),
     )
-    problem, seed = Objectives(n_var=m, n_obj=len(floor), xl=0.0, xu=1.0), int(rng.integers(2**31))
+    problem, seed = Objectives(n_var=m, n_obj=len(scale), xl=0.0, xu=1.0), int(rng.integers(2**31))
     algorithm.setup(problem, seed=seed, termination=NoTermination())
-    reason, generation = "generations", 0
-    units = front = np.zeros((0, 0))
-    while reason == "generations" and generation < generations and algorithm.has_next():
-        generation += 1
+    reason, changes = "generations", list[Change]()
+    units, front = np.zeros((0, m)), np.zeros((0, len(scale)))
+    for _ in range(generations):
+        if not algorithm.has_next():
+            break
         algorithm.next()
+        before = front
         units, front = nondominated(algorithm.opt.get("X"), algorithm.opt.get("F"))
-        metric.update(front)
-        if np.any(np.all(front <= floor, axis=1)):
+        if len(before):
+            changes.append(change(before, front, RESOLUTION * scale))
+        recent = changes[-window:] if len(front) > 1 else []
+        if np.any(np.all(front <= floor * scale, axis=1)):
             reason = "floor"
-        elif metric.converged:
+            break
+        if len(recent) == window and max(map(max, recent)) < threshold:
             reason = "running_metric"
-    return SearchResult(lower + units * (upper - lower), front, metric, generation, reason)
+            break
+    return SearchResult(lower + units * (upper - lower), front, changes, reason)
 
 
 def nondominated(units: Array, values: Array) -> tuple[Array, Array]:
@@ -295,11 +274,12 @@ class Nsga2(PredictionOptions):
         self.check(problem.nominal, problem.thruster, measured=False)
         predictor = self.predictor(problem)
         free, objectives = predictor.free, Objectives(predictor, self.objective, self.grouped)
-        box, scale = self.box(free, problem.training), objectives.floor
-        metric = RunningMetric(scale, self.window, self.threshold)
+        box = self.box(free, problem.training)
         population = self.population or min(10 ** min(len(free), 9), self.population_cap)
-        floor = self.objective_floor * scale
-        result = search(objectives, box, floor, metric, population, self.generations, rng)
+        result = search(
+            objectives, box, objectives.floor, self.objective_floor, self.window, self.threshold,
+            population, self.generations, rng,
+        )  # fmt: skip
         chosen, rule = choose(result.front, self.decision, self.weights)
         diagnostics = front_diagnostics(free, objectives, result)
         diagnostics.append(Diagnostic("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
@@ -309,7 +289,7 @@ class Nsga2(PredictionOptions):
             model, residual = free.model(problem.nominal, point), free.residual(point)
             identified = Identified(model, residual, diagnostics=tuple(bounds))
         else:
-            polished = fit_through(self, problem, point, self.polish_horizons, None, "estimated")
+            polished = fit_through(self, problem, point, self.polish_horizons, "estimated")
             identified = model_of(self, problem, polished)
             points = np.array([point, polished.parameters])
             squares = Objectives(predictor, "mse", grouped=True)(points)
@@ -337,8 +317,10 @@ def front_diagnostics(
             diagnostics.append(
                 Diagnostic("pareto_objective", dof, float(values[j]), unit, i, j, name)
             )
-    for i, step in enumerate(result.metric.changes, start=2):
+    for i, step in enumerate(result.changes, start=2):
         for j, (name, value) in enumerate(step._asdict().items()):
             diagnostics.append(Diagnostic("running_metric", "all", value, "", i, j, name))
-    generations = Diagnostic("generations", "all", float(result.generations), label=result.reason)
+    generations = Diagnostic(
+        "generations", "all", float(len(result.changes) + 1), label=result.reason
+    )
     return [*diagnostics, generations]

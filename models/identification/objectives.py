@@ -51,8 +51,7 @@ class Objectives:
             return (("all", "pose", ""), ("all", "velocity", ""))
         power = {"mse": "^2", "smape": None}.get(self.metric, "")
         units = [
-            "%" if power is None else f"({unit}){power}" if power else unit
-            for unit in states.units
+            "%" if power is None else f"({unit}){power}" if power else unit for unit in states.units
         ]
         return tuple(zip(states.dofs, states.names, units, strict=True))
 

@@ -26,8 +26,6 @@ from seatrial.models.identification.free_run_fit import Effort, Fit, FreeRuns, S
 from seatrial.models.identification.physical_constraints import feasible
 from seatrial.models.identification.predictor import PredictionOptions, active_bounds, check_outputs
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.spread import ParameterSpread
-from seatrial.models.ranges import Positive
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.plant_table import Flags
 from seatrial.models.vessel.pose import state_of
@@ -46,17 +44,15 @@ InitialState = Literal["measured", "smoothed", "estimated"]
 class OutputError(PredictionOptions):
     """Least squares on the free-run prediction, starting from the nominal parameters.
 
-    The fit uses the `horizons` (samples), then `horizon`. `sigma` are the standard deviations of
-    the measured poses and velocities (null: from the residuals). Instead, `outputs` are the weights
-    of what is compared, each divided by its standard deviation in its file (`predictor`); the
-    prior then counts beside such residuals as it is. `initial_state: estimated` also estimates the
-    initial states of the predictions, `smoothed` takes smoothed measured ones. A prior adds
-    sum_i ((p_i - p_0i) / s_i)^2, times the number of samples that say as much as one independent
-    sample (`structured.inflation`) where sigma is estimated.
+    The fit uses the `horizons` (samples), then `horizon`. sigma is that of the residuals; or
+    `outputs` are the weights of what is compared, each divided by its standard deviation in its
+    file (`predictor`). `initial_state: estimated` also estimates the initial states of the
+    predictions, `smoothed` takes smoothed measured ones. A prior adds sum_i ((p_i - p_0i) / s_i)^2,
+    times the number of samples that say as much as one independent sample (`structured.inflation`)
+    where sigma is that of the residuals.
     """
 
     horizons: tuple[int, ...]
-    sigma: tuple[Positive, ...] | None
     initial_state: InitialState
     outputs: dict[str, float] | None = None
 
@@ -78,28 +74,18 @@ class OutputError(PredictionOptions):
         return True
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
-        """Raise ConfigurationError for parameters, bounds or sigma that do not fit the vessel."""
+        """Raise ConfigurationError for parameters or bounds that do not fit the vessel."""
         self.unknowns(nominal, windy=True)
         if self.outputs is not None:
             check_outputs(self.outputs, nominal)
-        states = 2 * len(nominal.dofs)
-        if self.sigma is not None and len(self.sigma) != states:
-            raise ConfigurationError(
-                f"identifier.sigma: got {len(self.sigma)} numbers, expected {states}: "
-                "poses, then velocities"
-            )
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """The residual table of the best parameters, with standard errors and their covariance.
 
         Raises IdentificationError when the predictions do not determine the parameters.
         """
-        return model_of(self, problem, self.fitted(problem))
-
-    def fitted(self, problem: Problem) -> Fit:
-        """The fit over the last horizon."""
-        sigma = None if self.sigma is None else np.array(self.sigma)
-        return fit_through(self, problem, None, self.horizons, sigma, self.initial_state)
+        fitted = fit_through(self, problem, None, self.horizons, self.initial_state)
+        return model_of(self, problem, fitted)
 
 
 def check_horizons(horizons: tuple[int, ...]) -> None:
@@ -113,7 +99,6 @@ def fit_through(
     problem: Problem,
     point: Array | None,
     horizons: tuple[int, ...],
-    sigma: Array | None,
     initial_state: InitialState,
 ) -> Fit:
     """Fit with growing horizons up to that of the options.
@@ -123,7 +108,6 @@ def fit_through(
         problem: the recording and the nominal model.
         point: where the fit begins, shape (m,); None: at the nominal parameters.
         horizons: lengths of the first predictions [samples].
-        sigma: deviations of the measured states, shape (2 n_dof,); None: from the residuals.
         initial_state: what is known of the initial states.
     """
     training = problem.training
@@ -139,7 +123,7 @@ def fit_through(
                 own = smoothed_starts(predictor.course, training.piece_starts)
             estimated = range(len(predictor.spread)) if initial_state == "estimated" else ()
             runs = FreeRuns(predictor, constraints.scale, estimated)
-            scale = predictor.compared.scale if sigma is None else sigma
+            scale = predictor.compared.scale
             if horizon is None:
                 yield Stage(runs, FINE, scale, own, SLOW_SHARE)
             else:
@@ -192,7 +176,7 @@ def model_of(options: PredictionOptions, problem: Problem, result: Fit) -> Ident
         free.std_error(covariance),
         tuple(diagnostics),
         device_errors=free.device_errors(errors),
-        spread=ParameterSpread(problem.nominal, free, point, covariance, result.prior),
+        spread=result.spread(problem.nominal),
     )
 
 

@@ -88,29 +88,23 @@ def dissipates(term: Term, letter: str) -> bool:
     return odd and letters == {letter}
 
 
-def sampled_velocities(
-    nu: Array, inertia: Array | None, scales: tuple[float, ...] = VELOCITY_SCALES
-) -> Array:
+def sampled_velocities(nu: Array, inertia: Array) -> Array:
     """Velocities (n, n_dof) [m/s, rad/s] for the dissipation, from the recorded ones (N, n_dof).
 
     Recorded ones and multiples of them, and a low-discrepancy sequence. An axis that hardly moved
     takes part in the latter with a velocity of the same kinetic energy as the others, by the
-    diagonal of the inertia (n_dof, n_dof); without it with the largest recorded one. `scales`
-    multiply the velocities.
+    diagonal of the inertia (n_dof, n_dof).
     """
     step = max(len(nu) // MAX_VELOCITIES, 1)
-    recorded = [scale * nu[::step] for scale in scales]
+    recorded = [scale * nu[::step] for scale in VELOCITY_SCALES]
     drawn = largest_velocities(nu, inertia) * _spread(nu.shape[1], DRAWN)
-    return np.vstack([*recorded, *(scale * drawn for scale in scales[1:])])
+    return np.vstack([*recorded, *(scale * drawn for scale in VELOCITY_SCALES[1:])])
 
 
-def largest_velocities(nu: Array, inertia: Array | None) -> Array:
+def largest_velocities(nu: Array, inertia: Array) -> Array:
     """Velocities (n_dof,) of the largest recorded kinetic energy; see `sampled_velocities`."""
-    largest = np.max(np.abs(nu), axis=0)
-    if inertia is not None:
-        M = np.diag(inertia)
-        largest = np.sqrt(np.max(largest**2 * M) / M)
-    return np.asarray(largest)
+    M = np.diag(inertia)
+    return np.asarray(np.sqrt(np.max(np.max(np.abs(nu), axis=0) ** 2 * M) / M))
 
 
 @lru_cache(maxsize=16)

@@ -26,6 +26,7 @@ from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 
 RESTORING = {"roll": "sin(phi)", "pitch": "sin(theta)"}
+CONDITION_LIMIT = 1e3  # of the transformation to pose and velocity
 REAL = 1e-6  # imaginary part of a logarithm below which it is rounding
 ZERO_EIGENVALUE = 1e-9  # eigenvalue of A, or ratio of B_2, that counts as zero
 
@@ -60,17 +61,15 @@ class PhysicalForm:
             found.append(Diagnostic("delay", dof, float(delay), "s"))
             for j, (other, stiffness) in enumerate(zip(dofs, row, strict=True), start=1):
                 unit = f"{FORCE_UNIT[dof]}/{POSE_UNIT[other]}"
-                found.append(
-                    Diagnostic("stiffness", dof, float(stiffness), unit, j=j, label=other)
-                )
+                found.append(Diagnostic("stiffness", dof, float(stiffness), unit, j=j, label=other))
         return found
 
 
-def physical_form(model: StateSpace, condition_limit: float) -> PhysicalForm:
+def physical_form(model: StateSpace) -> PhysicalForm:
     """The physical form of a discrete model.
 
     Raises IdentificationError when there is none, or when the condition number of the transform
-    is not below `condition_limit`.
+    is not below CONDITION_LIMIT.
     """
     n, m, r = model.order, *model.D.shape
     if n != 2 * m or r < m:
@@ -82,10 +81,10 @@ def physical_form(model: StateSpace, condition_limit: float) -> PhysicalForm:
     transform = np.vstack([model.C, model.C @ A])
     size = np.linalg.norm(transform, axis=1, keepdims=True)
     condition = float(np.linalg.cond(transform / np.where(size > 0.0, size, 1.0)))
-    if not condition < condition_limit:
+    if not condition < CONDITION_LIMIT:
         raise IdentificationError(
             f"no physical form: the transform to pose and velocity is ill-conditioned, "
-            f"got {condition:.3g}, expected less than {condition_limit:g}"
+            f"got {condition:.3g}, expected less than {CONDITION_LIMIT:g}"
         )
     lower = (transform @ A @ np.linalg.inv(transform))[m:]
     forced = transform @ B

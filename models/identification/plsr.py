@@ -6,7 +6,7 @@ out, not single samples.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -25,11 +25,11 @@ from seatrial.models.identification.kernel_pls import (
     mean_squares,
     output_moment,
 )
-from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
+from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, Samples, thruster_of
-from seatrial.models.identification.uncertainty import block_bootstrap, check_bootstrap
+from seatrial.models.identification.uncertainty import block_bootstrap
 from seatrial.models.notation import SQUARE_UNIT
-from seatrial.models.ranges import Folds, PositiveInt
+from seatrial.models.ranges import Folds, Positive, PositiveInt, Replicates
 from seatrial.models.recording.recording import blocks
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
@@ -50,20 +50,12 @@ class PartialLeastSquares(ResidualOptions):
     """
 
     folds: Folds
-    bootstrap: int | None
-    block_s: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_bootstrap(self.bootstrap, self.block_s)
+    bootstrap: Replicates | None
+    block_s: Positive
 
     def needs(self) -> Needs:
         """The data of the residual, and two samples for each fold."""
         return super().needs()._replace(samples=2 * self.folds)
-
-    def without_bootstrap(self) -> Identifier:
-        """This identifier without bootstrap replicates."""
-        return replace(self, bootstrap=None)
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel, with the constant."""
@@ -94,16 +86,17 @@ class PartialLeastSquares(ResidualOptions):
         return LeftOut(tuple(Block.of(z.x, rows) for rows in parts), None)
 
     def bootstrap_errors(
-        self, z: Columns, theta: Callable[[Array], Array], period_s: float, rng: np.random.Generator
-    ) -> Array | None:
+        self, problem: Problem, z: Columns, theta: Callable[[Array], Array],
+        rng: np.random.Generator,
+    ) -> Array | None:  # fmt: skip
         """Standard errors of the table of theta(outputs), (n_terms, K); None without a bootstrap.
 
         The residuals are resampled in blocks; the regressors stay the same.
         """
-        if self.bootstrap is None:
+        if self.bootstrap is None or problem.compared:
             return None
         fitted = z.x @ theta(z.y)
-        length = round(self.block_s / period_s)
+        length = round(self.block_s / problem.training.period_s)
         errors = block_bootstrap(
             lambda rest: z.table(theta(fitted + rest)), z.y - fitted, length, self.bootstrap, rng
         )
@@ -142,7 +135,7 @@ class Plsr(PartialLeastSquares):
         theta, mse = chosen(z.y)
         mse = mse * z.y_scale**2
         residual = Vessel("residual", problem.nominal.dofs, samples.terms, z.table(theta))
-        errors = self.bootstrap_errors(z, lambda y: chosen(y)[0], samples.period_s, rng)
+        errors = self.bootstrap_errors(problem, z, lambda y: chosen(y)[0], rng)
         diagnostics += order_diagnostics(mse, np.argmin(mse, axis=0), residual.dofs, self.selection)
         diagnostics += scaled_coefficients(z, theta, residual)
         result = Identified(problem.nominal + residual, residual, errors, diagnostics)

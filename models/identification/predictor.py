@@ -58,10 +58,10 @@ from seatrial.models.identification.free_run import (
 )
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, dissipates
 from seatrial.models.identification.problem import (
+    Force,
     Identifier,
     Needs,
     Problem,
-    check_force,
     reference_force,
 )
 from seatrial.models.identification.structured import prior_deviation
@@ -352,7 +352,7 @@ class PredictionOptions(Identifier):
     windage: bool | None
     bounds: dict[str, tuple[float, ...]]
     inertia_factor: Annotated[float, Gt(1)] | None
-    force: str | None
+    force: Force | None
     integrator: Integrator
     horizon: Annotated[int, Ge(2)] | None
     derivative_limit: Positive
@@ -369,7 +369,6 @@ class PredictionOptions(Identifier):
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        check_force(self.force)
         for label, pair in self.bounds.items():
             if len(pair) != 2 or not pair[0] < pair[1]:
                 raise ConfigurationError(

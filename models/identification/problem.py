@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE, Diagnostic
 from seatrial.models.errors import ConfigurationError, PartError, RecordingError
 from seatrial.models.identification.model_error import ModelError
 from seatrial.models.notation import PLANAR
-from seatrial.models.recording.recording import FORCES, Recording
+from seatrial.models.recording.recording import Recording
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
@@ -19,6 +19,8 @@ from seatrial.models.vessel.basis import NEEDED, Array, Term, each_product_once,
 from seatrial.models.vessel.derivatives import DOWN
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
+
+Force = Literal["commanded", "filtered", "actual"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,13 +150,9 @@ class Identifier(ABC):
         """Sample time [s] of the identified state-space model; None: it identifies a table."""
         return None
 
-    def without_bootstrap(self) -> "Identifier":
-        """This identifier without bootstrap standard errors, for a cross-validation."""
-        return self
-
     def quick(self) -> "Identifier":
-        """This identifier without bootstrap and refinement, for a first comparison."""
-        return self.without_bootstrap()
+        """This identifier without refinement, for a first comparison."""
+        return self
 
     def alternatives(self, problem: Problem) -> dict[str, Self]:
         """Choices that its options leave to the data, the simplest first; empty: there are none."""
@@ -242,12 +240,6 @@ def choose_basis(
     if isinstance(choice, str) and inputs:
         terms = tuple(term for term in terms if term.name not in nominal.accelerations)
     return terms + tuple(t for t in basis.terms(extra_terms) if t not in terms)
-
-
-def check_force(kind: str | None) -> None:
-    """Raise ConfigurationError for an unknown kind of force."""
-    if kind is not None and kind not in FORCES:
-        raise ConfigurationError(f"force: got {kind!r}, expected one of {', '.join(FORCES)}")
 
 
 def lack_of_fit(recording: Recording, model: Vessel, force: str | None) -> Array:

@@ -32,6 +32,7 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError, RecordingError
 from seatrial.models.identification.cross_validation import CrossValidation, best_of
 from seatrial.models.identification.problem import (
+    Force,
     Identified,
     Identifier,
     Needs,
@@ -51,7 +52,7 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 
 CONSTANT = basis.term("1")
 NAMED_BASES = ("full", "physical", "linear")
-NED_COLUMNS = basis.terms(["cos(psi)", "sin(psi)"])
+HEADING = basis.terms(["cos(psi)", "sin(psi)"])
 SETTLE_S = 10.0  # after this time the unknown initial state of the lag has no effect
 FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
@@ -71,7 +72,6 @@ class Samples:
     epsilon: Array  # (N, n_dof) [N, Nm]
     force: Array  # (N, n_dof) [N, Nm], what epsilon was formed with
     heading: Array  # (N, 2), cos(psi) and sin(psi)
-    period_s: float
     file: NDArray[np.int64] | None = None  # (N,)
 
     def __len__(self) -> int:
@@ -112,7 +112,7 @@ class ResidualOptions(Identifier):
 
     basis: str | tuple[str, ...]
     extra_terms: tuple[str, ...]
-    force: Literal["commanded", "filtered", "actual"] | None
+    force: Force | None
     lowpass_hz: Positive | Literal["auto"] | None
     thruster: Literal["known", "estimated", "none"]
     inertia_factor: Annotated[float, Gt(1)] | None
@@ -200,10 +200,8 @@ class ResidualOptions(Identifier):
         """The residual table of the options as they are; raises IdentificationError."""
 
     def quick(self) -> Identifier:
-        """This identifier without bootstrap and refinement."""
-        identifier = self.without_bootstrap()
-        assert isinstance(identifier, ResidualOptions)
-        return replace(identifier, refinement="none")
+        """This identifier without refinement."""
+        return replace(self, refinement="none")
 
     def alternatives(self, problem: Problem) -> dict[str, Self]:
         """The identifiers of every combination of the values of `tune`."""
@@ -243,6 +241,12 @@ class ResidualOptions(Identifier):
             return Smoothing(self.lowpass_hz)
         return smoothing_for(recording.noise.cutoff_hz, recording.period_s)
 
+    def lagged(self, recording: Recording, lag: SecondOrderLag | None) -> Recording:
+        """The recording with the force filtered by the lag."""
+        if self.thruster == "none":
+            return replace(recording, tau_filtered=None)
+        return recording.with_thruster(lag) if self.thruster == "estimated" else recording
+
     def filtered(
         self, recording: Recording, lag: SecondOrderLag | None, smoothing: Smoothing
     ) -> Recording:
@@ -250,33 +254,28 @@ class ResidualOptions(Identifier):
 
         Where the regressors are filtered too, their filter drops the ends of the pieces.
         """
-        if self.thruster == "none":
-            recording = replace(recording, tau_filtered=None)
-        elif self.thruster == "estimated":
-            recording = recording.with_thruster(lag)
         drop_s = DROP_S if smoothing.regressors_hz is None else 0.0
-        return recording.lowpass(smoothing.signals_hz, drop_s)
+        return self.lagged(recording, lag).lowpass(smoothing.signals_hz, drop_s)
 
     def samples(
         self,
         recording: Recording,
         nominal: Vessel,
         lag: SecondOrderLag | None,
-        smoothing: Smoothing | None = None,
         terms: tuple[Term, ...] | None = None,
     ) -> Samples:
         """Regressors and lack of fit of a recording.
 
-        `smoothing` is by default that for the recording, `terms` are those of the options.
+        `terms` are by default those of the options.
 
         Raises IdentificationError for values that are not finite or too few samples.
         """
-        smoothing = self.smoothing(recording) if smoothing is None else smoothing
+        smoothing = self.smoothing(recording)
         filtered = self.filtered(recording, lag, smoothing)
         terms = self.terms(nominal) if terms is None else terms
         parts = evaluated(
             filtered,
-            lambda part: basis.evaluate((*terms, *NED_COLUMNS), part.variables()),
+            lambda part: basis.evaluate((*terms, *HEADING), part.variables()),
             lambda part: lack_of_fit(part, nominal, self.force),
             lambda part: reference_force(part, nominal, self.force),
         )
@@ -284,7 +283,7 @@ class ResidualOptions(Identifier):
         phi, heading = phi[:, : len(terms)], phi[:, len(terms) :]
         phi[:, _with_constant_inputs(terms, recording)] = 0.0
         file = None if filtered.file is None else filtered.file[kept(filtered, smoothing)]
-        samples = Samples(terms, phi, epsilon, force, heading, recording.period_s, file)
+        samples = Samples(terms, phi, epsilon, force, heading, file)
         if not (np.all(np.isfinite(samples.phi)) and np.all(np.isfinite(samples.epsilon))):
             raise IdentificationError("the training part has values that are not finite")
         if len(samples) <= len(terms) + 1:
@@ -368,103 +367,54 @@ def kept(filtered: Recording, smoothing: Smoothing) -> NDArray[np.bool_]:
     return filtered.interior(max(DROP_S, SETTLING_PERIODS / smoothing.regressors_hz))
 
 
-def ned_columns(heading: Array) -> Array:
-    """Columns of a force (north, east) that is constant in NED, shape (3, N, 2).
+def thruster_of(
+    options: ResidualOptions, problem: Problem
+) -> tuple[SecondOrderLag | None, tuple[Diagnostic, ...]]:
+    """The thruster lag according to `options.thruster`, and the diagnostics of its estimation.
 
-    heading (N, 2) is (cos psi, sin psi). tau = F - R(psi)' f, hence epsilon contains -(cos, sin) f
-    in surge and (sin, -cos) f in sway: both share the two unknowns.
+    The estimated one has the largest R^2, by a grid search and the simplex method of Nelder and
+    Mead; cos(psi) and sin(psi) are added to the basis for a constant force. Raises
+    IdentificationError when the training part is too short for it.
     """
-    c, s = heading.T
-    zero = np.zeros_like(c)
-    return np.array([np.stack(pair, axis=1) for pair in ((-c, -s), (s, -c), (zero, zero))])
+    if options.thruster != "estimated":
+        return problem.thruster if options.thruster == "known" else None, ()
+    training = problem.training
+    samples = options.samples(training, problem.nominal, SecondOrderLag(1.0, 1.0))
+    settled = round(SETTLE_S / training.period_s)
+    fewest = settled + 2 * len(samples.terms)
+    if len(samples) < fewest:
+        raise IdentificationError(
+            f"thruster=estimated: the training part has {len(samples)} samples, expected at "
+            f"least {fewest}"
+        )
+    columns = np.hstack([samples.phi, samples.heading])[settled:]
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    u, s, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+    u, fitted = u[:, s > 1e-10 * s[0]], (samples.force - samples.epsilon)[settled:]
+    smoothing = options.smoothing(training)
 
-
-def ned_table(force: Array) -> Array:
-    """Coefficients of cos(psi) and sin(psi), shape (2, 3), of a force (north, east) [N]."""
-    north, east = force
-    return np.array([[-north, -east, 0.0], [-east, north, 0.0]])
-
-
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """The data of the search for the lag that do not depend on the lag."""
-
-    options: ResidualOptions
-    problem: Problem
-    keep: slice
-    fitted: Array  # (N, n_dof) force that the nominal model needs
-    u: Array  # (N, rank) orthonormal columns of the basis
-
-    def unexplained(self, logs: Array) -> float:
+    def unexplained(logs: Array) -> float:
         """Mean over dof of 1 - R^2 of the filtered force, for (log frequency, log damping)."""
-        force = self.force(SecondOrderLag(*np.exp(logs)))
-        rest = force - self.fitted
-        rest -= self.u @ (self.u.T @ rest)
+        filtered = options.filtered(training, SecondOrderLag(*np.exp(logs)), smoothing)
+        force = smoothed(filtered, filtered.force("filtered"), smoothing)[settled:]
+        rest = force - fitted
+        rest -= u @ (u.T @ rest)
         moves = np.var(force, axis=0) > 0.0
         if not np.any(moves):
             return 1.0
         ratios = np.mean(rest[:, moves] ** 2, axis=0) / np.var(force[:, moves], axis=0)
         return float(np.mean(ratios))
 
-    def force(self, lag: SecondOrderLag) -> Array:
-        """Command [N, Nm] after the lag and the low-pass filter, (N, n_dof)."""
-        training = self.problem.training
-        smoothing = self.options.smoothing(training)
-        filtered = self.options.filtered(training, lag, smoothing)
-        return smoothed(filtered, filtered.force("filtered"), smoothing)[self.keep]
-
-
-def thruster_of(
-    options: ResidualOptions, problem: Problem
-) -> tuple[SecondOrderLag | None, tuple[Diagnostic, ...]]:
-    """The thruster lag according to `options.thruster`, and the diagnostics of its estimation."""
-    if options.thruster == "known":
-        return problem.thruster, ()
-    if options.thruster == "none":
-        return None, ()
-    return estimate(options, problem)
-
-
-def estimate(
-    options: ResidualOptions, problem: Problem
-) -> tuple[SecondOrderLag, tuple[Diagnostic, ...]]:
-    """The lag with the largest R^2, by a grid search and the simplex method of Nelder and Mead.
-
-    Raises IdentificationError when the training part is too short.
-    """
-    search = _prepare(options, problem)
     grid = np.array([(np.log(w), np.log(d)) for w in FREQUENCIES for d in DAMPINGS])
-    start = grid[int(np.argmin([search.unexplained(point) for point in grid]))]
     optimum = scipy.optimize.minimize(
-        lambda logs: np.log(search.unexplained(np.clip(logs, -5.0, 6.0)) + NOTHING_LEFT),
-        start,
+        lambda logs: np.log(unexplained(np.clip(logs, -5.0, 6.0)) + NOTHING_LEFT),
+        grid[int(np.argmin([unexplained(point) for point in grid]))],
         method="Nelder-Mead",
         options={"xatol": 1e-5, "fatol": 1e-6, "maxiter": 500},
     )
-    frequency, damping = (float(value) for value in np.exp(np.clip(optimum.x, -5.0, 6.0)))
-    lag = SecondOrderLag(frequency, damping)
-    r2 = 1.0 - search.unexplained(optimum.x)
+    lag = SecondOrderLag(*np.exp(np.clip(optimum.x, -5.0, 6.0)).tolist())
     return lag, (
         Diagnostic("thruster_natural_frequency", "all", lag.natural_frequency_rad_s, "rad/s"),
         Diagnostic("thruster_damping", "all", lag.damping),
-        Diagnostic("thruster_r2", "all", r2),
+        Diagnostic("thruster_r2", "all", 1.0 - unexplained(optimum.x)),
     )
-
-
-def _prepare(options: ResidualOptions, problem: Problem) -> _Search:
-    """Prepare the search; cos(psi) and sin(psi) are added to the basis for a constant force."""
-    training = problem.training
-    any_lag = SecondOrderLag(1.0, 1.0)
-    samples = options.samples(training, problem.nominal, any_lag)
-    settle = round(SETTLE_S / training.period_s)
-    if len(samples) < settle + 2 * len(samples.terms):
-        raise IdentificationError(
-            f"thruster=estimated: the training part has {len(samples)} samples, expected at "
-            f"least {settle + 2 * len(samples.terms)}"
-        )
-    keep = slice(settle, None)
-    columns = np.hstack([samples.phi, samples.heading])[keep]
-    size = np.sqrt(np.mean(columns**2, axis=0))
-    u, s, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    fitted = (samples.force - samples.epsilon)[keep]
-    return _Search(options, problem, keep, fitted, u[:, s > 1e-10 * s[0]])

@@ -24,9 +24,8 @@ from seatrial.models.identification.free_parameters import (
 )
 from seatrial.models.identification.free_run_fit import refined_by_segments
 from seatrial.models.identification.input_terms import input_labels
-from seatrial.models.identification.problem import Identified, Identifier, Needs, Problem
+from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
-from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.structured import structure
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive
@@ -81,10 +80,6 @@ class Robust(ResidualOptions):
         """The terms of the nominal model and those of the basis."""
         return self.free(nominal).nominal.terms
 
-    def quick(self) -> Identifier:
-        """This identifier without refinement."""
-        return replace(self, refinement="none")
-
     def alternatives(self, problem: Problem) -> dict[str, Self]:
         """The choices of disturbance terms, and those of `tune`."""
         tuned = super().alternatives(problem)
@@ -106,22 +101,19 @@ class Robust(ResidualOptions):
         lag, diagnostics = thruster_of(self, problem)
         training, windy = problem.training, problem.training.wind is not None
         free = self.free(problem.nominal, (), windy)
-        smoothing = self.smoothing(training)
-        samples = self.samples(training, free.nominal, lag, smoothing, free.nominal.terms)
+        samples = self.samples(training, free.nominal, lag, free.nominal.terms)
         unexcited = unexcited_axes(samples, problem.nominal)
         if unexcited:
             free = self.free(problem.nominal, unexcited, windy)
         model = structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
-        diagnostics += (Diagnostic("smoothing", "all", smoothing.signals_hz, "Hz"),)
+        diagnostics += (Diagnostic("smoothing", "all", self.smoothing(training).signals_hz, "Hz"),)
         errors, spread = None, None
         if self.refinement == "free_run":
             refined = refined_by_segments(self, training, lag, model, change, self.prior)
             change, active = refined.change, refined.active
             if not problem.compared:
-                covariance, point = refined.covariance, free.values + change
-                errors = free.std_error(covariance)
-                spread = ParameterSpread(problem.nominal, free, point, covariance, refined.prior)
+                errors, spread = free.std_error(refined.covariance), refined.spread(problem.nominal)
             diagnostics += (Diagnostic("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
         diagnostics += tuple(

@@ -46,7 +46,9 @@ def simulated_motion(
     `restart_s` [s]. These samples have measurement noise and cannot be instruments. Each stretch
     is simulated by the first of the models that can be. Raises IdentificationError when none can.
     """
-    wind, first = mean_wind(recording), stretch_starts(recording, restart_s)
+    wind, first = None, stretch_starts(recording, restart_s)
+    if recording.wind is not None:
+        wind = np.mean(in_ned(recording.wind, recording.attitude[:, 2]), axis=0)
     begin, fastest = np.flatnonzero(first), DIVERGED_MULTIPLE * np.max(np.abs(recording.nu), axis=0)
     limits = np.maximum(fastest, 1e-3 * np.max(fastest) + 1e-12)
     nu, nu_dot = np.empty_like(recording.nu), np.empty_like(recording.nu)
@@ -84,14 +86,6 @@ def stretch_starts(recording: Recording, restart_s: float | None) -> Flags:
         for a, b in pairwise(edges):
             first[a : max(b - length, a) + 1 : length] = True
     return first
-
-
-def mean_wind(recording: Recording) -> Array | None:
-    """Mean of the measured wind in NED [m/s], shape (2,); None if it was not measured."""
-    if recording.wind is None:
-        return None
-    north_east = in_ned(recording.wind, recording.attitude[:, 2])
-    return np.asarray(np.mean(north_east, axis=0))
 
 
 def _moved(

@@ -226,9 +226,7 @@ class SurfacePlsr(PartialLeastSquares):
                 own = [(output_moment(u, z.n_x, k), output_moment(o, z.n_x, k)) for u, o in pairs]
                 choices.append(choose(own, output_moment(rest, z.n_x, k), z.beta, self.selection))
             stages.append(choices)
-            diagnostics += surface_diagnostics(
-                choices, z.y_scale**2, dofs, stage, self.validation
-            )
+            diagnostics += surface_diagnostics(choices, z.y_scale**2, dofs, stage, self.validation)
             (fitted,) = fit_stages(rest, z.beta, [choices])
             rest = after(rest, fitted)
             for i, (used, out) in enumerate(pairs):  # each fitted without what is left out
@@ -245,7 +243,7 @@ class SurfacePlsr(PartialLeastSquares):
         parts = [tables[0], *(b - a for a, b in pairwise(tables))]
         diagnostics += stage_diagnostics(samples, parts)
         diagnostics += scaled_coefficients(z, sums[-1], tables[-1])
-        errors = self.bootstrap_errors(z, theta, samples.period_s, rng)
+        errors = self.bootstrap_errors(problem, z, theta, rng)
         model = problem.nominal + tables[-1]
         result = Identified(model, tables[-1], errors, diagnostics, tuple(parts))
         return finished(self, problem, lag, samples, result)

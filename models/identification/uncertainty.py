@@ -2,16 +2,13 @@
 
 After a low-pass filter neighbouring residuals are correlated, so the textbook standard error for
 white residuals is far too small. An estimate is linear in the residuals, theta_hat - theta =
-sum_i g_i e_i, and with an autocovariance gamma of the residuals
+sum_i g_i e_i, and with an autocovariance gamma of stationary residuals
 
-    stationary   var = sum_lag w(lag) gamma_e(lag) sum_i g_i g_(i+lag)
-    hac          var = sum_lag w(lag) sum_i (g_i e_i) (g_(i+lag) e_(i+lag))
+    cov = sum_lag w(lag) gamma(lag) sum_i g_i g_(i+lag)'
 
-both with the Bartlett weights w of Newey and West (1987) and the bandwidth of Andrews (1991).
-`hac` allows a variance of the residuals that changes with the motion, but needs many independent
-manoeuvres: with three turns in a training lap it gives half of the true standard error in yaw.
-`stationary` does not need them. The alternative is a block bootstrap (Kuensch, 1989): blocks of
-residuals are resampled with the same regressors, and the model is fitted again.
+with the Bartlett weights w of Newey and West (1987) and the bandwidth of Andrews (1991). Where an
+estimate is not linear in the residuals, as one whose order is chosen, blocks of residuals are
+resampled with the same regressors, and the model is fitted again: Kuensch (1989).
 
 That bandwidth is of one correlation time. White noise upon a slow disturbance has two: neighbouring
 residuals are hardly correlated, yet distant ones are. `long_run_share` shows it, and a wide
@@ -19,63 +16,35 @@ bandwidth allows for it (`enlargement`).
 """
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 import scipy
 import scipy.signal
 from scipy.fft import next_fast_len
 
-from seatrial.models.errors import ConfigurationError
-from seatrial.models.ranges import MOST_REPEATS
 from seatrial.models.vessel.basis import Array
 
-ErrorKind = Literal["stationary", "hac"]
 PIECE = 8192  # least number of samples in one transform
 
 
-def check_bootstrap(bootstrap: int | None, block_s: float) -> None:
-    """Raise ConfigurationError for fewer than 20 or too many replicates, or empty blocks."""
-    if bootstrap is not None and bootstrap < 20:
-        raise ConfigurationError(f"bootstrap must be at least 20 or null, got {bootstrap}")
-    if bootstrap is not None and bootstrap > MOST_REPEATS:
-        raise ConfigurationError(f"bootstrap must be at most {MOST_REPEATS}, got {bootstrap}")
-    if not block_s > 0.0:
-        raise ConfigurationError(f"block_s must be positive, got {block_s}")
-
-
-def stationary_variance(gain: Array, rest: Array, width: float | None = None) -> Array:
-    """Variance of sum_i g_i e_i for gains (N, P) and a stationary residual (N,), shape (P,).
-
-    For several residuals (N, K) it is computed for each, shape (P, K). `width` [samples] replaces
-    the bandwidth of Andrews; the variance is then enlarged by `enlargement`.
-    """
-    weighted = _weighted_autocovariances(rest.reshape(len(rest), -1), width)
-    variance = autocovariances(gain, len(weighted)).T @ weighted
-    return np.asarray(variance.reshape(gain.shape[1:] + rest.shape[1:]))
-
-
 def stationary_covariance(gain: Array, rest: Array, width: float | None = None) -> Array:
-    """Covariance (P, P) of sum_i g_i e_i; the diagonal is `stationary_variance`.
+    """Covariance (P, P) of sum_i g_i e_i for gains (N, P) and a stationary residual (N,).
 
-    Gains (N, P), residual (N,).
+    `width` [samples] replaces the bandwidth of Andrews; the covariance is then enlarged by
+    `enlargement`.
     """
-    weighted = _weighted_autocovariances(rest[:, None], width)[:, 0]
+    n, scale = len(rest), 1.0
+    widths = bandwidth(autocovariances(rest[:, None], 2), n)
+    if width is not None:
+        widths = np.full_like(widths, min(width, n - 1.0))
+        scale = enlargement(widths[0] / n)
+    lags = min(n, int(np.ceil(widths[0])) + 1)
+    weighted = bartlett_weights(widths, lags) * autocovariances(rest[:, None], lags) / n
+    weighted = scale * weighted[:, 0]
     kernel = np.concatenate([0.5 * weighted[:0:-1], weighted[:1], 0.5 * weighted[1:]])
     columns = (scipy.signal.oaconvolve(column, kernel, mode="same") for column in gain.T)
     covariance = np.stack([gain.T @ column for column in columns], axis=1)
     return np.asarray(0.5 * (covariance + covariance.T))
-
-
-def _weighted_autocovariances(rest: Array, width: float | None) -> Array:
-    """Those of residuals (N, K), means over samples with Bartlett's weights, (lags, K)."""
-    n = len(rest)
-    widths = bandwidth(autocovariances(rest, 2), n)
-    if width is not None:
-        widths = np.full_like(widths, min(width, n - 1.0))
-    lags = _lags(widths, n)
-    weighted = bartlett_weights(widths, lags) * autocovariances(rest, lags) / n
-    return weighted if width is None else np.asarray(weighted * enlargement(widths[0] / n))
 
 
 def enlargement(share: float) -> float:
@@ -129,15 +98,6 @@ def parameter_covariance(
     return np.asarray(freedom * np.sum(parts, axis=0) + tau * (inverse * precision) @ inverse)
 
 
-def hac_variance(influence: Array) -> Array:
-    """Variance of the sum of influence series (N, P), shape (P,)."""
-    centred = influence - np.mean(influence, axis=0)
-    widths = bandwidth(autocovariances(centred, 2), len(centred))
-    lags = _lags(widths, len(centred))
-    own = autocovariances(centred, lags)
-    return np.asarray(np.sum(bartlett_weights(widths, lags) * own, axis=0))
-
-
 def autocovariances(series: Array, lags: int | None = None) -> Array:
     """Sum over samples of x_i x_(i+lag), lags 0 to `lags` - 1, shape (lags, P), by FFT.
 
@@ -175,24 +135,6 @@ def bartlett_weights(widths: Array, lags: int) -> Array:
     return np.asarray(weights)
 
 
-def _lags(widths: Array, n: int) -> int:
-    """Number of lags with a non-zero weight at the largest bandwidth."""
-    return min(n, int(np.ceil(np.max(widths, initial=0.0))) + 1)
-
-
-def residual_blocks(rest: Array, length: int, rng: np.random.Generator) -> Array:
-    """Resample residuals (N, K) in blocks of `length` samples with random starts.
-
-    The record is treated as periodic, so that all samples are equally likely. All columns are
-    resampled together.
-    """
-    n = len(rest)
-    starts = rng.integers(n, size=-(-n // length))
-    index = (starts[:, None] + np.arange(length)).ravel()[:n] % n
-    drawn = rest[index]
-    return np.asarray(drawn - np.mean(drawn, axis=0))
-
-
 def block_bootstrap(
     fit: Callable[[Array], Array],
     rest: Array,
@@ -200,7 +142,14 @@ def block_bootstrap(
     replicates: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Standard deviation of fit(resampled residuals) over the replicates."""
-    length = max(length, 1)
-    fits = [fit(residual_blocks(rest, length, rng)) for _ in range(replicates)]
+    """Standard deviation of fit(resampled residuals) over the replicates.
+
+    Residuals (N, K) are resampled, all columns together, in blocks of `length` samples with random
+    starts. The record is treated as periodic, so that all samples are equally likely.
+    """
+    n, length, fits = len(rest), max(length, 1), []
+    for _ in range(replicates):
+        starts = rng.integers(n, size=-(-n // length))
+        drawn = rest[(starts[:, None] + np.arange(length)).ravel()[:n] % n]
+        fits.append(fit(drawn - np.mean(drawn, axis=0)))
     return np.asarray(np.std(fits, axis=0, ddof=1))

@@ -20,7 +20,6 @@ GAP = 1.5  # in sample times; a longer time step is a gap
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 BETWEEN = 10  # sample times between two recordings that are joined
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
-FORCES = ("commanded", "filtered", "actual")
 # by all parts of a recording
 MIN_PIECE = 30  # samples of a piece that is low-passed, beside those that are dropped
 SHARED = ("dofs", "without_lag", "input_names", "load_names", "file_names")

@@ -38,7 +38,6 @@ EXTRAS = {
     "nmea": "excitation=recording with NMEA 0183",
     "postgresql": "database=postgresql",
     "ray": "hydra/launcher=ray",
-    "rivals": "identifier=sparse",
     "ros": "excitation=recording with bags of ROS and MCAP",
     "search": "hydra/sweeper=optuna",
     "slurm": "hydra/launcher=submitit_slurm",

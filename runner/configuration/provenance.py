@@ -21,7 +21,6 @@ PACKAGES = (
     "scikit-learn",
     "pymoo",
     "daqp",
-    "pysindy",
     "hydra-core",
     "omegaconf",
     "sqlalchemy",

@@ -21,12 +21,11 @@ SIZES = [10**3, 10**4, 10**5, 10**6]
 LONG_S = 60.0
 TIMEOUT_S = 900.0
 LINEAR = 1.1  # slope asked of those that must be linear
-MUST = ("ls", "ridge", "iv", "sparse", "plsr", "surface_plsr", "dsr")
+MUST = ("ls", "ridge", "iv", "plsr", "surface_plsr", "dsr")
 IDENTIFIERS: dict[str, tuple[str, tuple[str, ...]]] = {
     "ls": ("ls", ()),
     "ridge": ("ridge", ()),
     "iv": ("iv", ()),
-    "sparse": ("sparse", ()),
     "plsr": ("plsr", ()),
     "plsr, no errors": ("plsr", ("identifier.bootstrap=null",)),
     "surface_plsr": ("surface_plsr", ()),

@@ -53,7 +53,7 @@ def test_each_problem_is_named_and_counts(
     (tmp_path / "file").write_text("no database, and no folder")
 
     def installed(name: str) -> str:
-        if (name == "numpy" and broken == "package") or name == "pysindy":
+        if (name == "numpy" and broken == "package") or name == "optuna":
             raise PackageNotFoundError(name)
         return "1.0" if name == "numpy" and broken == "version" else version(name)
 
@@ -70,7 +70,7 @@ def test_each_problem_is_named_and_counts(
     assert doctor.main([]) == 1
     verdicts = lines(capsys)
     assert [key for key, verdict in verdicts.items() if verdict == "problem"] == [name]
-    assert verdicts["extra rivals"] == "absent"
+    assert verdicts["extra search"] == "absent"
 
 
 def test_version_is_that_of_the_project(seatrial: Command, program: Program) -> None:

@@ -17,12 +17,12 @@ def test_an_option_is_left_out_where_a_choice_does_not_have_it(seatrial: Command
         "identifier=ls identifier.basis=physical",
         "identifier=ls identifier.basis=full",
     ]
-    seeds = ("identifier=none,ls", "identifier.bootstrap=null", "seed=1,2")  # nor does the default
+    seeds = ("identifier=none,plsr", "identifier.bootstrap=null", "seed=1,2")  # nor does the default
     assert trials(seatrial, *seeds) == [
         "identifier=none seed=1",
         "identifier=none seed=2",
-        "identifier.bootstrap=null identifier=ls seed=1",
-        "identifier.bootstrap=null identifier=ls seed=2",
+        "identifier.bootstrap=null identifier=plsr seed=1",
+        "identifier.bootstrap=null identifier=plsr seed=2",
     ]
 
 

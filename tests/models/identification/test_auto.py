@@ -59,10 +59,8 @@ class Refined(Given):
         return Identified(model, model - problem.nominal)
 
 
-def identified(
-    candidates, problem, budget_s: float | None = None, reserve: tuple[str, ...] = ()
-) -> Identified:
-    auto = Auto(candidates, 6, 10.0, None, budget_s, reserve)
+def identified(candidates, problem, reserve: tuple[str, ...] = ()) -> Identified:
+    auto = Auto(candidates, 6, 10.0, None, reserve)
     return auto.identify(problem, np.random.default_rng(0))
 
 
@@ -216,20 +214,10 @@ def test_where_nothing_moved_the_nominal_model_is_the_result(make, milliampere) 
     assert values(found, "fallback") == {"no velocity moved by more than its noise": 1.0}
 
 
-def test_a_budget_leaves_candidates_out_with_a_reason(calm) -> None:
-    found = identified({"a": Given(0.6), "b": Given(0.5)}, calm.problem, budget_s=1e-9)
-    reasons = left_out(found)
-    assert "b: the budget of 1e-09 s is over" in reasons
-    assert chosen(found) in ("none", "a")
-    assert chosen(identified({"a": Given(0.6), "b": Given(0.5)}, calm.problem, 600.0)) == "b"
-
-
-@pytest.mark.parametrize(
-    ("folds", "horizon", "budget"), [(1, 20.0, None), (4, 0.0, None), (4, 20.0, 0.0)]
-)
-def test_ranges(folds: int, horizon: float, budget: float | None) -> None:
+@pytest.mark.parametrize(("folds", "horizon"), [(1, 20.0), (4, 0.0)])
+def test_ranges(folds: int, horizon: float) -> None:
     with pytest.raises(ConfigurationError, match="must be"):
-        Auto({"none": NoIdentifier()}, folds, horizon, None, budget)
+        Auto({"none": NoIdentifier()}, folds, horizon, None)
 
 
 @pytest.mark.slow

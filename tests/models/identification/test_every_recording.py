@@ -24,7 +24,6 @@ SMALL = {
     "nsga2_thesis": ["population=8", "generations=2"],
     "plsr": ["bootstrap=null"],
     "surface_plsr": ["bootstrap=null", "folds=2"],
-    "gaussian_process": ["subsample=50", "folds=2"],
     "auto": ["candidates.plsr.bootstrap=null", "folds=2"],
 }
 # What a recording of a minute may not determine, and the words of the reason.
@@ -52,8 +51,6 @@ def recorded(vessel: str, identifier: str, *more: str):
 @pytest.mark.nightly
 @pytest.mark.parametrize(("vessel", "identifier"), list(product(FORCED, IDENTIFIERS)))
 def test_it_works_or_says_why_not(vessel: str, identifier: str) -> None:
-    if identifier == "sparse":
-        pytest.importorskip("pysindy", reason="no pysindy: pip install -e '.[rivals]'")
     trial = recorded(vessel, identifier)
     trials.check(trial)
     try:

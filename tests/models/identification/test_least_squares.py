@@ -143,39 +143,6 @@ def test_the_thruster_lag_is_found_under_noise(lap, identifier, rng) -> None:
     assert diagnostics(found, "thruster_damping")[0].value == pytest.approx(0.8, rel=0.05)
 
 
-def spoiled(problem, rows: slice, factor: float):
-    """The problem with some of the acting force multiplied."""
-    force = problem.training.tau_actual.copy()
-    force[rows] *= factor
-    return replace(problem, training=replace(problem.training, tau_actual=force))
-
-
-def test_huber_weights_withstand_outliers(calm, identifier, rng) -> None:
-    problem = spoiled(calm.problem, slice(None, None, 25), 5.0)
-    error = {
-        weighting: relative_error(
-            identifier("ls", force="actual", basis="physical", weighting=weighting).identify(
-                problem, rng
-            ),
-            calm.residual,
-        )
-        for weighting in ("uniform", "huber")
-    }
-    assert error["uniform"] > 0.1
-    assert error["huber"] < 1e-3
-
-
-def test_a_half_life_forgets_what_is_long_ago(calm, identifier, rng) -> None:
-    problem = spoiled(calm.problem, slice(0, 1200), 1.5)
-    options = {"force": "actual", "basis": ["u_dot", "u", "|u|u"], "ned_force": False}
-    inertia = [
-        identifier("ls", half_life_s=half, **options).identify(problem, rng).model.inertia[0, 0]
-        for half in (None, 20.0)
-    ]
-    error = np.abs(np.array(inertia) / calm.truth.inertia[0, 0] - 1.0)
-    assert error[1] < 0.1 * error[0]
-
-
 def test_ridge_equals_scikit_learn(calm, identifier, rng) -> None:
     from sklearn.linear_model import Ridge
 

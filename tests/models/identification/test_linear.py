@@ -1,5 +1,7 @@
 """Least squares block by block against LAPACK's on all rows at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,7 +26,7 @@ def samples_of(n: int, rng: np.random.Generator) -> Samples:
     x[:, 3] += 0.9 * x[:, 0] * 1e3
     phi = np.column_stack([x[:, 0], np.ones(n), x[:, 1:], np.full(n, 7.0)])
     epsilon = phi @ rng.standard_normal((6, 2)) + rng.standard_normal((n, 2))
-    return Samples(TERMS, phi, epsilon, epsilon, np.zeros((n, 2)), 0.1)
+    return Samples(TERMS, phi, epsilon, epsilon, np.zeros((n, 2)))
 
 
 @pytest.mark.parametrize("n", [7, 60, 100, 149, 731])
@@ -38,29 +40,37 @@ def test_r_is_that_of_the_whole(n: int, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(own, np.linalg.svd(x, compute_uv=False), atol=1e-14 * own[0])
 
 
+def axes_of(n: int, rng: np.random.Generator) -> Samples:
+    """Samples of three axes, with headings."""
+    samples = samples_of(n, rng)
+    epsilon = samples.phi @ rng.standard_normal((6, 3)) + rng.standard_normal((n, 3))
+    return replace(samples, epsilon=epsilon, heading=rng.standard_normal((n, 2)))
+
+
+WEIGHTS = np.array([1.0, 0.5, 2.0])
+
+
 @pytest.mark.parametrize("penalty", [0.0, 3.0])
 def test_unknowns_of_each_axis_and_shared_ones_minimise_the_sum(
     penalty: float, rng: np.random.Generator
 ) -> None:
     """One system of normal equations of all unknowns, with weights and a ridge."""
-    n = 330
-    samples, weights = samples_of(n, rng), rng.uniform(0.5, 2.0, (n, 2))
-    shared, penalties = rng.standard_normal((2, n, 2)), penalty * np.array([1.0, 2.0])
-    found = linear.fit(samples, weights, penalties, shared)
-    rows, ridge = [], np.zeros(12)
-    for k, w in enumerate(weights.T):
-        own = [samples.phi[:, :5] if k == j else np.zeros((n, 5)) for j in range(2)]
-        rows.append(np.sqrt(w)[:, None] * np.hstack([*own, shared[k], samples.epsilon[:, [k]]]))
-        mean = np.average(samples.phi[:, :5], axis=0, weights=w)
-        spread = np.average((samples.phi[:, :5] - mean) ** 2, axis=0, weights=w)
-        ridge[5 * k : 5 * k + 5] = penalties[k] * spread
+    n, penalties = 330, penalty * np.array([1.0, 2.0, 3.0])
+    samples = axes_of(n, rng)
+    found = linear.fit(linear.Decomposition.of(samples, ned_force=True), penalties, WEIGHTS)
+    rows, phi = [], samples.phi[:, :5]
+    for k, w in enumerate(WEIGHTS):
+        own = [phi if k == j else np.zeros((n, 5)) for j in range(3)]
+        north_east = samples.heading @ linear.NED[k]
+        rows.append(np.sqrt(w) * np.hstack([*own, north_east, samples.epsilon[:, [k]]]))
+    ridge = np.append(np.outer(penalties, np.var(phi, axis=0)), [0.0, 0.0])
     table = np.vstack(rows)
-    size = np.linalg.norm(table[:, :12], axis=0)
-    normal = table[:, :12].T @ table[:, :12] + np.diag(ridge)
-    side = table[:, :12].T @ table[:, 12] / size
+    size = np.linalg.norm(table[:, :17], axis=0)
+    normal = table[:, :17].T @ table[:, :17] + np.diag(ridge)
+    side = table[:, :17].T @ table[:, 17] / size
     expected = np.linalg.solve(normal / np.outer(size, size), side) / size
-    np.testing.assert_allclose(found.theta[:5].T.ravel(), expected[:10], rtol=1e-8)
-    np.testing.assert_allclose(found.shared, expected[10:], rtol=1e-8)
+    np.testing.assert_allclose(found.theta[:5].T.ravel(), expected[:15], rtol=1e-8)
+    np.testing.assert_allclose(found.force, expected[15:], rtol=1e-8)
     assert np.all(found.theta[5] == 0.0)
 
 
@@ -69,18 +79,31 @@ def test_the_unknowns_are_linear_in_the_targets_as_the_fit_says(
     penalty: float, rng: np.random.Generator
 ) -> None:
     """Of residuals that were never seen: what a fit to them adds."""
-    n = 330
-    samples, weights = samples_of(n, rng), rng.uniform(0.5, 2.0, (n, 2))
-    shared, penalties = rng.standard_normal((2, n, 2)), penalty * np.array([1.0, 2.0])
-    found = linear.fit(samples, weights, penalties, shared)
-    change = rng.standard_normal((n, 2))
-    changed = Samples(
-        TERMS, samples.phi, samples.epsilon + change, samples.force, samples.heading, 0.1
+    n, penalties = 330, penalty * np.array([1.0, 2.0, 3.0])
+    samples, change = axes_of(n, rng), rng.standard_normal((n, 3))
+    found, again = (
+        linear.fit(linear.Decomposition.of(each, ned_force=True), penalties, WEIGHTS)
+        for each in (samples, replace(samples, epsilon=samples.epsilon + change))
     )
-    again = linear.fit(changed, weights, penalties, shared)
-    own = sum(change[:, k] @ found.rows(k, slice(n)) @ found.share(k) for k in range(2))
-    expected = np.concatenate([(again.theta - found.theta).T.ravel(), again.shared - found.shared])
+    own = sum(change[:, k] @ found.rows(slice(n)) @ found.share(k) for k in range(3))
+    expected = np.concatenate([(again.theta - found.theta).T.ravel(), again.force - found.force])
     np.testing.assert_allclose(own, expected, atol=1e-9 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("penalty", [0.0, 3.0])
+def test_axes_that_share_nothing_have_the_errors_of_each_alone(
+    penalty: float, rng: np.random.Generator
+) -> None:
+    samples = samples_of(400, rng)
+    fitted = linear.fit(linear.Decomposition.of(samples), penalty * np.array([1.0, 2.0]))
+    errors, _ = fitted.standard_errors()
+    rest = fitted.rest * np.sqrt(400 / (400 - fitted.parameters))
+    for k in range(2):
+        gains = fitted.rows(slice(400)) @ fitted.share(k)
+        assert not np.any(np.delete(gains, slice(6 * k, 6 * k + 6), axis=1))
+        variance = np.diag(stationary_covariance(gains[:, 6 * k : 6 * k + 5], rest[:, k]))
+        np.testing.assert_allclose(errors[:5, k], np.sqrt(variance), rtol=1e-9)
+    assert np.all(np.isnan(errors[5]))
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.8])
@@ -98,4 +121,4 @@ def test_dependent_columns_are_named(rng: np.random.Generator) -> None:
     samples = samples_of(200, rng)
     samples.phi[:, 4] = samples.phi[:, 2] - 3.0 * samples.phi[:, 3] / 1e3
     with pytest.raises(IdentificationError, match="does not distinguish v, r, uv from each other"):
-        linear.fit(samples, np.ones((200, 2)))
+        linear.fit(linear.Decomposition.of(samples))

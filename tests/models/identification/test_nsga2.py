@@ -11,7 +11,6 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification import nsga2
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.nsga2 import (
-    RunningMetric,
     change,
     choose,
     knees,
@@ -326,13 +325,11 @@ def bowl(points):
     return np.column_stack([np.abs(away).sum(axis=1), (away**2).sum(axis=1)])
 
 
-def searched(evaluate, seed=0, population=100, generations=80, floor=0.0, **watch):
+def searched(
+    evaluate, seed=0, population=100, generations=80, floor=0.0, window=10, threshold=1e-6
+):
     rng = np.random.default_rng(seed)
-    return search(evaluate, BOX, np.full(2, floor), metric(**watch), population, generations, rng)
-
-
-def metric(window=10, threshold=1e-6):
-    return RunningMetric(np.ones(2), window, threshold)
+    return search(evaluate, BOX, np.ones(2), floor, window, threshold, population, generations, rng)
 
 
 def test_front_of_zdt1():
@@ -362,9 +359,9 @@ def test_the_generator_decides_and_numpys_own_is_left_alone():
 def test_the_running_metric_ends_a_search():
     found = searched(convex, generations=300, window=5, threshold=0.05)
     assert found.reason == "running_metric"
-    assert 5 < found.generations < 300
-    assert max(max(step) for step in found.metric.changes[-5:]) < 0.05
-    assert max(found.metric.changes[-6]) >= 0.05
+    assert 5 < len(found.changes) < 299
+    assert max(max(step) for step in found.changes[-5:]) < 0.05
+    assert max(found.changes[-6]) >= 0.05
 
 
 def test_change_of_a_front():
@@ -380,13 +377,9 @@ def test_change_of_a_front():
 
 
 def test_a_front_of_one_point_does_not_converge():
-    watched = metric(window=3)
-    for _ in range(6):
-        watched.update(np.array([[1.0, 1.0]]))
-    assert not watched.converged
-    for _ in range(4):
-        watched.update(np.array([[1.0, 1.0], [0.5, 2.0]]))
-    assert watched.converged
+    found = searched(lambda points: 1.0 + np.tile(points[:, :1], 2), generations=60, window=3)
+    assert len(found.front) == 1
+    assert (found.reason, len(found.changes)) == ("generations", 59)
 
 
 def test_no_individual_is_evaluated_twice():

@@ -132,7 +132,7 @@ def test_bootstrap_errors_are_reproducible(lap, identifier) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"block_s": 0.0}, "block_s must be positive, got 0.0"),
+        ({"block_s": 0.0}, "block_s must be positive, got 0"),
         ({"selection": "peek"}, "selection: got 'peek'"),
     ],
 )
