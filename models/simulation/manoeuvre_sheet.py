@@ -193,7 +193,9 @@ def sheet(
     """
     kind = manoeuvre or manoeuvre_of(track)
     measures = (
-        zigzag(track, execution, turn_deg, ordered_deg) if kind == "zigzag" else MEASURED[kind](track, execution)
+        zigzag(track, execution, turn_deg, ordered_deg)
+        if kind == "zigzag"
+        else MEASURED[kind](track, execution)
     )
     start = 0.0 if "spiral" in kind else float(executions(track, execution)[0])
     speed = track.at(track.speed, start)
