@@ -117,7 +117,7 @@ def tactical_diameter(model: Vessel, helm_deg: float) -> float:
         input_names=model.inputs,
     )  # fmt: skip
     x, y, psi, u, v, _ = free_run(model, course_of(still, None, None, None, np.inf), "rk4").T
-    return turn(Track(t, x, y, psi, helm, np.hypot(u, v), LENGTH_M)).tactical_diameter
+    return turn(Track(t, x, y, psi, helm, np.hypot(u, v), LENGTH_M))["tactical diameter"]
 
 
 def nominal_ship(truth: Vessel, share: float) -> Vessel:

@@ -16,6 +16,18 @@ SQUARE_UNIT = {dof: "N^2" if dof in DOFS[:3] else "(Nm)^2" for dof in DOFS}
 POSE_UNIT = {dof: "m" if dof in DOFS[:3] else "rad" for dof in DOFS}
 VELOCITY_UNIT = {dof: f"{unit}/s" for dof, unit in POSE_UNIT.items()}
 ACCELERATION_UNIT = {dof: f"{unit}/s^2" for dof, unit in POSE_UNIT.items()}
+# Measures of a manoeuvre by their names on its sheet, with their units; L: ship lengths.
+MEASURES = {
+    "advance": "L", "transfer": "L", "tactical diameter": "L", "steady diameter": "L",
+    "track at 10 deg": "L", "time to 90 deg": "s", "time to 180 deg": "s", "speed loss": "%",
+    "drift angle": "deg", "yaw rate": "deg/s", "residual yaw rate": "deg/s",
+    "width of the loop": "deg", "initial turning": "L", "period P": "s", "track reach": "L",
+    "head reach": "L", "lateral deviation": "L", "time to stop": "s", "change of heading": "deg",
+    "offset from the track": "L", "error of the heading": "deg",
+    "largest distance from the track": "L", "helm": "deg",
+    **{f"{n} overshoot": "deg" for n in ("first", "second", "third", "fourth")},
+    **{f"{n} overshoot, time": "s" for n in ("first", "second", "third", "fourth")},
+}  # fmt: skip
 
 
 def poses_of(dofs: Sequence[str]) -> tuple[str, ...]:

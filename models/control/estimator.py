@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import block_diag
 
 from seatrial.models.compiled import lean_kernel
-from seatrial.models.control.linear_design import DesignModel
+from seatrial.models.control.linear_design import DesignModel, check_weights, riccati
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
@@ -259,11 +259,7 @@ class Kalman:
     def __post_init__(self) -> None:
         check_ranges(self)
         for name in ("process", "measurement"):
-            values = getattr(self, name)
-            if len(values) != len(self.process) or min(values, default=0.0) <= 0.0:
-                raise ConfigurationError(
-                    f"{name} must be {len(self.process)} positive numbers, got {list(values)}"
-                )
+            check_weights(name, getattr(self, name), len(self.process), positive=True)
         if len(self.bias_walk) != len(self.process) or max(self.bias_walk, default=0.0) <= 0.0:
             raise ConfigurationError(
                 f"bias_walk must be {len(self.process)} numbers, one of them positive, "
@@ -283,39 +279,35 @@ class Kalman:
     def gains(self, design: DesignModel) -> tuple[Array, Array]:
         """Filter gain M (n, m) and bias gain (r, m), the latter as a fraction of the limits."""
         model, n, r = design.model, design.model.order, len(design.limits)
+        A, C, h = model.A, model.C, design.period_s
+        bias = np.zeros((r, len(C)))
         if not design.physical:
-            return self._identified_gain(design), np.zeros((r, len(model.C)))
+            if self.estimate_bias:
+                raise ConfigurationError(
+                    "controller.kalman.estimate_bias: got true, expected false for an identified "
+                    "state-space model, which has no separate noise model for each axis"
+                )
+            if model.K is None:
+                raise ConfigurationError(
+                    "controller: the state-space model has no innovations gain K, expected one"
+                )
+            M = np.linalg.lstsq(A, model.K, rcond=None)[0]  # of K = A M
+            return np.asarray(M, dtype=np.float64), bias
         if len(self.process) != r:
             raise ConfigurationError(
                 f"controller.kalman.process: got {len(self.process)} numbers, expected {r}"
             )
-        A, C = model.A, model.C
-        shock = np.vstack([0.5 * design.period_s**2 * np.eye(r), design.period_s * np.eye(r)])
-        Q = shock @ np.diag(np.square(self.process)) @ shock.T
-        if self.estimate_bias:
-            drifts = np.flatnonzero(self.bias_walk)
-            b, decay = len(drifts), self.bias_decay(design.period_s)
-            A = np.block([[A, model.B[:, drifts]], [np.zeros((b, n)), decay * np.eye(b)]])
-            C = np.hstack([C, np.zeros((len(C), b))])
-            added = self.bias_variance(design.limits, design.period_s)[drifts]
-            Q = np.block([[Q, np.zeros((n, b))], [np.zeros((b, n)), np.diag(added)]])
-        M, bias = filter_gain(A, C, Q, np.diag(np.square(self.measurement))), np.zeros((r, len(C)))
-        if self.estimate_bias:
-            bias[drifts] = M[n:]
+        shock = np.vstack([0.5 * h**2 * np.eye(r), h * np.eye(r)])
+        Q, R = shock @ np.diag(np.square(self.process)) @ shock.T, np.square(self.measurement)
+        if not self.estimate_bias:
+            return filter_gain(A, C, Q, np.diag(R)), bias
+        drifts = np.flatnonzero(self.bias_walk)
+        b, added = len(drifts), self.bias_variance(design.limits, h)[drifts]
+        A = np.block([[A, model.B[:, drifts]], [np.zeros((b, n)), self.bias_decay(h) * np.eye(b)]])
+        C = np.hstack([C, np.zeros((len(C), b))])
+        M = filter_gain(A, C, block_diag(Q, np.diag(added)), np.diag(R))
+        bias[drifts] = M[n:]
         return M[:n], bias
-
-    def _identified_gain(self, design: DesignModel) -> Array:
-        """M of an identified model, from its predictor gain K = A M."""
-        if self.estimate_bias:
-            raise ConfigurationError(
-                "controller.kalman.estimate_bias: got true, expected false for an identified "
-                "state-space model, which has no separate noise model for each axis"
-            )
-        if design.model.K is None:
-            raise ConfigurationError(
-                "controller: the state-space model has no innovations gain K, expected one"
-            )
-        return np.asarray(np.linalg.lstsq(design.model.A, design.model.K, rcond=None)[0])
 
 
 def filter_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
@@ -324,12 +316,7 @@ def filter_gain(A: Array, C: Array, Q: Array, R: Array) -> Array:
     A is (n, n), C (m, n), Q (n, n), R (m, m); M has shape (n, m). The gain of the predictor is
     A M. Raises ConfigurationError when the Riccati equation has no solution.
     """
-    try:
-        P = solve_discrete_are(A.T, C.T, Q, R)
-    except (np.linalg.LinAlgError, ValueError) as error:
-        raise ConfigurationError(
-            f"controller.kalman: the filter has no steady-state gain: {error}"
-        ) from error
+    P = riccati(A.T, C.T, Q, R, "controller.kalman: the filter has no steady-state gain")
     return np.asarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T, dtype=np.float64)
 
 

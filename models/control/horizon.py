@@ -29,6 +29,7 @@ from itertools import pairwise
 
 import daqp
 import numpy as np
+from scipy.linalg import block_diag
 
 from seatrial.models.vessel.basis import Array
 
@@ -117,7 +118,7 @@ def standard(h: Horizon) -> Quadratic:
     reference = np.zeros((ny, h.width))
     reference[:, h.parameters[1]] = -np.eye(ny)
     shift = np.vstack([np.zeros((nu, h.width)), shift, np.zeros((ny, h.width)), reference])
-    H = _block_diagonal(h.over(h.P), np.zeros((nx, nx)), h.over(h.Q), np.zeros((ny, ny)))
+    H = block_diag(h.over(h.P), np.zeros((nx, nx)), h.over(h.Q), np.zeros((ny, ny)))
     bound = np.concatenate([np.ones(nu), np.zeros(len(rows))])
     return Quadratic(H, f, rows, shift, bound, nu)
 
@@ -129,7 +130,7 @@ def reduced(h: Horizon) -> Quadratic:
     rows, shift = _model_rows(h)
     f = np.zeros((nu + nx, h.width))
     f[nu:, h.parameters[1]] = -h.over(h.C.T @ h.Q)
-    H = _block_diagonal(h.over(h.P), h.over(h.C.T @ h.Q @ h.C))
+    H = block_diag(h.over(h.P), h.over(h.C.T @ h.Q @ h.C))
     bound = np.concatenate([np.ones(nu), np.zeros(nx)])
     return Quadratic(H, f, rows, np.vstack([np.zeros((nu, h.width)), shift]), bound, nu)
 
@@ -181,16 +182,6 @@ def _condensed_cost(h: Horizon) -> tuple[Array, Array]:
     state, reference, known, _ = h.parameters
     f[:, state], f[:, reference], f[:, known] = weighted @ O, -weighted, weighted @ F
     return weighted @ F + h.over(h.P), f
-
-
-def _block_diagonal(*blocks: Array) -> Array:
-    size = sum(len(block) for block in blocks)
-    matrix = np.zeros((size, size))
-    start = 0
-    for block in blocks:
-        matrix[start : start + len(block), start : start + len(block)] = block
-        start += len(block)
-    return matrix
 
 
 OPTIMAL = 1

@@ -148,13 +148,9 @@ def every(model: StateSpace, times: int) -> StateSpace:
     if model.K is not None:
         R = np.eye(len(model.C)) if model.F is None else model.F @ model.F.T
         received = [power @ model.K for power in powers[:-1]]
-        Q, S = sum(gain_i @ R @ gain_i.T for gain_i in received), received[-1] @ R
-        try:
-            P = solve_discrete_are(A.T, model.C.T, Q, R, s=S)
-        except (np.linalg.LinAlgError, ValueError) as error:
-            raise ConfigurationError(
-                f"controller: the model has no steady-state gain at {times} periods: {error}"
-            ) from error
+        Q, S = np.sum([gain_i @ R @ gain_i.T for gain_i in received], axis=0), received[-1] @ R
+        reason = f"controller: the model has no steady-state gain at {times} periods"
+        P = riccati(A.T, model.C.T, Q, R, reason, S)
         gain = np.linalg.solve(model.C @ P @ model.C.T + R, model.C @ P @ A.T + S.T).T
     B = sum(powers[:-1], np.zeros_like(A)) @ model.B
     return replace(model, A=A, B=B, K=gain, period_s=times * float(model.period_s or 1.0))
@@ -178,6 +174,18 @@ def _parts(model: Vessel) -> tuple[Vessel, Vessel]:
         return Vessel(model.name, model.dofs, terms, model.theta[rows])
 
     return part(moving), part(still)
+
+
+def riccati(A: Array, B: Array, Q: Array, R: Array, reason: str, S: Array | None = None) -> Array:
+    """The stabilising solution of the discrete algebraic Riccati equation, shape (n, n).
+
+    A is (n, n), B (n, r), Q (n, n), R (r, r), S (n, r) the cross weight. Raises ConfigurationError
+    with the reason where there is none.
+    """
+    try:
+        return np.asarray(solve_discrete_are(A, B, Q, R, s=S), dtype=np.float64)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise ConfigurationError(f"{reason}: {error}") from error
 
 
 def check_weights(name: str, values: tuple[float, ...], count: int, *, positive: bool) -> None:

@@ -19,7 +19,7 @@ from seatrial.models.excitation.information import (
     scaled,
 )
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.excitation.schedule import Gains, Interval, Role, Schedule
+from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule
 from seatrial.models.ranges import NotNegativeInt, check_ranges
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
@@ -69,27 +69,28 @@ class CandidateSimulations:
     period_s: float
     reference_filter: Reference
 
-    def sub_experiment(self, name: str, role: Role) -> list[Interval]:
-        """A candidate, followed by its stop."""
-        return [Interval(name, "manoeuvre", self.count, role), Interval(name, "stop", self.stop)]
+    def sub_experiment(self, name: str, role: Role) -> list[Part]:
+        """A candidate, followed by its stop; repeated calls give equal forces."""
+        mission, dofs = self.candidates[name], self.plant.vessel.dofs
+        t = self.period_s * np.arange(self.count, dtype=np.float64)
+        rng = np.random.default_rng(list(self.candidates).index(name))
+        force, pieces = mission.force(t, dofs, rng), mission.pieces(self.period_s)
+        manoeuvre = Part(name, "manoeuvre", self.count, role, force, pieces)
+        return [manoeuvre, Part(name, "stop", self.stop)]
 
-    def schedule(self, parts: Sequence[Interval]) -> Schedule:
+    def schedule(self, parts: Sequence[Part]) -> Schedule:
         """Parts one after the other."""
-        dofs = self.plant.vessel.dofs
-        return Schedule(tuple(parts), dict(self.candidates), dofs, self.period_s)
+        return Schedule(parts, self.period_s)
 
     def voyage(self, name: str) -> Voyage:
         """Simulate a candidate and its stop in calm water, from rest at the origin."""
         plan = self.schedule(self.sub_experiment(name, "training"))
-        n, n_dof = len(plan), len(plan.dofs)
-        still = np.zeros((n, n_dof))
-        start = np.zeros(n_dof)
-        guidance = (Timetable(still), np.zeros(1))
+        still = np.zeros((len(plan), len(self.plant.vessel.dofs)))
         try:
             return sail(
-                self.plant, Weather(still, still, still, still), guidance,
+                self.plant, Weather(still, still, still, still), (Timetable(still), np.zeros(1)),
                 self.reference_filter.table(self.period_s), plan.steering(self.gains, self.limits),
-                start, self.period_s, min(STEP_S, self.period_s), added=plan.force(),
+                still[0], self.period_s, min(STEP_S, self.period_s), added=plan.force(),
             )  # fmt: skip
         except (Diverged, ConfigurationError) as error:
             raise ConfigurationError(

@@ -1,9 +1,8 @@
-"""Standard manoeuvres of a steered vessel: turning circle with pull-out, and zig-zag.
+"""Standard manoeuvres of a steered vessel, by the commands of its inputs.
 
-The commands are those of the inputs. The vessel approaches on a straight course at the values that
-its inputs have at the start; then its helm, a rudder angle, is put over.
-
-Commands of an input that are known in advance: spiral, crash stop, and a binary sequence.
+Turning circle with pull-out, zig-zag, spiral, reverse spiral (Bech), Williamson turn, crash stop
+and a binary sequence. The vessel approaches on a straight course at the values that its inputs
+have at the start; then its helm, a rudder angle or another input, is used.
 """
 
 from collections.abc import Sequence
@@ -11,60 +10,59 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Le
 
-from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.commands import (
+    HEADING,
+    HOLD,
+    NEVER,
+    NO_FEEDBACK,
+    RATE,
+    Feedback,
+    Piece,
+    Steering,
+    command,
+    zigzag,
+)
 from seatrial.models.excitation.guidance import Reference
-from seatrial.models.excitation.missions import Mission, Steering, check_fraction, counter_steer
+from seatrial.models.excitation.missions import Mission, check_fraction
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
-from seatrial.models.simulation.registry import CONTROLLERS, Timetable
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 
 
-class Helm(NamedTuple):
-    """Commands of a manoeuvre; SI units, radians."""
+@dataclass(frozen=True, kw_only=True)
+class ShipMission(Mission):
+    """A mission of a vessel with inputs, which begins ahead at its approach speed."""
 
-    base: Array  # (n_inputs,) of the approach
-    helm: int  # the input
-    yaw: int  # the degree of freedom
-    angle: float  # of the helm that turns the vessel to starboard
-    turn: float  # heading at which a zig-zag changes sides
-    pull_out: float  # change of heading after which the helm of a turn is put amidships
-    zigzag: bool
-    first: int  # instant of the first steering
+    input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
+    speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
+    train_fraction: float = 0.5
 
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        check_fraction(self.train_fraction)
 
-@lean_kernel
-def _step(
-    helm: Helm, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array, nu_dot_d: Array,
-    tau: Array, tau_fb: Array,
-) -> None:  # fmt: skip
-    """state = (instant, side of the turn or 0 after the pull-out, heading of the approach)."""
-    for i in range(tau.shape[0]):
-        tau[i] = tau_fb[i] = helm.base[i]
-    heading = eta[helm.yaw]
-    if state[0] <= helm.first:
-        state[2] = heading
-    if state[0] >= helm.first:
-        if helm.zigzag:
-            tau[helm.helm] = counter_steer(state, heading, helm.angle, helm.turn)
-        else:
-            if abs(heading - state[2]) >= helm.pull_out:
-                state[1] = 0.0
-            tau[helm.helm] = state[1] * helm.angle
-        tau_fb[helm.helm] = tau[helm.helm]
-    state[0] += 1.0
+    @property
+    def commands_inputs(self) -> bool:
+        """It commands inputs."""
+        return True
 
+    def start_velocity(self, dofs: tuple[str, ...]) -> Array:
+        """The approach speed ahead [m/s], shape (n_dof,)."""
+        return np.where(np.array(dofs) == "surge", self.speed_m_s, 0.0)
 
-CONTROLLERS[Helm] = _step
+    def split(self, t: Array) -> Split:
+        """Training and testing samples: the first part, and the rest."""
+        return half(len(t), self.train_fraction)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SteeredMission(Mission):
-    """A mission of a vessel with inputs, which begins ahead at its approach speed.
+class SteeredMission(ShipMission):
+    """A mission without a controller.
 
     The inputs keep the values that they have at the start for `approach_s`; then the input `helm`
     is used.
@@ -72,26 +70,17 @@ class SteeredMission(Mission):
 
     helm: Annotated[str, FromVessel("helm")] = "delta"
     approach_s: NotNegative = 0.0
-    input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
     input_start: Annotated[tuple[float, ...], FromVessel("input_start")]
     input_signs: Annotated[tuple[float, ...], FromVessel("input_signs")]
-    speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
     reference_filter: Reference
-    train_fraction: float = 0.5
 
     def __post_init__(self) -> None:
-        check_ranges(self)
-        check_fraction(self.train_fraction)
+        super().__post_init__()
         if not self.approach_s < self.duration_s:
             raise ConfigurationError(
                 f"approach_s must be below duration_s = {self.duration_s:g}, "
                 f"got {self.approach_s:g}"
             )
-
-    @property
-    def commands_inputs(self) -> bool:
-        """A helm is an input."""
-        return True
 
     @property
     def open_loop(self) -> bool:
@@ -102,34 +91,27 @@ class SteeredMission(Mission):
         """No set-points: the initial pose."""
         return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
 
-    def start_velocity(self, dofs: tuple[str, ...]) -> Array:
-        """The approach speed ahead [m/s], shape (n_dof,)."""
-        return np.where(np.array(dofs) == "surge", self.speed_m_s, 0.0)
-
-    def split(self, t: Array) -> Split:
-        """Training and testing samples: the first part, and the rest."""
-        return half(len(t), self.train_fraction)
-
     @property
     def index(self) -> int:
         """Position of the helm among the inputs."""
         return self.input_names.index(self.helm)
 
-    @property
-    def sign(self) -> float:
-        """Sign of the helm that turns the vessel to starboard."""
-        return self.input_signs[self.index]
+    def feedback(self, period_s: float) -> Feedback:
+        """The gains of pieces that are steered by heading or yaw rate."""
+        return NO_FEEDBACK
 
-    @property
-    def base(self) -> Array:
-        """Inputs of the approach, shape (n_inputs,)."""
-        return np.array(self.input_start, dtype=np.float64)
+    def steering(self, dofs: Sequence[str], period_s: float) -> Steering:
+        """The approach and the pieces of the manoeuvre, as orders of the helm."""
+        base = np.array(self.input_start, dtype=np.float64)
+        first = round(self.approach_s / period_s)
+        shifted = (
+            piece._replace(until=min(first + piece.until, NEVER)) for piece in self.pieces(period_s)
+        )
+        pieces = [Piece(base[self.index], until=first), *shifted]
+        yaw = dofs.index("yaw") if "yaw" in dofs else 0
+        return command(pieces, base, self.index, yaw, self.feedback(period_s))
 
-    def check(self, dofs: Sequence[str]) -> None:
-        """Raise ConfigurationError unless the vessel has the helm, and yaws."""
-        self.check_helm(dofs, "yaw")
-
-    def check_helm(self, dofs: Sequence[str], needed: str | None = None) -> None:
+    def check(self, dofs: Sequence[str], needed: str | None = "yaw") -> None:
         """Raise ConfigurationError unless the vessel has the helm, and a degree of freedom."""
         if self.helm not in self.input_names or (needed and needed not in dofs):
             raise ConfigurationError(
@@ -155,43 +137,37 @@ class HelmManoeuvre(SteeredMission):
     pull_out_deg: Positive | None
     duration_s: Positive
 
-    def steering(self, dofs: Sequence[str], period_s: float) -> Steering:
-        """The commands of the manoeuvre."""
-        pull_out = np.inf if self.pull_out_deg is None else np.radians(self.pull_out_deg)
-        table = Helm(
-            self.base, self.index, dofs.index("yaw"),
-            self.sign * float(np.radians(abs(self.helm_deg))), float(np.radians(self.turn_deg)),
-            float(pull_out), self.manoeuvre == "zigzag", round(self.approach_s / period_s),
-        )  # fmt: skip
-        return table, np.array([0.0, self.sign * np.sign(self.helm_deg), 0.0])
-
-
-LONGEST_REGISTER = 20
-
-
-class Commands(NamedTuple):
-    """Commands of all inputs, one row an instant, shape (N, n_inputs); the last row is held."""
-
-    rows: Array
-
-
-@lean_kernel
-def _follow(
-    commands: Commands, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
-    nu_dot_d: Array, tau: Array, tau_fb: Array,
-) -> None:  # fmt: skip
-    """state = (instant,)."""
-    k = min(int(state[0]), commands.rows.shape[0] - 1)
-    for i in range(tau.shape[0]):
-        tau[i] = tau_fb[i] = commands.rows[k, i]
-    state[0] += 1.0
-
-
-CONTROLLERS[Commands] = _follow
+    def pieces(self, period_s: float) -> Sequence[Piece]:
+        """The helm to both sides in turn, or to one side and amidships."""
+        helm = float(np.radians(self.helm_deg))
+        side = self.input_signs[self.index] * float(np.sign(self.helm_deg))
+        if self.manoeuvre == "zigzag":
+            return zigzag(helm, float(np.radians(self.turn_deg)), side)
+        if self.pull_out_deg is None:
+            return (Piece(helm),)
+        return Piece(helm, turned=float(np.radians(self.pull_out_deg)), side=side), Piece(0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScheduledInput(SteeredMission):
+class ScaledMission(SteeredMission):
+    """A manoeuvre whose times are in L / U of the approach."""
+
+    length_m: Annotated[Positive, FromVessel("scales.length_m")]
+
+    @property
+    def unit_s(self) -> float:
+        """Time to sail one ship length [s]."""
+        return self.length_m / self.speed_m_s
+
+    def in_turn(self, orders: Array, law: int, hold_s: float, period_s: float) -> Sequence[Piece]:
+        """Orders of which each is held for a time [s], the last one to the end."""
+        held = max(1, round(hold_s / period_s))
+        pieces = [Piece(float(order), law, held * (i + 1)) for i, order in enumerate(orders)]
+        return [*pieces[:-1], pieces[-1]._replace(until=NEVER)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScheduledInput(ScaledMission):
     """Values of the input `helm` in turn, each held for `hold_lengths` L / U of the approach.
 
     `spiral` and `stop` hold `values`; the last value is held to the end. `prbs` is a maximum
@@ -205,8 +181,7 @@ class ScheduledInput(SteeredMission):
     unit: Literal["deg", "start", "range"] = "deg"
     hold_lengths: Positive
     end_lengths: float = 0.0  # beside the values
-    bits: Annotated[int, Ge(2)] = 7
-    length_m: Annotated[Positive, FromVessel("scales.length_m")]
+    bits: Annotated[int, Ge(2), Le(20)] = 7
     input_low: Annotated[tuple[float, ...], FromVessel("input_low")]
     input_high: Annotated[tuple[float, ...], FromVessel("input_high")]
 
@@ -216,42 +191,32 @@ class ScheduledInput(SteeredMission):
                 f"values: got {len(self.values)}, expected "
                 f"{'two' if self.manoeuvre == 'prbs' else 'at least one'}"
             )
-        if self.bits > LONGEST_REGISTER:
-            raise ConfigurationError(f"bits: got {self.bits}, expected at most {LONGEST_REGISTER}")
         super().__post_init__()
-
-    @property
-    def count(self) -> int:
-        """Number of values that are held."""
-        return 2**self.bits - 1 if self.manoeuvre == "prbs" else len(self.values)
-
-    @property
-    def hold_s(self) -> float:
-        """How long a value is held [s]."""
-        return self.hold_lengths * self.length_m / self.speed_m_s
 
     @property
     def duration_s(self) -> float:
         """Approach, all values, and the end [s]."""
-        end = self.end_lengths * self.length_m / self.speed_m_s
-        return self.approach_s + self.count * self.hold_s + end
+        count = 2**self.bits - 1 if self.manoeuvre == "prbs" else len(self.values)
+        return self.approach_s + (count * self.hold_lengths + self.end_lengths) * self.unit_s
 
     @property
     def orders(self) -> Array:
-        """Values of the input in SI units, shape (count,)."""
+        """Values of the input in turn, in SI units."""
         values, start = np.array(self.values), self.input_start[self.index]
         if self.unit == "range":
             up, down = self.input_high[self.index] - start, start - self.input_low[self.index]
             values = start + np.where(values > 0.0, up, down) * values
         else:
             values = values * (np.pi / 180.0 if self.unit == "deg" else start)
-        if self.manoeuvre == "prbs":
-            return np.asarray(values[register(self.bits)])
-        return np.asarray(values)
+        return np.asarray(values[register(self.bits)] if self.manoeuvre == "prbs" else values)
 
-    def check(self, dofs: Sequence[str]) -> None:
+    def pieces(self, period_s: float) -> Sequence[Piece]:
+        """The values in turn."""
+        return self.in_turn(self.orders, HOLD, self.hold_lengths * self.unit_s, period_s)
+
+    def check(self, dofs: Sequence[str], needed: str | None = None) -> None:
         """Raise ConfigurationError if a value is beyond the limits of the input."""
-        self.check_helm(dofs)
+        super().check(dofs, needed)
         low, high = self.input_low[self.index], self.input_high[self.index]
         for value in self.orders:
             if not low - 1e-9 <= value <= high + 1e-9:
@@ -260,17 +225,90 @@ class ScheduledInput(SteeredMission):
                     f"{low:.4g} to {high:.4g}"
                 )
 
-    def steering(self, dofs: Sequence[str], period_s: float) -> Steering:
-        """The commands by instant."""
-        held, first = round(self.hold_s / period_s), round(self.approach_s / period_s)
-        values = np.repeat(self.orders, max(1, held))
-        rows = np.tile(self.base, (first + len(values), 1))
-        rows[first:, self.index] = values
-        return Commands(rows), np.zeros(1)
-
 
 def register(bits: int) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
     """A maximum length sequence of zeros and ones, shape (2^bits - 1,)."""
     from scipy.signal import max_len_seq  # slow to import
 
     return np.asarray(max_len_seq(bits)[0], dtype=np.int64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HelmsmanMission(ScaledMission):
+    """A manoeuvre in which the helm is steered by heading or yaw rate.
+
+    The helmsman steers by first-order Nomoto, T r_dot + r = K delta, with both poles at
+    `bandwidth` U / L.
+    """
+
+    bandwidth: Positive = 1.0
+    nomoto_gain: Annotated[tuple[float, ...], FromVessel("nomoto_gain")]  # [1/s] by input
+    nomoto_time_s: Annotated[tuple[float, ...], FromVessel("nomoto_time_s")]
+
+    @property
+    def gains(self) -> tuple[float, float]:
+        """The helm for an error of the heading, and for one of the yaw rate [s]."""
+        gain, time = self.nomoto_gain[self.index], self.nomoto_time_s[self.index]
+        omega = self.bandwidth / self.unit_s
+        return time * omega**2 / gain, (2.0 * omega * time - 1.0) / gain
+
+
+@dataclass(frozen=True, kw_only=True)
+class Williamson(HelmsmanMission):
+    """Back onto the own track: helm to one side, to the other, and the reciprocal course."""
+
+    manoeuvre: Literal["williamson"] = "williamson"
+    helm_deg: float
+    away_deg: Positive  # change of heading at which the helm is put to the other side
+    check_deg: Positive  # before the reciprocal course, where the helm is steered
+    duration_lengths: Positive
+
+    @property
+    def duration_s(self) -> float:
+        """Length [s]."""
+        return self.approach_s + self.duration_lengths * self.unit_s
+
+    def pieces(self, period_s: float) -> Sequence[Piece]:
+        """Both sides, and the course over the side of the first helm."""
+        helm = float(np.radians(self.helm_deg))
+        side = self.input_signs[self.index] * float(np.sign(self.helm_deg))
+        away, check = float(np.radians(self.away_deg)), float(np.radians(self.check_deg))
+        return (
+            Piece(helm, turned=away, side=side),
+            Piece(-helm, turned=np.pi - check, side=-side),
+            Piece(-side * np.pi, HEADING),
+        )
+
+    def feedback(self, period_s: float) -> Feedback:
+        """The helmsman's gains, with at most the helm of the turn."""
+        kp, kd = self.gains
+        limit = np.array([abs(float(np.radians(self.helm_deg)))])
+        return Feedback(np.array([kp]), np.array([kd]), -limit, limit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReverseSpiral(HelmsmanMission):
+    """Yaw rates held in turn by the helm, each for `hold_lengths` L / U; in units of U / L."""
+
+    manoeuvre: Literal["reverse_spiral"] = "reverse_spiral"
+    largest_rate: Positive
+    count: int
+    hold_lengths: Positive
+    input_low: Annotated[tuple[float, ...], FromVessel("input_low")]
+    input_high: Annotated[tuple[float, ...], FromVessel("input_high")]
+
+    @property
+    def duration_s(self) -> float:
+        """Length [s]."""
+        return self.approach_s + self.count * self.hold_lengths * self.unit_s
+
+    def pieces(self, period_s: float) -> Sequence[Piece]:
+        """The yaw rates in turn."""
+        rates = np.linspace(1.0, -1.0, self.count) * self.largest_rate / self.unit_s
+        return self.in_turn(rates, RATE, self.hold_lengths * self.unit_s, period_s)
+
+    def feedback(self, period_s: float) -> Feedback:
+        """PI control of the rate, within the limits of the input."""
+        of_heading, of_rate = self.gains
+        low, high = (np.array([each[self.index]]) for each in (self.input_low, self.input_high))
+        return Feedback(np.array([of_rate]), np.zeros(1), low, high, period_s * of_heading)

@@ -71,8 +71,7 @@ def inseparable(gamma: Array, names: Sequence[str]) -> tuple[str, ...]:
     values, ways = np.linalg.eigh(gamma)
     if values[0] > ZERO_EIGENVALUE * values[-1]:
         return ()
-    weight = np.abs(ways[:, 0]) / np.max(np.abs(ways[:, 0]))
-    return tuple(name for name, share in zip(names, weight, strict=True) if share > MIN_WEIGHT)
+    return _members(ways[:, 0], names)
 
 
 def sensitivities(gammas: Array, share: Array) -> Array:
@@ -203,7 +202,7 @@ def _of_dof(lines: int, model: Vessel, column: int, x: Array) -> Persistence:
     )
 
 
-def _members(way: Array, names: list[str]) -> tuple[str, ...]:
+def _members(way: Array, names: Sequence[str]) -> tuple[str, ...]:
     """The terms that form a combination."""
     weight = np.abs(way) / np.max(np.abs(way))
     return tuple(name for name, share in zip(names, weight, strict=True) if share > MIN_WEIGHT)

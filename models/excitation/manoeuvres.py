@@ -2,16 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.commands import Piece, zigzag
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import (
     Length,
     Mission,
-    ZigZag,
     check_fraction,
     check_offset,
     steady_force,
@@ -27,13 +27,11 @@ from seatrial.models.vessel.tuning import FromVessel
 
 @dataclass(frozen=True)
 class Steered(Mission):
-    """A steady surge force, and after `approach_s` a yaw moment.
+    """A steady surge force, and after `approach_s` a yaw moment, in open loop.
 
     Without `turn_deg` the moment is constant: a turning circle. With it the moment changes sign
     whenever the heading has deviated by that angle from the approach: a zig-zag, such as 10/10 or
-    20/20. `loop`: `open`, without a controller; `closed`, added to the command of a controller
-    that holds the starting pose, which requires a larger moment. `offset` [N, Nm] is a constant
-    force by degree of freedom.
+    20/20. `offset` [N, Nm] is a constant force by degree of freedom.
     """
 
     surge_force_n: Annotated[float, FromVessel("tuning.excitation.surge_force_n")]
@@ -43,7 +41,6 @@ class Steered(Mission):
     duration_s: Annotated[float, FromVessel("tuning.excitation.manoeuvre_s")]
     reference_filter: Reference
     train_fraction: float
-    loop: Literal["open", "closed"] = "open"
     offset: dict[str, float] | None = None
 
     def __post_init__(self) -> None:
@@ -57,11 +54,11 @@ class Steered(Mission):
 
     @property
     def open_loop(self) -> bool:
-        """Whether the mission runs without a controller."""
-        return self.loop == "open"
+        """The mission runs without a controller."""
+        return True
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """The starting pose as set-point, used in a closed loop only."""
+        """No set-points: the starting pose."""
         return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
@@ -76,13 +73,14 @@ class Steered(Mission):
         """The offset."""
         return self.offset or {}
 
-    def zigzag(self, dofs: Sequence[str], period_s: float) -> ZigZag | None:
-        """The moment that changes sign; None in a turning circle."""
+    def pieces(self, period_s: float) -> Sequence[Piece]:
+        """The moment that changes sign, first to starboard; none in a turning circle."""
         if self.turn_deg is None:
-            return None
-        first = round(self.approach_s / period_s)
+            return ()
         turn = float(np.radians(self.turn_deg))
-        return ZigZag(dofs.index("yaw"), self.yaw_moment_nm, turn, first)
+        return Piece(until=round(self.approach_s / period_s)), *zigzag(
+            self.yaw_moment_nm, turn, 1.0
+        )
 
     def split(self, t: Array) -> Split:
         """Training and testing samples: the first part, and the rest."""

@@ -1,7 +1,4 @@
-"""Missions: way-points on a timetable, line-of-sight guidance, and replay of the excitation.
-
-Steps in place of a controller: an open loop, and a zig-zag, alone or with a controller.
-"""
+"""Missions: way-points on a timetable, line-of-sight guidance, and replay of the excitation."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -10,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from seatrial.models.compiled import is_compiled, lean_kernel
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.commands import Piece, Steering, command, open_loop
 from seatrial.models.excitation.guidance import (
     LineOfSight,
     Reference,
@@ -21,104 +18,9 @@ from seatrial.models.excitation.guidance import (
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
-from seatrial.models.simulation.registry import (
-    CONTROLLERS,
-    Parameters,
-    State,
-    Timetable,
-    control_step,
-)
+from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
-
-Steering = tuple[Parameters, State]  # of a step in the controller's place
-
-
-class OpenLoop(NamedTuple):
-    """No controller."""
-
-    force: float = 0.0
-
-
-@lean_kernel
-def _open_loop_step(
-    table: OpenLoop, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
-    nu_dot_d: Array, tau: Array, tau_fb: Array,
-) -> None:  # fmt: skip
-    for i in range(tau.shape[0]):
-        tau[i] = tau_fb[i] = table.force
-
-
-CONTROLLERS[OpenLoop] = _open_loop_step
-
-
-def open_loop() -> Steering:
-    """Parameters and initial state of the compiled step."""
-    return OpenLoop(), np.zeros(1)
-
-
-class ZigZag(NamedTuple):
-    """A moment that changes sign when the heading deviates by an angle; SI units, radians."""
-
-    yaw: int  # the degree of freedom
-    moment: float
-    turn: float
-    first: int  # instant of the first steering
-
-
-@lean_kernel
-def counter_steer(state: Array, heading: float, moment: float, turn: float) -> float:
-    """The moment of a zig-zag; state[1] is its sign, state[2] the heading before it began."""
-    if state[1] * (heading - state[2]) >= turn:
-        state[1] = -state[1]
-    return float(state[1]) * moment
-
-
-@lean_kernel
-def _add_moment(zigzag: ZigZag, state: Array, eta: Array, tau: Array) -> None:
-    """state = (instant, sign of the moment, heading before the first steering)."""
-    if state[0] <= zigzag.first:
-        state[2] = eta[zigzag.yaw]
-    if state[0] >= zigzag.first:
-        tau[zigzag.yaw] += counter_steer(state, eta[zigzag.yaw], zigzag.moment, zigzag.turn)
-    state[0] += 1.0
-
-
-class Beside(NamedTuple):
-    """The moment of a zig-zag with a compiled controller; state = (controller's, zig-zag's)."""
-
-    controller: Parameters
-    zigzag: ZigZag
-
-
-class BesidePython(NamedTuple):
-    """The moment of a zig-zag with a controller that runs in Python."""
-
-    controller: Parameters
-    zigzag: ZigZag
-
-
-def _both(
-    table: Beside | BesidePython, state: State, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
-    nu_dot_d: Array, tau: Array, tau_fb: Array,
-) -> None:  # fmt: skip
-    control_step(table.controller, state[0], eta, nu, eta_d, nu_d, nu_dot_d, tau, tau_fb)
-    _add_moment(table.zigzag, state[1], eta, tau)
-
-
-CONTROLLERS[Beside] = lean_kernel(_both)
-CONTROLLERS[BesidePython] = _both
-
-
-def beside(controller: Steering, zigzag: ZigZag) -> Steering:
-    """Parameters and state of a controller with the moment of a zig-zag added to its command.
-
-    The first turn is to starboard.
-    """
-    parameters, state = controller
-    both = Beside if is_compiled(CONTROLLERS[type(parameters)]) else BesidePython
-    return both(parameters, zigzag), (state, np.array([0.0, 1.0, 0.0]))
-
 
 NO_REFERENCE = "evaluation=replay has no reference in an open loop: deployment is skipped"
 
@@ -201,21 +103,17 @@ class Mission(Evaluation):
         steady = self.steady()
         return steady_force(steady, len(t), dofs) if steady else None
 
-    def zigzag(self, dofs: Sequence[str], period_s: float) -> ZigZag | None:
-        """The moment of a zig-zag; None if the mission has none."""
-        return None
+    def pieces(self, period_s: float) -> Sequence[Piece]:
+        """The pieces of a yaw moment that the heading decides on; empty if there is none."""
+        return ()
 
     def steering(self, dofs: Sequence[str], period_s: float) -> Steering | None:
         """The step that replaces the controller in an open loop; None in a closed loop."""
         if not self.open_loop:
             return None
-        zigzag = self.zigzag(dofs, period_s)
-        return open_loop() if zigzag is None else beside(open_loop(), zigzag)
-
-    def accompany(self, dofs: Sequence[str], period_s: float, controller: Steering) -> Steering:
-        """Parameters and state of a controller, with the moment of a zig-zag if there is one."""
-        zigzag = None if self.open_loop else self.zigzag(dofs, period_s)
-        return controller if zigzag is None else beside(controller, zigzag)
+        if pieces := self.pieces(period_s):
+            return command(pieces, np.zeros(len(dofs)), dofs.index("yaw"), dofs.index("yaw"))
+        return open_loop()
 
     def split(self, t: Array) -> Split:
         """Which samples are for training and which for testing."""

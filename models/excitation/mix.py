@@ -8,8 +8,7 @@ the same number of every manoeuvre, is the baseline.
 With a route the candidates are the motion primitives of a planner: each is the simulated track of
 the nominal model with its stop, followed by a passage to the lattice. The plan is executed by
 feedback along the planned poses plus the simulated force, so that the motion, and with it the
-information, is close to the design. Without feedback in the manoeuvres (`follow: passages`) a
-vessel that differs from the nominal model deviates from the plan until the next passage.
+information, is close to the design, also for a vessel that differs from the nominal model.
 """
 
 from collections import Counter
@@ -22,9 +21,10 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.candidates import CandidateSimulations, UncertainModel
+from seatrial.models.excitation.commands import Steering
 from seatrial.models.excitation.guidance import Reference
-from seatrial.models.excitation.missions import Length, Mission, Steering
-from seatrial.models.excitation.schedule import Gains, Interval, Role, Schedule, check_open
+from seatrial.models.excitation.missions import Length, Mission
+from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule, check_open
 from seatrial.models.notation import PLANAR
 from seatrial.models.planning.lattice import Corners, Pace, Primitive, Waters
 from seatrial.models.planning.planner import PlannedPath, PlanningTask, plan
@@ -45,8 +45,7 @@ class Route:
 
     Polygons are lists of (north, east) [m]. `goal` null is the start. `clearance_m` is kept from
     the vessel's reference point; passages are sailed at `speed_m_s` and `turn_rate_rad_s` between
-    poses of a lattice of `cell_m`; after a manoeuvre the vessel rests for `hold_s`. `follow`: the
-    plan is followed by feedback everywhere, or on the passages between manoeuvres only.
+    poses of a lattice of `cell_m`; after a manoeuvre the vessel rests for `hold_s`.
     """
 
     area: Corners | None
@@ -58,7 +57,6 @@ class Route:
     speed_m_s: Annotated[Positive, FromVessel("tuning.reference.speed_m_s")]
     turn_rate_rad_s: Annotated[Positive, FromVessel("tuning.reference.turn_rate_rad_s")]
     hold_s: NotNegative
-    follow: Literal["everywhere", "passages"]
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -107,36 +105,27 @@ def _pose(pose: Pose) -> Array:
 
 
 def parts_of(
-    found: PlannedPath, design: CandidateSimulations, held_out: Sequence[str], everywhere: bool
-) -> list[Interval]:
-    """What is sailed along a plan; of each candidate the last ones are held out for testing.
+    path: PlannedPath, design: CandidateSimulations, held_out: Sequence[str]
+) -> list[Part]:
+    """What is sailed along a plan, a manoeuvre with the simulated force; all poses are followed.
 
-    Poses are followed `everywhere`, or on the passages.
+    Of each candidate the last ones are held out for testing.
     """
-    remaining = Counter(leg.name for leg in found.legs if leg.informative)
-    held_out_counts, count = Counter(held_out), design.count + design.stop
-    parts: list[Interval] = []
-    for leg in found.legs:
-        poses = leg.poses
+    remaining = Counter(leg.name for leg in path.legs if leg.informative)
+    parts: list[Part] = []
+    for leg in path.legs:
+        first = 0
         if leg.informative:
-            testing = remaining[leg.name] <= held_out_counts[leg.name]
+            testing = remaining[leg.name] <= held_out.count(leg.name)
             remaining[leg.name] -= 1
-            pair = design.sub_experiment(leg.name, "testing" if testing else "training")
-            if everywhere:
-                pair = _followed(pair, poses[:count], design.voyages[leg.name].log.tau)
-            parts += pair
-            poses = poses[count:]
-        parts.append(Interval(leg.name, "passage", len(poses), poses=poses))
+            force = design.voyages[leg.name].log.tau
+            for part in design.sub_experiment(leg.name, "testing" if testing else "training"):
+                here = slice(first, first + part.count)
+                parts.append(replace(part, poses=leg.poses[here], force=force[here]))
+                first = here.stop
+        rest = leg.poses[first:]
+        parts.append(Part(leg.name, "passage", len(rest), poses=rest))
     return parts
-
-
-def _followed(pair: list[Interval], poses: Array, force: Array) -> list[Interval]:
-    """A manoeuvre and its stop with the poses and the force that were planned, (N, n_dof)."""
-    edges = np.cumsum([0, *(part.count for part in pair)])
-    return [
-        replace(part, poses=poses[a:b], force=force[a:b])
-        for part, a, b in zip(pair, edges[:-1], edges[1:], strict=True)
-    ]
 
 
 @dataclass(frozen=True)
@@ -238,8 +227,7 @@ class Mix(Mission):
     def schedule(self) -> Schedule:
         """The mix and then what is held out; along a plan, of each candidate the last."""
         if self.plan is not None:
-            everywhere = self.route.follow == "everywhere"
-            parts = parts_of(self.plan, self.information, self.held_out, everywhere)
+            parts = parts_of(self.plan, self.information, self.held_out)
             return self.information.schedule(parts)
         names, trained = self._to_be_sailed, sum(self.counts.values())
         roles: list[Role] = ["training" if i < trained else "testing" for i in range(len(names))]

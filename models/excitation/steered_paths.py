@@ -19,11 +19,10 @@ import numpy as np
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import Reference, ReferenceFilter, check_waypoints
-from seatrial.models.excitation.missions import Mission, check_fraction
+from seatrial.models.excitation.helm import ShipMission
 from seatrial.models.notation import PLANAR
-from seatrial.models.ranges import NotNegative, Positive, check_ranges
-from seatrial.models.recording.recording import Split, half
-from seatrial.models.simulation.registry import GUIDANCE, REFERENCES, FilterTable
+from seatrial.models.ranges import NotNegative, Positive
+from seatrial.models.simulation.registry import GUIDANCE, REFERENCES, FilterTable, step_filter
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap_kernel
 from seatrial.models.vessel.tuning import FromVessel
@@ -38,13 +37,9 @@ class HeadingFilter(NamedTuple):
 
 @lean_kernel
 def _filter_heading(table: HeadingFilter, state: Array, setpoint: Array) -> None:
+    step_filter(table.filter, state, setpoint)
     for i in range(state.shape[0]):
-        if i == table.yaw:
-            x0, x1, x2 = state[i, 0], state[i, 1], state[i, 2]
-            for j in range(3):
-                a = table.filter.a[j]
-                state[i, j] = a[0] * x0 + a[1] * x1 + a[2] * x2 + table.filter.b[j] * setpoint[i]
-        else:
+        if i != table.yaw:
             state[i, 0], state[i, 1], state[i, 2] = setpoint[i], 0.0, 0.0
 
 
@@ -95,20 +90,24 @@ class Path(NamedTuple):
 
 
 @lean_kernel
+def _on_leg(points: Array, leg: int, eta: Array) -> tuple[float, float, float, float, float]:
+    """Direction (north, east) of a leg, its length, and the way along it and to its side [m]."""
+    north, east = points[leg + 1, 0] - points[leg, 0], points[leg + 1, 1] - points[leg, 1]
+    ahead, aside = eta[0] - points[leg, 0], eta[1] - points[leg, 1]
+    length = np.hypot(north, east)
+    along = (ahead * north + aside * east) / length
+    return north, east, length, along, (aside * north - ahead * east) / length
+
+
+@lean_kernel
 def _follow_path(table: Path, state: Array, k: int, eta: Array, setpoint: Array) -> None:
     """Heading of the sight, and the nearest point of the leg; state = (leg, y_int, heading)."""
-    leg = int(state[0])
-    points = table.waypoints
-    north, east = points[leg + 1, 0] - points[leg, 0], points[leg + 1, 1] - points[leg, 1]
-    length = np.hypot(north, east)
-    along = ((eta[0] - points[leg, 0]) * north + (eta[1] - points[leg, 1]) * east) / length
+    leg, points = int(state[0]), table.waypoints
+    north, east, length, along, aside = _on_leg(points, leg, eta)
     if along > length - table.radius and leg < points.shape[0] - 2:
         leg += 1
         state[0], state[1] = leg, 0.0
-        north, east = points[leg + 1, 0] - points[leg, 0], points[leg + 1, 1] - points[leg, 1]
-        length = np.hypot(north, east)
-        along = ((eta[0] - points[leg, 0]) * north + (eta[1] - points[leg, 1]) * east) / length
-    aside = ((eta[1] - points[leg, 1]) * north - (eta[0] - points[leg, 0]) * east) / length
+        north, east, length, along, aside = _on_leg(points, leg, eta)
     wanted = aside + table.sigma * state[1]
     heading = np.arctan2(east, north) - np.arctan(wanted / table.ahead)
     if table.sigma > 0.0:
@@ -125,7 +124,7 @@ GUIDANCE[Path] = _follow_path
 
 
 @dataclass(frozen=True, kw_only=True)
-class SteeredClosedLoop(Mission):
+class SteeredClosedLoop(ShipMission):
     """A mission in which a controller steers a vessel by its inputs, from its approach speed.
 
     `bandwidth` is that of the filter of the heading, in units of U / L.
@@ -134,16 +133,9 @@ class SteeredClosedLoop(Mission):
     bandwidth: Positive
     damping: Positive = 1.0
     dofs: Annotated[tuple[str, ...], FromVessel("dofs")]
-    input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
-    speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
     length_m: Annotated[Positive, FromVessel("scales.length_m")]
-    train_fraction: float = 0.5
 
     needed: ClassVar[tuple[str, ...]] = PLANAR  # degrees of freedom
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        check_fraction(self.train_fraction)
 
     @property
     def unit_s(self) -> float:
@@ -159,19 +151,6 @@ class SteeredClosedLoop(Mission):
     def reference_filter(self) -> Reference:
         """The filter of the heading."""
         return HeadingReference(self.bandwidth / self.unit_s, self.damping, self.yaw)
-
-    @property
-    def commands_inputs(self) -> bool:
-        """The controller commands inputs."""
-        return True
-
-    def start_velocity(self, dofs: tuple[str, ...]) -> Array:
-        """The approach speed ahead [m/s], shape (n_dof,)."""
-        return np.where(np.array(dofs) == "surge", self.speed_m_s, 0.0)
-
-    def split(self, t: Array) -> Split:
-        """Training and testing samples: the first part, and the rest."""
-        return half(len(t), self.train_fraction)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel moves as needed by inputs."""

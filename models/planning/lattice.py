@@ -20,11 +20,11 @@ A state is (remaining counts, heading, cell); costs are integer numbers of contr
 Ljungberg (slides), "Obtaining an experiment trajectory"; Hart, Nilsson and Raphael (1968).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from heapq import heappop, heappush
-from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -83,17 +83,16 @@ def heuristic(bounds: CostBounds, c: int, h: int, i: int, j: int) -> int:
 
 
 @kernel
-def relaxed(moves: Moves, free: NDArray[np.bool_], at: int, backward: bool) -> Integers:
-    """Instants from `at` to every place, or `backward` from every place to `at`; Dijkstra.
+def relaxed(moves: Moves, free: NDArray[np.bool_], goal: int) -> Integers:
+    """Instants from every place to the goal, by Dijkstra's method, shape (H, I, J).
 
-    Primitives that are `free` (P,) have no cost and may be used any number of times. Returns shape
-    (H, I, J).
+    Primitives that are `free` (P,) have no cost and may be used any number of times.
     """
     n_p, n_h, n_i, n_j = moves.valid.shape
     best = np.full(n_h * n_i * n_j, UNREACHED)
     done = np.zeros(n_h * n_i * n_j, dtype=np.bool_)
-    best[at] = 0
-    heap = [(np.int64(0), np.int64(at))]
+    best[goal] = 0
+    heap = [(np.int64(0), np.int64(goal))]
     while len(heap) > 0:
         cost, s = heappop(heap)
         if done[s]:
@@ -102,19 +101,12 @@ def relaxed(moves: Moves, free: NDArray[np.bool_], at: int, backward: bool) -> I
         h, i, j = s // (n_i * n_j), s // n_j % n_i, s % n_j
         for p in range(n_p):
             for a in range(n_h):
-                if (backward and moves.to[p, a] != h) or (not backward and a != h):
+                k, m = i - moves.di[p, a], j - moves.dj[p, a]
+                if moves.to[p, a] != h or k < 0 or m < 0 or k >= n_i or m >= n_j:
                     continue
-                side = -1 if backward else 1
-                b = a if backward else moves.to[p, a]
-                k, m = i + side * moves.di[p, a], j + side * moves.dj[p, a]
-                if k < 0 or m < 0 or k >= n_i or m >= n_j:
-                    continue
-                clear = moves.valid[p, a, k, m] if backward else moves.valid[p, a, i, j]
-                if not clear:
-                    continue
-                t = (b * n_i + k) * n_j + m
+                t = (a * n_i + k) * n_j + m
                 total = cost + (np.int64(0) if free[p] else moves.cost[p, a])
-                if total < best[t]:
+                if moves.valid[p, a, k, m] and total < best[t]:
                     best[t] = total
                     heappush(heap, (total, np.int64(t)))
     return best.reshape((n_h, n_i, n_j))
@@ -146,7 +138,11 @@ def shortest(
             continue
         done[s] = True
         if s == goal:
-            return _traceback(parent, via, s), int(cost[s])
+            steps, end = [], int(cost[s])
+            while parent[s] >= 0:
+                steps.append(np.int64(via[s]))
+                s = np.int64(parent[s])
+            return np.array(steps[::-1], dtype=np.int64), end
         c, place = s // places, s % places
         h, i, j = place // (n_i * n_j), place // n_j % n_i, place % n_j
         for p in range(n_p):
@@ -162,16 +158,6 @@ def shortest(
                 cost[t], parent[t], via[t] = total, s, p
                 heappush(heap, (total + heuristic(bounds, c - stride, b, k, m), np.int64(t)))
     return np.zeros(0, dtype=np.int64), -1
-
-
-@kernel
-def _traceback(parent: NDArray[np.int32], via: NDArray[np.int16], state: np.int64) -> Integers:
-    """The primitives that lead to a state, from first to last."""
-    steps = []
-    while parent[state] >= 0:
-        steps.append(np.int64(via[state]))
-        state = np.int64(parent[state])
-    return np.array(steps[::-1], dtype=np.int64)
 
 
 Corners = tuple[tuple[float, ...], ...]
@@ -204,27 +190,17 @@ class Waters:
             f"obstacles[{i}]": corners for i, corners in enumerate(self.obstacles)
         }
 
-    def free(self, margin_m: float = 0.0, without: Sequence[int] = ()) -> "shapely.Geometry":
-        """The positions with the clearance and a margin [m], as a shapely geometry.
-
-        The obstacles with an index in `without` are ignored.
-        """
+    def free(self, margin_m: float = 0.0) -> "shapely.Geometry":
+        """The positions with the clearance and a margin [m], as a shapely geometry."""
         distance = (self.clearance_m + margin_m) * OUTSIDE
         area = shapely.buffer(_polygon(self.area), -distance, quad_segs=QUARTER)
-        obstacles = [corners for i, corners in enumerate(self.obstacles) if i not in without]
         occupied = [
-            shapely.buffer(_polygon(corners), distance, quad_segs=QUARTER) for corners in obstacles
+            shapely.buffer(_polygon(corners), distance, quad_segs=QUARTER)
+            for corners in self.obstacles
         ]
         free = shapely.difference(area, shapely.union_all(occupied)) if occupied else area
         shapely.prepare(free)
         return free
-
-    @cached_property
-    def bounds(self) -> tuple[float, float, float, float]:
-        """Limits of the area [m]: (least north, largest north, least east, largest east)."""
-        points = np.array(self.area)
-        (n0, e0), (n1, e1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-        return n0, n1, e0, e1
 
     def in_the_way(self, point: Sequence[float]) -> str | None:
         """Why a vessel cannot be at a point (north, east) [m], in words; None if it can."""
@@ -253,28 +229,11 @@ class Waters:
         obstacle = shapely.distance(occupied, at) if self.obstacles else edge
         return np.asarray(np.minimum(edge, obstacle))
 
-    def separated_by(self, start: Sequence[float], goal: Sequence[float]) -> str | None:
-        """The obstacles that separate two free points [m], in words; None if they are connected.
-
-        A smallest set of at most two obstacles is named if there is one.
-        """
-        numbers = range(len(self.obstacles))
-        if self._connected(start, goal, ()):
-            return None
-        for size in (1, 2):
-            for removed in combinations(numbers, size):
-                if self._connected(start, goal, removed):
-                    return " and ".join(f"obstacles[{i}]" for i in removed)
-        if self._connected(start, goal, tuple(numbers)):
-            return "the obstacles"
-        return "the edge of area"
-
-    def _connected(
-        self, start: Sequence[float], goal: Sequence[float], without: Sequence[int]
-    ) -> bool:
+    def connected(self, start: Sequence[float], goal: Sequence[float]) -> bool:
+        """Whether the free positions connect two points (north, east) [m]."""
         points = [shapely.Point(at[0], at[1]) for at in (start, goal)]
-        free = self.free(without=without)
-        return any(all(part.covers(at) for at in points) for part in shapely.get_parts(free))
+        parts = shapely.get_parts(self.free())
+        return any(all(part.covers(at) for at in points) for part in parts)
 
 
 def _polygon(corners: Corners) -> "shapely.Polygon":
@@ -406,8 +365,8 @@ class Lattice:
     @classmethod
     def over(cls, waters: Waters, anchor: Array, cell_m: float) -> "Lattice":
         """The lattice that covers an area."""
-        n0, n1, e0, e1 = waters.bounds
-        corners = np.array([(n, e) for n in (n0, n1) for e in (e0, e1)])
+        ends = np.transpose([np.min(waters.area, axis=0), np.max(waters.area, axis=0)])
+        corners = np.stack(np.meshgrid(*ends), axis=-1).reshape(-1, 2)
         corners_m = in_body(corners - anchor[:2], anchor[2]) / cell_m
         low, high = np.ceil(corners_m.min(axis=0)), np.floor(corners_m.max(axis=0))
         shape = (int(high[0] - low[0] + 1), int(high[1] - low[1] + 1))
@@ -418,29 +377,27 @@ class Lattice:
             )
         return cls(anchor, cell_m, (int(low[0]), int(low[1])), shape)
 
-    def place(self, pose: Array) -> int:
-        """Number of the place nearest to a pose (north, east, heading) [m, m, rad]."""
-        relative = pose - self.anchor
-        relative[:2] = in_body(relative[:2], self.anchor[2])
-        return self.number(*nearest(relative, self.cell_m))
+    def nearest(self, pose: Array) -> tuple[int, int, int]:
+        """Heading, row and column of the place nearest to a pose (3,) [m, m, rad]."""
+        ahead = in_body(pose[:2] - self.anchor[:2], self.anchor[2])
+        i, j, h = nearest(np.array([*ahead, pose[2] - self.anchor[2]]), self.cell_m)
+        return h % HEADINGS, i - self.first[0], j - self.first[1]
 
-    def number(self, i: int, j: int, h: int) -> int:
-        """Number of the place in a cell, counted from the anchor, and a heading."""
-        row, column = i - self.first[0], j - self.first[1]
-        return ((h % HEADINGS) * self.shape[0] + row) * self.shape[1] + column
+    def number(self, h: int, row: int, column: int) -> int:
+        """Number of a place."""
+        return (h * self.shape[0] + row) * self.shape[1] + column
 
-    def pose(self, place: int) -> Array:
+    def index(self, place: int) -> tuple[int, int, int]:
+        """Heading, row and column of the place with a number."""
+        rest, column = divmod(place, self.shape[1])
+        return *divmod(rest, self.shape[0]), column
+
+    def pose(self, h: int, row: int, column: int) -> Array:
         """The pose (north, east, heading) [m, m, rad] of a place."""
-        h, i, j = np.unravel_index(place, (HEADINGS, *self.shape))
-        relative = np.array([i + self.first[0], j + self.first[1]], dtype=np.float64) * self.cell_m
-        return np.array(
-            [
-                *(self.anchor[:2] + in_ned(relative, self.anchor[2])),
-                self.anchor[2] + h * HEADING_STEP,
-            ]
-        )
+        heading = self.anchor[2] + h * HEADING_STEP
+        return np.array([*self.centres[row, column], heading])
 
-    @property
+    @cached_property
     def centres(self) -> Array:
         """Positions of the cell centres in NED [m], shape (I, J, 2)."""
         i, j = (np.arange(n) + first for n, first in zip(self.shape, self.first, strict=True))
@@ -450,23 +407,19 @@ class Lattice:
         return np.asarray(self.anchor[:2] + in_ned(relative, self.anchor[2]))
 
 
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """P primitives from every heading: paths, final places, and the cells where they are clear."""
+class Placed(NamedTuple):
+    """P primitives from every heading on a lattice: names, paths, and moves between its places."""
 
     names: tuple[str, ...]
     paths: tuple[tuple[Array, ...], ...]  # P x H, (N, 3) in the frame of the lattice, absolute
-    di: Integers  # (P, H)
-    dj: Integers
-    to: Integers
-    cost: Integers
-    valid: NDArray[np.bool_]  # (P, H, I, J)
+    moves: Moves
 
 
 def placed(
-    lattice: Lattice, waters: Waters, informative: Sequence[Primitive], pace: Pace, hold: int
-) -> Placed:
-    """The informative primitives, followed by the basic ones, on a lattice."""
+    lattice: Lattice, waters: Waters, informative: Sequence[Primitive], counts: Sequence[int],
+    pace: Pace, hold: int,
+) -> Placed:  # fmt: skip
+    """The informative primitives with their counts, followed by the basic ones, on a lattice."""
     by_heading = [
         [closed(primitive, h, lattice.cell_m, pace, hold) for primitive in informative]
         + [
@@ -479,15 +432,17 @@ def placed(
     ends = np.array([[nearest(path[-1], lattice.cell_m) for path in row] for row in paths])
     margin = STRAY * lattice.cell_m
     free = waters.free(margin)
-    return Placed(
-        names=tuple(primitive.name for primitive in by_heading[0]),
-        paths=paths,
+    stride = np.zeros(len(paths), dtype=np.int64)
+    stride[: len(counts)] = [math.prod(n + 1 for n in counts[q + 1 :]) for q in range(len(counts))]
+    moves = Moves(
         di=ends[..., 0].astype(np.int64),
         dj=ends[..., 1].astype(np.int64),
         to=(ends[..., 2] % HEADINGS).astype(np.int64),
         cost=np.array([[len(path) for path in row] for row in paths], dtype=np.int64),
+        stride=stride,
         valid=np.array([[_valid(lattice, free, path, margin) for path in row] for row in paths]),
     )
+    return Placed(tuple(primitive.name for primitive in by_heading[0]), paths, moves)
 
 
 def _valid(

@@ -1,21 +1,19 @@
-"""Measures of standard manoeuvres, of simulated and recorded motion, and the criteria of the IMO.
+"""Measures of standard manoeuvres, of simulated and recorded motion.
 
 A manoeuvre is executed when the helm has passed half of its first step: in a recording that
-instant is found without knowing the order. Alternatives are the `order`, when the helm leaves its
-last value, and `full`, when it is over. Lengths are in ship lengths, from the position and course
-at that instant; angles in degrees. Signals are linear between samples, extremes those of a
-parabola through three samples. Noise of a recorded track is smoothed away before it is measured.
-
-Sources: IMO resolution MSC.137(76) and MSC/Circ.1053; ITTC recommended procedure 7.5-04-02-01.
-
-Measures of spirals: the steady yaw rate over the helm, and the loop of an unstable ship.
+instant is found without knowing the order. The alternative is the `order`, when the helm leaves its
+last value. Signals are linear between samples, extremes those of a
+parabola through three samples. The measures have the names of `notation.MEASURES`, with their
+units: lengths in ship lengths from the position and course at the execution, angles in degrees.
+What was not reached is NaN.
 
 In a direct spiral (Dieudonne) the helm is held at a sequence of angles from one side to the other
 and back. A ship that is straight-line unstable turns to either side within a range of helm angles,
 the loop. In a reverse spiral (Bech) the yaw rate is held and the helm that it needs is observed.
 Helm angles are counted positive to the side to which the ship turns with a large helm.
 
-Sources: ITTC recommended procedure 7.5-04-02-01; Fossen (2021), section 15.1.
+Sources: IMO resolution MSC.137(76) and MSC/Circ.1053; ITTC recommended procedure 7.5-04-02-01;
+Fossen (2021), section 15.1.
 """
 
 from collections.abc import Mapping
@@ -26,13 +24,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.recording import Mask
 from seatrial.models.recording.smoothing import MAX_CUTOFF, SIGNALS, lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
 
-Execution = Literal["half", "order", "full"]
-LEFT, OVER = 0.05, 0.95  # share of a step at which the helm has left its value, and is over
+Execution = Literal["half", "order"]
+Measures = dict[str, float]
+LEFT = 0.05  # share of a step at which the helm has left its value
 RESTING_SHARE = 0.1  # of its fastest motion, the helm is at rest below
+MOTION = ("north", "east", "psi", "speed")  # the measured signals of a track, beside the helm
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class Track:
     length_m: float
 
     def at(self, values: Array, time_s: float) -> float:
-        """A signal at a time [s]."""
+        """A signal at a time [s]; NaN at NaN."""
         return float(np.interp(time_s, self.t, values))
 
     def part(self, k: slice) -> "Track":
@@ -60,75 +59,32 @@ class Track:
         return replace(self, **signals)  # type: ignore[arg-type]
 
 
-MOTION = ("north", "east", "psi", "speed")  # the measured signals of a track, beside the helm
+class SignalNoise(NamedTuple):
+    """White noise of a signal, and the cut-off of the low-pass filter against it."""
+
+    deviation: float  # [m, rad, m/s]
+    cutoff_hz: float
 
 
-@dataclass(frozen=True, eq=False)
-class TrackNoise:
-    """White noise of the motion of a track, by signal, and the low-pass filters against it."""
-
-    deviation: Mapping[str, float]  # [m, rad, m/s]
-    cutoff_hz: Mapping[str, float]
-    period_s: float
-
-    @classmethod
-    def of(cls, track: Track) -> "TrackNoise":
-        """The noise of each signal, as far as it is worth a filter (`noise_floor`)."""
-        deviation, cutoffs = dict[str, float](), dict[str, float]()
-        start, period = np.arange(len(track.t)) == 0, float(np.median(np.diff(track.t)))
-        for name in MOTION:
-            floor = noise_floor(getattr(track, name)[:, None], start, period)
-            if (cutoff := floor.cutoff_hz) is not None:
-                cutoff = min(SIGNALS * cutoff, MAX_CUTOFF * 0.5 / period)
-                deviation[name], cutoffs[name] = float(floor.deviation[0]), cutoff
-        return cls(deviation, cutoffs, period)
-
-    def smoothed(self, track: Track) -> Track:
-        """A track without its noise."""
-        return track.having(
-            {
-                name: lowpass(getattr(track, name), cutoff, self.period_s)
-                for name, cutoff in self.cutoff_hz.items()
-            }
-        )
-
-    def drawn(self, smooth: Track, rng: np.random.Generator) -> Track:
-        """What would be left of a smooth track had it been recorded, with noise, and smoothed."""
-        noisy = {
-            name: getattr(smooth, name) + deviation * rng.standard_normal(len(smooth.t))
-            for name, deviation in self.deviation.items()
-        }
-        return self.smoothed(smooth.having(noisy))
+def noise_of(track: Track) -> dict[str, SignalNoise]:
+    """The noise of each signal of the motion that is worth a filter (`noise_floor`)."""
+    found = {}
+    start, period = np.arange(len(track.t)) == 0, float(np.median(np.diff(track.t)))
+    for name in MOTION:
+        floor = noise_floor(getattr(track, name)[:, None], start, period)
+        if floor.cutoff_hz is not None:
+            cutoff = min(SIGNALS * floor.cutoff_hz, MAX_CUTOFF * 0.5 / period)
+            found[name] = SignalNoise(float(floor.deviation[0]), cutoff)
+    return found
 
 
-class Turn(NamedTuple):
-    """Measures of a turning circle; NaN for what was not reached. Lengths in ship lengths."""
-
-    execute_s: float
-    advance: float  # at a change of heading of 90 degrees
-    transfer: float
-    tactical_diameter: float  # at 180 degrees
-    steady_diameter: float  # over the last half turn
-    time_90_s: float
-    time_180_s: float
-    speed_loss: float  # steady speed over that of the approach, subtracted from 1
-    yaw_rate_deg_s: float  # steady
-    drift_deg: float  # steady, the bow points into the circle
-    initial_turning: float  # track at a change of heading of 10 degrees
-    residual_rate_deg_s: float  # after a pull-out; NaN without one
-    helm_deg: float  # that was executed
-
-
-class ZigZagMeasures(NamedTuple):
-    """Measures of a zig-zag; angles in degrees."""
-
-    execute_s: tuple[float, ...]  # instants at which the helm was put over
-    overshoot_deg: tuple[float, ...]
-    overshoot_s: tuple[float, ...]  # time from execute to the extreme heading
-    initial_turning: float  # track at the ordered change of heading, in ship lengths
-    period_s: float  # of a full cycle of the heading; NaN if there is none
-    helm_deg: float  # that was executed
-    turn_deg: float  # change of heading at which the helm was ordered over
+def smoothed(track: Track, noise: Mapping[str, SignalNoise]) -> Track:
+    """A track without its noise."""
+    period = float(np.median(np.diff(track.t)))
+    filters = {name: signal.cutoff_hz for name, signal in noise.items()}
+    return track.having(
+        {name: lowpass(getattr(track, name), cutoff, period) for name, cutoff in filters.items()}
+    )
 
 
 def executions(track: Track, kind: Execution = "half") -> Array:
@@ -146,9 +102,6 @@ def executions(track: Track, kind: Execution = "half") -> Array:
             before = np.flatnonzero(progress[: k + 1] < LEFT)
             left = crossing(track.t, progress - LEFT, int(before[-1]) + 1 if len(before) else k)
             half = left - (half - left) * LEFT / (0.5 - LEFT)
-        elif kind == "full":
-            after = np.flatnonzero(progress[k:] >= OVER)
-            half = crossing(track.t, progress - OVER, k + int(after[0]) if len(after) else k)
         times.append(half)
     if not times:
         raise RecordingError("manoeuvre: the helm does not move, expected at least one step")
@@ -171,18 +124,14 @@ def levels(helm: Array) -> list[tuple[int, float]]:
     sides = np.sign(helm - approach) if both else side
     samples = first + np.flatnonzero(sides[first:] if both else np.ones(len(helm) - first))
     changes = samples[1:][sides[samples[1:]] != sides[samples[:-1]]]
-    bounds = [0, first, *changes.tolist()]
     rate = np.abs(np.gradient(helm))
     resting = rate < RESTING_SHARE * np.max(rate)
-    edges = pairwise([*bounds, len(helm)])
-    return [
-        (a, _rest(helm[a:b], resting[a:b], approach if a == 0 else helm[b - 1])) for a, b in edges
-    ]
-
-
-def _rest(helm: Array, resting: Mask, otherwise: float) -> float:
-    """The value at which the helm rests."""
-    return float(np.median(helm[resting])) if resting.any() else float(otherwise)
+    found = []
+    for a, b in pairwise([0, first, *changes.tolist(), len(helm)]):
+        otherwise = approach if a == 0 else helm[b - 1]
+        at_rest = helm[a:b][resting[a:b]]
+        found.append((a, float(np.median(at_rest) if len(at_rest) else otherwise)))
+    return found
 
 
 def crossing(t: Array, values: Array, k: int) -> float:
@@ -193,122 +142,119 @@ def crossing(t: Array, values: Array, k: int) -> float:
     return float(t[k - 1] + np.clip(share, 0.0, 1.0) * (t[k] - t[k - 1]))
 
 
-def _reached(track: Track, angle: float, since_s: float, course: float) -> float:
-    """Time [s] at which the heading has changed by an angle [rad] of either sign; NaN: never."""
-    change = np.abs(track.psi - course) - angle
+def way_from(track: Track, start_s: float) -> tuple[Array, Array]:
+    """Way along and across the course from the position at a time, in ship lengths."""
+    north = track.north - track.at(track.north, start_s)
+    east = track.east - track.at(track.east, start_s)
+    course = track.at(track.psi, start_s)
+    c, s = np.cos(course), np.sin(course)
+    return (c * north + s * east) / track.length_m, (c * east - s * north) / track.length_m
+
+
+def _path_length(track: Track, begin_s: float, end_s: float) -> float:
+    """Length of the path between two times, in ship lengths."""
+    way = np.hypot(np.diff(track.north), np.diff(track.east))
+    way = np.concatenate([[0.0], np.cumsum(way)]) / track.length_m
+    return track.at(way, end_s) - track.at(way, begin_s)
+
+
+def _reached(track: Track, angle: float, since_s: float) -> float:
+    """Time [s] at which the heading has changed by an angle [rad] to either side."""
+    change = np.abs(track.psi - track.at(track.psi, since_s)) - angle
     inside = np.flatnonzero((track.t > since_s) & (change >= 0.0))
     return crossing(track.t, change, int(inside[0])) if len(inside) else np.nan
 
 
-def turn(track: Track, kind: Execution = "half") -> Turn:
-    """Measures of a turning circle."""
-    steps = executions(track, kind)
-    start, end = float(steps[0]), float(steps[1]) if len(steps) > 1 else np.inf
-    course = track.at(track.psi, start)
-    ahead, aside = way_from(track, start, course)
-    quarter, half = (_reached(track, a, start, course) for a in (0.5 * np.pi, np.pi))
-    over = 1.0 / track.length_m
+def turn(track: Track, execution: Execution = "half") -> Measures:
+    """Measures of a turning circle, whose steady values are those of the last half turn.
 
-    def measure(values: Array, time_s: float) -> float:
-        return over * track.at(values, time_s) if np.isfinite(time_s) else np.nan
-
-    circle = _last_half_turn(track, start, end)
-    before = track.at(track.speed, start)
-    rate = np.abs(np.polyfit(track.t[circle], track.psi[circle], 1)[0]) if circle.any() else np.nan
-    steady = float(np.mean(track.speed[circle])) if circle.any() else np.nan
-    drift = float(np.mean(np.abs(_drift(track)[circle]))) if circle.any() else np.nan
-    tenth = _reached(track, np.radians(10.0), start, course)
-    return Turn(
-        start, measure(ahead, quarter), abs(measure(aside, quarter)), abs(measure(aside, half)),
-        2.0 * steady / rate * over, quarter - start, half - start, 1.0 - steady / before,
-        float(np.degrees(rate)), float(np.degrees(drift)),
-        path_length(track, start, tenth) * over if np.isfinite(tenth) else np.nan,
-        _residual_rate(track, end), float(np.degrees(levels(track.helm)[1][1])),
-    )  # fmt: skip
-
-
-def _residual_rate(track: Track, pull_out_s: float) -> float:
-    """Yaw rate [deg/s] over the last quarter of the time after a pull-out; NaN without one."""
-    last = track.t > track.t[-1] - 0.25 * (track.t[-1] - pull_out_s)
-    if not np.isfinite(pull_out_s) or np.count_nonzero(last) < 2:
-        return np.nan
-    return float(np.degrees(np.polyfit(track.t[last], track.psi[last], 1)[0]))
-
-
-def _drift(track: Track) -> Array:
-    """Heading minus course over ground [rad]."""
-    course = np.arctan2(np.gradient(track.east, track.t), np.gradient(track.north, track.t))
-    return np.asarray(np.angle(np.exp(1j * (track.psi - course))))
-
-
-def way_from(track: Track, start_s: float, course: float) -> tuple[Array, Array]:
-    """Way along and across the course from the position at a time [m]."""
-    north = track.north - track.at(track.north, start_s)
-    east = track.east - track.at(track.east, start_s)
-    c, s = np.cos(course), np.sin(course)
-    return c * north + s * east, c * east - s * north
+    The drift angle is positive, the bow points into the circle. There is a residual yaw rate after
+    a pull-out only: over the last quarter of the time after it.
+    """
+    steps = executions(track, execution)
+    start, pull_out = float(steps[0]), float(steps[1]) if len(steps) > 1 else np.inf
+    ahead, aside = way_from(track, start)
+    tenth, quarter, half = (_reached(track, np.radians(a), start) for a in (10.0, 90.0, 180.0))
+    change = np.abs(track.psi - track.at(track.psi, start))
+    whole = abs(track.at(track.psi, pull_out) - track.at(track.psi, start))
+    steady = rate = drift = np.nan
+    if whole >= 2.0 * np.pi:
+        circle = (change > whole - np.pi) & (track.t <= pull_out)
+        rate = abs(float(np.polyfit(track.t[circle], track.psi[circle], 1)[0]))
+        steady = float(np.mean(track.speed[circle]))
+        course = np.arctan2(np.gradient(track.east, track.t), np.gradient(track.north, track.t))
+        drifts = np.abs(np.angle(np.exp(1j * (track.psi - course))))
+        drift = float(np.mean(drifts[circle]))
+    measures = {
+        "helm": float(np.degrees(levels(track.helm)[1][1])),
+        "advance": track.at(ahead, quarter),
+        "transfer": abs(track.at(aside, quarter)),
+        "tactical diameter": abs(track.at(aside, half)),
+        "steady diameter": 2.0 * steady / rate / track.length_m,
+        "track at 10 deg": _path_length(track, start, tenth),
+        "time to 90 deg": quarter - start,
+        "time to 180 deg": half - start,
+        "speed loss": 100.0 * (1.0 - steady / track.at(track.speed, start)),
+        "drift angle": float(np.degrees(drift)),
+        "yaw rate": float(np.degrees(rate)),
+    }
+    last = track.t > track.t[-1] - 0.25 * (track.t[-1] - pull_out)
+    if np.isfinite(pull_out) and np.count_nonzero(last) > 1:
+        residual = np.polyfit(track.t[last], track.psi[last], 1)[0]
+        measures["residual yaw rate"] = float(np.degrees(residual))
+    return measures
 
 
-def _last_half_turn(track: Track, start_s: float, end_s: float) -> Mask:
-    """Samples of the last half turn up to a time, after more than a full circle."""
-    change = np.abs(track.psi - track.at(track.psi, start_s))
-    last = abs(track.at(track.psi, end_s) - track.at(track.psi, start_s))
-    if last < 2.0 * np.pi:
-        return np.zeros(len(change), dtype=bool)
-    return np.asarray((change > last - np.pi) & (track.t <= end_s))
+ORDINALS = ("first", "second", "third", "fourth")  # overshoots of a zig-zag that are measured
 
 
-def zigzag(track: Track, kind: Execution = "half", turn_deg: float | None = None) -> ZigZagMeasures:
+def zigzag(
+    track: Track,
+    execution: Execution = "half",
+    turn_deg: float | None = None,
+    ordered_deg: float | None = None,
+) -> Measures:
     """Measures of a zig-zag.
 
     The initial turning is to the ordered deviation, or to `turn_deg`: a model under the helm of a
     recording has other headings at the orders.
 
-    An overshoot is how far the heading goes beyond the one at which the helm is ordered over. The
-    ordered deviations from the course are a whole number of degrees to both sides; the course is
-    midway between the headings at two orders, since a recording rarely begins straight on it. The
-    deviation that was meant is that of the helm, if it is as near as an order between two samples
-    can tell, else the nearest whole number.
+    An overshoot is how far the heading goes beyond the one at which the helm is ordered over, its
+    time that from the execution to the extreme heading. The ordered deviations from the course are
+    a whole number of degrees to both sides; the course is midway between the headings at two
+    orders, since a recording rarely begins straight on it. The deviation that was meant is that of
+    the helm, if it is as near as an order between two samples can tell, else the nearest whole
+    number, unless `ordered_deg` states it.
     """
-    times, orders = executions(track, kind), executions(track, "order")
+    times, orders = executions(track, execution), executions(track, "order")
+    start, helm = float(times[0]), float(np.degrees(levels(track.helm)[1][1]))
     switched = np.interp(orders[1:], track.t, track.psi)
-    course, deviation = _course(switched, track.at(track.psi, float(times[0])))
-    helm = float(np.degrees(levels(track.helm)[1][1]))
+    course, deviation = track.at(track.psi, start), 0.0
+    if len(switched) > 1:
+        course = float(np.mean(0.5 * (switched[:-1] + switched[1:])))
+        deviation = float(np.degrees(np.mean(0.5 * np.abs(np.diff(switched)))))
+    elif len(switched):
+        deviation = float(np.degrees(abs(switched[0] - course)))
     turned_s = np.interp(orders[1:], track.t, np.abs(np.gradient(np.degrees(track.psi), track.t)))
     between = float(np.max(turned_s, initial=0.0) * np.median(np.diff(track.t)))
-    ordered = round(abs(helm) if abs(abs(helm) - deviation) <= 0.5 + between else deviation)
-    overshoots, delays, extremes = [], [], []
-    for begin, end, heading in zip(times[1:], [*times[2:], track.t[-1]], switched, strict=True):
+    meant = round(abs(helm) if abs(abs(helm) - deviation) <= 0.5 + between else deviation)
+    ordered = float(meant) if ordered_deg is None else ordered_deg
+    measures, extremes = {"helm": helm, "change of heading": ordered}, []
+    for i, (begin, end) in enumerate(pairwise([*times[1:], track.t[-1]])):
         k = np.flatnonzero((track.t >= begin) & (track.t <= end))
-        deviation = np.sign(heading - course) * (track.psi[k] - course)
-        peak = int(np.argmax(deviation))
+        deviations = np.sign(switched[i] - course) * (track.psi[k] - course)
+        peak = int(np.argmax(deviations))
         if len(k) < 3 or peak == len(k) - 1:
             break
-        time, value = _vertex(track.t[k], deviation, peak)
-        overshoots.append(float(np.degrees(value)) - ordered)
-        delays.append(time - float(begin))
+        time, value = _vertex(track.t[k], deviations, peak)
         extremes.append(time)
-    period = 2.0 * float(np.mean(np.diff(extremes))) if len(extremes) > 1 else np.nan
-    start = float(times[0])
-    initial = ordered if turn_deg is None else turn_deg
-    turned = _reached(track, np.radians(initial), start, track.at(track.psi, start))
-    path = path_length(track, start, turned) if len(switched) and np.isfinite(turned) else np.nan
-    return ZigZagMeasures(
-        tuple(map(float, times)), tuple(overshoots), tuple(delays), path / track.length_m, period,
-        helm, float(ordered),
-    )  # fmt: skip
-
-
-def _course(switched: Array, approach: float) -> tuple[float, float]:
-    """The course [rad], and the deviation from it [deg] at the orders."""
-    if len(switched) > 1:
-        pairs = np.stack([switched[:-1], switched[1:]])
-        course = float(np.mean(0.5 * np.sum(pairs, axis=0)))
-        deviation = float(np.mean(0.5 * np.abs(pairs[1] - pairs[0])))
-    else:
-        course = approach
-        deviation = float(np.abs(switched[0] - course)) if len(switched) else 0.0
-    return course, float(np.degrees(deviation))
+        if i < len(ORDINALS):
+            measures[f"{ORDINALS[i]} overshoot"] = float(np.degrees(value)) - ordered
+            measures[f"{ORDINALS[i]} overshoot, time"] = time - float(begin)
+    turned = _reached(track, np.radians(ordered if turn_deg is None else turn_deg), start)
+    measures["initial turning"] = _path_length(track, start, turned) if len(switched) else np.nan
+    measures["period P"] = 2.0 * float(np.mean(np.diff(extremes))) if len(extremes) > 1 else np.nan
+    return measures
 
 
 def _vertex(t: Array, values: Array, k: int) -> tuple[float, float]:
@@ -322,78 +268,44 @@ def _vertex(t: Array, values: Array, k: int) -> tuple[float, float]:
     return float(t[k] + shift), float(c + 0.5 * b * shift)
 
 
-def path_length(track: Track, begin_s: float, end_s: float) -> float:
-    """Length of the path between two times [m]."""
-    way = np.hypot(np.diff(track.north), np.diff(track.east))
-    way = np.concatenate([[0.0], np.cumsum(way)])
-    return track.at(way, end_s) - track.at(way, begin_s)
+def stop(track: Track, execution: Execution = "half") -> Measures:
+    """Measures of a stop, until the ship does not move ahead; the helm is the engine's order.
 
-
-class Stop(NamedTuple):
-    """Measures of a stop; NaN if the ship does not come to rest."""
-
-    execute_s: float
-    head_reach: float  # along the course of the approach
-    track_reach: float  # along the path
-    deviation: float  # across the course, positive to starboard
-    time_s: float  # from the order until the ship does not move ahead
-    heading_change_deg: float
-
-
-class WilliamsonMeasures(NamedTuple):
-    """Measures of a Williamson turn at its end."""
-
-    execute_s: float
-    offset: float  # across the track of the approach, positive to starboard of it
-    heading_error_deg: float  # from the reciprocal of the course
-    widest: float  # largest distance from the track
-
-
-def stop(track: Track, kind: Execution = "half") -> Stop:
-    """Measures of a stop; the helm of the track is the order of the engine."""
-    start = float(executions(track, kind)[0])
+    The head reach is along the course of the approach, the lateral deviation positive to
+    starboard.
+    """
+    start = float(executions(track, execution)[0])
     velocity = [np.gradient(way, track.t) for way in (track.north, track.east)]
-    ahead = np.cos(track.psi) * velocity[0] + np.sin(track.psi) * velocity[1]
-    still = np.flatnonzero((track.t > start) & (ahead <= 0.0))
-    if not len(still):
-        return Stop(start, *[np.nan] * 5)
-    end = crossing(track.t, ahead, int(still[0]))
-    course, over = track.at(track.psi, start), 1.0 / track.length_m
-    along, aside = way_from(track, start, course)
-    return Stop(
-        start, over * track.at(along, end), over * path_length(track, start, end),
-        over * track.at(aside, end), end - start,
-        float(np.degrees(track.at(track.psi, end) - course)),
-    )  # fmt: skip
+    speed_ahead = np.cos(track.psi) * velocity[0] + np.sin(track.psi) * velocity[1]
+    still = np.flatnonzero((track.t > start) & (speed_ahead <= 0.0))
+    end = crossing(track.t, speed_ahead, int(still[0])) if len(still) else np.nan
+    along, aside = way_from(track, start)
+    turned = track.at(track.psi, end) - track.at(track.psi, start)
+    return {
+        "track reach": _path_length(track, start, end),
+        "head reach": track.at(along, end),
+        "lateral deviation": track.at(aside, end),
+        "time to stop": end - start,
+        "change of heading": float(np.degrees(turned)),
+    }
 
 
-def williamson(track: Track, kind: Execution = "half") -> WilliamsonMeasures:
-    """Measures of a Williamson turn."""
-    start = float(executions(track, kind)[0])
-    course, over = track.at(track.psi, start), 1.0 / track.length_m
-    _, aside = way_from(track, start, course)
-    error = np.angle(np.exp(1j * (track.psi[-1] - course - np.pi)))
-    return WilliamsonMeasures(
-        start,
-        over * float(aside[-1]),
-        float(np.degrees(error)),
-        over * float(np.max(np.abs(aside))),
-    )
+def williamson(track: Track, execution: Execution = "half") -> Measures:
+    """Measures of a Williamson turn at its end; the heading is that of the reciprocal course."""
+    start = float(executions(track, execution)[0])
+    _, aside = way_from(track, start)
+    error = np.angle(np.exp(1j * (track.psi[-1] - track.at(track.psi, start) - np.pi)))
+    return {
+        "offset from the track": float(aside[-1]),
+        "error of the heading": float(np.degrees(error)),
+        "largest distance from the track": float(np.max(np.abs(aside))),
+    }
 
 
 HELD_SHARE = 0.01  # of its fastest change, a signal is held below
 AVERAGED_SHARE = 0.25  # share of a plateau, at its end, that is averaged
 MIN_PLATEAUS = 5  # plateaus of a spiral
 MIN_PLATEAU_SHARE = 0.2  # of the longest plateau; shorter ones are passages
-
-
-class Spiral(NamedTuple):
-    """Steady states of a spiral in their order, and its measures."""
-
-    helm_deg: tuple[float, ...]
-    rate_deg_s: tuple[float, ...]
-    residual_rate_deg_s: float  # larger of both branches at helm 0; 0 for a stable ship
-    loop_width_deg: float  # of helm
 
 
 def plateaus(t: Array, signal: Array) -> list[tuple[int, int]]:
@@ -406,54 +318,53 @@ def plateaus(t: Array, signal: Array) -> list[tuple[int, int]]:
     return [(a, b) for a, b in held if b > a and t[b] - t[a] >= MIN_PLATEAU_SHARE * longest]
 
 
-def _settled(track: Track, held: list[tuple[int, int]]) -> tuple[Array, Array]:
-    """Helm and yaw rate [rad, rad/s] at the end of every plateau."""
-    if len(held) < MIN_PLATEAUS:
-        raise RecordingError(f"spiral: got {len(held)} plateaus, expected at least {MIN_PLATEAUS}")
-    helm, rate = [], []
-    for a, b in held:
-        k = slice(b - max(1, int(AVERAGED_SHARE * (b - a))), b + 1)
-        helm.append(float(np.mean(track.helm[k])))
-        rate.append(float(np.polyfit(track.t[k] - track.t[b], track.psi[k], 1)[0]))
-    return np.array(helm), np.array(rate)
+def steady_states(track: Track, held: Array) -> tuple[Array, Array]:
+    """Helm and yaw rate [rad, rad/s] at the end of every plateau of the signal `held`.
+
+    Raises RecordingError if there are too few plateaus for a spiral.
+    """
+    found = plateaus(track.t, held)
+    if len(found) < MIN_PLATEAUS:
+        raise RecordingError(f"spiral: got {len(found)} plateaus, expected at least {MIN_PLATEAUS}")
+    ends = [slice(b - max(1, int(AVERAGED_SHARE * (b - a))), b + 1) for a, b in found]
+    helm = np.array([np.mean(track.helm[k]) for k in ends])
+    rate = np.array(
+        [np.polyfit(track.t[k] - track.t[k.stop - 1], track.psi[k], 1)[0] for k in ends]
+    )
+    return helm * np.sign(np.sum(helm * rate)), rate
 
 
-def spiral(track: Track) -> Spiral:
+def spiral(track: Track, _execution: Execution = "half") -> Measures:
     """Measures of a direct spiral; the width is that between the changes of sign of the rate."""
-    held = plateaus(track.t, track.helm)
-    helm, rate = _settled(track, held)
-    helm = helm * np.sign(np.sum(helm * rate))
+    helm, rate = steady_states(track, track.helm)
     first = int(np.argmax(np.abs(helm) > 0.999 * np.max(np.abs(helm))))
     side = np.sign(helm[first])
-    turn = first + int(np.argmin(side * helm[first:]))
-    branches = (slice(first, turn + 1), slice(turn, len(helm)))
-    zero = [(_roots(helm[k], rate[k]) or [np.nan])[0] for k in branches]  # NaN: no sign change
-    residual = [abs(_at_zero(helm[k], rate[k])) for k in branches if len(helm[k]) > 1]
-    width = side * (zero[1] - zero[0])
-    return Spiral(
-        tuple(np.degrees(helm).tolist()),
-        tuple(np.degrees(rate).tolist()),
-        float(np.degrees(max(residual))),
-        float(np.degrees(width)),
-    )
+    last = first + int(np.argmin(side * helm[first:]))
+    branches = slice(first, last + 1), slice(last, len(helm))
+    there, back = ((_roots(helm[k], rate[k]) or [np.nan])[0] for k in branches)
+    residual = []
+    for k in branches:
+        order = np.argsort(helm[k])
+        if len(order) > 1:
+            residual.append(abs(np.interp(0.0, helm[k][order], rate[k][order])))
+    return {
+        "residual yaw rate": float(np.degrees(max(residual))),
+        "width of the loop": float(np.degrees(side * (back - there))),
+    }
 
 
-def reverse_spiral(track: Track) -> Spiral:
+def reverse_spiral(track: Track, _execution: Execution = "half") -> Measures:
     """Measures of a reverse spiral; the width is that of the fold of the helm over the rate."""
-    rate = np.gradient(track.psi, track.t)
-    helm, rate = _settled(track, plateaus(track.t, rate))
-    helm = helm * np.sign(np.sum(helm * rate))
+    helm, rate = steady_states(track, np.gradient(track.psi, track.t))
     order = np.argsort(rate)
     helm, rate = helm[order], rate[order]
     low, high = helm[rate <= 0.0], helm[rate >= 0.0]
     fold = np.max(low, initial=-np.inf) - np.min(high, initial=np.inf)
-    roots = [abs(r) for r in _roots(rate, helm)]
-    return Spiral(
-        tuple(np.degrees(helm).tolist()),
-        tuple(np.degrees(rate).tolist()),
-        float(np.degrees(max(roots, default=0.0))),
-        float(np.degrees(max(0.0, fold))),
-    )
+    residual = max(map(abs, _roots(rate, helm)), default=0.0)
+    return {
+        "residual yaw rate": float(np.degrees(residual)),
+        "width of the loop": float(np.degrees(max(0.0, fold))),
+    }
 
 
 def _roots(x: Array, y: Array) -> list[float]:
@@ -462,9 +373,3 @@ def _roots(x: Array, y: Array) -> list[float]:
     return [
         float(a - v * (b - a) / (w - v)) for (a, v), (b, w) in points if v != w and v * w <= 0.0
     ]
-
-
-def _at_zero(helm: Array, rate: Array) -> float:
-    """Rate at helm 0."""
-    order = np.argsort(helm)
-    return float(np.interp(0.0, helm[order], rate[order]))

@@ -11,20 +11,19 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.errors import RecordingError
+from seatrial.models.notation import MEASURES
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import (
     MIN_PLATEAUS,
     Execution,
-    Spiral,
-    Stop,
+    Measures,
     Track,
-    TrackNoise,
-    Turn,
-    WilliamsonMeasures,
-    ZigZagMeasures,
+    executions,
     levels,
+    noise_of,
     plateaus,
     reverse_spiral,
+    smoothed,
     spiral,
     stop,
     turn,
@@ -34,23 +33,26 @@ from seatrial.models.simulation.manoeuvre_measures import (
 from seatrial.models.vessel.basis import Array
 
 Manoeuvre = Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"]
-Measures = Turn | ZigZagMeasures | Spiral | Stop | WilliamsonMeasures
-DEVIATION_SHARE = (
-    0.25  # of the deviations: at whole ones a model leaves the curved valley of the fit, and
-)
-# the tactical diameters of KVLCC2 spread 1.6 times as far as estimates do
+# Of the deviations of drawn models: at whole ones a model leaves the curved valley of the fit, and
+# the tactical diameters of KVLCC2 spread 1.6 times as far as estimates do.
+DEVIATION_SHARE = 0.25
 INSTANTS: Mapping[Execution, str] = {
     "half": "the instant at which the helm has passed half of its first step",
     "order": "the instant at which the helm leaves its value",
-    "full": "the instant at which the helm has reached its order",
 }
 # A diagnostic of a measure that was recorded or predicted: the beginning of its name, and its j.
 DIAGNOSTIC = "recorded_manoeuvre_"
 COMPARED = ("measured", "nominal model", "identified model", "low", "high")
 FULL_HELM_DEG = 30.0
 NOISE_DRAWS, LEVEL = 60, 0.9
-ADVANCE, TACTICAL, INITIAL, TRACK_REACH = 4.5, 5.0, 2.5, 15.0  # [L]
-
+MEASURED: Mapping[Manoeuvre, Callable[[Track, Execution], Measures]] = {
+    "turn": turn,
+    "zigzag": zigzag,
+    "spiral": spiral,
+    "reverse_spiral": reverse_spiral,
+    "williamson": williamson,
+    "stop": stop,
+}
 
 Verdict = Literal["pass", "fail", "not settled"]
 
@@ -84,36 +86,57 @@ class Sheet(NamedTuple):
 
     manoeuvre: Manoeuvre
     execution: Execution
-    measures: Measures
     entries: tuple[SheetEntry, ...]
+    start_s: float  # of the execution; of a spiral that of the track
     length_m: float
     speed_m_s: float  # of the approach
     length_over_speed_s: float  # at full scale
 
     @property
+    def values(self) -> Measures:
+        """The values of the quantities by name."""
+        return {entry.quantity: entry.value for entry in self.entries}
+
+    @property
     def turn_deg(self) -> float | None:
         """Change of heading [deg] that a zig-zag orders; None for other manoeuvres."""
-        return self.measures.turn_deg if isinstance(self.measures, ZigZagMeasures) else None
+        return self.values["change of heading"] if self.manoeuvre == "zigzag" else None
 
     @property
     def unlimited(self) -> str | None:
         """Why the resolution does not limit the manoeuvre; None if it does."""
         if any(entry.limit is not None for entry in self.entries):
             return None
-        measures = self.measures
-        if isinstance(measures, ZigZagMeasures):
-            got = f"this one is {abs(measures.helm_deg):.3g}/{measures.turn_deg:g}"
+        helm = abs(self.values.get("helm", np.nan))
+        if self.manoeuvre == "zigzag":
+            got = f"this one is {helm:.3g}/{self.turn_deg:g}"
             return f"no limits: they are for zig-zags of 10/10 and 20/20, {got}"
-        if isinstance(measures, Turn):
-            got = f"this one has {abs(measures.helm_deg):.3g}"
+        if self.manoeuvre == "turn":
             helms = f"10 or at least {FULL_HELM_DEG:g}"
-            return f"no limits: they are for turns with helm {helms}, {got}"
+            return f"no limits: they are for turns with helm {helms}, this one has {helm:.3g}"
         return "no limits: the resolution has none for this manoeuvre"
 
-    @property
-    def values(self) -> dict[str, float]:
-        """The values of the quantities by name."""
-        return {entry.quantity: entry.value for entry in self.entries}
+
+def limits(manoeuvre: Manoeuvre, measures: Measures, ratio_s: float) -> Measures:
+    """The largest values allowed, for L / V [s] at full scale. MSC.137(76), 5.3."""
+    helm = abs(measures.get("helm", np.nan))
+    if manoeuvre == "stop":
+        return {"track reach": 15.0}
+    if manoeuvre == "turn":
+        full = {"advance": 4.5, "tactical diameter": 5.0} if helm >= FULL_HELM_DEG else {}
+        return full | ({"track at 10 deg": 2.5} if round(helm) == 10 else {})
+    if manoeuvre != "zigzag" or round(helm) != measures["change of heading"]:
+        return {}
+    if round(helm) == 10:
+        first, second = overshoot_limits(ratio_s)
+        return {"first overshoot": first, "second overshoot": second, "initial turning": 2.5}
+    return {"first overshoot": 25.0} if round(helm) == 20 else {}
+
+
+def overshoot_limits(ratio_s: float) -> tuple[float, float]:
+    """First and second overshoot [deg] allowed at 10/10 for L / V [s]. MSC.137(76), 5.3.3."""
+    ratio = float(np.clip(ratio_s, 10.0, 30.0))
+    return 5.0 + 0.5 * ratio, 17.5 + 0.75 * ratio
 
 
 def track_of(recording: Recording, helm: str, length_m: float) -> Track:
@@ -140,8 +163,7 @@ def manoeuvre_of(track: Track) -> Manoeuvre:
     if len(distinct) > MIN_PLATEAUS:
         return "spiral"
     offsets = np.array([value for _, value in levels(track.helm)]) - track.helm[0]
-    both = np.min(offsets) < -0.1 * reach and np.max(offsets) > 0.1 * reach
-    if not both:
+    if not np.min(offsets) < -0.1 * reach < 0.1 * reach < np.max(offsets):
         return "turn"
     turned = float(np.max(np.abs(track.psi - track.psi[0])))
     return "williamson" if turned > np.radians(120.0) else "zigzag"
@@ -153,20 +175,36 @@ def sheet(
     execution: Execution = "half",
     scale: float = 1.0,
     turn_deg: float | None = None,
+    ordered_deg: float | None = None,
 ) -> Sheet:
-    """Measures and criteria of a manoeuvre; None: by the helm and heading of the track.
+    """Measures and criteria of a manoeuvre.
 
-    `scale` is the length of the ship over that of the model; `turn_deg` [deg] the heading to which
-    the initial turning of a zig-zag is measured, None: that of the orders. Raises RecordingError if
-    the helm does not move.
+    Args:
+        track: the motion.
+        manoeuvre: which one it is; None: by the helm and heading of the track.
+        execution: the instant that times and ways begin at.
+        scale: length of the ship over that of the model.
+        turn_deg: heading [deg] to which the initial turning of a zig-zag is measured; None: that
+            of the orders.
+        ordered_deg: change of heading [deg] that a zig-zag orders; None: by its track.
+
+    Raises:
+        RecordingError: the helm does not move.
     """
     kind = manoeuvre or manoeuvre_of(track)
-    measures = MEASURES[kind](track, execution, turn_deg)
-    start = 0.0 if isinstance(measures, Spiral) else np.ravel(measures.execute_s)[0]
-    speed = track.at(track.speed, float(start))
-    ratio = np.sqrt(scale) * track.length_m / speed if speed > 0.0 else np.inf
-    entries = tuple(_entries(measures, ratio))
-    return Sheet(kind, execution, measures, entries, track.length_m, speed, float(ratio))
+    measures = (
+        zigzag(track, execution, turn_deg, ordered_deg)
+        if kind == "zigzag"
+        else MEASURED[kind](track, execution)
+    )
+    start = 0.0 if "spiral" in kind else float(executions(track, execution)[0])
+    speed = track.at(track.speed, start)
+    ratio = float(np.sqrt(scale) * track.length_m / speed) if speed > 0.0 else np.inf
+    limit = limits(kind, measures, ratio)
+    entries = tuple(
+        SheetEntry(name, value, MEASURES[name], limit.get(name)) for name, value in measures.items()
+    )
+    return Sheet(kind, execution, entries, start, track.length_m, speed, ratio)
 
 
 def measured_sheet(
@@ -175,6 +213,7 @@ def measured_sheet(
     execution: Execution = "half",
     scale: float = 1.0,
     turn_deg: float | None = None,
+    ordered_deg: float | None = None,
 ) -> Sheet:
     """The sheet of a recorded track, whose noise is smoothed away, with 90 % intervals.
 
@@ -183,123 +222,42 @@ def measured_sheet(
     depends on the sampling: what half of the samples say. Arguments and errors are those of
     `sheet`.
     """
-    noise = TrackNoise.of(track)
-    smooth = noise.smoothed(track)
-    result = sheet(smooth, manoeuvre, execution, scale, turn_deg)
+    noise, rng = noise_of(track), np.random.default_rng(0)
+    smooth = smoothed(track, noise)
+    result = sheet(smooth, manoeuvre, execution, scale, turn_deg, ordered_deg)
 
-    def again(other: Track) -> dict[str, float]:
+    def again(other: Track) -> Measures:
         try:
-            return sheet(other, result.manoeuvre, execution, scale, result.turn_deg).values
+            ordered = result.turn_deg, ordered_deg
+            return sheet(other, result.manoeuvre, execution, scale, *ordered).values
         except RecordingError:  # of a helm that moves between two samples
             return {}
 
-    rng = np.random.default_rng(0)
-    draws = [again(noise.drawn(smooth, rng)) for _ in range(NOISE_DRAWS if noise.deviation else 0)]
+    def drawn() -> Track:
+        noisy = {
+            name: getattr(smooth, name) + signal.deviation * rng.standard_normal(len(smooth.t))
+            for name, signal in noise.items()
+        }
+        return smoothed(smooth.having(noisy), noise)
+
+    draws = [again(drawn()) for _ in range(NOISE_DRAWS if noise else 0)]
     halves = [again(smooth.part(slice(first, None, 2))) for first in (0, 1)]
     entries = []
     for entry in result.entries:
-        name, value = entry.quantity, entry.value
-        known = np.array([drawn[name] for drawn in draws if np.isfinite(drawn.get(name, np.nan))])
-        coarse = [abs(half[name] - value) for half in halves if np.isfinite(half.get(name, np.nan))]
-        half = max(coarse, default=0.0)
-        if len(known):
-            half += float(np.quantile(np.abs(known - value), LEVEL))
-        entries.append(entry._replace(low=value - half, high=value + half))
+        away, coarse = (
+            np.abs([each.get(entry.quantity, np.nan) - entry.value for each in others])
+            for others in (draws, halves)
+        )
+        half = float(np.max(coarse[np.isfinite(coarse)], initial=0.0))
+        if np.any(known := np.isfinite(away)):
+            half += float(np.quantile(away[known], LEVEL))
+        entries.append(entry._replace(low=entry.value - half, high=entry.value + half))
     return result._replace(entries=tuple(entries))
 
 
-MEASURES: Mapping[Manoeuvre, Callable[[Track, Execution, float | None], Measures]] = {
-    "turn": lambda track, execution, _: turn(track, execution),
-    "zigzag": zigzag,
-    "spiral": lambda track, *_: spiral(track),
-    "reverse_spiral": lambda track, *_: reverse_spiral(track),
-    "williamson": lambda track, execution, _: williamson(track, execution),
-    "stop": lambda track, execution, _: stop(track, execution),
-}
-
-
-def overshoot_limits(ratio_s: float) -> tuple[float, float]:
-    """First and second overshoot [deg] allowed at 10/10 for L / V [s]. MSC.137(76), 5.3.3."""
-    ratio = float(np.clip(ratio_s, 10.0, 30.0))
-    return 5.0 + 0.5 * ratio, 17.5 + 0.75 * ratio
-
-
-def _entries(measures: Measures, ratio_s: float) -> list[SheetEntry]:
-    if isinstance(measures, Turn):
-        return _of_turn(measures)
-    if isinstance(measures, ZigZagMeasures):
-        return _of_zigzag(measures, ratio_s)
-    if isinstance(measures, Spiral):
-        return [
-            SheetEntry("residual yaw rate", measures.residual_rate_deg_s, "deg/s"),
-            SheetEntry("width of the loop", measures.loop_width_deg, "deg"),
-        ]
-    if isinstance(measures, Stop):
-        return [
-            SheetEntry("track reach", measures.track_reach, "L", TRACK_REACH),
-            SheetEntry("head reach", measures.head_reach, "L"),
-            SheetEntry("lateral deviation", measures.deviation, "L"),
-            SheetEntry("time to stop", measures.time_s, "s"),
-            SheetEntry("change of heading", measures.heading_change_deg, "deg"),
-        ]
-    return [
-        SheetEntry("offset from the track", measures.offset, "L"),
-        SheetEntry("error of the heading", measures.heading_error_deg, "deg"),
-        SheetEntry("largest distance from the track", measures.widest, "L"),
-    ]
-
-
-def _of_turn(measures: Turn) -> list[SheetEntry]:
-    full = abs(measures.helm_deg) >= FULL_HELM_DEG
-    ten = round(abs(measures.helm_deg)) == 10
-    entries = [
-        SheetEntry("helm", measures.helm_deg, "deg"),
-        SheetEntry("advance", measures.advance, "L", ADVANCE if full else None),
-        SheetEntry("transfer", measures.transfer, "L"),
-        SheetEntry(
-            "tactical diameter", measures.tactical_diameter, "L", TACTICAL if full else None
-        ),
-        SheetEntry("steady diameter", measures.steady_diameter, "L"),
-        SheetEntry("track at 10 deg", measures.initial_turning, "L", INITIAL if ten else None),
-        SheetEntry("time to 90 deg", measures.time_90_s, "s"),
-        SheetEntry("time to 180 deg", measures.time_180_s, "s"),
-        SheetEntry("speed loss", 100.0 * measures.speed_loss, "%"),
-        SheetEntry("drift angle", measures.drift_deg, "deg"),
-        SheetEntry("yaw rate", measures.yaw_rate_deg_s, "deg/s"),
-    ]
-    if np.isfinite(measures.residual_rate_deg_s):
-        entries.append(SheetEntry("residual yaw rate", measures.residual_rate_deg_s, "deg/s"))
-    return entries
-
-
-def _of_zigzag(measures: ZigZagMeasures, ratio_s: float) -> list[SheetEntry]:
-    helm, turned = abs(measures.helm_deg), measures.turn_deg
-    nominal = round(helm) == turned
-    limits: dict[int, float] = {}
-    if nominal and turned == 10.0:
-        limits = dict(enumerate(overshoot_limits(ratio_s)))
-    elif nominal and turned == 20.0:
-        limits = {0: 25.0}
-    entries = [
-        SheetEntry("helm", measures.helm_deg, "deg"),
-        SheetEntry("change of heading", turned, "deg"),
-    ]
-    names = ("first", "second", "third", "fourth")
-    pairs = zip(names, measures.overshoot_deg, measures.overshoot_s, strict=False)
-    for k, (name, angle, time) in enumerate(pairs):
-        entries.append(SheetEntry(f"{name} overshoot", angle, "deg", limits.get(k)))
-        entries.append(SheetEntry(f"{name} overshoot, time", time, "s"))
-    initial = INITIAL if nominal and turned == 10.0 else None
-    entries.append(SheetEntry("initial turning", measures.initial_turning, "L", initial))
-    entries.append(SheetEntry("period P", measures.period_s, "s"))
-    return entries
-
-
 def intervals(
-    own: Track, draws: Iterable[Track], manoeuvre: Manoeuvre,
-    execution: Execution = "half", scale: float = 1.0, level: float = 0.9,
-    turn_deg: float | None = None,
-) -> dict[str, tuple[float, float]]:  # fmt: skip
+    own: Track, draws: Iterable[Track], manoeuvre: Manoeuvre, turn_deg: float | None = None
+) -> dict[str, tuple[float, float]]:
     """Intervals of the quantities of a sheet about those of an identified model's own track.
 
     `draws` are the tracks of models whose parameters deviate from the identified ones by
@@ -307,20 +265,14 @@ def intervals(
     A quantity that some of these reach but not the own track, such as one overshoot more, has no
     interval.
     """
-
-    def measured(track: Track) -> dict[str, float]:
-        return sheet(track, manoeuvre, execution, scale, turn_deg).values
-
-    known = measured(own)
-    values: dict[str, list[float]] = {name: [] for name in known}
-    for track in draws:
-        for name, value in measured(track).items():
-            if name in known:
-                values[name].append(value)
-    return {name: interval(known[name], np.array(drawn), level) for name, drawn in values.items()}
+    drawn = [sheet(track, manoeuvre, turn_deg=turn_deg).values for track in draws]
+    return {
+        name: interval(value, np.array([each[name] for each in drawn if name in each]))
+        for name, value in sheet(own, manoeuvre, turn_deg=turn_deg).values.items()
+    }
 
 
-def interval(own: float, drawn: Array, level: float = 0.9) -> tuple[float, float]:
+def interval(own: float, drawn: Array, level: float = LEVEL) -> tuple[float, float]:
     """The interval of a quantity from models drawn by `DEVIATION_SHARE` of their deviations.
 
     The bounds are quantiles of the deviations over that share. A draw that does not reach the

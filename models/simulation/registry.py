@@ -90,7 +90,7 @@ def _reference_step(table: Parameters, state: State, setpoint: Array) -> Callabl
 
 
 @lean_kernel
-def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
+def step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
     """Advance the reference filter of every axis; state (n_dof, 3)."""
     for i in range(state.shape[0]):
         x0, x1, x2 = state[i, 0], state[i, 1], state[i, 2]
@@ -99,7 +99,7 @@ def _step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
             state[i, j] = a[0] * x0 + a[1] * x1 + a[2] * x2 + table.b[j] * setpoint[i]
 
 
-REFERENCES[FilterTable] = _step_filter
+REFERENCES[FilterTable] = step_filter
 
 
 @lean_kernel

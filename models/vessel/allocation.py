@@ -3,17 +3,14 @@
     tau = T u,    T = [d; r x d] of a thruster at r that pushes along d      Bargouth, (2.11)-(2.14)
 
 An azimuth thruster has two components of u, its force ahead and to starboard, (2.15)-(2.18).
-There are two methods. The compiled weighted pseudo-inverse u = W^-1 T' (T W^-1 T')^-1 tau holds
-saturated thrusters at their limit and distributes the remaining force over the others. The other
-method is a quadratic program. A force that cannot be reached is scaled down, and keeps its
-direction.
+Two methods differ in what is least: `pseudo_inverse` the forces, `qp` their shares of the limits.
+A force that cannot be reached is scaled down, and keeps its direction.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-import daqp
 import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
@@ -22,100 +19,12 @@ from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.vessel.basis import Array, Codes
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.pseudo_inverse import PseudoInverse, allocate_all, by_pseudo_inverse
 
 REACHED = 1e-9  # relative tolerance within which an applied force equals the commanded one
 # Largest force of a T200 thruster ahead and astern [N] at supplied voltages [V]; Hoyer, section 4.2
 T200 = ((14.0, 44.1, 34.5), (16.0, 51.4, 39.2))
-SIDES = 16  # of the polygon around the circle of an azimuth thruster
-MAX_CUTS = 12  # largest number of cuts; each adds the tangent where the force is outside the circle
-INSIDE = 1e-9  # of a circle's radius
-
-
-class QuadraticProgram(NamedTuple):
-    """Geometry for the program; circles are inequality rows relative to the limits."""
-
-    T: Array
-    weight: Array  # (n_u,)
-    low: Array  # (n_u,) [N]
-    high: Array
-    circles: Array  # (n_rows, n_u)
-    pairs: Codes  # (n_azimuths, 2) their components in u
-    u: Array
-
-
-def _solve_program(table: QuadraticProgram, T: Array, tau: Array, circles: Array) -> Array | None:
-    """(u, s) of the program, u relative to the limits; None if the solver fails."""
-    n_dof, n_u = T.shape
-    rows = np.hstack([T, -tau[:, None]])
-    H = np.diag([*(1e-6 * table.weight), 1e-6])
-    f = np.append(np.zeros(n_u), -1.0)
-    upper = np.concatenate([np.ones(n_u + 1), np.zeros(n_dof), np.ones(len(circles))])
-    lower = np.concatenate(
-        [table.low / table.high, [0.0], np.zeros(n_dof), np.full(len(circles), -1e30)]
-    )
-    sense = np.zeros(len(upper), dtype=np.int32)
-    sense[n_u + 1 : n_u + 1 + n_dof] = 5  # equality
-    circle_rows = np.hstack([circles, np.zeros((len(circles), 1))])
-    for tolerance in (1e-10, 1e-8):  # nearly equal tangents can fail at the first
-        solution, _, flag, _ = daqp.solve(
-            H, f, np.vstack([rows, circle_rows]), upper, lower, sense.copy(), primal_tol=tolerance
-        )
-        if flag >= 1:
-            return np.asarray(solution, dtype=np.float64)
-    return None
-
-
-def by_program(table: QuadraticProgram, tau: Array, applied: Array) -> None:
-    """Write the solution of min delta/2 u' W u - s,  T u = s tau,  0 <= s <= 1,  u within limits.
-
-    For a small delta the share s is the largest possible one (an exact penalty), and u the
-    solution of least cost for it. The forces are relative to the limits, so that the tolerances of
-    the solver are meaningful; its residual T u - s tau is then distributed over the thrusters that
-    are not at a limit. The circle of an azimuth thruster is first a polygon around it; where the
-    force is outside the circle, the tangent is added (cutting planes). Finally the forces are
-    scaled by the remaining excess.
-    """
-    n_u = table.T.shape[1]
-    T = table.T * table.high
-    size = np.max(np.abs(T), axis=1)
-    circles, solution = table.circles, np.zeros(n_u + 1)
-    pairs = solution[:n_u][table.pairs]
-    for _ in range(MAX_CUTS):
-        improved = _solve_program(table, T / size[:, None], tau / size, circles)
-        if improved is None:  # keep the last solution, which is close
-            break
-        solution = improved
-        pairs = solution[:n_u][table.pairs]  # (n_azimuths, 2)
-        outside = np.hypot(*pairs.T) > 1.0 + INSIDE
-        if not np.any(outside):
-            break
-        tangents = np.zeros((int(np.sum(outside)), n_u))
-        direction = pairs[outside] / np.hypot(*pairs[outside].T)[:, None]
-        np.put_along_axis(tangents, table.pairs[outside], direction, axis=1)
-        circles = np.vstack([circles, tangents])
-    solution = solution / max(1.0, np.max(np.hypot(*pairs.T), initial=0.0))
-    x, s = solution[:n_u], min(solution[n_u], 1.0)
-    s = 1.0 if s > 1.0 - 1e-7 else s
-    free = (x < 1.0 - 1e-6) & (x > table.low / table.high + 1e-6)
-    residual = (s * tau - T @ x) / size
-    x[free] += np.linalg.lstsq(T[:, free] / size[:, None], residual, rcond=None)[0]
-    table.u[:] = x * table.high
-    applied[:] = table.T @ table.u
-
-
-def circles_of(counts: Sequence[int]) -> Array:
-    """Rows c with c u <= 1: tangents of the circles of azimuth thrusters, relative to the limit."""
-    angle = 2.0 * np.pi * (np.arange(SIDES) + 0.5) / SIDES
-    sides = np.column_stack([np.cos(angle), np.sin(angle)])
-    rows = np.zeros((SIDES * counts.count(2), sum(counts)))
-    row = 0
-    for first, count in zip(np.cumsum([0, *counts[:-1]]), counts, strict=True):
-        if count == 2:
-            rows[row : row + SIDES, first : first + 2] = sides
-            row += SIDES
-    return rows
 
 
 class Direct(NamedTuple):
@@ -133,7 +42,6 @@ def _pass_on(table: Direct, tau: Array, applied: Array) -> None:
 ALLOCATIONS: dict[type, Callable[..., None]] = {
     Direct: _pass_on,
     PseudoInverse: by_pseudo_inverse,
-    QuadraticProgram: by_program,
 }  # by the type of the thrusters' geometry, so that a simulation compiles the one it needs
 
 
@@ -227,10 +135,8 @@ class Allocation:
     def __post_init__(self) -> None:
         if not self.thrusters:
             raise ConfigurationError("thrusters: got none, expected at least one")
-        self._factors()
-
-    def _factors(self) -> tuple[float, float]:
-        return (1.0, 1.0) if self.voltage_v is None else voltage_factors(self.voltage_v)
+        if self.voltage_v is not None:
+            voltage_factors(self.voltage_v)
 
     def matrix(self, dofs: Sequence[str]) -> Array:
         """T, shape (n_dof, n_u). Raises ConfigurationError if its rank is less than n_dof."""
@@ -244,38 +150,27 @@ class Allocation:
             )
         return np.ascontiguousarray(T)
 
-    def table(self, dofs: Sequence[str]) -> Direct | PseudoInverse | QuadraticProgram:
+    def table(self, dofs: Sequence[str]) -> Direct | PseudoInverse:
         """Thruster geometry and limits for the allocation step."""
         if self.method == "none":
             return Direct()
         T = self.matrix(dofs)
-        counts = [thruster.columns().shape[1] for thruster in self.thrusters]
-        ahead, astern = self._factors()
-        high = np.array([ahead * thruster.ahead_n for thruster in self.thrusters])
-        low = np.array(
-            [
-                -astern * (thruster.ahead_n if thruster.astern_n is None else thruster.astern_n)
-                for thruster in self.thrusters
-            ]
+        n_dof, n_u = T.shape
+        ahead, astern = (1.0, 1.0) if self.voltage_v is None else voltage_factors(self.voltage_v)
+        high = ahead * np.array([one.ahead_n for one in self.thrusters])
+        low = -astern * np.array(
+            [one.ahead_n if one.astern_n is None else one.astern_n for one in self.thrusters]
         )
-        weight = np.repeat([thruster.weight for thruster in self.thrusters], counts)
-        if self.method == "pseudo_inverse":
-            first = np.concatenate([[0], np.cumsum(counts)])
-            G = np.zeros((len(dofs), len(dofs) + 1))
-            size = np.repeat(np.maximum(high, -low), counts)
-            u, pull = np.zeros(T.shape[1]), np.zeros(T.shape[1])
-            multiplier, step = np.zeros(len(dofs)), np.zeros(len(dofs))
-            reach, give = np.abs(T) @ size, np.square(T) @ (1.0 / weight)
-            return PseudoInverse(
-                T, 1.0 / weight, low, high, first, u, pull, multiplier, step, reach, give, G
-            )
-        azimuth = np.array([thruster.kind == "azimuth" for thruster in self.thrusters])
-        low = np.where(azimuth, -high, low)
-        first = np.cumsum([0, *counts[:-1]])[np.array(counts) == 2]
-        pairs = np.stack([first, first + 1], axis=1).astype(np.int64)
-        sizes = np.repeat(low, counts), np.repeat(high, counts)
-        circles = circles_of(counts)
-        return QuadraticProgram(T, weight, *sizes, circles, pairs, np.zeros(T.shape[1]))
+        counts = [one.columns().shape[1] for one in self.thrusters]
+        spare = np.repeat([1.0 / one.weight for one in self.thrusters], counts)
+        if self.method == "qp":
+            spare *= np.square(np.repeat(high, counts))
+        u, pull, multiplier, way = (np.zeros(n) for n in (n_u, n_u, n_dof, n_dof))
+        return PseudoInverse(
+            T, spare, low, high, np.cumsum([0, *counts]), u, pull, multiplier, way,
+            reach=np.abs(T) @ np.repeat(np.maximum(high, -low), counts),
+            give=np.square(T) @ spare, G=np.zeros((n_dof, n_dof + 1)),
+        )  # fmt: skip
 
     def allocate(self, tau: Array, dofs: Sequence[str]) -> Allocated:
         """Thruster forces that produce the forces tau [N, Nm], shape (N, n_dof)."""
@@ -283,12 +178,7 @@ class Allocation:
         if isinstance(table, Direct):
             raise ConfigurationError("thrusters.method: got none, expected pseudo_inverse or qp")
         u, applied = np.empty((len(tau), table.T.shape[1])), np.empty_like(tau)
-        if isinstance(table, PseudoInverse):
-            allocate_all(table, np.ascontiguousarray(tau), u, applied)
-        else:
-            for k in range(len(tau)):
-                by_program(table, tau[k], applied[k])
-                u[k] = table.u
+        allocate_all(table, np.ascontiguousarray(tau), u, applied)
         return Allocated(u, applied, reached(tau, applied))
 
 

@@ -18,8 +18,7 @@ import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.vessel import allocation
-from seatrial.models.vessel.allocation import ALLOCATIONS, Allocation
+from seatrial.models.vessel.allocation import ALLOCATIONS, Allocation, PositionedThruster
 from seatrial.models.vessel.basis import Array, Codes
 from seatrial.models.vessel.devices.azimuth import Thruster
 from seatrial.models.vessel.devices.device import Device
@@ -121,42 +120,43 @@ class DeviceAllocation:
 
     def forces(self) -> Allocation:
         """The thrusters with their bollard pull; the larger ones are used more."""
-        return Allocation("pseudo_inverse", tuple(map(self._thruster, self.devices)))
+        thrusters = []
+        for device in self.devices:
+            ahead, astern = self._pull(device)
+            direction = float(np.cos(device.angle_rad)), float(np.sin(device.angle_rad)), 0.0
+            thrusters.append(
+                PositionedThruster(
+                    "fixed" if device.alpha is None else "azimuth",
+                    (device.x_m, device.y_m, 0.0),
+                    ahead,
+                    astern if device.alpha is None else None,  # an azimuth turns instead
+                    direction,
+                    weight=1.0 / ahead**2,
+                )
+            )
+        return Allocation("pseudo_inverse", tuple(thrusters))
 
-    def _limits(self, device: Thruster) -> tuple[float, float]:
+    def _pull(self, device: Thruster) -> tuple[float, float]:
         limits = self.inputs[device.drive]
         return thrust_at(device, limits.high), thrust_at(device, limits.low)
-
-    def _thruster(self, device: Thruster) -> allocation.PositionedThruster:
-        ahead, astern = self._limits(device)
-        c, s = float(np.cos(device.angle_rad)), float(np.sin(device.angle_rad))
-        turns = device.alpha is not None
-        return allocation.PositionedThruster(
-            "azimuth" if turns else "fixed", (device.x_m, device.y_m, 0.0), ahead,
-            None if turns else astern, (c, s, 0.0), weight=1.0 / ahead**2,
-        )  # fmt: skip
 
     def table(self, dofs: tuple[str, ...]) -> DeviceTable:
         """Geometry and curves for the allocation step, with the azimuths at their start."""
         forces = self.forces().table(dofs)
         assert isinstance(forces, PseudoInverse)
-        names, devices = list(self.inputs), self.devices
-        starts = np.array([each.start for each in self.inputs.values()], dtype=np.float64)
-        azimuths = [None if d.alpha is None else self.inputs[d.alpha] for d in devices]
-
-        def each(values: list[float]) -> Array:
-            return np.array(values, dtype=np.float64)
-
+        names, numbers = list(self.inputs), []
+        for d in self.devices:
+            turn = None if d.alpha is None else self.inputs[d.alpha]
+            turns = (0.0, 0.0, 0.0) if turn is None else (turn.low, turn.high, turn.start)
+            curve = d.ahead, d.astern or d.ahead, d.dead_band, d.curvature
+            numbers.append((*curve, d.angle_rad, *turns))
+        ahead, astern, dead, curved, neutral, low, high, held = np.array(numbers).T.copy()
         return DeviceTable(
-            forces, np.zeros(len(dofs)), starts,
-            np.array([names.index(d.drive) for d in devices]),
-            np.array([-1 if d.alpha is None else names.index(d.alpha) for d in devices]),
-            each([d.ahead for d in devices]), each([d.astern or d.ahead for d in devices]),
-            each([d.dead_band for d in devices]), each([d.curvature for d in devices]),
-            np.array([self._limits(d) for d in devices]), each([d.angle_rad for d in devices]),
-            each([0.0 if a is None else a.low for a in azimuths]),
-            each([0.0 if a is None else a.high for a in azimuths]),
-            each([0.0 if a is None else a.start for a in azimuths]),
+            forces, np.zeros(len(dofs)), np.array([float(i.start) for i in self.inputs.values()]),
+            np.array([names.index(d.drive) for d in self.devices]),
+            np.array([-1 if d.alpha is None else names.index(d.alpha) for d in self.devices]),
+            ahead, astern, dead, curved, np.array([self._pull(d) for d in self.devices]), neutral,
+            low, high, held,
         )  # fmt: skip
 
     def limits(self, dofs: tuple[str, ...]) -> tuple[float, ...]:
@@ -168,16 +168,13 @@ class DeviceAllocation:
 def _limits(
     devices: tuple[Thruster, ...], inputs: tuple[tuple[str, Input], ...], dofs: tuple[str, ...]
 ) -> tuple[float, ...]:
-    table = DeviceAllocation(devices, dict(inputs)).forces().table(dofs)
+    allocation = DeviceAllocation(devices, dict(inputs)).forces()
+    table = allocation.table(dofs)
     assert isinstance(table, PseudoInverse)
-    reach, applied = [], np.zeros(len(dofs))
-    for i, most in enumerate(table.reach):
-        both = []
-        for sign in (1.0, -1.0):
-            by_pseudo_inverse(table, sign * most * np.eye(len(dofs))[i], applied)
-            both.append(abs(applied[i]))
-        reach.append(float(min(both)))
-    return tuple(reach)
+    most = np.diag(table.reach)
+    applied = allocation.allocate(np.vstack([most, -most]), dofs).applied
+    reach = np.abs(np.diagonal(applied.reshape(2, len(dofs), -1), axis1=1, axis2=2))
+    return tuple(np.min(reach, axis=0).tolist())
 
 
 def device_allocation(
@@ -191,16 +188,8 @@ def device_allocation(
     own = tuple(device for device in driven if isinstance(device, Thruster))
     if not own or len(own) < len(driven):
         return None
-    return _positioning(own, tuple(inputs.items()), dofs)
-
-
-@lru_cache(maxsize=64)
-def _positioning(
-    thrusters: tuple[Thruster, ...], inputs: tuple[tuple[str, Input], ...], dofs: tuple[str, ...]
-) -> DeviceAllocation | None:
-    result = DeviceAllocation(thrusters, dict(inputs))
+    result = DeviceAllocation(own, inputs)
     try:
-        result.forces().matrix(dofs)
-    except ConfigurationError:
+        return result if min(result.limits(dofs)) > 0.0 else None
+    except ConfigurationError:  # not independently
         return None
-    return result if min(result.limits(dofs)) > 0.0 else None

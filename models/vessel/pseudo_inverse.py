@@ -1,10 +1,12 @@
-"""Thrust allocation by a weighted pseudo-inverse, within the thrusters' limits.
+"""The quadratic program of thrust allocation, solved by Newton's method on its dual.
 
-The result is the u of least u' W u with T u = tau and every thruster within its limit. Without
-limits it is u = W^-1 T' (T W^-1 T')^-1 tau. With limits it is u = P(W^-1 T' lambda), where P
-saturates each thruster, for the multipliers lambda with T u = tau. They maximise the concave dual
-function, whose gradient is tau - T u, and are found by Newton's method, whose first step is the
-pseudo-inverse (Boyd and Vandenberghe (2004), sections 5.5 and 9.5).
+    min u' W u,  T u = s tau,  every thruster within its limit, for the largest share s up to 1
+
+Without limits the solution is the weighted pseudo-inverse u = W^-1 T' (T W^-1 T')^-1 tau. With
+limits it is u = P(W^-1 T' lambda), where P saturates each thruster, for the multipliers lambda with
+T u = s tau. They maximise the concave dual function, whose gradient is s tau - T u; the first step
+of Newton's method is the pseudo-inverse, the following ones distribute what saturated thrusters do
+not give. Boyd and Vandenberghe (2004), sections 5.5 and 9.5.
 """
 
 from typing import NamedTuple
@@ -154,11 +156,7 @@ def _newton_step(table: PseudoInverse, tau: Array, scale: float, value: float) -
 
 @lean_kernel
 def _distribute(table: PseudoInverse, tau: Array, scale: float) -> bool:
-    """Write the u of least cost within the limits with T u = scale tau; False if there is none.
-
-    Newton's method on the multipliers of T u = scale tau: its first step is the weighted
-    pseudo-inverse; the following steps distribute the force that saturated thrusters do not give.
-    """
+    """Write the u of least cost within the limits with T u = scale tau; False if there is none."""
     for i in range(tau.shape[0]):
         table.multiplier[i] = 0.0
     value = -_respond(table)

@@ -176,7 +176,7 @@ def manoeuvres(
     subject: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run, or a recording.")],
     execution: Annotated[
         Literal["half", "order", "full"],
-        typer.Option(help="Instant of execution: helm past half, leaving, or at its order."),
+        typer.Option(help="Instant of execution: helm past half, or leaving."),
     ] = "half",
     manoeuvre: Annotated[
         Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"] | None,

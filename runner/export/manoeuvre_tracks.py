@@ -8,11 +8,10 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.models.notation import PLANAR
+from seatrial.models.notation import MEASURES, PLANAR
 from seatrial.models.simulation.manoeuvre_measures import Execution as Execution
 from seatrial.models.simulation.manoeuvre_measures import Track as Track
-from seatrial.models.simulation.manoeuvre_measures import Turn as Turn
-from seatrial.models.simulation.manoeuvre_measures import ZigZagMeasures as ZigZagMeasures
+from seatrial.models.simulation.manoeuvre_measures import executions as executions
 from seatrial.models.simulation.manoeuvre_measures import way_from as way_from
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED as COMPARED
 from seatrial.models.simulation.manoeuvre_sheet import DIAGNOSTIC as DIAGNOSTIC
@@ -25,7 +24,7 @@ from seatrial.models.simulation.manoeuvre_sheet import sheet as sheet
 from seatrial.models.simulation.manoeuvre_sheet import track_of as track_of
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 from seatrial.runner.database.reader import LogbookReader
-from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, MEASURES, metric_of_measure
+from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, metric_of_measure
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import Config
 
@@ -102,17 +101,12 @@ def predicted_by(reader: LogbookReader, run: int) -> dict[str, PredictedMeasure]
     """What the identified model of a run predicts of its manoeuvre, by quantity."""
     values = {row.name: row.value for row in reader.metrics(run) if row.model == "identified"}
     bounds = {(row.name, row.label): row.value for row in reader.diagnostics(run)}
-
-    def number(value: float | None) -> float:
-        return np.nan if value is None else value
-
-    return {
-        quantity: PredictedMeasure(
-            *map(number, (values[name], *(bounds.get((b, quantity)) for b in BOUNDS)))
-        )
-        for quantity in MEASURES
-        if (name := metric_of_measure(quantity)) in values
-    }
+    found = {}
+    for quantity in MEASURES:
+        if (name := metric_of_measure(quantity)) in values:
+            numbers = values[name], *(bounds.get((bound, quantity)) for bound in BOUNDS)
+            found[quantity] = PredictedMeasure(*(np.nan if n is None else n for n in numbers))
+    return found
 
 
 def mission_of(config: Config, kind: str) -> Config:

@@ -16,7 +16,7 @@ from seatrial.runner.interface.displayed_table import Table
 if TYPE_CHECKING:  # what is slow to import
     import pandas as pd
 
-    from seatrial.models.excitation import missions, setpoints
+    from seatrial.models.excitation import commands, setpoints
     from seatrial.models.identification import free_run, validation
     from seatrial.models.recording.recording import Recording
     from seatrial.models.simulation import loop, registry
@@ -33,10 +33,10 @@ else:
     import lazy_loader
 
     pd = lazy_loader.load("pandas")
-    free_run, validation, missions, setpoints, loop, registry, vessels, weather = (
+    free_run, validation, commands, setpoints, loop, registry, vessels, weather = (
         lazy_loader.load(f"seatrial.models.{name}", suppress_warning=True)
         for name in (
-            *("identification.free_run", "identification.validation", "excitation.missions"),
+            *("identification.free_run", "identification.validation", "excitation.commands"),
             *("excitation.setpoints", "simulation.loop", "simulation.registry"),
             *("vessel.parameters", "weather.weather"),
         )
@@ -133,8 +133,8 @@ class Model:
             A velocity exceeds the limit of the vessel.
         """
         n_dof = len(self.dofs)
-        commands = _commands(force, self.dofs)
-        still = np.zeros_like(commands)
+        forces = _commands(force, self.dofs)
+        still = np.zeros_like(forces)
         start, start_nu = (
             np.zeros(n_dof) if values is None else _vector(values, self.dofs)
             for values in (pose, velocity)
@@ -142,9 +142,9 @@ class Model:
         voyage = loop.sail(
             self.parameters.plant(self.table), weather.Weather(still, still, still, still),
             (registry.Timetable(still), np.zeros(1)), setpoints.StepTable(1.0),
-            missions.open_loop(), start, period_s, min(step_s, period_s), start_nu, added=commands,
+            commands.open_loop(), start, period_s, min(step_s, period_s), start_nu, added=forces,
         )  # fmt: skip
-        return _frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu, commands)
+        return _frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu, forces)
 
     def predict(self, recording: "Recording", restart_s: float = 30.0) -> "pd.DataFrame":
         """Predict a recorded motion from the recorded force.

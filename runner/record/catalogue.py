@@ -15,6 +15,7 @@ from typing import Literal
 from seatrial.models.notation import (
     ACCELERATION_UNIT,
     FORCE_UNIT,
+    MEASURES,
     POSE_UNIT,
     SQUARE_UNIT,
     VELOCITY_UNIT,
@@ -333,18 +334,6 @@ METRICS = (
         "largest |measured velocity - derivative of the measured pose|",
     ),
 )  # fmt: skip
-# Measures of a manoeuvre that a model predicts, by their names on its sheet.
-MEASURES = {
-    "advance": "L", "transfer": "L", "tactical diameter": "L", "steady diameter": "L",
-    "track at 10 deg": "L", "time to 90 deg": "s", "time to 180 deg": "s", "speed loss": "%",
-    "drift angle": "deg", "yaw rate": "deg/s", "residual yaw rate": "deg/s",
-    "width of the loop": "deg", "initial turning": "L", "period P": "s", "track reach": "L",
-    "head reach": "L", "lateral deviation": "L", "time to stop": "s", "change of heading": "deg",
-    "offset from the track": "L", "error of the heading": "deg",
-    "largest distance from the track": "L", "helm": "deg",
-    **{f"{n} overshoot": "deg" for n in ("first", "second", "third", "fourth")},
-    **{f"{n} overshoot, time": "s" for n in ("first", "second", "third", "fourth")},
-}  # fmt: skip
 MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # diagnostics: a 90 % interval
 
 

@@ -17,7 +17,7 @@ from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.dynamics import advance
-from seatrial.models.simulation.loop import Watch, compiled_step_s, sail
+from seatrial.models.simulation.loop import compiled_step_s, sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import Log, Outlook, Voyage, outlook
@@ -124,12 +124,10 @@ class MissionSetup:
         if adaptive and controller is not None and isinstance(self.model, Vessel):
             adapter = self._adapter(controller, self.model)
         dofs, period = trial.vessel.dofs, trial.sample_time_s
-        loop_controller = self.mission.accompany(dofs, period, self.control)
         voyage = sail(
-            self.plant, self.weather, self.guidance, self.reference, loop_controller,
-            self.start, period,
-            trial.integration_step_s, start_nu=self.mission.start_velocity(dofs),
-            watch=watch_of(adapter, alone=loop_controller[0] is self.control[0]), added=self.added,
+            self.plant, self.weather, self.guidance, self.reference, self.control, self.start,
+            period, trial.integration_step_s, start_nu=self.mission.start_velocity(dofs),
+            watch=None if adapter is None else adapter.watch, added=self.added,
         )  # fmt: skip
         return SimulatedMission(
             voyage,
@@ -250,21 +248,6 @@ def _check_step(
     kind = type(built[0])
     if kind not in registered:
         raise PartError(f"{where}: got a {kind.__name__}, for which no step is registered")
-
-
-def watch_of(adapter: Adapter | None, alone: bool) -> Watch | None:
-    """Return the callback that adapts the controller's parameters; None without an adapter.
-
-    `alone` is False if the mission adds a controller of its own, such as a zig-zag.
-    """
-    if adapter is None or alone:
-        return None if adapter is None else adapter.watch
-
-    def look(k: int, log: Log, parameters: Parameters, state: State) -> Parameters:
-        controller = adapter.look(k, log, parameters.controller, state[0])
-        return parameters._replace(controller=controller)
-
-    return Watch(adapter.watch.every, look)
 
 
 def plant_of(trial: Trial, deployed: bool, true: Vessel | None = None) -> Plant:

@@ -11,9 +11,8 @@ zig-zag.
 """
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import get_args
 
 import numpy as np
@@ -28,7 +27,7 @@ from seatrial.models.identification.calibration import (
 )
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.validation import Prediction, prediction
-from seatrial.models.notation import PLANAR
+from seatrial.models.notation import MEASURES, PLANAR
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import Track
 from seatrial.models.simulation.manoeuvre_sheet import (
@@ -46,7 +45,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.runner.configuration.config import Trial
-from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, MEASURES, metric_of_measure
+from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, metric_of_measure
 from seatrial.runner.record.rows import Metric, Results, metric
 from seatrial.runner.trials.closed_loop import Streams, prepare
 
@@ -55,6 +54,7 @@ HELM = "delta"
 DRAWS = 100  # models of an interval
 MIN_DRAWS = 20  # of them that carry the manoeuvre out
 UNABLE = (ConfigurationError, Diverged, IdentificationError, RecordingError)
+KINDS: tuple[Manoeuvre, ...] = get_args(Manoeuvre)
 
 
 def manoeuvre_results(
@@ -83,11 +83,7 @@ def manoeuvre_results(
             for entry in result.entries
             if np.isfinite(entry.value)
         ]
-    found = _intervals(calm, mission, identified, kind, length)
-    return Results(metrics, diagnostics=found)
-
-
-KINDS: tuple[Manoeuvre, ...] = get_args(Manoeuvre)
+    return Results(metrics, diagnostics=_intervals(calm, mission, identified, kind, length))
 
 
 def length_of(trial: Trial) -> float | None:
@@ -111,46 +107,36 @@ def sailed(
 def _intervals(
     calm: Trial, mission: SteeredMission, identified: Identified, kind: Manoeuvre, length_m: float
 ) -> list[Diagnostic]:
-    """Return the bounds of each quantity; none if too few of the drawn models can be simulated."""
-    own = _sailed_if_able(calm, mission, identified.model)
-    if own is None:
+    """Return the bounds of each quantity by what drawn models do near the identified one's run.
+
+    There are none if too few of the drawn models can be simulated.
+    """
+    try:
+        own = sailed(calm, mission, identified.model)
+    except UNABLE:
         return []
-    track = partial(track_of, helm=mission.helm, length_m=length_m)
-    tracks = [track(drawn) for drawn in _drawn(calm, mission, identified, own)]
+    assert own.inputs is not None
+    error, accelerations = identified.model_error, None
+    rho2 = squared_accelerations(identified.model, own.nu, own.attitude, own.inputs, None)
+    tracks = []
+    for i, model in enumerate(identified.draws(DRAWS, DEVIATION_SHARE)):
+        if error is not None:
+            drawn = error.accelerations(rho2, own.period_s, np.random.default_rng(i))
+            accelerations = DEVIATION_SHARE * drawn
+        try:
+            run = sailed(calm, mission, model, accelerations)
+        except UNABLE:
+            continue
+        tracks.append(track_of(run, mission.helm, length_m))
     if len(tracks) < MIN_DRAWS:
         return []
-    bounds = intervals(track(own), tracks, kind)
+    bounds = intervals(track_of(own, mission.helm, length_m), tracks, kind)
     return [
         Diagnostic(name, "all", value, MEASURES[quantity], label=quantity)
         for quantity, both in bounds.items()
         for name, value in zip((MEASURE_LOW, MEASURE_HIGH), both, strict=True)
         if np.isfinite(value)
     ]
-
-
-def _drawn(
-    calm: Trial, mission: SteeredMission, identified: Identified, own: Recording
-) -> Iterator[Recording]:
-    """Return what drawn models do near the `own` recording of the identified one."""
-    error, accelerations = identified.model_error, None
-    assert own.inputs is not None
-    rho2 = squared_accelerations(identified.model, own.nu, own.attitude, own.inputs, None)
-    for i, model in enumerate(identified.draws(DRAWS, DEVIATION_SHARE)):
-        if error is not None:
-            drawn = error.accelerations(rho2, own.period_s, np.random.default_rng(i))
-            accelerations = DEVIATION_SHARE * drawn
-        if (recording := _sailed_if_able(calm, mission, model, accelerations)) is not None:
-            yield recording
-
-
-def _sailed_if_able(
-    calm: Trial, mission: SteeredMission, model: Vessel, accelerations: Array | None = None
-) -> Recording | None:
-    """Return the recording of a model; None if it cannot be simulated."""
-    try:
-        return sailed(calm, mission, model, accelerations)
-    except UNABLE:
-        return None
 
 
 def manoeuvres(
@@ -160,28 +146,32 @@ def manoeuvres(
 
     A file that holds no manoeuvre has no diagnostics.
     """
-    known = {"surge", "sway", "yaw"} <= set(problem.nominal.dofs)
-    if length_m is None or HELM not in problem.nominal.inputs or not known:
+    if length_m is None or HELM not in problem.nominal.inputs:
+        return []
+    if not {*PLANAR} <= {*problem.nominal.dofs}:
         return []
     diagnostics: list[Diagnostic] = []
-    parts = problem.validation.by_file() or {_name(problem.validation): problem.validation}
-    for i, (name, part) in enumerate(parts.items()):
+    tested = problem.validation
+    only = "" if tested.file is None else tested.file_names[int(tested.file[0])]
+    for i, (name, part) in enumerate((tested.by_file() or {only: tested}).items()):
         try:
-            diagnostics.extend(_of_file(i, name, part, problem, identified, length_m))
+            diagnostics += _of_file(i, name, part, problem, identified, length_m)
         except (RecordingError, ConfigurationError) as error:
             log.debug("%s: no manoeuvre: %s", name, error)
     return diagnostics
 
 
-def _name(recording: Recording) -> str:
-    """The name of the only file of a recording; empty if it is not known."""
-    return "" if recording.file is None else recording.file_names[int(recording.file[0])]
-
-
 def _of_file(
     i: int, name: str, part: Recording, problem: Problem, identified: Identified, length_m: float
-) -> Iterator[Diagnostic]:
-    track = partial(_track, part=part, length_m=length_m)
+) -> list[Diagnostic]:
+    """Return the measures of a file, of both models under its helm, and their bounds."""
+
+    def track(run: Prediction) -> Track | None:  # None: it diverges
+        motion, n = run.motion(), len(part.dofs)
+        if not np.all(np.isfinite(motion)):
+            return None
+        return track_of(replace(part, eta=motion[:, :n], nu=motion[:, n:]), HELM, length_m)
+
     measured = measured_sheet(track_of(part, HELM, length_m))
     kind, turn_deg = measured.manoeuvre, measured.turn_deg
     tracks = list[Track | None]()
@@ -191,23 +181,19 @@ def _of_file(
         except IdentificationError:
             tracks.append(None)
     own = [sheet(each, kind, turn_deg=turn_deg).values if each else {} for each in tracks]
-    drawn = list[Track]()
+    bounds: dict[str, tuple[float, float]] = {}
     if tracks[1]:
         near = nearby_runs(identified.model, part, problem.thruster)
         drawn = [each for run in drawn_runs(identified, near, DRAWS) if (each := track(run))]
-    bounds = intervals(tracks[1], drawn, kind, turn_deg=turn_deg) if tracks[1] else {}
+        bounds = intervals(tracks[1], drawn, kind, turn_deg)
+    found = []
     for entry in measured.entries:
         values = [entry.value, *(each.get(entry.quantity) for each in own)]
         values += bounds.get(entry.quantity, ())
         quantity = entry.quantity.replace(", ", "_").replace(" ", "_")
         for j, value in enumerate(values):
             label = f"{name}, {COMPARED[j]}"
-            yield Diagnostic(f"{DIAGNOSTIC}{quantity}", "all", value, entry.unit, i, j, label)
-
-
-def _track(run: Prediction, part: Recording, length_m: float) -> Track | None:
-    """The track of a free run under the inputs of a file; None if it diverges."""
-    motion, n = run.motion(), len(part.dofs)
-    if not np.all(np.isfinite(motion)):
-        return None
-    return track_of(replace(part, eta=motion[:, :n], nu=motion[:, n:]), HELM, length_m)
+            found.append(
+                Diagnostic(f"{DIAGNOSTIC}{quantity}", "all", value, entry.unit, i, j, label)
+            )
+    return found

@@ -81,8 +81,8 @@ def compare(in_turn: Any, step_s: float, options: dict[str, float], **row: Any) 
     ours = turning_circle(step_s)
     peer = circle_of(mmg, ours(), **options)
     mine, other = turn(ours()), turn(peer())
-    assert mine.advance == pytest.approx(other.advance, abs=0.02)
-    assert mine.tactical_diameter == pytest.approx(other.tactical_diameter, abs=0.02)
+    assert mine["advance"] == pytest.approx(other["advance"], abs=0.02)
+    assert mine["tactical diameter"] == pytest.approx(other["tactical diameter"], abs=0.02)
     in_turn(
         ours, peer, what="turning circle of KVLCC2, 10 minutes", name="compiled loop",
         peer_name="shipmmg", wanted=30.0, warm=False, calls=10, **row,

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from docs.vessels import parameters_of
+from seatrial.models.excitation.commands import open_loop
 from seatrial.models.excitation.guidance import ReferenceFilter
-from seatrial.models.excitation.missions import open_loop
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.parameters import Plant

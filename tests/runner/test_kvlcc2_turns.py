@@ -8,8 +8,8 @@ import pytest
 
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.manoeuvre_measures import Turn
-from seatrial.models.simulation.manoeuvre_sheet import sheet, track_of
+from seatrial.models.simulation.manoeuvre_measures import turn
+from seatrial.models.simulation.manoeuvre_sheet import track_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.compare.__main__ import run as compare
@@ -83,12 +83,10 @@ def test_turning_circles_are_predicted_and_measured(
     assert compare(["manoeuvres", "1", "--format", "json"]) == 0
     rows = {(row["file"], row["quantity"]): row for row in json.loads(capsys.readouterr().out)}
     for angle, run in runs.items():
-        truth = sheet(track_of(run, "delta", 7.0)).measures
-        assert isinstance(truth, Turn)
+        truth = turn(track_of(run, "delta", 7.0))
         for quantity in ("advance", "tactical diameter"):
             row = rows[f"tc_{angle:g}.dat", quantity]
-            exact = getattr(truth, quantity.replace(" ", "_"))
-            assert row["measured"] == pytest.approx(exact, rel=0.005)
+            assert row["measured"] == pytest.approx(truth[quantity], rel=0.005)
             assert row["nominal model"] == pytest.approx(row["measured"], rel=0.005)
             error = 100.0 * (row["identified model"] / row["measured"] - 1.0)
             assert row["error [%]"] == pytest.approx(error)

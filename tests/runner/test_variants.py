@@ -17,7 +17,8 @@ def test_an_option_is_left_out_where_a_choice_does_not_have_it(seatrial: Command
         "identifier=ls identifier.basis=physical",
         "identifier=ls identifier.basis=full",
     ]
-    seeds = ("identifier=none,plsr", "identifier.bootstrap=null", "seed=1,2")  # nor does the default
+    # nor does the default
+    seeds = ("identifier=none,plsr", "identifier.bootstrap=null", "seed=1,2")
     assert trials(seatrial, *seeds) == [
         "identifier=none seed=1",
         "identifier=none seed=2",

@@ -14,8 +14,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
     Recorded,
     Sheet,
     Track,
-    Turn,
-    ZigZagMeasures,
+    executions,
     measured_sheet,
     way_from,
 )
@@ -49,39 +48,38 @@ def _drawing(run: StoredRun, recorded: Recorded) -> style.Drawing:
         result = measured_sheet(track, recorded.manoeuvre)
     except RecordingError as error:
         raise ConfigurationError(f"plot manoeuvre: run {run.id}: {error}") from error
-    if isinstance(result.measures, Turn):
+    helm = round(result.values["helm"])
+    if result.manoeuvre == "turn":
         figure, axes = style.panels(1, 2, 4.4, 4.4)
-        _circle(axes[0], track, result.measures)
+        _circle(axes[0], track, result)
         _speeds(axes[1], track, result)
-        title = f"Turning circle, helm {round(result.measures.helm_deg)} deg"
+        title = f"Turning circle, helm {helm} deg"
     else:
-        assert isinstance(result.measures, ZigZagMeasures)
         figure, axes = style.panels(1, 1, 7.0, 4.0)
-        _zigzag(axes[0], track, result.measures)
-        helm, turned = abs(result.measures.helm_deg), result.measures.turn_deg
-        title = f"Zig-zag {round(helm)}/{round(turned)}"
+        _zigzag(axes[0], track, result)
+        title = f"Zig-zag {abs(helm)}/{round(result.turn_deg or 0.0)}"
     name, title = f"manoeuvre-run-{run.id}", f"{title}, {subtitle(run)}"
     return style.drawing_of(name, figure, axes, title, notes_of(result))
 
 
-def _circle(axes: Axes, track: Track, measures: Turn) -> None:
+def _circle(axes: Axes, track: Track, result: Sheet) -> None:
     """The track in ship lengths from the execution, the course of the approach upwards."""
-    start = measures.execute_s
-    course = track.at(track.psi, start)
-    ahead, aside = (way / track.length_m for way in way_from(track, start, course))
+    ahead, aside = way_from(track, result.start_s)
     axes.plot(aside, ahead, color=style.PALETTE[0], label="track")
     axes.plot(0.0, 0.0, "o", color=style.REFERENCE, markersize=5, label="execution")
-    for name, value, after, k in (
-        ("advance", measures.advance, measures.time_90_s, 3),
-        ("transfer", measures.transfer, measures.time_90_s, 5),
-        ("tactical diameter", measures.tactical_diameter, measures.time_180_s, 1),
-    ):
+    lines = (
+        ("advance", "time to 90 deg", style.PALETTE[3]),
+        ("transfer", "time to 90 deg", style.PALETTE[5]),
+        ("tactical diameter", "time to 180 deg", style.PALETTE[1]),
+    )
+    for name, reached, colour in lines:
+        value, time = result.values[name], result.start_s + result.values[reached]
         if np.isfinite(value):
-            at = track.at(aside, start + after), track.at(ahead, start + after)
+            at = track.at(aside, time), track.at(ahead, time)
             foot = (at[0], 0.0) if name == "advance" else (0.0, at[1])
             label = f"{name} {number_text(value, 3)} L"
             line = zip(foot, at, strict=True)
-            axes.plot(*line, color=style.PALETTE[k], linewidth=1.6, label=label)
+            axes.plot(*line, color=colour, linewidth=1.6, label=label)
     axes.margins(0.08)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("Across the approach [L]")
@@ -90,7 +88,7 @@ def _circle(axes: Axes, track: Track, measures: Turn) -> None:
 
 def _speeds(axes: Axes, track: Track, result: Sheet) -> None:
     """Speed over that of the approach, and yaw rate without dimension, over time."""
-    t = track.t - (result.measures.execute_s if isinstance(result.measures, Turn) else 0.0)
+    t = track.t - result.start_s
     rate = np.gradient(track.psi, track.t) * track.length_m / result.speed_m_s
     axes.plot(t, track.speed / result.speed_m_s, color=style.PALETTE[4], label="U / U0")
     axes.plot(t, np.abs(rate), color=style.PALETTE[2], label="|r| L / U0")
@@ -99,23 +97,25 @@ def _speeds(axes: Axes, track: Track, result: Sheet) -> None:
     axes.set_ylabel("Speed, yaw rate [-]")
 
 
-def _zigzag(axes: Axes, track: Track, measures: ZigZagMeasures) -> None:
+def _zigzag(axes: Axes, track: Track, result: Sheet) -> None:
     """Heading from the course of the approach and helm over time, with the overshoots."""
-    start = measures.execute_s[0]
+    start = result.start_s
     course = track.at(track.psi, start)
     heading, t = np.degrees(track.psi - course), track.t - start
     axes.plot(t, np.degrees(track.helm), color=style.PALETTE[1], label="helm")
     axes.plot(t, heading, color=style.PALETTE[0], label="heading from the approach")
     for side in (-1.0, 1.0):
-        axes.axhline(side * measures.turn_deg, color=style.MUTED, linewidth=0.7, linestyle=":")
-    arrow = {"arrowstyle": "<->", "color": style.MUTED, "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
-    overshoots = zip(
-        measures.execute_s[1:3], measures.overshoot_s, measures.overshoot_deg, strict=False
-    )
-    for executed, delay, angle in overshoots:
-        time = executed - start + delay
+        turned = side * (result.turn_deg or 0.0)
+        axes.axhline(turned, color=style.MUTED, linewidth=0.7, linestyle=":")
+    times = executions(track, result.execution)[1:]
+    for name, executed in zip(("first overshoot", "second overshoot"), times, strict=False):
+        if name not in result.values:
+            break
+        angle = result.values[name]
+        time = executed - start + result.values[f"{name}, time"]
         peak = float(np.interp(time, t, heading))
         side = np.sign(peak)
+        arrow = {"arrowstyle": "<->", "color": style.MUTED, "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (time, peak), (time, peak - side * angle), arrowprops=arrow)
         axes.annotate(
             f"{number_text(angle, 3)}°", (time, peak), (0, 3 * side), textcoords="offset points",

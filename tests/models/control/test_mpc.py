@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.control.horizon import Solver
-from seatrial.models.control.mpc import write_parameters
+from seatrial.models.control.linear_controller import write_parameters
 from seatrial.models.errors import ConfigurationError
 from tests.models.control.sailing import (
     INCREMENT_WEIGHT,

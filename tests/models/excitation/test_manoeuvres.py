@@ -148,27 +148,6 @@ def test_a_signal_is_added_to_the_closed_loop() -> None:
     assert np.abs(log.eta[-1, 0]) < np.abs(free.log.eta[-1, 0])  # it is held
 
 
-@pytest.mark.parametrize("controller", ["pid_ff", "mpc_condensed"])
-def test_a_zigzag_is_added_to_a_closed_loop(controller: str) -> None:
-    """The moment wins against a controller that holds the start, and turns back each time."""
-    _, voyage = sailed(
-        "excitation=zigzag", "excitation.loop=closed", "excitation.yaw_moment_nm=400",
-        "excitation.duration_s=150", "excitation.offset={sway: 40.0}", f"controller={controller}",
-    )  # fmt: skip
-    log = voyage.log
-    added = log.tau - log.tau_fb
-    if controller == "pid_ff":  # its feedforward of standing still is nothing
-        np.testing.assert_allclose(added[:, 0], 150.0)
-        np.testing.assert_allclose(added[:, 1], 40.0)
-        np.testing.assert_allclose(added[voyage.t < 30.0 - 1e-9, 2], 0.0, atol=1e-9)
-        np.testing.assert_allclose(np.abs(added[voyage.t > 30.0, 2]), 400.0)
-        changes = np.flatnonzero(np.diff(np.sign(added[:, 2].round(6))))[1:]
-        assert len(changes) >= 3
-        assert np.all(np.abs(np.degrees(log.eta[changes + 1, 2])) >= 10.0)
-    assert np.max(np.abs(log.tau_fb[:, 2])) > 50.0
-    assert np.max(np.degrees(log.eta[:, 2])) > 10.0
-
-
 @pytest.mark.parametrize(
     "excitation",
     [

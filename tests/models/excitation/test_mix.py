@@ -189,13 +189,9 @@ def test_the_nominal_vessel_sails_its_plan() -> None:
 
 
 def test_another_vessel_keeps_to_the_plan_by_feedback() -> None:
-    """The true ship is 15 % lighter; without feedback it strays by metres."""
-    found = {}
-    for follow in ("everywhere", "passages"):
-        asked = routed(f"excitation.route.follow={follow}")
-        found[follow] = np.max(off_the_plan(asked, asked.plant_scale * asked.vessel.nominal()))
-    assert found["everywhere"] < RUN_UP
-    assert found["passages"] > 4.0
+    """The true ship is 15 % lighter; without feedback it would stray by metres."""
+    asked = routed()
+    assert np.max(off_the_plan(asked, asked.plant_scale * asked.vessel.nominal())) < RUN_UP
 
 
 @pytest.mark.parametrize(
@@ -210,7 +206,6 @@ def test_another_vessel_keeps_to_the_plan_by_feedback() -> None:
          "does not fit anywhere in the area between the obstacles"),
         ("excitation.route.area=null", "obstacles: got obstacles without an area"),
         ("excitation.route.area=[[0,0],[1,1]]", "area: expected at least three corners"),
-        ("excitation.route.follow=never", "expected one of everywhere, passages"),
     ],
 )  # fmt: skip
 def test_an_impossible_route_is_refused_in_one_line(override: str, message: str) -> None:

@@ -7,7 +7,12 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.helm import register
-from seatrial.models.simulation.manoeuvre_measures import Spiral, reverse_spiral, spiral, williamson
+from seatrial.models.simulation.manoeuvre_measures import (
+    reverse_spiral,
+    spiral,
+    steady_states,
+    williamson,
+)
 from seatrial.models.simulation.manoeuvre_sheet import sheet
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.steering import steering_model
@@ -27,11 +32,11 @@ def test_a_straight_stable_ship_has_no_loop() -> None:
     ship = vessel("mariner")
     model = steering_model(ship.nominal(), ship.approach_speed_m_s, np.array(ship.input_start))
     assert np.max(np.linalg.eigvals(model.A[1:, 1:]).real) < 0.0
-    found = spiral(track(voyage("mariner", "spiral", *COARSE), LENGTH["mariner"]))
-    assert found.loop_width_deg == pytest.approx(0.0, abs=0.05)
-    half = len(found.rate_deg_s) // 2
-    back = found.rate_deg_s[half + 1 :][::-1]
-    np.testing.assert_allclose(found.rate_deg_s[:half], back, atol=1e-3)
+    motion = track(voyage("mariner", "spiral", *COARSE), LENGTH["mariner"])
+    assert spiral(motion)["width of the loop"] == pytest.approx(0.0, abs=0.05)
+    rate = np.degrees(steady_states(motion, motion.helm)[1])
+    half = len(rate) // 2
+    np.testing.assert_allclose(rate[:half], rate[half + 1 :][::-1], atol=1e-3)
 
 
 def test_kvlcc2_is_unstable_and_has_a_loop() -> None:
@@ -41,22 +46,22 @@ def test_kvlcc2_is_unstable_and_has_a_loop() -> None:
     assert np.max(np.linalg.eigvals(model.A[1:, 1:]).real) > 0.0
     direct = spiral(track(voyage("kvlcc2", "spiral"), LENGTH["kvlcc2"]))
     reverse = reverse_spiral(track(voyage("kvlcc2", "reverse_spiral"), LENGTH["kvlcc2"]))
-    assert isinstance(direct, Spiral)
-    assert direct.loop_width_deg > 0.1
-    assert reverse.loop_width_deg > 0.1
-    assert direct.residual_rate_deg_s == pytest.approx(reverse.residual_rate_deg_s, rel=0.05)
+    assert direct["width of the loop"] > 0.1
+    assert reverse["width of the loop"] > 0.1
+    residual = reverse["residual yaw rate"]
+    assert direct["residual yaw rate"] == pytest.approx(residual, rel=0.05)
 
 
 def test_both_spirals_have_the_same_stable_branches() -> None:
     """The helm that holds a rate is the helm that gives it."""
-    direct = spiral(track(voyage("kvlcc2", "spiral"), LENGTH["kvlcc2"]))
-    reverse = reverse_spiral(track(voyage("kvlcc2", "reverse_spiral"), LENGTH["kvlcc2"]))
+    direct = track(voyage("kvlcc2", "spiral"), LENGTH["kvlcc2"])
+    reverse = track(voyage("kvlcc2", "reverse_spiral"), LENGTH["kvlcc2"])
+    helm, rate = np.degrees(steady_states(direct, direct.helm))
+    yaw_rate = np.gradient(reverse.psi, reverse.t)
+    helm_held, rate_held = np.degrees(steady_states(reverse, yaw_rate))
+    order = np.argsort(rate_held)
+    held = np.interp(rate, rate_held[order], helm_held[order])
     for side in (-1.0, 1.0):
-        helm, rate = np.array(direct.helm_deg), np.array(direct.rate_deg_s)
-        order = np.argsort(np.array(reverse.rate_deg_s))
-        held = np.interp(
-            rate, np.array(reverse.rate_deg_s)[order], np.array(reverse.helm_deg)[order]
-        )
         branch = (side * helm >= 5.0) & (side * helm <= 15.0)
         assert np.count_nonzero(branch) >= 6
         np.testing.assert_allclose(held[branch], helm[branch], atol=0.15)
@@ -77,9 +82,9 @@ def test_a_pull_out_leaves_the_rate_of_the_spiral_at_helm_zero() -> None:
 def test_a_williamson_turn_comes_back_on_its_track(helm: int) -> None:
     """Within two ship lengths of the track and one degree of the reciprocal course."""
     found = williamson(track(voyage("kvlcc2", "williamson", f"excitation.helm_deg={helm}"), 7.0))
-    assert abs(found.heading_error_deg) < 1.0
-    assert abs(found.offset) < 2.0
-    assert 2.0 < found.widest < 8.0
+    assert abs(found["error of the heading"]) < 1.0
+    assert abs(found["offset from the track"]) < 2.0
+    assert 2.0 < found["largest distance from the track"] < 8.0
 
 
 def test_the_angle_of_a_williamson_turn_is_the_ships_own() -> None:
@@ -88,8 +93,8 @@ def test_the_angle_of_a_williamson_turn_is_the_ships_own() -> None:
     for angle in (10, 40, 70, 100):
         turned = voyage("mariner", "williamson", f"excitation.away_deg={angle}", *COARSE)
         found = williamson(track(turned, LENGTH["mariner"]))
-        assert abs(found.heading_error_deg) < 2.0
-        offsets.append(found.offset)
+        assert abs(found["error of the heading"]) < 2.0
+        offsets.append(found["offset from the track"])
     assert np.all(np.diff(offsets) != 0.0)
     assert len(set(np.sign(np.diff(offsets)))) == 1
     assert offsets[0] * offsets[-1] < 0.0

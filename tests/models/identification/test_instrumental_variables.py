@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from scipy.signal import lfilter
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.excitation.missions import open_loop
+from seatrial.models.excitation.commands import open_loop
 from seatrial.models.excitation.setpoints import StepTable
 from seatrial.models.identification import instrumental_variables as iv
 from seatrial.models.identification.instrumental_variables import solve

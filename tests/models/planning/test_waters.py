@@ -73,17 +73,17 @@ def test_what_is_in_the_way_of_a_point_is_named(point, said) -> None:
 
 def test_what_separates_two_points_is_named() -> None:
     start, goal = (5.0, 5.0), (55.0, 35.0)
-    assert Waters(AREA, (QUAY,), 1.0).separated_by(start, goal) is None
-    assert Waters(AREA, (QUAY, WALL), 1.0).separated_by(start, goal) == "obstacles[1]"
     left = ((28.0, -1.0), (32.0, -1.0), (32.0, 20.0), (28.0, 20.0))
-    right = ((28.0, 21.5), (32.0, 21.5), (32.0, 41.0), (28.0, 41.0))
-    gate = Waters(AREA, (left, right), 1.0)  # 1.5 m wide, 2 m are needed
-    assert gate.separated_by(start, goal) == "obstacles[0]"
-    assert Waters(AREA, (left, right), 0.7).separated_by(start, goal) is None
-    twice = Waters(AREA, (WALL, tuple((n + 10.0, e) for n, e in WALL)), 1.0)
-    assert twice.separated_by(start, goal) == "obstacles[0] and obstacles[1]"
+    right = ((28.0, 21.5), (32.0, 21.5), (32.0, 41.0), (28.0, 41.0))  # a gate, 1.5 m wide
+    for obstacles, clearance, connected in (
+        ((QUAY,), 1.0, True),
+        ((QUAY, WALL), 1.0, False),
+        ((left, right), 1.0, False),
+        ((left, right), 0.7, True),
+    ):
+        assert Waters(AREA, obstacles, clearance).connected(start, goal) == connected
     waist = ((0.0, 0.0), (30.0, 19.0), (60.0, 0.0), (60.0, 40.0), (30.0, 21.0), (0.0, 40.0))
-    assert Waters(waist, (), 1.5).separated_by((5.0, 20.0), (55.0, 20.0)) == "the edge of area"
+    assert not Waters(waist, (), 1.5).connected((5.0, 20.0), (55.0, 20.0))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import pytest
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.simulation.manoeuvre_measures import (
-    Spiral,
     Track,
     reverse_spiral,
     spiral,
@@ -86,11 +85,13 @@ def test_the_loop_of_a_spiral_is_where_the_rate_jumps() -> None:
     unstable = {"gain": 0.05, "jump": 0.01, "fold_deg": 4.0}
     stable = {"gain": 0.05, "jump": 0.0, "fold_deg": 4.0}
     loop = spiral(spiral_track(unstable, helms))
-    assert 5.0 < loop.loop_width_deg < 10.0  # the fold at 4 degrees to both sides, steps of 2.5
-    assert loop.residual_rate_deg_s == pytest.approx(np.degrees(0.01), rel=1e-6)
+    assert (
+        5.0 < loop["width of the loop"] < 10.0
+    )  # the fold at 4 degrees to both sides, steps of 2.5
+    assert loop["residual yaw rate"] == pytest.approx(np.degrees(0.01), rel=1e-6)
     none = spiral(spiral_track(stable, helms))
-    assert none.loop_width_deg == pytest.approx(0.0, abs=1e-9)
-    assert none.residual_rate_deg_s == pytest.approx(0.0, abs=1e-9)
+    assert none["width of the loop"] == pytest.approx(0.0, abs=1e-9)
+    assert none["residual yaw rate"] == pytest.approx(0.0, abs=1e-9)
     assert manoeuvre_of(spiral_track(stable, helms)) == "spiral"
 
 
@@ -104,11 +105,10 @@ def test_a_reverse_spiral_shows_the_fold() -> None:
     r_f = np.sqrt(a / (3.0 * b))
     width = 2.0 * (a * r_f - b * r_f**3)
     found = reverse_spiral(folded)
-    assert isinstance(found, Spiral)
-    assert found.loop_width_deg == pytest.approx(np.degrees(width), rel=0.02)
-    assert found.residual_rate_deg_s == pytest.approx(np.degrees(np.sqrt(a / b)), rel=0.05)
+    assert found["width of the loop"] == pytest.approx(np.degrees(width), rel=0.02)
+    assert found["residual yaw rate"] == pytest.approx(np.degrees(np.sqrt(a / b)), rel=0.05)
     straight = track(t, np.cumsum(0.5 * rate), a * rate)
-    assert reverse_spiral(straight).loop_width_deg == pytest.approx(0.0, abs=1e-9)
+    assert reverse_spiral(straight)["width of the loop"] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_stop_under_constant_deceleration() -> None:
@@ -116,20 +116,20 @@ def test_a_stop_under_constant_deceleration() -> None:
     t = np.arange(0.0, 200.0, 0.1)
     speed = np.where(t < 20.0, 2.0, 2.0 - 0.02 * (t - 20.0))
     ended = stop(track(t, np.full_like(t, 0.5), np.where(t < 20.0, 1.0, -1.0), speed))
-    assert ended.track_reach == pytest.approx(10.0, rel=5e-3)
-    assert ended.head_reach == pytest.approx(10.0, rel=5e-3)
-    assert ended.deviation == pytest.approx(0.0, abs=1e-9)
-    assert ended.time_s == pytest.approx(100.0, abs=0.2)
+    assert ended["track reach"] == pytest.approx(10.0, rel=5e-3)
+    assert ended["head reach"] == pytest.approx(10.0, rel=5e-3)
+    assert ended["lateral deviation"] == pytest.approx(0.0, abs=1e-9)
+    assert ended["time to stop"] == pytest.approx(100.0, abs=0.2)
     moving = stop(track(t, np.zeros_like(t), np.where(t < 20.0, 1.0, -1.0), 2.0))
-    assert np.isnan(moving.track_reach)
+    assert np.isnan(moving["track reach"])
 
 
 def test_a_half_circle_ends_a_diameter_aside_on_the_reciprocal() -> None:
     t = np.arange(0.0, 10.0 + 10.0 * np.pi, 0.01)
     psi = np.clip(0.1 * (t - 10.0), 0.0, np.pi)
     turned = williamson(track(t, psi, np.where(t < 10.0, 0.0, 0.5)))
-    assert turned.offset == pytest.approx(4.0, rel=1e-2)
-    assert turned.heading_error_deg == pytest.approx(0.0, abs=0.1)
+    assert turned["offset from the track"] == pytest.approx(4.0, rel=1e-2)
+    assert turned["error of the heading"] == pytest.approx(0.0, abs=0.1)
 
 
 def test_intervals_are_the_quantiles_of_the_draws() -> None:

@@ -110,7 +110,7 @@ def test_a_mirrored_recording_has_mirrored_measures() -> None:
 def test_a_zigzag_of_ten_to_both_sides_is_one_at_any_rate(hertz: int) -> None:
     track, kind = calm_track("kvlcc2_full", "rudder_zigzag")
     found = measured_sheet(recorded(track, hertz, 0), kind)
-    assert (round(abs(found.measures.helm_deg)), found.turn_deg) == (10, 10.0)  # type: ignore[union-attr]
+    assert (round(abs(found.values["helm"])), found.turn_deg) == (10, 10.0)
     assert found.unlimited is None
     turned = sheet(track, kind, turn_deg=12.0)
     assert turned.turn_deg == 10.0

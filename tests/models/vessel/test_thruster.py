@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lti, step
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.commands import open_loop
 from seatrial.models.excitation.guidance import ReferenceFilter
-from seatrial.models.excitation.missions import open_loop
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
