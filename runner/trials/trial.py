@@ -171,9 +171,7 @@ def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified
     return identified, impossible
 
 
-def of_identification(
-    problem: Problem, identified: Identified, excited: ExcitationData
-) -> Results:
+def of_identification(problem: Problem, identified: Identified, excited: ExcitationData) -> Results:
     """The coefficients, beside the nominal and the true ones, and the residual they explain."""
     return Results(
         coefficients=[
