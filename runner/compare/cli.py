@@ -233,7 +233,7 @@ def command(
     def register(function: F) -> F:
         signature = inspect.signature(function)
         _, *own = signature.parameters.values()
-        record = own[0].annotation if is_dataclass(own[0].annotation) else None
+        record: Any = own[0].annotation if is_dataclass(own[0].annotation) else None
         options = {each.name: each for each in own}
         if record is not None:
             options = dict(inspect.signature(record).parameters)
@@ -279,7 +279,7 @@ def _newest(results: Any) -> int:
     return int(newest[0].run_id)
 
 
-def show(result: object, form: OutputFormat = OutputFormat.RICH) -> None:
+def show(result: Any, form: OutputFormat = OutputFormat.RICH) -> None:
     """Print what a command returns: a table, several, paths, or text; nothing for None."""
     match result:
         case None:

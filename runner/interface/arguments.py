@@ -97,7 +97,7 @@ def command_options(command: str, kind: type[T], given: Mapping[str, Any]) -> T:
     Several names are a list, or text with commas. Raises ConfigurationError for an unknown option.
     """
     hints, known = get_type_hints(kind), [field.name for field in fields(cast(Any, kind))]
-    chosen = {}
+    chosen: dict[str, object] = {}
     for name, value in given.items():
         if name not in known:
             near = [f"did you mean {word}? " for word in get_close_matches(name, known, 1)]

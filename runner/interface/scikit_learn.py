@@ -7,7 +7,7 @@ fold is tested on samples between those that it was fitted to. A recording needs
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -26,8 +26,8 @@ from seatrial.runner.interface.vessel_models import Model
 from seatrial.runner.sweeps import in_process
 from seatrial.runner.trials.closed_loop import Streams
 
-One = recordings.Recording | pd.DataFrame
-Recordings = One | Sequence[One]
+Recordings: TypeAlias = recordings.Recording | pd.DataFrame | Sequence[Any]
+KINDS = (recordings.Recording, pd.DataFrame)
 
 
 class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
@@ -46,7 +46,7 @@ class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         seed: int = 0,
         **options_: object,
     ) -> None:
-        vars(self).update(identifier=identifier, vessel=vessel, seed=seed, **options_)
+        self.__dict__.update(identifier=identifier, vessel=vessel, seed=seed, **options_)
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Return identifier, vessel, seed, and the options that are set."""
@@ -54,7 +54,7 @@ class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def set_params(self, **params: object) -> Self:
         """Set parameters; an unknown option of the identifier is reported by `fit`."""
-        vars(self).update(params)
+        self.__dict__.update(params)
         return self
 
     def fit(self, X: Recordings, y: None = None) -> Self:
@@ -68,13 +68,14 @@ class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if isinstance(identifier, str):
             named = {f"identifier.{name}": value for name, value in options.items()}
             own |= {"identifier": identifier, **named}
-        config = in_process.composed(overrides_of(own)).config
+        config: Any = in_process.composed(overrides_of(own)).config
         if not isinstance(identifier, str):
             identifier = replace(identifier, **options)
         elif config["identifier"].get("selection") == "test":
             raise ConfigurationError("identifier.selection: got test, expected training data")
         else:
-            identifier = build_as(problems.Identifier, config["identifier"], "identifier")
+            kind: Any = problems.Identifier  # abstract
+            identifier = build_as(kind, config["identifier"], "identifier")
         vessel = build_as(VesselParameters, config["vessel"], "vessel")
         nominal, lag, training = vessel.nominal(), vessel.thruster, _joined(X, vessel)
         identifier.check(nominal, lag, True)
@@ -109,8 +110,8 @@ class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
 def _joined(X: Recordings, vessel: VesselParameters) -> recordings.Recording:
     """Return X as one recording, each command filtered from rest unless it was before a cut."""
-    listed = [X] if isinstance(X, One) else list(X)
-    if not listed or not all(isinstance(each, One) for each in listed):
+    listed = [X] if isinstance(X, KINDS) else list(X)
+    if not listed or not all(isinstance(each, KINDS) for each in listed):
         kinds = {type(each).__name__ for each in listed} or {"nothing"}
         raise ConfigurationError(f"X: got {', '.join(kinds)}, expected recordings or frames")
     parts = [Recording.from_frame(x) if isinstance(x, pd.DataFrame) else x for x in listed]

@@ -185,7 +185,8 @@ class Logbook:
         """
         with self.opened() as results:
             stored = export.stored_model.read_model(results.reader, run, model)
-        return Model.of_run(stored, self.address)
+        choice = f"run:{run}" if model == "identified" else None
+        return Model(stored.table, stored.parameters, choice, stored, self.address)
 
     def series(self, run: int, kind: str = "recording") -> "pd.DataFrame":
         """Return a time series of a run.

@@ -40,8 +40,7 @@ def test_parameters_are_got_set_and_cloned() -> None:
     "law",
     [
         *("estimator_cloneable", "estimator_repr", "estimator_tags_renamed", "mixin_order"),
-        *("estimator_get_tags_default_keys", "no_attributes_set_in_init", "valid_tag_types"),
-        *("do_not_raise_errors_in_init_or_set_param", "get_params_invariance", "set_params"),
+        *("no_attributes_set_in_init", "valid_tag_types", "get_params_invariance", "set_params"),
         "parameters_default_constructible",
     ],
 )
