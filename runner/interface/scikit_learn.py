@@ -50,7 +50,7 @@ class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Return identifier, vessel, seed, and the options that are set."""
-        return {name: value for name, value in vars(self).items() if not name.endswith("_")}
+        return {key: value for key, value in vars(self).items() if key.strip("_") == key}
 
     def set_params(self, **params: object) -> Self:
         """Set parameters; an unknown option of the identifier is reported by `fit`."""
