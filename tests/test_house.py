@@ -21,6 +21,7 @@ SMALL = {
     "runner/trials/trial.py": "def run(x):\n" + "    x += 1\n" * 60,
 }
 
+
 @pytest.fixture(scope="module")
 def house() -> House:
     return House()

@@ -12,7 +12,6 @@ from typer.core import TyperArgument
 from docs.pages.markdown import code, prose, table
 from seatrial.runner.commands import benchmark, data_commands, init
 from seatrial.runner.compare import commands as _commands  # noqa: F401 - adds the commands
-from seatrial.runner.compare import logbook_commands as _more  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app
 
 Command = Any  # of Click, or of the copy of it that newer versions of Typer hold
@@ -22,12 +21,12 @@ COMMON = ("help", "install_completion", "show_completion")
 
 def commands(program: str) -> str:
     """The sections of `results`, `data`, `benchmark` or `init`."""
-    if program == "benchmark":
-        return _parser(benchmark._parser())
     if program == "init":
         return "\n".join(_subjects())
-    tree = app if program == "results" else data_commands.app
+    tree = {"results": app, "data": data_commands.app, "benchmark": benchmark.app}[program]
     command: Command = typer.main.get_command(tree)
+    if program == "benchmark":
+        return _section("seatrial benchmark", command, None)
     context = command.context_class(command, info_name=tree.info.name)
     return "\n".join(
         _section(f"{tree.info.name} {name}", one, context)

@@ -1,6 +1,5 @@
 """The command `seatrial benchmark`: runs the cells of the benchmark that are not in the logbook."""
 
-import argparse
 import shlex
 from collections.abc import Sequence
 from itertools import groupby
@@ -9,39 +8,77 @@ from time import perf_counter
 from typing import Annotated
 
 import typer
+import typer.main
 
-from seatrial.models.errors import SeatrialError
-from seatrial.runner.compare.benchmark.cells import BenchmarkTrial, cells, entrants_of, lacking
+from seatrial.models.errors import ConfigurationError, SeatrialError
+from seatrial.runner.compare.benchmark.cells import cells, entrants_of, lacking
 from seatrial.runner.compare.benchmark.task import DATA_FOLDER, GROUP, VARIABLE, located, task_of
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.sweeps import in_process
 from seatrial.runner.sweeps.console import terminal_view
 
-RESULTS = Path("results/benchmark")
+app = typer.Typer(name="seatrial benchmark", pretty_exceptions_enable=False, add_completion=False)
 
 
 def main(words: Sequence[str]) -> int:
-    """Run the cells; returns 0, or 1 if a trial failed or an entrant cannot take part."""
-    options = _parser().parse_args(words)
+    """Run `seatrial benchmark` with the words that follow it; returns the exit code."""
+    return run_typer(app, "benchmark", words)
+
+
+def run_typer(program: typer.Typer, name: str, words: Sequence[str]) -> int:
+    """Run a command of `seatrial` that typer parses; returns the exit code."""
+    command = typer.main.get_command(program)
+    try:
+        code = command.main(list(words), prog_name=f"seatrial {name}", standalone_mode=False)
+    except typer.Exit as stop:
+        return stop.exit_code
+    except typer.Abort:
+        return 1
+    except Exception as error:
+        if not hasattr(error, "format_message"):
+            raise
+        raise ConfigurationError(f"{name}: {error.format_message()}") from error
+    return code if isinstance(code, int) else 0
+
+
+@app.command()
+def benchmark(
+    task: Annotated[
+        list[str] | None, typer.Option(help="A file of conf/benchmark; by default all.")
+    ] = None,
+    entrant: Annotated[
+        list[str] | None,
+        typer.Option(help="Of the task, or an identifier; by default all of the task."),
+    ] = None,
+    results_dir: Annotated[Path, typer.Option(help="Folder of the results.")] = Path(
+        "results/benchmark"
+    ),
+    launcher: Annotated[str, typer.Option(help="Of the sweeps.")] = "processes",
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print the commands of the trials.")
+    ] = False,
+) -> None:
+    """Run the cells; the exit code is 1 if a trial failed or an entrant cannot take part."""
     code, began = 0, perf_counter()
-    for name in options.task or search_path.options(GROUP):
-        task, began_task = task_of(name), perf_counter()
-        for lack in lacking(task):
+    for name in task or search_path.options(GROUP):
+        known, began_task = task_of(name), perf_counter()
+        for lack in lacking(known):
             files = ", ".join(f"{file.name} is {file.state}" for file in lack.files)
             print(f"{name}: {lack.case} is left out: {files}; see seatrial data get {name}")
-        listed = cells(name, task, entrants_of(task, options.entrant or ()))
-        for entrant, own in groupby(listed, key=lambda cell: cell.entrant):
-            code = max(code, _run(f"{name}, {entrant}", list(own), options))
-        print(f"{name}: {_time(began_task)}")
-    print(f"benchmark: {_time(began)}")
-    return code
-
-
-def _time(began: float) -> str:
-    """The time since an instant, as `12 min 3 s`."""
-    minutes, seconds = divmod(round(perf_counter() - began), 60)
-    return f"{minutes} min {seconds} s"
+        words = [f"results_dir={results_dir}", f"sweep.name=benchmark_{name}"]
+        listed = cells(name, known, entrants_of(known, entrant or ()))
+        for label, own in groupby(listed, key=lambda cell: cell.entrant):
+            variants = [list(cell.options) for cell in own]
+            if dry_run:
+                for variant in variants:
+                    print(shlex.join([*trial_program().split(), *variant, *words]))
+            else:
+                launched = [*words, f"hydra/launcher={launcher}"]
+                code = max(code, _sweep(f"{name}, {label}", launched, variants))
+        print(f"{name}: {_since(began_task)}")
+    print(f"benchmark: {_since(began)}")
+    raise typer.Exit(code)
 
 
 def get(task: Annotated[str, typer.Argument(help="A task of the benchmark.")]) -> None:
@@ -61,15 +98,8 @@ def get(task: Annotated[str, typer.Argument(help="A task of the benchmark.")]) -
         raise typer.Exit(1)
 
 
-def _run(label: str, own: Sequence[BenchmarkTrial], options: argparse.Namespace) -> int:
-    """Run the cells of one entrant in one task as a sweep."""
-    words = [f"results_dir={options.results_dir}", f"sweep.name=benchmark_{own[0].task}"]
-    words.append(f"hydra/launcher={options.launcher}")
-    if options.dry_run:
-        for cell in own:
-            print(shlex.join([*trial_program().split(), *cell.options, *words[:2]]))
-        return 0
-    variants = [list(cell.options) for cell in own]
+def _sweep(label: str, words: Sequence[str], variants: list[list[str]]) -> int:
+    """Run the cells of one entrant in one task as a sweep; returns the exit code."""
     shown = [word for variant in variants for word in ("--variant", shlex.join(variant))]
     call = in_process.Call(["-m", *words, *shown])
     call.variants, call.view = variants, terminal_view
@@ -82,13 +112,7 @@ def _run(label: str, own: Sequence[BenchmarkTrial], options: argparse.Namespace)
     return call.exit_code
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="seatrial benchmark", description=main.__doc__)
-    parser.add_argument("--task", action="append", help="a file of conf/benchmark; default: all")
-    parser.add_argument(
-        "--entrant", action="append", help="of the task, or an identifier; default: all of the task"
-    )
-    parser.add_argument("--results-dir", type=Path, default=RESULTS)
-    parser.add_argument("--launcher", default="processes")
-    parser.add_argument("--dry-run", action="store_true", help="print the commands of the trials")
-    return parser
+def _since(instant: float) -> str:
+    """The time since an instant, as `12 min 3 s`."""
+    minutes, seconds = divmod(round(perf_counter() - instant), 60)
+    return f"{minutes} min {seconds} s"

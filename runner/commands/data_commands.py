@@ -13,7 +13,7 @@ from seatrial.models.recording.diagnosis import doubts, examine, with_option
 from seatrial.models.recording.proposal import Proposal, propose
 from seatrial.models.recording.reader import FAULTS
 from seatrial.models.recording.source import ReadOptions, read_sources
-from seatrial.runner.commands.benchmark import get
+from seatrial.runner.commands.benchmark import get, run_typer
 from seatrial.runner.commands.data_convert import File, MapFile, convert
 from seatrial.runner.commands.recording_report import Report, report
 from seatrial.runner.compare.formats import OutputFormat, render
@@ -51,22 +51,6 @@ app.command()(get)
 def main(words: Sequence[str]) -> int:
     """Run `seatrial data` with the words that follow it; returns the exit code."""
     return run_typer(app, "data", words)
-
-
-def run_typer(program: typer.Typer, name: str, words: Sequence[str]) -> int:
-    """Run a command of `seatrial` that typer parses; returns the exit code."""
-    command = typer.main.get_command(program)
-    try:
-        command.main(list(words), prog_name=f"seatrial {name}", standalone_mode=False)
-    except typer.Exit as stop:
-        return stop.exit_code
-    except typer.Abort:
-        return 1
-    except Exception as error:
-        if not hasattr(error, "format_message"):
-            raise
-        raise ConfigurationError(f"{name}: {error.format_message()}") from error
-    return 0
 
 
 @app.command()

@@ -9,7 +9,7 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, metadata, requires, version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,13 +20,14 @@ from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.source_digest import cache_home
 from seatrial.runner import database
 from seatrial.runner.configuration.invocation import (
+    DEFAULT_DATABASE,
     PROJECT,
     ROOT,
     in_checkout,
     program_version,
     trial_program,
 )
-from seatrial.runner.database.engine import ENVIRONMENT, file_url
+from seatrial.runner.database.engine import ENVIRONMENT
 
 # Extras of users; the others are for work on the project itself.
 EXTRAS = {
@@ -77,31 +78,25 @@ def main(arguments: Sequence[str]) -> int:
 def examined() -> Iterator[Check]:
     """Check interpreter, packages, extras, cache, programs, data and logbook, in this order."""
     supported, needed = _declared()
-    python = platform.python_version()
-    verdict = "ok" if supported.contains(python) else "problem"
     yield Check("ok", "seatrial", program_version(), str(ROOT))
-    yield Check(verdict, "Python", python, _expected(verdict, supported))
+    yield _version("Python", platform.python_version(), supported)
     yield from (_package(r) for r in needed if r.marker is None or r.marker.evaluate())
     yield from (_extra(name, needed) for name in EXTRAS)
     yield _cache()
     for name, use in PROGRAMS.items():
         path = shutil.which(name)
         yield Check("ok", name, path) if path else Check("absent", name, "not found", f"for {use}")
-    if not (data := os.environ.get("SEATRIAL_DATA")):
-        yield Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
-    elif Path(data).is_dir():
-        yield Check("ok", "SEATRIAL_DATA", data)
+    if data := os.environ.get("SEATRIAL_DATA"):
+        own = ("ok", "") if Path(data).is_dir() else ("problem", "not a folder")
+        yield Check(own[0], "SEATRIAL_DATA", data, own[1])
     else:
-        yield Check("problem", "SEATRIAL_DATA", data, "not a folder")
-    default = file_url(Path("results/results.db"))
-    yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else default)
+        yield Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
+    yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else DEFAULT_DATABASE)
 
 
 def _declared() -> tuple[SpecifierSet, list[Requirement]]:
     """Return the supported versions of Python, and the requirements with those of the extras."""
     if not in_checkout():
-        from importlib.metadata import metadata
-
         lines = requires("seatrial") or []
         return SpecifierSet(metadata("seatrial")["Requires-Python"]), list(map(Requirement, lines))
     project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
@@ -113,16 +108,15 @@ def _declared() -> tuple[SpecifierSet, list[Requirement]]:
 
 def _package(requirement: Requirement) -> Check:
     try:
-        found = version(requirement.name)
+        return _version(requirement.name, version(requirement.name), requirement.specifier)
     except PackageNotFoundError:
         return Check("problem", requirement.name, "not installed", f"expected {requirement}")
-    fits = requirement.specifier.contains(found, prereleases=True)
-    verdict = "ok" if fits else "problem"
-    return Check(verdict, requirement.name, found, _expected(verdict, requirement.specifier))
 
 
-def _expected(verdict: str, versions: SpecifierSet) -> str:
-    return "" if verdict == "ok" else f"expected {versions}"
+def _version(name: str, result: str, versions: SpecifierSet) -> Check:
+    if versions.contains(result, prereleases=True):
+        return Check("ok", name, result)
+    return Check("problem", name, result, f"expected {versions}")
 
 
 def _extra(name: str, needed: Sequence[Requirement]) -> Check:
@@ -130,10 +124,9 @@ def _extra(name: str, needed: Sequence[Requirement]) -> Check:
     own = [r for r in needed if r.marker and r.marker.evaluate({"extra": name})]
     own = [r for r in own if not (r.marker and r.marker.evaluate({"extra": ""}))]
     checks, title = [_package(requirement) for requirement in own], f"extra {name}"
-    if any(check.result == "not installed" for check in checks):
-        lacking = ", ".join(check.name for check in checks if check.result == "not installed")
+    if lacking := [check.name for check in checks if check.result == "not installed"]:
         remedy = f"for {EXTRAS[name]}: pip install 'seatrial[{name}]'"
-        return Check("absent", title, f"without {lacking}", remedy)
+        return Check("absent", title, f"without {', '.join(lacking)}", remedy)
     for check in checks:
         if check.verdict == "problem":
             return Check("problem", title, f"{check.name} {check.result}", check.note)
@@ -152,10 +145,9 @@ def _cache() -> Check:
         return Check("problem", "compiled code", str(folder), f"not writable: {error.strerror}")
     if folder.is_relative_to(tempfile.gettempdir()) and not wanted:
         note = "temporary: set SEATRIAL_CACHE to a folder that stays"
-        return Check("ok", "compiled code", str(folder), note)
-    files = [path for path in folder.rglob("*") if path.is_file()]
-    megabytes = sum(path.stat().st_size for path in files) / 1e6
-    note = f"{megabytes:.0f} MB in {len(files)} files; it may be deleted"
+    else:
+        sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+        note = f"{sum(sizes) / 1e6:.0f} MB in {len(sizes)} files; it may be deleted"
     return Check("ok", "compiled code", str(folder), note)
 
 

@@ -16,7 +16,8 @@ from seatrial.models.recording.reader import Signals
 from seatrial.models.vessel import scales
 from seatrial.runner import export
 from seatrial.runner.commands import init
-from seatrial.runner.commands.data_commands import Force, VesselName, map_columns, run_typer
+from seatrial.runner.commands.benchmark import run_typer
+from seatrial.runner.commands.data_commands import Force, VesselName, map_columns
 from seatrial.runner.commands.data_convert import File, MapFile
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.configuration.recording_map import read_map, reader_of

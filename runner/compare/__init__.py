@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import audit as audit
     from seatrial.runner.compare import benchmark_page as benchmark_page
     from seatrial.runner.compare import frame as frame
-    from seatrial.runner.compare import housekeeping as housekeeping
     from seatrial.runner.compare import leaderboard as leaderboard
     from seatrial.runner.compare import manoeuvre_comparison as manoeuvre_comparison
     from seatrial.runner.compare import plots as plots
@@ -25,7 +24,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_loader.attach(
         __name__,
         [
-            *("animation", "audit", "benchmark_page", "frame", "housekeeping", "leaderboard"),
+            *("animation", "audit", "benchmark_page", "frame", "leaderboard"),
             *("manoeuvre_comparison", "plots", "report", "runs", "site", "table"),
         ],
     )

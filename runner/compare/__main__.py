@@ -11,7 +11,7 @@ from io import TextIOWrapper
 from typer.main import get_command
 
 from seatrial.models.errors import SeatrialError
-from seatrial.runner.compare import commands, logbook_commands  # noqa: F401 - adds the commands
+from seatrial.runner.compare import commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app
 from seatrial.runner.configuration import plugins
 from seatrial.runner.configuration.invocation import REPLACED, import_from_working_folder
@@ -37,18 +37,19 @@ def run(arguments: Sequence[str] | None = None) -> int:
         refuse_passwords(words)
         code = get_command(app).main(args=words, prog_name=PROGRAM, standalone_mode=False)
     except SeatrialError as error:
-        return complain(_replacement(words) or str(error))
+        return _complain(str(error), words)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        message = _usage_message(error)
-        if message is None:
+        # The module of the parser's exceptions differs between versions of Typer.
+        if type(error).__name__ == "Abort":
+            return _complain("aborted", words)
+        if not hasattr(error, "format_message"):
             raise
-        message = _replacement(words) or message
-        return complain(message) if message else 2
+        return _complain(error.format_message(), words)
     return code if isinstance(code, int) else 0
 
 
@@ -57,30 +58,15 @@ def names() -> list[str]:
     return sorted(get_command(app).commands)  # type: ignore[attr-defined]
 
 
-def complain(message: str) -> int:
-    """Print one line on stderr and return the exit code of bad input."""
-    print(f"{PROGRAM}: {error_line(message)}", file=sys.stderr)
-    return 2
-
-
-def _replacement(words: Sequence[str]) -> str:
-    """Return what replaces a command, figure or option that is gone; empty for any other."""
+def _complain(message: str, words: Sequence[str]) -> int:
+    """Print one line, unless the help was printed; name what replaces a word that is gone."""
     for text in (" ".join(words[:2]), *words):
         if replaced := REPLACED.get(f"{PROGRAM} {text}"):
-            return f"{text} is gone: {replaced}"
-    return ""
-
-
-def _usage_message(error: Exception) -> str | None:
-    """Return the message of a parser error, or None for any other exception.
-
-    The module of the parser differs between versions of Typer, so its exceptions are recognised
-    by their attributes.
-    """
-    describe = getattr(error, "format_message", None)
-    if describe is None:
-        return "aborted" if type(error).__name__ == "Abort" else None
-    return str(describe())
+            message = f"{text} is gone: {replaced}"
+            break
+    if message:
+        print(f"{PROGRAM}: {error_line(message)}", file=sys.stderr)
+    return 2
 
 
 if __name__ == "__main__":

@@ -1,20 +1,20 @@
 """Audit of a logbook: which of its runs mislead if they are compared without a second look."""
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import pandas as pd
 
 from seatrial.runner.compare.comparability import EXPERIMENT, differing, of_runs, with_conditions
 from seatrial.runner.compare.frame import BELOW_TRUE_MODEL, FINISHED, Queries, diverged_predictions
-from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text, one_line
+from seatrial.runner.compare.grid import TextTable, grid_of, number_text, one_line
 from seatrial.runner.compare.runs import runs_of
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.record.vocabulary import DOF_ORDER, LOST
 
 HEADERS = ("check", "runs", "what", "remedy")
+Entry = tuple[str, Sequence[int], str, str]  # check, the runs it is about, what, and the remedy
 CELL = ("identifier", "disturbance")  # the factors of a table without options
 DEPLOYED = ("tau_mean_abs", "e_pos_mae")  # metrics that every deployment has
 MOST_RANGES = 8
@@ -27,16 +27,6 @@ REMEDIES = {
     "inertia": "richer excitation or fewer terms: such a model cannot be simulated",
     "coverage": "identifier=iv and output_error have intervals of the coefficient",
 }
-
-
-@dataclass(frozen=True)
-class AuditEntry:
-    """One line of the audit: a check, the runs that it is about, what they have, and the remedy."""
-
-    check: str
-    runs: Sequence[int]
-    what: str
-    remedy: str
 
 
 def audit(
@@ -61,11 +51,14 @@ def audit(
     ]
     found = f"{len(entries)} diagnostic{'s'[: len(entries) != 1]}" if entries else "nothing found"
     checked = f"checked {len(runs)} run{'s'[: len(runs) != 1]}" + (f" of {scope}" if scope else "")
-    rows: list[list[Scalar]] = [[e.check, ranges(e.runs), e.what, e.remedy] for e in entries]
-    shown = [[e.check, ranges(e.runs, MOST_RANGES), e.what, e.remedy] for e in entries]
-    records = grid_of("", HEADERS, rows).as_records()
-    grid = grid_of(f"{checked}: {found}", HEADERS, shown, labels=len(HEADERS))
-    return TextTable(grid.title, grid.headers, grid.rows, grid.labels, records=records)
+    whole, shown = (
+        [[check, ranges(own, most), what, remedy] for check, own, what, remedy in entries]
+        for most in (None, MOST_RANGES)
+    )
+    records = grid_of("", HEADERS, whole).as_records()
+    return replace(
+        grid_of(f"{checked}: {found}", HEADERS, shown, labels=len(HEADERS)), records=records
+    )
 
 
 def ranges(runs: Iterable[int], most: int | None = None) -> str:
@@ -82,7 +75,7 @@ def ranges(runs: Iterable[int], most: int | None = None) -> str:
     return ", ".join(texts)
 
 
-def _unlike(results: Queries, finished: pd.DataFrame, condition: Condition) -> Iterator[AuditEntry]:
+def _unlike(results: Queries, finished: pd.DataFrame, condition: Condition) -> Iterator[Entry]:
     """Find runs that differ in a cell of a table, and runs that are one experiment."""
     deployed = finished.index.isin(results.metrics(DEPLOYED, condition)["run"])
     parts = of_runs(finished, "validation"), of_runs(finished[deployed], "deployment")
@@ -100,7 +93,7 @@ def _unlike(results: Queries, finished: pd.DataFrame, condition: Condition) -> I
     yield from _replicates(frame[frame["stage"] == "validation"])
 
 
-def _replicates(frame: pd.DataFrame) -> Iterator[AuditEntry]:
+def _replicates(frame: pd.DataFrame) -> Iterator[Entry]:
     """Find experiments that are stored more than once, by what their runs differ in."""
     experiments = frame.groupby([*EXPERIMENT], observed=True, sort=False)
     varied = {name: experiments[name].transform("nunique") > 1 for name in ("seed", "evaluation")}
@@ -118,7 +111,7 @@ def _replicates(frame: pd.DataFrame) -> Iterator[AuditEntry]:
         yield _entry("replicates", runs["run"], what)
 
 
-def _below_true_model(flags: pd.DataFrame) -> Iterator[AuditEntry]:
+def _below_true_model(flags: pd.DataFrame) -> Iterator[Entry]:
     for (identifier,), rows in flags.groupby(["identifier"], observed=True, sort=False):
         dofs = ", ".join(dof for dof in DOF_ORDER if (rows["dof"] == dof).any())
         what = f"identifier={identifier}: force error below the true plant's in {dofs}"
@@ -127,7 +120,7 @@ def _below_true_model(flags: pd.DataFrame) -> Iterator[AuditEntry]:
 
 def _diverged(
     results: Queries, finished: pd.DataFrame, marks: pd.DataFrame, condition: Condition
-) -> Iterator[AuditEntry]:
+) -> Iterator[Entry]:
     """Find predictions that diverged, and models that cannot be simulated."""
     reasons = results.diagnostics(["no_prediction"], condition)
     impossible = {(row.run, str(row.label).split()[0]) for row in reasons.itertuples()}
@@ -141,22 +134,15 @@ def _diverged(
             yield _entry("inertia", rows["run"], f"{about}: its inertia is not positive definite")
         else:
             horizons = ", ".join(rows["horizon"].unique())
-            held = _held_text(rows["held_s"].tolist())
+            known = rows["held_s"].dropna()
+            ends = dict.fromkeys(number_text(end, 3) for end in (known.min(), known.max()))
+            held = f"; the free run held {' to '.join(ends)} s" if len(known) else ""
             yield _entry("diverged validation", rows["run"], f"{about}: {horizons} diverged{held}")
-
-
-def _held_text(times_s: Sequence[float]) -> str:
-    """Return `; the free run held 5 to 35 s`; empty if it is not known."""
-    known = [time_s for time_s in times_s if math.isfinite(time_s)]
-    if not known:
-        return ""
-    ends = dict.fromkeys(number_text(end, 3) for end in (min(known), max(known)))
-    return f"; the free run held {' to '.join(ends)} s"
 
 
 def _without_coverage(
     results: Queries, finished: pd.DataFrame, condition: Condition
-) -> Iterator[AuditEntry]:
+) -> Iterator[Entry]:
     stated = results.coefficients(condition).dropna(subset="std_error")
     uncertain = {*stated["run"]} - results.covering(condition)
     own = finished[finished.index.isin(uncertain)]
@@ -165,7 +151,7 @@ def _without_coverage(
         yield _entry("coverage", rows.index, what)
 
 
-def _lost(results: Queries, condition: Condition) -> Iterator[AuditEntry]:
+def _lost(results: Queries, condition: Condition) -> Iterator[Entry]:
     lost = [run for run in runs_of(results, condition, LOST) if not run.superseded]
     groups: dict[tuple[str, str | None], list[RunSummary]] = {}
     for run in reversed(lost):
@@ -174,12 +160,12 @@ def _lost(results: Queries, condition: Condition) -> Iterator[AuditEntry]:
         reason = ": ".join(text for text in (error_type, runs[0].error) if text)
         remedy = f"show {runs[0].run_id} --traceback; retry --status {status}"
         ids = [run.run_id for run in runs]
-        yield AuditEntry(f"{status} run", ids, one_line(reason or "no reason known", 120), remedy)
+        yield f"{status} run", ids, one_line(reason or "no reason known", 120), remedy
 
 
 def _cell(levels: Sequence[str]) -> str:
     return ", ".join(f"{name}={level}" for name, level in zip(CELL, levels, strict=True))
 
 
-def _entry(check: str, runs: Iterable[int], what: str) -> AuditEntry:
-    return AuditEntry(check, [*runs], what, REMEDIES[check])
+def _entry(check: str, runs: Iterable[int], what: str) -> Entry:
+    return check, [*runs], what, REMEDIES[check]

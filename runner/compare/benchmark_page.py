@@ -6,9 +6,9 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from seatrial.runner.compare.benchmark.boards import Board, overall
-from seatrial.runner.compare.benchmark.entries import REFERENCES, BenchmarkRun
+from seatrial.runner.compare.benchmark.boards import BenchmarkRun, Board, overall
 from seatrial.runner.compare.benchmark.manoeuvre_scores import pieces
+from seatrial.runner.compare.benchmark.scores import REFERENCES
 from seatrial.runner.compare.benchmark.task import Case, located
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import FINISHED, Queries

@@ -1,39 +1,38 @@
-"""Shared parts of the commands: the application, the options and the printing of tables.
+"""What the commands share: their options, and how a function becomes a command.
 
-The commands are in `commands` and `logbook_commands`; the options of `table` and `plot` are
-dataclasses. This module and the commands are imported by --help and therefore import nothing slow:
-they take it from the package, as `compare.frame`, which loads it at its first use.
+This module and the commands are imported by --help and therefore import nothing slow: that is
+loaded at its first use.
 """
 
 import inspect
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from seatrial.models.errors import SeatrialError
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.grid import TextTable
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, program_version
 from seatrial.runner.record.catalogue import all_declared
-from seatrial.runner.record.vocabulary import DOF_ORDER, Stage
 
 if TYPE_CHECKING:
     frame: Any
-    runs: Any
-else:  # by name: they take their requests from here
+else:  # by name: it imports options from here
     import lazy_loader
 
     frame = lazy_loader.load("seatrial.runner.compare.frame", suppress_warning=True)
-    runs = lazy_loader.load("seatrial.runner.compare.runs", suppress_warning=True)
 
 MOST_CELLS = 250_000  # of a table, at about 3 kB
+MAX_ROWS = 1_000_000_000  # rows that --limit may ask for
+LATEST = 0  # the number of the newest run, before it is known
+Several = list[str] | None
+F = TypeVar("F", bound=Callable[..., Any])
 app = typer.Typer(name="seatrial-results", no_args_is_help=True, pretty_exceptions_enable=False)
 
 
@@ -53,6 +52,26 @@ def _program(
     """Compare the runs that are stored in a results database."""
 
 
+def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return the completion of an option with comma-separated values."""
+
+    def completed(incomplete: str) -> list[str]:
+        given, comma, last = incomplete.rpartition(",")
+        return [f"{given}{comma}{name}" for name in names() if name.startswith(last)]
+
+    return completed
+
+
+def _run_number(text: str) -> int:
+    if text != "latest" and not (text.isascii() and text.isdigit() and int(text)):
+        raise typer.BadParameter(f"got {text!r}, expected the number of a run, or latest")
+    return LATEST if text == "latest" else int(text)
+
+
+METRIC_NAMES = _completing(lambda: [metric.name for metric in all_declared()])
+RunNumber = Annotated[
+    int, typer.Argument(help="Number of the run, or latest.", parser=_run_number, metavar="RUN")
+]
 Database = Annotated[
     str,
     typer.Option(
@@ -60,6 +79,10 @@ Database = Annotated[
         metavar="URL",
         help="URL or file of the logbook; SEATRIAL_DATABASE for the URL in this variable.",
     ),
+]
+ResultsDir = Annotated[
+    Path | None,
+    typer.Option("--results-dir", help="Folder of the series files, if not beside the database."),
 ]
 Form = Annotated[OutputFormat, typer.Option("--format", "-f", help="Output format of the table.")]
 Where = Annotated[
@@ -79,19 +102,211 @@ Tag = Annotated[
     str | None, typer.Option("--tag", help="Only sweeps with this tag, all of them by default.")
 ]
 Pool = Annotated[
-    list[str] | None,
+    Several,
     typer.Option("--pool", help="Factors that a cell may average over, or all.", metavar="NAME"),
 ]
-ResultsDir = Annotated[
-    Path | None,
-    typer.Option("--results-dir", help="Folder of the series files, if not beside the database."),
+Rows = Annotated[
+    str | None,
+    typer.Option(
+        "--rows", "-r", help="Factors of the rows, comma-separated.  [default: identifier]"
+    ),
 ]
-Several = list[str] | None
-T = TypeVar("T")
-MAX_ROWS = 1_000_000_000  # rows that --limit may ask for
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        "--columns", "-c", help="Factors of the columns, or none.  [default: disturbance]"
+    ),
+]
+Dofs = Annotated[Several, typer.Option("--dof", help="surge, sway, yaw, position, ... or all.")]
 
 
-def split(texts: Several) -> tuple[str, ...]:
+@dataclass(frozen=True)
+class TableOptions:
+    """Options of `table`."""
+
+    rows: Rows = None
+    columns: Columns = None
+    metric: Annotated[
+        Several,
+        typer.Option(
+            "--metric",
+            "-m",
+            help="Metric (see: metrics); repeated or comma-separated.",
+            autocompletion=METRIC_NAMES,
+        ),
+    ] = None
+    coefficient: Annotated[
+        Several, typer.Option(help="Term whose coefficient is shown, such as u_dot.")
+    ] = None
+    coefficients: Annotated[
+        bool, typer.Option("--coefficients", help="All coefficients, by DOF and term.")
+    ] = False
+    dof: Dofs = None
+    stage: Annotated[Several, typer.Option(help="validation, deployment, identification.")] = None
+    model: Annotated[
+        Several, typer.Option(help="nominal, identified, plant, or all.  [default: identified]")
+    ] = None
+    statistic: Annotated[
+        Several,
+        typer.Option("--statistic", "-s", help="mean, std, n, median, min, max, q05 ... q95, ci."),
+    ] = None
+    interval: Annotated[
+        Literal["t", "bootstrap"], typer.Option(help="Kind of the 95 % interval `ci`.")
+    ] = "t"
+    baseline: Annotated[
+        Several,
+        typer.Option(help="Reference, such as identifier=none; adds ratio, paired test and wins."),
+    ] = None
+    where: Where = None
+    sweep: Sweep = None
+    tag: Tag = None
+    pool: Pool = None
+    digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
+    cells: Annotated[int, typer.Option(min=1, help="Most cells, rows times columns.")] = MOST_CELLS
+
+
+@dataclass(frozen=True)
+class PlotOptions:
+    """Options of `plot`."""
+
+    kind: Annotated[
+        str,
+        typer.Argument(
+            help="Kind of figure: a name below, or the name of a module with a figure.",
+            autocompletion=_completing(figures),
+        ),
+    ]
+    run: Annotated[
+        int | None,
+        typer.Option(
+            help="Run of a figure over time.  [default: newest]", parser=_run_number, metavar="RUN"
+        ),
+    ] = None
+    metric: Annotated[
+        str, typer.Option("--metric", "-m", help="Metric of the bars.", autocompletion=METRIC_NAMES)
+    ] = "force_mse"
+    rows: Rows = None
+    columns: Columns = None
+    dof: Dofs = None
+    model: Annotated[str, typer.Option(help="nominal, identified or plant.")] = "identified"
+    facet: Annotated[str | None, typer.Option(help="One figure for each level of this factor.")] = (
+        None
+    )
+    band: Annotated[
+        float | None, typer.Option(metavar="PERCENT", help="Level of the bands about a prediction.")
+    ] = None
+    log: Annotated[
+        bool | None,
+        typer.Option(
+            "--log/--linear", help="Scale of the bars.  [default: by the range of the values]"
+        ),
+    ] = None
+    width: Annotated[
+        str | None,
+        typer.Option(
+            metavar="column|page|MM",
+            help="A PDF for print of this width, 86 or 178 mm or a number, instead of PNG and SVG.",
+        ),
+    ] = None
+    where: Where = None
+    sweep: Sweep = None
+    tag: Tag = None
+    pool: Pool = None
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Folder of the files.  [default: figures in the results folder]"
+        ),
+    ] = None
+
+
+def command(
+    name: str | None = None, database: str = DEFAULT_DATABASE, **more: Any
+) -> Callable[[F], F]:
+    """Make a command of a function of an open logbook; the function itself is for Python.
+
+    What it takes after the logbook are the options of the command: its arguments, or the fields of
+    one dataclass. The options that open the logbook are added, and the format of what it prints if
+    it returns tables. It may also return paths or text, which are printed.
+    """
+
+    def register(function: F) -> F:
+        signature = inspect.signature(function)
+        _, *own = signature.parameters.values()
+        record: Any = own[0].annotation if is_dataclass(own[0].annotation) else None
+        options = {each.name: each for each in own}
+        if record is not None:
+            options = dict(inspect.signature(record).parameters)
+        added = {"database": (Database, database), "results_dir": (ResultsDir, None)}
+        if "TextTable" in str(signature.return_annotation):
+            added["form"] = Form, OutputFormat.RICH
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        parameters = [each.replace(kind=keyword) for each in options.values()]
+        parameters += [
+            inspect.Parameter(each, keyword, default=default, annotation=annotation)
+            for each, (annotation, default) in added.items()
+            if each not in options
+        ]
+
+        def run(**values: Any) -> None:
+            with frame.open_results(values["database"], values["results_dir"]) as results:
+                if values.get("run") == LATEST:
+                    values["run"] = _newest(results)
+                given = {each: values[each] for each in options}
+                if record is None:
+                    result = function(results, **given)
+                else:
+                    result = function(results, record(**given))
+                    if given.get("run") is None:  # single runs that the newest sweep leaves out
+                        chosen = (given[each] for each in ("where", "sweep", "tag"))
+                        if hint := results.left_out(*chosen):
+                            typer.echo(hint, err=True)
+            show(result, values.get("form", OutputFormat.RICH))
+
+        run.__name__, run.__doc__ = function.__name__, function.__doc__
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {each.name: each.annotation for each in parameters}
+        app.command(name, **more)(run)
+        return function
+
+    return register
+
+
+def _newest(results: Any) -> int:
+    newest = results.reader.runs(newest_first=True, limit=1)
+    if not newest:
+        raise ConfigurationError(results.why_none())
+    return int(newest[0].run_id)
+
+
+def show(result: Any, form: OutputFormat = OutputFormat.RICH) -> None:
+    """Print what a command returns: a table, several, paths, or text; nothing for None."""
+    match result:
+        case None:
+            pass
+        case TextTable():
+            show_grids([result], form)
+        case [TextTable(), *_]:
+            show_grids(result, form)
+        case list():
+            for each in result:
+                typer.echo(each)
+        case _:
+            typer.echo(result)
+
+
+def show_grids(grids: Sequence[TextTable], form: OutputFormat) -> None:
+    """Print grids one after the other; on a terminal they are fitted to its width."""
+    terminal = sys.stdout.isatty()
+    width = shutil.get_terminal_size().columns if terminal else None
+    texts = [render(grid, form, width, colour=terminal) for grid in grids]
+    if form is OutputFormat.JSON and len(texts) > 1:
+        typer.echo("[" + ",\n".join(texts) + "]")
+    else:
+        print("\n\n".join(texts))
+
+
+def split(texts: Sequence[str] | None) -> tuple[str, ...]:
     """Return the values of a repeated or comma-separated option, without empty ones."""
     parts = (part.strip() for text in texts or () for part in text.split(","))
     return tuple(part for part in parts if part)
@@ -114,211 +329,3 @@ def shown_path(path: Path) -> Path:
     """Return the path relative to the working directory if it is below it, else unchanged."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path
-
-
-def show_grid(grid: TextTable, form: OutputFormat) -> None:
-    """Print one grid."""
-    show_grids([grid], form)
-
-
-def show_grids(grids: Sequence[TextTable], form: OutputFormat) -> None:
-    """Print grids one after the other; on a terminal they are fitted to its width."""
-    terminal = sys.stdout.isatty()
-    width = None
-    if terminal:
-        width = shutil.get_terminal_size().columns
-    texts = [render(grid, form, width, colour=terminal) for grid in grids]
-    if form is OutputFormat.JSON and len(texts) > 1:
-        typer.echo("[" + ",\n".join(texts) + "]")
-    else:
-        print("\n\n".join(texts))
-
-
-def taking(options: type[T]) -> Callable[[Callable[[T], None]], Callable[..., None]]:
-    """Turn a function of one dataclass into a command; the fields become its options."""
-
-    def command_of(function: Callable[[T], None]) -> Callable[..., None]:
-        def command(**values: object) -> None:
-            function(options(**values))
-
-        command.__name__, command.__doc__ = function.__name__, function.__doc__
-        command.__annotations__ = get_type_hints(options, include_extras=True)
-        command.__signature__ = inspect.signature(options)  # type: ignore[attr-defined]
-        return command
-
-    return command_of
-
-
-def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Return the completion of an option with comma-separated values."""
-
-    def completed(incomplete: str) -> list[str]:
-        given, comma, last = incomplete.rpartition(",")
-        return [f"{given}{comma}{name}" for name in names() if name.startswith(last)]
-
-    return completed
-
-
-def _run_numbers(incomplete: str) -> list[tuple[str, str]]:
-    """Return the numbers of the newest runs in the default folder; none if it cannot be read."""
-    with suppress(SeatrialError), frame.open_results(DEFAULT_DATABASE) as opened:
-        numbers: list[tuple[str, str]] = runs.numbers(opened, incomplete)
-        return numbers
-    return []
-
-
-RunNumber = Annotated[int, typer.Argument(help="Number of the run.", autocompletion=_run_numbers)]
-METRIC_NAMES = _completing(lambda: [metric.name for metric in all_declared()])
-DOF_NAMES = _completing(lambda: [*DOF_ORDER, "all"])
-STAGE_NAMES = _completing(lambda: get_args(Stage))
-MODEL_NAMES = _completing(lambda: ["nominal", "identified", "plant", "all"])
-STATISTIC_NAMES = _completing(
-    lambda: ["mean", "std", "n", "median", "min", "max", "q05", "q25", "q75", "q95", "ci"]
-)
-
-
-@dataclass(frozen=True)
-class TableOptions:
-    """Options of `table`."""
-
-    rows: Annotated[
-        str | None,
-        typer.Option(
-            "--rows", "-r", help="Factors of the rows, comma-separated.  [default: identifier]"
-        ),
-    ] = None
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            "--columns", "-c", help="Factors of the columns, or none.  [default: disturbance]"
-        ),
-    ] = None
-    metric: Annotated[
-        Several,
-        typer.Option(
-            "--metric",
-            "-m",
-            help="Metric (see: metrics); repeated or comma-separated.",
-            autocompletion=METRIC_NAMES,
-        ),
-    ] = None
-    coefficient: Annotated[
-        Several,
-        typer.Option("--coefficient", help="Term whose coefficient is shown, such as u_dot."),
-    ] = None
-    coefficients: Annotated[
-        bool, typer.Option("--coefficients", help="All coefficients, by DOF and term.")
-    ] = False
-    dof: Annotated[
-        Several,
-        typer.Option(help="surge, sway, yaw, position, ... or all.", autocompletion=DOF_NAMES),
-    ] = None
-    stage: Annotated[
-        Several,
-        typer.Option(help="validation, deployment, identification.", autocompletion=STAGE_NAMES),
-    ] = None
-    model: Annotated[
-        Several,
-        typer.Option(
-            help="nominal, identified, plant, or all.  [default: identified]",
-            autocompletion=MODEL_NAMES,
-        ),
-    ] = None
-    statistic: Annotated[
-        Several,
-        typer.Option(
-            "--statistic",
-            "-s",
-            help="mean, std, n, median, min, max, q05 ... q95, ci.",
-            autocompletion=STATISTIC_NAMES,
-        ),
-    ] = None
-    interval: Annotated[
-        Literal["t", "bootstrap"], typer.Option(help="Kind of the 95 % interval `ci`.")
-    ] = "t"
-    baseline: Annotated[
-        Several,
-        typer.Option(help="Reference, such as identifier=none; adds ratio, paired test and wins."),
-    ] = None
-    where: Where = None
-    sweep: Sweep = None
-    tag: Tag = None
-    pool: Pool = None
-    digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
-    cells: Annotated[int, typer.Option(min=1, help="Most cells, rows times columns.")] = MOST_CELLS
-    database: Database = DEFAULT_DATABASE
-    form: Form = OutputFormat.RICH
-
-
-def _completed(incomplete: str) -> list[str]:
-    return [name for name in figures() if name.startswith(incomplete)]
-
-
-@dataclass(frozen=True)
-class PlotOptions:
-    """Options of `plot`."""
-
-    kind: Annotated[
-        str,
-        typer.Argument(
-            help="Kind of figure: a name below, or the name of a module with a figure.",
-            autocompletion=_completed,
-        ),
-    ]
-    run: Annotated[
-        int | None,
-        typer.Option(
-            "--run",
-            help="Run of a figure over time.  [default: newest]",
-            autocompletion=_run_numbers,
-        ),
-    ] = None
-    metric: Annotated[
-        str, typer.Option("--metric", "-m", help="Metric of the bars.", autocompletion=METRIC_NAMES)
-    ] = "force_mse"
-    rows: Annotated[
-        str | None,
-        typer.Option("--rows", "-r", help="Factor of the colours.  [default: identifier]"),
-    ] = None
-    columns: Annotated[
-        str | None,
-        typer.Option("--columns", "-c", help="Factor of the groups.  [default: disturbance]"),
-    ] = None
-    dof: Annotated[
-        Several, typer.Option(help="Only these degrees of freedom.", autocompletion=DOF_NAMES)
-    ] = None
-    model: Annotated[str, typer.Option(help="nominal, identified or plant.")] = "identified"
-    facet: Annotated[
-        str | None, typer.Option("--facet", help="One figure for each level of this factor.")
-    ] = None
-    band: Annotated[
-        float | None,
-        typer.Option("--band", metavar="PERCENT", help="Level of the bands about a prediction."),
-    ] = None
-    log: Annotated[
-        bool | None,
-        typer.Option(
-            "--log/--linear", help="Scale of the bars.  [default: by the range of the values]"
-        ),
-    ] = None
-    width: Annotated[
-        str | None,
-        typer.Option(
-            "--width",
-            metavar="column|page|MM",
-            help="A PDF for print of this width, 86 or 178 mm or a number, instead of PNG and SVG.",
-            autocompletion=_completing(lambda: ["column", "page"]),
-        ),
-    ] = None
-    where: Where = None
-    sweep: Sweep = None
-    tag: Tag = None
-    pool: Pool = None
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="Folder of the files.  [default: figures in the results folder]"
-        ),
-    ] = None
-    database: Database = DEFAULT_DATABASE
-    results_dir: ResultsDir = None

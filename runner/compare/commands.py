@@ -1,39 +1,60 @@
-"""Commands that read the logbook: runs, show, table, plot, metrics, stats, manoeuvres, ..."""
+"""The commands of `seatrial-results`: functions of an open logbook; see `cli.command`."""
 
+import re
+import shlex
+import subprocess
+import sys
+from datetime import timedelta
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand
 
-from seatrial.runner import compare, export
+from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner import compare
+from seatrial.runner import database as databases
+from seatrial.runner import export as exports
 from seatrial.runner.compare.cli import (
     MAX_ROWS,
+    Columns,
     Database,
     EverySweep,
     Form,
     PlotOptions,
     ResultsDir,
+    Rows,
     RunNumber,
+    Several,
+    Sweep,
     TableOptions,
     Tag,
     Where,
     app,
-    show_grid,
+    axes_of,
+    command,
     show_grids,
     shown_path,
-    taking,
+    split,
 )
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import OutputFormat
-from seatrial.runner.compare.grid import grid_of
-from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
+from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, trial_program
 from seatrial.runner.record.catalogue import all_declared
+from seatrial.runner.record.vocabulary import GROUPS, LOST
+
+if TYPE_CHECKING:
+    from seatrial.runner.compare.frame import Queries
+
+MINUTES = {"m": 1, "h": 60, "d": 24 * 60, "w": 7 * 24 * 60}
+STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 
 
-@app.command()
+@command()
 def runs(
-    database: Database = DEFAULT_DATABASE,
+    results: "Queries",
     where: Where = None,
     sweep: EverySweep = None,
     tag: Tag = None,
@@ -41,37 +62,34 @@ def runs(
     limit: Annotated[
         int, typer.Option(min=1, max=MAX_ROWS, help="Number of runs, newest first.")
     ] = 50,
-    form: Form = OutputFormat.RICH,
-) -> None:
+) -> TextTable:
     """List runs, newest first, including failed ones."""
-    with compare.frame.open_results(database) as results:
-        show_grid(compare.runs.run_list(results, where, status, limit, sweep, tag), form)
+    return compare.runs.run_list(results, where, status, limit, sweep, tag)
 
 
-@app.command()
+@command()
 def show(
+    results: "Queries",
     run: RunNumber,
-    database: Database = DEFAULT_DATABASE,
     traceback: Annotated[
         bool, typer.Option("--traceback", help="Print only its traceback.")
     ] = False,
     command: Annotated[
         bool, typer.Option("--command", help="Print only the command that repeats it.")
     ] = False,
-    form: Form = OutputFormat.RICH,
-) -> None:
-    """Show everything stored about one run."""
-    with compare.frame.open_results(database) as results:
-        if command:
-            typer.echo(compare.runs.command_of(results, run))
-        elif traceback:
-            typer.echo(compare.runs.traceback_of(results, run))
-        else:
-            show_grids(compare.runs.run_details(results, run), form)
+) -> list[TextTable] | str:
+    """Show everything stored about one run: metrics, coefficients, configuration, provenance."""
+    if command:
+        return compare.runs.command_of(results, run)
+    if traceback:
+        detail = results.reader.run(run)
+        return (detail.traceback or f"run {run} is {detail.summary.status}: no traceback").rstrip()
+    return [compare.runs.headline(results, run), *compare.runs.run_details(results, run)]
 
 
-@app.command(name="leaderboard")
-def benchmark_ranks(
+@command(database="sqlite:///results/benchmark/results.db")
+def leaderboard(
+    results: "Queries",
     task: Annotated[list[str] | None, typer.Option(help="A task; by default all.")] = None,
     entrant: Annotated[
         list[str] | None, typer.Option(help="An entrant, beside those of the task.")
@@ -82,40 +100,38 @@ def benchmark_ranks(
     page: Annotated[
         Path | None, typer.Option(help="Also write tables and free runs to this HTML file.")
     ] = None,
-    database: Database = "sqlite:///results/benchmark/results.db",
-    results_dir: ResultsDir = None,
-    form: Form = OutputFormat.RICH,
-) -> None:
+) -> list[TextTable]:
     """Rank the entrants of the benchmark, task by task; `seatrial benchmark` runs them."""
-    board = compare.leaderboard
-    with compare.frame.open_results(database, results_dir) as results:
-        boards = board.boards(results, task or (), entrant or ())
-        if page is not None:
-            compare.benchmark_page.write_benchmark(results, boards, page)
-    show_grids([board.summary(boards)] if summary else board.grids(boards), form)
+    boards = compare.leaderboard.boards(results, task or (), entrant or ())
     if page is not None:
+        compare.benchmark_page.write_benchmark(results, boards, page)
         typer.echo(page, err=True)
+    tables = compare.leaderboard
+    return [tables.summary(boards)] if summary else tables.grids(boards)
 
 
-@app.command()
-@taking(TableOptions)
-def table(options: TableOptions) -> None:
+@command()
+def table(results: "Queries", options: TableOptions) -> TextTable:
     """Compare a metric or coefficients over seeds.
 
     Rows and columns are factors: a choice (vessel, disturbance, excitation, identifier, controller,
     evaluation, seed, ...), a dotted name of the configuration (plant.scale), or metric, term, dof,
     stage or model.
     """
-    request = compare.table.request_of(options)
-    with compare.frame.open_results(options.database) as results:
-        show_grid(compare.table.comparison(results, request), options.form)
-        _say(results.left_out(options.where, options.sweep, options.tag))
+    _check_metrics(results, split(options.metric))
+    return compare.table.comparison(results, compare.table.request_of(options))
 
 
-def _say(hint: str) -> None:
-    """Print a hint, if there is one, apart from the output."""
-    if hint:
-        typer.echo(hint, err=True)
+def _check_metrics(results: "Queries", names: tuple[str, ...]) -> None:
+    """Refuse a metric that no run has, and name one that may be meant."""
+    stored = results.metric_names()
+    for name in names:
+        near = [each for each in stored if each.startswith(name)]
+        near = near or get_close_matches(name, stored, 1)
+        if name not in stored and near:
+            raise ConfigurationError(
+                f"--metric: no metric {name!r}, did you mean {', '.join(near[:4])}?"
+            )
 
 
 class PlotCommand(TyperCommand):
@@ -130,9 +146,8 @@ class PlotCommand(TyperCommand):
         super().format_help(*arguments)
 
 
-@app.command(cls=PlotCommand)
-@taking(PlotOptions)
-def plot(options: PlotOptions) -> None:
+@command(cls=PlotCommand)
+def plot(results: "Queries", options: PlotOptions) -> list[Path]:
     """Draw figures as PNG and SVG, or with --width as PDF, and print their paths.
 
     A figure of one run shows the newest run that meets --where; with --facet there is one figure
@@ -140,12 +155,28 @@ def plot(options: PlotOptions) -> None:
     """
     request = compare.plots.request_of(options)
     width = None if options.width is None else compare.plots.paper.width_of(options.width)
-    with compare.frame.open_results(options.database, options.results_dir) as results:
-        folder = options.output or shown_path(results.reader.results_dir / "figures")
-        for path in compare.plots.draw(options.kind, results, request, folder, width):
-            typer.echo(path)
-        if options.run is None:
-            _say(results.left_out(options.where, options.sweep, options.tag))
+    folder = options.output or shown_path(results.reader.results_dir / "figures")
+    return compare.plots.draw(options.kind, results, request, folder, width)
+
+
+@command()
+def animate(
+    results: "Queries",
+    run: RunNumber,
+    to: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="A file ending in .html, .gif or .mp4; MP4 needs the program ffmpeg."
+            "  [default: an HTML file in the folder of the figures]",
+        ),
+    ] = None,
+) -> Path:
+    """Animate the track of a run, and print the path of the file.
+
+    The hull is to scale, with thrust and rudder; nominal and identified model are side by side.
+    """
+    return shown_path(compare.animation.animate(results, run, to))
 
 
 @app.command()
@@ -156,19 +187,32 @@ def metrics(form: Form = OutputFormat.RICH) -> None:
         (metric.name, metric.units, metric.better_text, ", ".join(metric.stages), metric.formula)
         for metric in all_declared()
     ]
-    show_grid(grid_of("", headers, rows, labels=len(headers)), form)
+    show_grids([grid_of("", headers, rows, labels=len(headers))], form)
 
 
-@app.command()
+@command()
 def stats(
-    run: Annotated[int, typer.Argument(help="Number of a run of a measured recording.")],
-    database: Database = DEFAULT_DATABASE,
+    results: "Queries",
+    run: RunNumber,
     digits: Annotated[int, typer.Option(min=1, max=17, help="Significant digits.")] = 4,
-    form: Form = OutputFormat.RICH,
-) -> None:
+) -> TextTable:
     """Show the stored statistics of the columns of a measured recording."""
-    with compare.frame.open_results(database) as results:
-        show_grid(compare.runs.recording_statistics(results, run, digits), form)
+    results.reader.run(run)
+    stored = {
+        (row.i or 0, row.label or "", row.name.removeprefix("statistic_")): row.value
+        for row in results.reader.diagnostics(run)
+        if row.name.startswith("statistic_")
+    }
+    if not stored:
+        raise LogbookError(
+            f"run {run} has no statistics; expected a run of a measured file (excitation=recording)"
+        )
+    columns = sorted({(i, label) for i, label, _ in stored})
+    rows: list[list[Scalar]] = [
+        [label, *(stored.get((i, label, name)) for name in STATISTICS)] for i, label in columns
+    ]
+    headers = ("column", "N", "mean", "std", "median", "min", "max")
+    return grid_of(f"recording of run {run}, as measured", headers, rows, 1, digits=digits)
 
 
 @app.command()
@@ -183,7 +227,7 @@ def manoeuvres(
         typer.Option(help="Which manoeuvre it is.  [default: by helm and heading]"),
     ] = None,
     helm: Annotated[
-        str | None, typer.Option(help="Input that is put over.  [default: the run's, or delta]")
+        str | None, typer.Option(help="Input that turns the ship.  [default: the run's, or delta]")
     ] = None,
     length: Annotated[
         float | None, typer.Option(min=1e-3, help="Length of the ship [m], if it is not stored.")
@@ -204,39 +248,43 @@ def manoeuvres(
 
     The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
     """
-    request = compare.manoeuvre_comparison.SheetRequest(
-        subject, execution, manoeuvre, helm, length, scale, map_file, series
-    )
-    show_grid(compare.manoeuvre_comparison.sheet_grid(request, database, results_dir), form)
+    sheets = compare.manoeuvre_comparison
+    if subject.isdigit() and not Path(subject).exists():
+        with compare.frame.open_results(database, results_dir) as results:
+            grid = sheets.run_sheet(
+                results, int(subject), series, execution, manoeuvre, helm, length, scale
+            )
+    else:
+        grid = sheets.file_sheet(Path(subject), map_file, execution, manoeuvre, helm, length, scale)
+    show_grids([grid], form)
 
 
-@app.command()
+@command()
 def sql(
+    results: "Queries",
     query: Annotated[str, typer.Argument(metavar="SELECT", help="A query that only reads.")],
-    database: Database = DEFAULT_DATABASE,
     timeout: Annotated[
         float, typer.Option(min=0.001, max=86400.0, help="Longest time of the query [s].")
     ] = 30.0,
     limit: Annotated[int, typer.Option(min=1, max=MAX_ROWS, help="Number of rows.")] = 10_000,
-    form: Form = OutputFormat.RICH,
-) -> None:
+) -> TextTable:
     """Run a query in SQL; a query that writes is rejected.
 
     For PostgreSQL use a role that can only read: GRANT pg_read_all_data TO reader.
     """
-    with compare.frame.open_results(database) as results:
-        grid, more = compare.runs.answer(results, query, timeout, limit)
-    show_grid(grid, form)
-    if more:
+    answer = results.reader.sql(query, timeout, limit)
+    if answer.more:
         typer.echo(f"only the first {limit} rows; --limit shows more", err=True)
+    rows = [[compare.runs.plain(value) for value in row] for row in answer.rows]
+    return grid_of("", answer.columns, rows, labels=0, digits=6)
 
 
-@app.command()
+@command()
 def model(
+    results: "Queries",
     run: RunNumber,
     to: Annotated[
-        str,
-        typer.Option("--to", help="Format: yaml, json, statespace, python-control, mss, c or fmu."),
+        str, typer.Option(help="Format: yaml, json, statespace, python-control, mss, c or fmu.")
     ],
     output: Annotated[
         Path | None,
@@ -250,16 +298,13 @@ def model(
     at: Annotated[
         str | None,
         typer.Option(
-            "--at",
             metavar="POINT",
             help="Operating point of a linear model: u=0.5,psi=1.57,wind_north=5 (m/s, rad, rad/s)."
             "  [default: at rest; for statespace the identified linear model, if there is one]",
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
-    database: Database = DEFAULT_DATABASE,
-    results_dir: ResultsDir = None,
-) -> None:
+) -> list[Path]:
     """Write a model of a run for another program, and print the paths of the files.
 
     yaml, json: a vessel for vessel=PATH (and vessel=run:RUN sails it without a file). statespace:
@@ -267,8 +312,222 @@ def model(
     of Fossen's MSS. c: a C99 file and its header. fmu: FMI 2.0 for co-simulation, with the C
     compiler of this machine.
     """
-    linear = export.model_formats.format_of(to).linear and at is None
-    with compare.frame.open_results(database, results_dir) as results:
-        stored = export.stored_model.read_model(results.reader, run, model, linear)
-    for path in export.model_formats.write(stored, to, output, at, force):
-        typer.echo(path)
+    linear = exports.model_formats.format_of(to).linear and at is None
+    stored = exports.stored_model.read_model(results.reader, run, model, linear)
+    return exports.model_formats.write(stored, to, output, at, force)
+
+
+@command()
+def report(
+    results: "Queries",
+    sweep: Sweep = None,
+    tag: Tag = None,
+    where: Where = None,
+    rows: Rows = None,
+    columns: Columns = None,
+    title: Annotated[str | None, typer.Option(help="Title of the page.")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Output file.  [default: report/report.html in the results folder]",
+        ),
+    ] = None,
+    database: Database = DEFAULT_DATABASE,
+) -> Path:
+    """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
+    request = compare.report.ReportRequest(
+        *axes_of(rows, columns), where, sweep, tag, title, database
+    )
+    file = output or shown_path(results.reader.results_dir / "report" / "report.html")
+    compare.report.write_report(results, request, file)
+    return file
+
+
+@command()
+def site(
+    results: "Queries",
+    to: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Output folder.  [default: site in the results folder]"
+        ),
+    ] = None,
+    runs: Annotated[
+        int, typer.Option(min=0, max=MAX_ROWS, help="Newest runs with details and time series.")
+    ] = 200,
+    database: Database = DEFAULT_DATABASE,
+) -> Path:
+    """Write pages to walk through the results: they open from disk and need no network.
+
+    Tables, figures, runs and failures; every view has a link and the command that repeats it.
+    """
+    folder = to or shown_path(results.reader.results_dir / "site")
+    return compare.site.write_site(results, folder, database, runs)
+
+
+@command()
+def retry(
+    results: "Queries",
+    status: Annotated[
+        Several, typer.Option(help="failed, diverged, interrupted.  [default: failed, interrupted]")
+    ] = None,
+    where: Where = None,
+    execute: Annotated[
+        bool, typer.Option("--execute", help="Run the commands one after the other.")
+    ] = False,
+) -> list[str]:
+    """Print the commands that repeat failed trials, or run them."""
+    statuses = split(status) or ("failed", "interrupted")
+    _check_statuses(statuses, LOST)
+    lost = compare.runs.runs_of(results, results.where(where), statuses)
+    lines = [
+        compare.runs.repeat_command(
+            results.reader.run(run.run_id).overrides, results.reader.address, rerun=False
+        )
+        for run in reversed(lost)
+        if not run.superseded
+    ]
+    if not lines:
+        typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
+    if not lines or not execute:
+        return lines
+    failed = 0
+    for number, line in enumerate(lines, 1):
+        print(f"{number} of {len(lines)}: {line}", file=sys.stderr, flush=True)
+        arguments = shlex.split(line.removeprefix(trial_program()))
+        program = [sys.executable, "-m", "seatrial.runner", *arguments]
+        failed += subprocess.run(program, check=False).returncode != 0
+    print(f"{len(lines) - failed} of {len(lines)} finished", file=sys.stderr)
+    raise typer.Exit(1 if failed else 0)
+
+
+@command()
+def export(
+    results: "Queries",
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Output folder.")],
+) -> list[Path]:
+    """Write every table as Parquet and as CSV."""
+    return results.reader.export(folder)
+
+
+@command()
+def prune(
+    results: "Queries",
+    older_than: Annotated[
+        str | None,
+        typer.Option(metavar="AGE", help="Only runs started longer ago than 30d, 12h or 2w."),
+    ] = None,
+    status: Annotated[
+        Several, typer.Option(help="failed, diverged, interrupted, finished.")
+    ] = None,
+    where: Where = None,
+    orphans: Annotated[
+        bool, typer.Option("--orphans", help="Series files that belong to no run, instead of runs.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Delete; without it the runs are only listed.")
+    ] = False,
+) -> TextTable:
+    """Show which runs would be deleted with their files, and with --yes delete them."""
+    chosen = bool(older_than or status or where)
+    if orphans == chosen:
+        got = "both" if chosen else "none"
+        expected = "--older-than, --status or --where, or --orphans alone"
+        raise ConfigurationError(f"prune: got {got}, expected {expected}")
+    if orphans:
+        files = [path for path in results.reader.orphans() if path.exists()]
+        count, what = len(files), "files"
+        grid = grid_of(
+            f"{count} files that belong to no run",
+            ("file", "bytes"),
+            [[str(path), path.stat().st_size] for path in files],
+            labels=2,
+        )
+    else:
+        statuses = split(status)
+        _check_statuses(statuses, (*LOST, "finished"))
+        summaries = results.reader.prunable(
+            *results.names.clauses(results.where(where)),
+            older_than=age(older_than) if older_than else None,
+            statuses=statuses,
+        )
+        count, what = len(summaries), "runs and their files"
+        headers = ("id", "status", *GROUPS, "seed", "started_at", "series", "error")
+        rows: list[list[Scalar]] = [
+            [
+                *(run.run_id, run.status, *(getattr(run, name) for name in GROUPS), run.seed),
+                *(f"{run.started_at:%Y-%m-%d %H:%M}", run.series, one_line(run.error or "", 60)),
+            ]
+            for run in summaries
+        ]
+        series = sum(run.series for run in summaries)
+        grid = grid_of(f"{count} runs with {series} series", headers, rows, labels=len(headers))
+    if count and not yes:
+        typer.echo(f"nothing is deleted yet: --yes deletes these {what}", err=True)
+    elif count:
+        ids = None if orphans else [run.run_id for run in summaries]
+        typer.echo(_delete(results, ids), err=True)
+    return grid
+
+
+def _delete(results: "Queries", runs: list[int] | None) -> str:
+    """Delete runs with their rows and files, or files of no run; return what was deleted."""
+    reader = results.reader
+    with databases.LogbookWriter.open(
+        reader.address.url, results_dir=reader.results_dir, create=False
+    ) as logbook:
+        if runs is None:
+            return f"deleted {len(logbook.remove_orphans())} files"
+        pruned = logbook.prune(runs)
+    running = len(runs) - pruned.runs
+    text = f"deleted {pruned.runs} runs and {pruned.files} files"
+    text += f"; {running} are running again and were not deleted" if running else ""
+    if pruned.left:
+        raise LogbookError(f"{text}; could not delete {', '.join(pruned.left)}")
+    return text
+
+
+def age(text: str) -> timedelta:
+    """Parse a duration such as 30d; raises ConfigurationError for any other text."""
+    match = re.fullmatch(r"(\d{1,6})([mhdw])", text.strip(), re.ASCII)
+    if match is None:
+        raise ConfigurationError(
+            f"--older-than: got {text!r}, expected an age such as 30d, 12h, 2w"
+        )
+    return timedelta(minutes=MINUTES[match[2]] * int(match[1]))
+
+
+def _check_statuses(statuses: tuple[str, ...], known: tuple[str, ...]) -> None:
+    for status in statuses:
+        if status not in known:
+            raise ConfigurationError(
+                f"--status: got {status!r}, expected one of {', '.join(known)}"
+            )
+
+
+@command()
+def verify(results: "Queries", form: Form = OutputFormat.RICH) -> None:
+    """Check the database, every foreign key and the checksum of every series file.
+
+    Killed programs can leave unused files; they are not a problem.
+    """
+    report = results.reader.verify()
+    rows = [[problem.where, problem.what] for problem in report.problems]
+    rows += [[str(path), "unused: this file belongs to no run"] for path in report.leftovers]
+    verdict = f"{len(report.problems)} problems" if report.problems else "no problems"
+    if report.leftovers:
+        verdict += f", {len(report.leftovers)} unused files (prune --orphans)"
+    title = f"checked {report.runs} runs and {report.series} series files: {verdict}"
+    show_grids([grid_of(title, ("where", "problem"), rows, labels=2)], form)
+    if report.problems:
+        raise typer.Exit(1)
+
+
+@command()
+def audit(
+    results: "Queries", where: Where = None, sweep: EverySweep = None, tag: Tag = None
+) -> TextTable:
+    """List runs that mislead in a comparison, with the remedy: nothing is changed."""
+    return compare.audit.audit(results, where, sweep, tag)

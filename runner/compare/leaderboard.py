@@ -7,8 +7,7 @@ import numpy as np
 
 from seatrial.runner.compare.benchmark.boards import Board, overall
 from seatrial.runner.compare.benchmark.boards import boards as boards
-from seatrial.runner.compare.benchmark.entries import REFERENCES
-from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, interval, pooled
+from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, REFERENCES, interval, pooled
 from seatrial.runner.compare.grid import TableCell, TextTable, number_text, with_unit
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.configuration.invocation import trial_program
@@ -36,58 +35,47 @@ def leaderboard(board: Board) -> TextTable:
     that were measured in the band.
     """
     task, ranked = board.task, board.ranked
-    best = board.rivals() if board.entries else []
-    rows = [_row(board, name, name in best and not board.lost(name)) for name in ranked.order()]
-    headers = ["entrant", "rank", "FIT [%]", "90 %", *(f"{dof} FIT" for dof in task.outputs)]
-    headers += [f"NRMSE {seconds:g} s" for seconds in task.horizons_s]
-    if task.score != "free_run":
-        headers.append(_score_name(board))
-    headers += [f"in {100.0 * BAND_LEVEL:.0f} % band [%]", "CRPS"]
-    headers += ["manoeuvre [%]"] if _has_manoeuvres(board) else []
-    headers += ["diverged", "parameters", "training [s]"]
-    notes = [
-        f"{_cells(len(ranked.losses))} that all entrants have run; rank: mean over them, 1 is best;"
-        " FIT, NRMSE, band and CRPS: of the cells that did not diverge",
-        BOLD,
-    ]
     if not board.entries:
         notes = [f"no runs: {trial_program()} benchmark --task {board.name}"]
-    return TextTable(task.title, headers, rows, notes=notes)
+        return TextTable(task.title, [*_columns(board, "").keys()], [], notes=notes)
+    best = board.rivals()
+    rows = [_columns(board, name, name in best and not board.lost(name)) for name in ranked.order()]
+    cells = len(ranked.losses)
+    notes = [
+        f"{cells} cell{'s'[: cells != 1]} that all entrants have run; rank: mean over them, 1 is"
+        " best; FIT, NRMSE, band and CRPS: of the cells that did not diverge",
+        BOLD,
+    ]
+    return TextTable(task.title, [*rows[0]], [[*row.values()] for row in rows], notes=notes)
 
 
-def _cells(number: int) -> str:
-    return f"{number} cell{'' if number == 1 else 's'}"
-
-
-def _has_manoeuvres(board: Board) -> bool:
-    return any(entry.measures for entry in board.entries)
-
-
-def _row(board: Board, name: str, best: bool) -> list[TableCell]:
+def _columns(board: Board, name: str, best: bool = False) -> dict[str, TableCell]:
+    """Return the row of an entrant, by its headers."""
     task, own = board.task, board.of(name)
     good = [e.score for e in own if e.score is not None and math.isfinite(e.score.loss)]
     fits = 100.0 * (1.0 - pooled(good)) if good else np.full(len(task.outputs), np.nan)
-    after = [
-        _mean([float(np.mean(r.after[s])) for r in good if s in r.after]) for s in task.horizons_s
-    ]
-    errors = [100.0 * measure.error for entry in own for measure in entry.measures]
-    manoeuvre = [_mean(errors)] if _has_manoeuvres(board) else []
-    means = [_mean([e.parameters for e in own]), _mean([e.training_s for e in own])]
-    return [
-        TableCell(name, bold=best),
-        _number(board.ranked.mean_rank(name), 3, best),
-        _number(float(np.mean(fits)), 3, best),
-        TableCell(interval_text(board, name)),
-        *(_number(value, 3) for value in fits),
-        *(_number(value, 2) for value in after),
-        *([_number(score(board, name), 3)] if task.score != "free_run" else []),
-        _number(100.0 * _pooled_mean([c for r in good if (c := r.covered) is not None]), 3),
-        _number(_pooled_mean([r.crps for r in good]), 2),
-        *(_number(value, 2) for value in manoeuvre),
-        TableCell(f"{sum(math.isinf(e.loss) for e in own)} of {len(own)}"),
-        _number(means[0], 3),
-        _number(means[1], 2),
-    ]
+    row = {
+        "entrant": TableCell(name, bold=best),
+        "rank": _number(board.ranked.mean_rank(name) if own else math.nan, 3, best),
+        "FIT [%]": _number(float(np.mean(fits)), 3, best),
+        "90 %": TableCell(interval_text(board, name)),
+    }
+    row |= {f"{dof} FIT": _number(f, 3) for dof, f in zip(task.outputs, fits, strict=True)}
+    for s in task.horizons_s:
+        after = [float(np.mean(each.after[s])) for each in good if s in each.after]
+        row[f"NRMSE {s:g} s"] = _number(_mean(after), 2)
+    if task.score != "free_run":
+        row[_score_name(board)] = _number(score(board, name), 3)
+    covered = _pooled_mean([each for one in good if (each := one.covered) is not None])
+    row[f"in {100.0 * BAND_LEVEL:.0f} % band [%]"] = _number(100.0 * covered, 3)
+    row["CRPS"] = _number(_pooled_mean([one.crps for one in good]), 2)
+    if any(entry.measures for entry in board.entries):
+        errors = [100.0 * measure.error for entry in own for measure in entry.measures]
+        row["manoeuvre [%]"] = _number(_mean(errors), 2)
+    row["diverged"] = TableCell(f"{board.lost(name)} of {len(own)}")
+    row["parameters"] = _number(_mean([e.parameters for e in own]), 3)
+    row["training [s]"] = _number(_mean([e.training_s for e in own]), 2)
+    return row
 
 
 def _number(value: float, digits: int, bold: bool = False) -> TableCell:
@@ -130,8 +118,7 @@ def _score_name(board: Board) -> str:
 
 def interval_text(board: Board, name: str) -> str:
     """Return the 90 % interval of an entrant's FIT as `87 to 95`; a dash if all diverge."""
-    own = board.of(name)
-    good = [e.judged for e in own if e.judged is not None and math.isfinite(e.loss)]
+    good = [e.judged for e in board.of(name) if e.judged is not None and math.isfinite(e.loss)]
     if not good or board.task.score == "position":
         return "–"
     low, high = interval(good)
@@ -141,26 +128,27 @@ def interval_text(board: Board, name: str) -> str:
 def manoeuvre_grids(board: Board) -> list[TextTable]:
     """Return the measures of the manoeuvres of a task, measured and predicted; none without any."""
     names = [name for name in board.ranked.order() if any(e.measures for e in board.of(name))]
-    own = {(e.cell.case, e.cell.entrant): e for e in board.entries if e.cell.seed == 0}
     rows = []
     for case in board.task.cases:
-        entries = [own[case, name] for name in names if (case, name) in own]
-        found = {e.cell.entrant: {(m.piece, m.quantity): m for m in e.measures} for e in entries}
-        listed = {key: measure for by_key in found.values() for key, measure in by_key.items()}
-        for key, first in listed.items():
-            label = case if key[0] == 0 else f"{case}, {key[0] + 1}"
-            values = [found.get(name, {}).get(key) for name in names]
+        by_entrant = {
+            e.cell.entrant: {(m.piece, m.quantity): m for m in e.measures}
+            for e in board.entries
+            if e.cell.case == case and e.cell.seed == 0 and e.measures
+        }
+        listed = {
+            key: measure for name in names for key, measure in by_entrant.get(name, {}).items()
+        }
+        for (piece, quantity), first in listed.items():
+            label = case if piece == 0 else f"{case}, {piece + 1}"
+            values = [by_entrant.get(name, {}).get((piece, quantity)) for name in names]
             predicted = [_number(m.predicted if m else math.nan, 3) for m in values]
-            quantity = with_unit(first.quantity, first.unit)
-            rows.append(
-                [TableCell(label), TableCell(quantity), _number(first.measured, 3), *predicted]
-            )
+            named = TableCell(with_unit(quantity, first.unit))
+            rows.append([TableCell(label), named, _number(first.measured, 3), *predicted])
     if not rows:
         return []
     title = f"{board.task.title}: measures of the manoeuvres, in the free run"
-    return [
-        TextTable(title, ["case", "quantity", "measured", *names], rows, 2, ["L: ship lengths"])
-    ]
+    headers = ["case", "quantity", "measured", *names]
+    return [TextTable(title, headers, rows, 2, ["L: ship lengths"])]
 
 
 def summary(boards: Sequence[Board]) -> TextTable:

@@ -1,14 +1,13 @@
 """The sheet of a standard manoeuvre: of a stored run, or of a file of recorded motion."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun, open_results
+from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text
 from seatrial.runner.export.manoeuvre_tracks import (
     COMPARED,
@@ -20,7 +19,6 @@ from seatrial.runner.export.manoeuvre_tracks import (
     PredictedMeasure,
     Recorded,
     Sheet,
-    SheetEntry,
     file_track,
     measured_sheet,
     stored,
@@ -32,43 +30,26 @@ VISIBLE = 1e-3  # width of an interval over its value
 MAX_MANOEUVRES = 6  # manoeuvres in a report
 
 
-@dataclass(frozen=True)
-class SheetRequest:
-    """What `manoeuvres` was asked for."""
+def run_sheet(
+    results: Queries, run: int, series: str, execution: Execution, manoeuvre: Manoeuvre | None,
+    helm: str | None, length_m: float | None, scale: float,
+) -> TextTable:  # fmt: skip
+    """Return the sheet of a run, or the measures that are stored of its recorded manoeuvres."""
+    predicted = [row for row in results.reader.diagnostics(run) if row.name.startswith(DIAGNOSTIC)]
+    if predicted and series == RECORDING:
+        return comparison(predicted, f"Run {run}")
+    recorded = stored(results.reader, run, series, helm, length_m)
+    result = measured_sheet(recorded.track, manoeuvre or recorded.manoeuvre, execution, scale)
+    return grid_of_sheet(result, f"Run {run}", recorded.predicted)
 
-    subject: str  # number of a run, or path of a file
-    execution: Execution
-    manoeuvre: Manoeuvre | None
-    helm: str | None
-    length_m: float | None
-    scale: float
-    map_file: Path | None
-    series: str
 
-
-def sheet_grid(request: SheetRequest, database: str, results_dir: Path | None) -> TextTable:
-    """The sheet of a run or a file as a table."""
-    path = Path(request.subject)
-    if request.subject.isdigit() and not path.exists():
-        with open_results(database, results_dir) as results:
-            run = int(request.subject)
-            predicted = [
-                row for row in results.reader.diagnostics(run) if row.name.startswith(DIAGNOSTIC)
-            ]
-            if predicted and request.series == RECORDING:
-                return comparison(predicted, f"Run {run}")
-            recorded = stored(
-                results.reader, int(request.subject), request.series, request.helm, request.length_m
-            )
-        title = f"Run {request.subject}"
-    else:
-        recorded, title = (
-            Recorded(file_track(path, request.map_file, request.helm, request.length_m), None),
-            str(path),
-        )
-    manoeuvre = request.manoeuvre or recorded.manoeuvre
-    result = measured_sheet(recorded.track, manoeuvre, request.execution, request.scale)
-    return grid_of_sheet(result, title, recorded.predicted)
+def file_sheet(
+    path: Path, map_file: Path | None, execution: Execution, manoeuvre: Manoeuvre | None,
+    helm: str | None, length_m: float | None, scale: float,
+) -> TextTable:  # fmt: skip
+    """Return the sheet of a recorded file."""
+    track = file_track(path, map_file, helm, length_m)
+    return grid_of_sheet(measured_sheet(track, manoeuvre, execution, scale), str(path))
 
 
 def newest_manoeuvres(
@@ -97,13 +78,31 @@ def grid_of_sheet(
 
     `predicted` are the quantities that the identified model predicts.
     """
-    known = {} if result.execution != STORED else predicted or {}
-    if not any(_adds(entry, known) for entry in result.entries):
+    known = dict(predicted or {}) if result.execution == STORED else {}
+    values = {entry.quantity: entry.value for entry in result.entries}
+    if not any(  # a prediction that differs from the measure, or has an interval, says more
+        np.isfinite(low) or not np.isclose(value, values[name], rtol=1e-9)
+        for name, (value, low, _) in known.items()
+        if name in values
+    ):
         known = {}
-    noisy = any(map(_is_uncertain, result.entries))
-    rows = [_row(entry, result.length_m, known, noisy) for entry in result.entries]
-    bounds = ["from", "to"] if noisy else []
-    headers = ["quantity", "value", *bounds, "unit", "metres", "limit", "MSC.137(76)"]
+    noisy = any(  # an interval is wide enough to be seen in the table
+        entry.low is not None
+        and entry.high is not None
+        and entry.high - entry.low > VISIBLE * abs(entry.value)
+        for entry in result.entries
+    )
+    rows: list[list[Scalar]] = []
+    for entry in result.entries:
+        bounds = [entry.low, entry.high] if noisy else []
+        metres = entry.value * result.length_m if entry.unit == "L" else None
+        row = [entry.quantity, entry.value, *bounds, entry.unit, metres, entry.limit, entry.verdict]
+        if known:
+            own = known.get(entry.quantity, (None,) * 3)
+            row += [None if value is None or np.isnan(value) else value for value in own]
+        rows.append(row)
+    headers = ["quantity", "value", *(["from", "to"] if noisy else []), "unit", "metres", "limit"]
+    headers.append("MSC.137(76)")
     notes = notes_of(result)
     if noisy:
         notes.append("from, to: 90 % interval, by the noise of the recording and its sample time")
@@ -135,37 +134,6 @@ def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
         " model error, if it has one (show: model_error, no_model_error)"
     )
     return grid_of(f"{title}: manoeuvres", headers, table, labels=3, notes=notes)
-
-
-def _adds(entry: SheetEntry, predicted: Mapping[str, PredictedMeasure]) -> bool:
-    """Whether a prediction says more than the measure: it differs, or has an interval."""
-    value, low, _ = predicted.get(entry.quantity, (None, np.nan, np.nan))
-    return value is not None and (
-        bool(np.isfinite(low)) or not np.isclose(value, entry.value, rtol=1e-9)
-    )
-
-
-def _is_uncertain(entry: SheetEntry) -> bool:
-    """Whether the interval of a value is wide enough to be seen in the table."""
-    if entry.low is None or entry.high is None:
-        return False
-    return entry.high - entry.low > VISIBLE * abs(entry.value)
-
-
-def _row(
-    entry: SheetEntry,
-    length_m: float,
-    predicted: Mapping[str, PredictedMeasure],
-    noisy: bool,
-) -> list[Scalar]:
-    metres = entry.value * length_m if entry.unit == "L" else None
-    bounds = [entry.low, entry.high] if noisy else []
-    row: list[Scalar] = [entry.quantity, entry.value, *bounds, entry.unit, metres]
-    row += [entry.limit, entry.verdict]
-    if not predicted:
-        return row
-    own = predicted.get(entry.quantity, (None,) * 3)
-    return [*row, *(None if value is None or np.isnan(value) else value for value in own)]
 
 
 def notes_of(result: Sheet) -> list[str]:

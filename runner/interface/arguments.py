@@ -1,33 +1,41 @@
-"""Options given in Python as overrides of the command line: `identifier__basis="physical"`.
-
-Options of tables and figures in Python; their names are those of `seatrial-results`.
-"""
+"""Options given in Python as overrides of the command line: `identifier__basis="physical"`."""
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Literal, TypedDict, cast
+from typing import Any, TypeVar, cast, get_type_hints
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database
+from seatrial.runner.compare.cli import Several, split
 from seatrial.runner.record.vocabulary import GROUPS
 
 NESTED = "__"  # in the name of an argument, for the dot of an option
 # Text that the grammar of overrides reads as itself, without quotes.
 _PLAIN = re.compile(r"[A-Za-z_/.][\w/.:+-]*", re.ASCII)
 _WORDS = ("null", "true", "false", "nan", "inf")  # that it reads as something else
+Names = str | Sequence[str]
+T = TypeVar("T")
 
 
 def overrides_of(options: Mapping[str, object]) -> list[str]:
     """Return the overrides of options by name.
 
     A double underscore stands for the dot of a nested option, and a mapping for several options of
-    one group: `controller__kp=[1, 2, 3]` equals `controller={"kp": [1, 2, 3]}`.
+    one group: `controller__kp=[1, 2, 3]` equals `controller={"kp": [1, 2, 3]}`. Raises
+    ConfigurationError for a mapping that names another part, which is a file of its own.
     """
     texts = []
     for name, value in options.items():
         key = name.replace(NESTED, ".")
         if key in GROUPS and isinstance(value, Mapping):
+            if other := {"_target_", "name"} & set(value):
+                raise ConfigurationError(
+                    f"{key}: got a mapping with {other.pop()}, expected options of the one that is "
+                    f"chosen; another one is a YAML file: {key}='path.yaml'"
+                )
             texts += [f"{key}.{inner}={text_of(item)}" for inner, item in value.items()]
         else:
             texts.append(f"{key}={text_of(value)}")
@@ -83,57 +91,26 @@ def place_of(path: str | Path | None) -> list[str]:
     return [*series, f"database.url={_quoted(url)}"]
 
 
-Names = str | Sequence[str]
-Kind = Literal["nominal", "identified", "plant", "adaptive"]
+def command_options(command: str, kind: type[T], given: Mapping[str, Any]) -> T:
+    """Return the options of `table` or `plot` as the shell gives them.
 
-
-TABLE_LISTS = ("metric", "coefficient", "dof", "stage", "model", "statistic", "baseline", "pool")
-PLOT_LISTS = ("dof", "pool")
-
-
-class Selected(TypedDict, total=False):
-    """Which runs: conditions of the options of the same names of `seatrial-results`."""
-
-    where: str  # "seed<10 and identifier=ls"
-    sweep: int | str  # number or name of a sweep, or "all"
-    tag: str
-
-
-class TableArguments(Selected, total=False):
-    """Options of `seatrial-results table`; several names as a list or comma-separated."""
-
-    rows: Names
-    columns: Names
-    metric: Names
-    coefficient: Names
-    coefficients: bool
-    dof: Names
-    stage: Names
-    model: Names
-    statistic: Names
-    interval: Literal["t", "bootstrap"]
-    baseline: Names
-    pool: Names
-    digits: int
-    cells: int
-
-
-class PlotArguments(Selected, total=False):
-    """Options of `seatrial-results plot`."""
-
-    run: int
-    metric: str
-    rows: str
-    columns: str
-    dof: Names
-    model: str
-    facet: str
-    log: bool
-    pool: Names
-
-
-def listed(names: Names | None) -> tuple[str, ...]:
-    """Return names as a tuple; text is one name, or several with commas, as the shell takes it."""
-    if names is None:
-        return ()
-    return (names,) if isinstance(names, str) else tuple(names)
+    Several names are a list, or text with commas. Raises ConfigurationError for an unknown option.
+    """
+    hints, known = get_type_hints(kind), [field.name for field in fields(cast(Any, kind))]
+    chosen: dict[str, object] = {}
+    for name, value in given.items():
+        if name not in known:
+            near = [f"did you mean {word}? " for word in get_close_matches(name, known, 1)]
+            raise ConfigurationError(
+                f"{command}: no option {name!r}, {''.join(near)}expected one of {', '.join(known)}"
+            )
+        if value is None:
+            continue
+        names = not isinstance(value, str) and isinstance(value, Sequence)
+        if hints[name] == Several:
+            chosen[name] = list(split(value if names else [value]))
+        elif hints[name] == str | None:
+            chosen[name] = ",".join(value) if names else str(value)
+        else:
+            chosen[name] = value
+    return kind(**chosen)

@@ -5,13 +5,11 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.compare.grid import grid_of
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.interface.arguments import overrides_of, place_of
-from seatrial.runner.interface.displayed_table import Table
 from seatrial.runner.interface.stored_runs import Logbook, Run, Sweep
 from seatrial.runner.interface.vessel_models import Model
 from seatrial.runner.record.vocabulary import GROUPS
@@ -21,7 +19,10 @@ if TYPE_CHECKING:
 else:
     import lazy_loader
 
-    in_process = lazy_loader.load("seatrial.runner.sweeps.in_process", suppress_warning=True)
+    console, in_process = (
+        lazy_loader.load(f"seatrial.runner.sweeps.{name}", suppress_warning=True)
+        for name in ("console", "in_process")
+    )
 
 Choice = str | Path | Model | Sequence[str] | Mapping[str, object] | None
 
@@ -34,21 +35,6 @@ class RunFailed(SeatrialError):  # noqa: N818 - named like the status of the run
         self.run = run
 
 
-@overload
-def run(*overrides: str, dry_run: Literal[True], **options: Any) -> Table: ...
-@overload
-def run(
-    *overrides: str,
-    vessel: Choice = None,
-    disturbance: Choice = None,
-    excitation: Choice = None,
-    identifier: Choice = None,
-    controller: Choice = None,
-    evaluation: Choice = None,
-    database: str | Path | None = None,
-    dry_run: Literal[False] = False,
-    **options: object,
-) -> Run: ...
 def run(
     *overrides: str,
     vessel: Choice = None,
@@ -59,7 +45,7 @@ def run(
     evaluation: Choice = None,
     database: str | Path | None = None,
     **options: object,
-) -> Run | Table:
+) -> Run:
     """Run one trial, as the command `seatrial` does; one that is stored already is not run again.
 
     Parameters
@@ -73,13 +59,12 @@ def run(
         File or address of the logbook; by default `results/results.db` in the working folder.
     **options
         Any other option; a double underscore stands for a dot: `identifier__basis="physical"`,
-        `seed=1`, `rerun=True`. With `dry_run=True` nothing is run.
+        `seed=1`, `rerun=True`.
 
     Returns
     -------
-    Run or Table
-        The finished run, with its metrics, coefficients, model and series; of a dry run the table
-        that the command prints.
+    Run
+        The finished run, with its metrics, coefficients, model and series.
 
     Raises
     ------
@@ -89,38 +74,21 @@ def run(
         The trial cannot be run; the message is the line that the command prints.
     """
     groups = (vessel, disturbance, excitation, identifier, controller, evaluation)
-    _check_logbook(vessel, database)
-    words = _words(overrides, groups, database, options)
+    _check(database, {"vessel": vessel, **options})
+    chosen = {name: part for name, part in zip(GROUPS, groups, strict=True) if part is not None}
+    words = [*overrides_of({**chosen, **options}), *place_of(database), *overrides]
     call = in_process.run_trial(words)
-    if call.trials is not None:
-        return _dry_run(call)
     assert call.outcome is not None
     assert call.logbook is not None
-    logbook = Logbook(*call.logbook)
     number = call.outcome.run_id
     if number is None:
         raise SeatrialError(str(call.outcome.error))
-    stored = Run(logbook, number)
+    stored = Run(Logbook(*call.logbook), number)
     if isinstance(call.error, str):
         raise RunFailed(call.error, stored)
     return stored
 
 
-@overload
-def sweep(
-    trials: Sequence[str | Mapping[str, object]], *, dry_run: Literal[True], **options: Any
-) -> Table: ...
-@overload
-def sweep(
-    trials: Sequence[str | Mapping[str, object]],
-    *,
-    launcher: str = "basic",
-    name: str | None = None,
-    database: str | Path | None = None,
-    progress: bool = True,
-    dry_run: Literal[False] = False,
-    **options: Any,
-) -> Sweep: ...
 def sweep(
     trials: Sequence[str | Mapping[str, object]],
     *,
@@ -129,7 +97,7 @@ def sweep(
     database: str | Path | None = None,
     progress: bool = True,
     **options: Any,
-) -> Sweep | Table:
+) -> Sweep:
     """Run many trials, as the command `seatrial -m` does; those that are stored are not run again.
 
     Parameters
@@ -147,37 +115,34 @@ def sweep(
         Whether to show the progress on a terminal or in a notebook.
     **options
         Options of all trials, as for `run`; a Python range has several values: `seed=range(5)`.
-        With `dry_run=True` nothing is run.
 
     Returns
     -------
-    Sweep or Table
+    Sweep
         The runs: `runs()`, `metrics()`, `table()`, `plot()` are those of this sweep. Runs that
-        failed or diverged are in it, with their status. Of a dry run the table of the trials with
-        their state in the logbook: new, finished, refused, ...
+        failed or diverged are in it, with their status.
 
     Raises
     ------
     SeatrialError
         A trial cannot be run (then none was started), or the workers were lost.
     """
-    for trial in (options, *(trial for trial in trials if not isinstance(trial, str))):
-        _check_logbook(trial.get("vessel"), database)
-    fixed = {"sweep.name": name, **options} if name is not None else options
     texts = [trial for trial in trials if isinstance(trial, str)]
-    variants = [overrides_of(trial) for trial in trials if not isinstance(trial, str)]
+    mappings = [trial for trial in trials if not isinstance(trial, str)]
+    for trial in (options, *mappings):
+        _check(database, trial)
+    variants = [overrides_of(trial) for trial in mappings]
+    fixed = {"sweep.name": name, **options} if name is not None else options
     words = [*texts, *overrides_of(fixed), *place_of(database), f"hydra/launcher={launcher}"]
     shown = [word for variant in variants for word in ("--variant", shlex.join(variant))]
     call = in_process.Call(["-m", *words, *shown])
     call.variants = variants
     line = _NotebookLine() if progress and _in_notebook() else None
     if line is not None or not progress:
-        call.view = lambda: nullcontext(line or _Silence())
+        call.view = lambda: nullcontext(line or console.PlainLines())
     in_process.run_sweep(call, words)
     if line is not None:
         line.write(call.lines[0])
-    if call.trials is not None:
-        return _dry_run(call)
     assert call.sweep_id is not None
     assert call.logbook is not None
     return Sweep(*call.logbook, call.sweep_id)
@@ -209,25 +174,9 @@ def open(path: str | Path = DEFAULT_DATABASE, results_dir: str | Path | None = N
         return logbook
 
 
-def _dry_run(call: "in_process.Call") -> Table:
-    """Return the trials of a dry run, with their totals as notes."""
-    headers = ("state", "trial", "note")
-    return Table(grid_of("dry run", headers, call.trials or (), len(headers), call.lines))
-
-
-def _words(
-    overrides: Sequence[str],
-    groups: Sequence[Choice],
-    database: str | Path | None,
-    options: Mapping[str, object],
-) -> list[str]:
-    """Return the overrides of a call; the groups are in the order of GROUPS."""
-    chosen = {name: part for name, part in zip(GROUPS, groups, strict=True) if part is not None}
-    return [*overrides_of({**chosen, **options}), *place_of(database), *overrides]
-
-
-def _check_logbook(vessel: object, database: str | Path | None) -> None:
+def _check(database: str | Path | None, options: Mapping[str, object]) -> None:
     """Refuse a model of a run of another logbook: `vessel=run:17` is one of this logbook."""
+    vessel = options.get("vessel")
     if isinstance(vessel, Model) and vessel.address is not None:
         own = Logbook(DEFAULT_DATABASE if database is None else database).address
         if vessel.address != own or vessel.choice is None:
@@ -261,13 +210,3 @@ class _NotebookLine:
     def failure(self, line: str) -> None:
         """Print a failed run below the line."""
         print(line, file=sys.stderr)
-
-
-class _Silence:
-    """Shows nothing."""
-
-    def show(self, standing: "console.Standing") -> None:
-        """Show nothing."""
-
-    def failure(self, line: str) -> None:
-        """Show nothing."""

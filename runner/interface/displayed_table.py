@@ -22,42 +22,22 @@ class Table:
 
     def __init__(self, grid: TextTable) -> None:
         self._grid = grid
+        self.notes = tuple(grid.notes)
 
     @property
     def frame(self) -> "pd.DataFrame":
         """The numbers at full precision, one row a record, as `--format json` writes them."""
         return pd.DataFrame.from_records(list(self._grid.as_records()))
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """The notes under the table."""
-        return tuple(self._grid.notes)
-
     def text(self, form: str = "rich") -> str:
-        """Return the table in a format of the shell.
+        """Return table and notes in a format of the shell: rich, md, csv, latex, json or html.
 
-        Parameters
-        ----------
-        form
-            rich, md, csv, latex, json or html.
-
-        Returns
-        -------
-        str
-            The table and its notes.
-
-        Raises
-        ------
-        ConfigurationError
-            There is no such format.
+        Raises ConfigurationError for any other format.
         """
         known = [each.value for each in OutputFormat]
         if form not in known:
             raise ConfigurationError(f"text: got {form!r}, expected one of {', '.join(known)}")
         return render(self._grid, OutputFormat(form))
-
-    def __str__(self) -> str:
-        return self.text()
 
     def __repr__(self) -> str:
         return self.text()

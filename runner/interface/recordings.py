@@ -19,7 +19,7 @@ from seatrial.runner.compare.grid import grid_of
 from seatrial.runner.configuration.config import build_as
 from seatrial.runner.interface.arguments import overrides_of, text_of
 from seatrial.runner.interface.displayed_table import Table
-from seatrial.runner.interface.vessel_models import Model
+from seatrial.runner.interface.vessel_models import Model, motion_frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -80,10 +80,11 @@ class Recording(recordings.Recording):
         Parameters
         ----------
         frame
-            Time t [s] as the index or a column; for surge, sway and yaw the pose `x, y, psi`
-            [m, rad], the body velocity `u, v, r` [m/s, rad/s] and the commanded force `tau_surge,
-            tau_sway, tau_yaw` [N, Nm]. If the acceleration `u_dot, v_dot, r_dot` is missing, the
-            velocity is differentiated. `tau_actual_surge, ...` is the acting force, if measured.
+            Time t [s] as the index or a column, or a DatetimeIndex; for surge, sway and yaw the
+            pose `x, y, psi` [m, rad], the body velocity `u, v, r` [m/s, rad/s] and the commanded
+            force `tau_surge, tau_sway, tau_yaw` [N, Nm]. If the acceleration `u_dot, v_dot, r_dot`
+            is missing, the velocity is differentiated. `tau_actual_surge, ...` is the acting force,
+            if measured.
         dofs
             Degrees of freedom; by default those whose velocity is there.
 
@@ -97,12 +98,25 @@ class Recording(recordings.Recording):
         RecordingError
             A column is missing, a number is not finite, or the time steps are not equal.
         """
+        if isinstance(frame.index, pd.DatetimeIndex):
+            seconds = (frame.index - frame.index[0]).total_seconds()
+            frame = frame.set_axis(pd.Index(seconds, name="t"))
         table = frame.reset_index() if frame.index.name == "t" else frame
         if dofs is None:
             dofs = [dof for dof in DOFS if velocities_of((dof,))[0] in table]
         axes = tuple(dofs)
         t = _columns(table, ["t"])[:, 0]
-        period_s = _period(t)
+        if len(t) < 2:
+            raise RecordingError(f"frame: got {len(t)} rows, expected at least 2")
+        steps = np.diff(t)
+        period_s = float(np.median(steps))
+        deviations = np.where(steps < GAP * period_s, np.abs(steps - period_s), 0.0)  # else a gap
+        worst = int(np.argmax(deviations))
+        if period_s <= 0.0 or deviations[worst] > UNIFORMITY * period_s:
+            raise RecordingError(
+                f"frame, row {worst + 1}: got a step of {steps[worst]:g} s, "
+                f"expected {period_s:g} s (of a file, resample_hz makes them equal)"
+            )
         eta, nu = (_columns(table, list(names(axes))) for names in (poses_of, velocities_of))
         rates = list(accelerations_of(axes))
         known = all(name in table for name in rates)
@@ -120,13 +134,12 @@ class Recording(recordings.Recording):
 
     def to_frame(self) -> "pd.DataFrame":
         """Return the columns that `from_frame` reads, by time t [s]."""
-        parts = {**dict(zip(poses_of(self.dofs), self.eta.T, strict=True))}
-        parts |= dict(zip(velocities_of(self.dofs), self.nu.T, strict=True))
-        parts |= dict(zip(accelerations_of(self.dofs), self.nu_dot.T, strict=True))
+        frame = motion_frame(self.t, self.dofs, self.eta, self.nu)
+        frame[list(accelerations_of(self.dofs))] = self.nu_dot
         for name, values in (("tau", self.tau), ("tau_actual", self.tau_actual)):
             if values is not None:
-                parts |= {f"{name}_{d}": v for d, v in zip(self.dofs, values.T, strict=True)}
-        return pd.DataFrame(parts, index=pd.Index(self.t, name="t"))
+                frame[[f"{name}_{dof}" for dof in self.dofs]] = values
+        return frame
 
     def split(self, fraction: float = 0.5) -> "tuple[Recording, Recording]":
         """Return the first `fraction` of the samples, to train on, and the rest, to test on."""
@@ -180,12 +193,9 @@ class Recording(recordings.Recording):
             f"recording of {', '.join(self.dofs)}: {len(self)} samples of {self.period_s:g} s, "
             f"t = {self.t[0]:g} to {self.t[-1]:g} s"
         )
-        frame = self.to_frame()
-        rows = [
-            [name, float(v.min()), float(v.mean()), float(v.max()), float(v.std())]
-            for name, v in frame.items()
-        ]
-        return Table(grid_of(title, ("column", "min", "mean", "max", "std"), rows))
+        kinds = ("min", "mean", "max", "std")
+        rows = [[name, *map(float, own.agg(list(kinds)))] for name, own in self.to_frame().items()]
+        return Table(grid_of(title, ("column", *kinds), rows))
 
 
 def _columns(table: "pd.DataFrame", names: list[str]) -> Array:
@@ -205,18 +215,3 @@ def _columns(table: "pd.DataFrame", names: list[str]) -> Array:
             "expected a finite number"
         )
     return values
-
-
-def _period(t: Array) -> float:
-    """Return the sample time [s] of times t (N,); raises RecordingError if it varies."""
-    if len(t) < 2:
-        raise RecordingError(f"frame: got {len(t)} rows, expected at least 2")
-    steps = np.diff(t)
-    period = float(np.median(steps))
-    deviations = np.where(steps < GAP * period, np.abs(steps - period), 0.0)  # longer: a gap
-    worst = int(np.argmax(deviations))
-    if period <= 0.0 or deviations[worst] > UNIFORMITY * period:
-        raise RecordingError(
-            f"frame, row {worst + 1}: got a step of {steps[worst]:g} s, expected {period:g} s"
-        )
-    return period

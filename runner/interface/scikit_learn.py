@@ -1,229 +1,119 @@
-"""An identifier with scikit-learn's manners, for its searches and cross-validations.
+"""An identifier as an estimator of scikit-learn, for its searches and cross-validations.
 
-`X` is a list of recordings: of several trials, or the blocks of time that `Recording.blocks` cuts.
-So a fold trains on some recordings and is tested on others, never on samples between those it was
-fitted to, which would be nearly copies of them. There is no `y`: a recording holds the motion and
-the force.
+`X` is a list of recordings or frames, such as the blocks that `Recording.blocks` cuts, so that no
+fold is tested on samples between those that it was fitted to. A recording needs no `y`.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
+import pandas as pd
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.problem import (
-    Identified,
-    Identifier,
-    Problem,
-    check_needs,
-    with_interval,
-)
+from seatrial.models.identification import problem as problems
 from seatrial.models.identification.validation import combined, prediction, scores
 from seatrial.models.recording import recording as recordings
-from seatrial.models.recording.recording import end_to_end
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner.configuration.config import build_as
-from seatrial.runner.interface.arguments import overrides_of, text_of
+from seatrial.runner.interface.arguments import overrides_of
+from seatrial.runner.interface.recordings import Recording
 from seatrial.runner.interface.vessel_models import Model
+from seatrial.runner.sweeps import in_process
 from seatrial.runner.trials.closed_loop import Streams
 
-if TYPE_CHECKING:
-    import pandas as pd
-    from sklearn.utils import Tags
-
-    from seatrial.runner.sweeps import in_process
-else:
-    import lazy_loader
-
-    pd = lazy_loader.load("pandas")
-    in_process = lazy_loader.load("seatrial.runner.sweeps.in_process", suppress_warning=True)
-
-Recordings = recordings.Recording | Sequence[recordings.Recording]
-OWN = ("identifier", "vessel", "seed")  # parameters that are no options of the identifier
-HORIZON = "restarts"
+Recordings: TypeAlias = recordings.Recording | pd.DataFrame | Sequence[Any]
+KINDS = (recordings.Recording, pd.DataFrame)
 
 
-class Estimator:
+class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """An identifier and the vessel it is for, as an estimator of scikit-learn.
 
-    Parameters
-    ----------
-    identifier
-        Name of an option of the group `identifier`, such as `"ls"`, or an `Identifier` of yours.
-    vessel
-        The nominal vessel: a name, a path, or a `Vessel`.
-    seed
-        Seed of the random numbers that an identifier may draw.
-    **options_
-        Options of the identifier, such as `basis="physical"`; a double underscore stands for a
-        dot.
-
-    Attributes
-    ----------
-    model_ : Model
-        The identified model, after `fit`.
-    identified_ : Identified
-        All that the identifier returned: standard errors, diagnostics, warnings.
-
-    Examples
-    --------
-    >>> from sklearn.model_selection import GridSearchCV, KFold
-    >>> estimator = Estimator("ridge", vessel="milliampere")
-    >>> search = GridSearchCV(estimator, {"force": ["commanded", "filtered"]}, cv=KFold(5))
-    >>> search.fit(recording.blocks(10, gap_s=2.0))  # doctest: +SKIP
+    `identifier` is a name of the group, such as `"ls"`, or an `Identifier`; `vessel` the nominal
+    vessel by name, path or as a `Vessel`; `seed` that of what is drawn; `**options_` are options of
+    the identifier, such as `basis="physical"`, with a double underscore for a dot. `fit` sets the
+    identified `model_`, and `identified_`, all that the identifier returned.
     """
-
-    model_: Model
-    identified_: Identified
 
     def __init__(
         self,
-        identifier: str | Identifier = "auto",
+        identifier: str | problems.Identifier = "auto",
         vessel: str | Path | Model = "milliampere",
         seed: int = 0,
         **options_: object,
     ) -> None:
-        self.identifier = identifier
-        self.vessel = vessel
-        self.seed = seed
-        self.options = options_
+        self.__dict__.update(identifier=identifier, vessel=vessel, seed=seed, **options_)
 
-    def get_params(self, deep: bool = True) -> dict[str, object]:
-        """Return the parameters: identifier, vessel, seed, and the options that are set."""
-        return {**{name: getattr(self, name) for name in OWN}, **self.options}
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return identifier, vessel, seed, and the options that are set."""
+        return {key: value for key, value in vars(self).items() if key.strip("_") == key}
 
     def set_params(self, **params: object) -> Self:
         """Set parameters; an unknown option of the identifier is reported by `fit`."""
-        for name, value in params.items():
-            if name in OWN:
-                setattr(self, name, value)
-            else:
-                self.options = {**self.options, name: value}
+        self.__dict__.update(params)
         return self
 
     def fit(self, X: Recordings, y: None = None) -> Self:
-        """Identify the vessel.
+        """Identify the vessel from a recording, or from several with gaps between them.
 
-        Parameters
-        ----------
-        X
-            A recording, or several, which are joined with gaps between them. A known thruster lag
-            filters the command of each from rest; `recording.with_thruster(lag)` does so before it
-            is cut.
-        y
-            Not used.
-
-        Returns
-        -------
-        Estimator
-            This estimator, with `model_` and `identified_`.
-
-        Raises
-        ------
-        SeatrialError
-            An option is wrong, or the data do not determine the model.
+        Raises SeatrialError for a wrong option, and for data that do not determine the model.
         """
-        vessel, identifier = self._parts()
-        nominal, lag = vessel.nominal(), vessel.thruster
-        training = _with_lag(X, vessel)
+        options = self.get_params()
+        identifier, chosen, seed = (options.pop(name) for name in ("identifier", "vessel", "seed"))
+        own = {"vessel": chosen}
+        if isinstance(identifier, str):
+            named = {f"identifier.{name}": value for name, value in options.items()}
+            own |= {"identifier": identifier, **named}
+        config: Any = in_process.composed(overrides_of(own)).config
+        if not isinstance(identifier, str):
+            identifier = replace(identifier, **options)
+        elif config["identifier"].get("selection") == "test":
+            raise ConfigurationError("identifier.selection: got test, expected training data")
+        else:
+            kind: Any = problems.Identifier  # abstract
+            identifier = build_as(kind, config["identifier"], "identifier")
+        vessel = build_as(VesselParameters, config["vessel"], "vessel")
+        nominal, lag, training = vessel.nominal(), vessel.thruster, _joined(X, vessel)
         identifier.check(nominal, lag, True)
-        check_needs(identifier.needs(), vessel.name, lag, training)
+        problems.check_needs(identifier.needs(), vessel.name, lag, training)
         # Nothing is held out: what tests a model is not for its identification.
-        problem = Problem(training, training, nominal, lag)
-        drawn = Streams(self.seed).generator("identifier")
-        self.identified_ = with_interval(identifier, identifier.identify(problem, drawn))
+        problem = problems.Problem(training, training, nominal, lag)
+        result = identifier.identify(problem, Streams(seed).generator("identifier"))
+        self.identified_ = problems.with_interval(identifier, result)
         self.model_ = Model(self.identified_.model, vessel)
         return self
 
-    def predict(self, X: Recordings) -> "pd.DataFrame":
+    def predict(self, X: Recordings) -> pd.DataFrame:
         """Predict the motion, anew every 30 s from the measured state; see `Model.predict`."""
-        return self._fitted().predict(end_to_end(_listed(X)))
+        check_is_fitted(self, "model_")
+        return self.model_.predict(_joined(X, self.model_.parameters))
 
     def score(self, X: Recordings, y: None = None) -> float:
-        """Return R^2 of the velocity in predictions of 30 s, the mean over the axes that moved.
+        """Return the metric `velocity_r2_restarts`: 1 is perfect, -inf a diverged prediction."""
+        check_is_fitted(self, "model_")
+        table, vessel = self.model_.table, self.model_.parameters
+        predictor = prediction(table, _joined(X, vessel), vessel.thruster)
+        ahead = predictor.over("restarts")
+        r2 = scores(ahead, predictor.mean_motion()).r2
+        return float("-inf") if ahead.diverged else combined(np.split(r2, 2)[1])
 
-        It is the metric `velocity_r2_restarts` of a trial. 1 is perfect, 0 as good as the mean of
-        the measured velocity, and -inf a model whose prediction diverges.
-        """
-        model = self._fitted()
-        known = _with_lag(X, model.parameters)
-        predictor = prediction(model.table, known, model.parameters.thruster)
-        ahead = predictor.over(HORIZON)
-        if ahead.diverged:
-            return float("-inf")
-        return combined(np.split(scores(ahead, predictor.mean_motion()).r2, 2)[1])
-
-    @property
-    def coefficients_(self) -> "pd.DataFrame":
-        """The identified coefficients by term; see `Model.coefficients`."""
-        return self._fitted().coefficients
-
-    def _fitted(self) -> Model:
-        if not hasattr(self, "model_"):
-            raise ConfigurationError("Estimator: got no model yet, expected fit(recordings) before")
-        return self.model_
-
-    def _parts(self) -> tuple[VesselParameters, Identifier]:
-        """Return the vessel and the identifier with its options."""
-        name = self.identifier if isinstance(self.identifier, str) else "none"
-        words = [f"vessel={text_of(self.vessel)}", f"identifier={text_of(name)}"]
-        if isinstance(self.identifier, str):
-            words += overrides_of({f"identifier.{key}": v for key, v in self.options.items()})
-        config = in_process.composed(words).config
-        vessel = build_as(VesselParameters, config["vessel"], "vessel")
-        if isinstance(self.identifier, str):
-            return vessel, _identifier(config["identifier"])
-        try:
-            return vessel, replace(self.identifier, **self.options)  # type: ignore[type-var]
-        except TypeError as error:
-            raise ConfigurationError(f"identifier: {error}") from None
-
-    def __sklearn_tags__(self) -> "Tags":
-        """Describe the estimator to scikit-learn."""
-        from sklearn.utils import InputTags, RegressorTags, Tags, TargetTags
-
-        return Tags(
-            estimator_type="regressor",
-            target_tags=TargetTags(required=False, multi_output=True),
-            regressor_tags=RegressorTags(),
-            input_tags=InputTags(two_d_array=False),
-            non_deterministic=False,
-        )
-
-    def __repr__(self) -> str:
-        shown = {"identifier": self.identifier, "vessel": self.vessel, **self.options}
-        texts = (
-            f"{name}={value.name if isinstance(value, Model) else value!r}"
-            for name, value in shown.items()
-        )
-        return f"Estimator({', '.join(texts)})"
+    def __sklearn_tags__(self) -> Any:
+        """Describe the estimator to scikit-learn: recordings in, and no `y`."""
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required, tags.input_tags.two_d_array = False, False
+        return tags
 
 
-def _identifier(node: object) -> Identifier:
-    if isinstance(node, dict) and node.get("selection") == "test":
-        raise ConfigurationError(
-            "identifier.selection: got test, expected a selection by the training data"
-        )
-    return build_as(Identifier, node, "identifier")  # type: ignore[type-abstract]
-
-
-def _listed(X: Recordings) -> list[recordings.Recording]:
-    parts = [X] if isinstance(X, recordings.Recording) else list(X)
-    if not parts or not all(isinstance(part, recordings.Recording) for part in parts):
-        kinds = ", ".join(sorted({type(part).__name__ for part in parts})) or "nothing"
-        raise ConfigurationError(f"X: got {kinds}, expected recordings")
-    return parts
-
-
-def _with_lag(X: Recordings, vessel: VesselParameters) -> recordings.Recording:
-    """Return the recordings as one, with the command filtered by a known thruster lag.
-
-    One that was filtered before it was cut stays as it is.
-    """
-    lag = vessel.thruster
-    return end_to_end(
-        [part if part.tau_filtered is not None else part.with_thruster(lag) for part in _listed(X)]
-    )
+def _joined(X: Recordings, vessel: VesselParameters) -> recordings.Recording:
+    """Return X as one recording, each command filtered from rest unless it was before a cut."""
+    listed = [X] if isinstance(X, KINDS) else list(X)
+    if not listed or not all(isinstance(each, KINDS) for each in listed):
+        kinds = {type(each).__name__ for each in listed} or {"nothing"}
+        raise ConfigurationError(f"X: got {', '.join(kinds)}, expected recordings or frames")
+    parts = [Recording.from_frame(x) if isinstance(x, pd.DataFrame) else x for x in listed]
+    known = [x if x.tau_filtered is not None else x.with_thruster(vessel.thruster) for x in parts]
+    return recordings.end_to_end(known)

@@ -1,35 +1,25 @@
 """Stored runs as objects: the logbook, a sweep and a run, with their numbers as pandas frames.
 
 Every query opens the logbook and closes it again, so that nothing is locked between two cells of a
-notebook. Tables and figures are those of `seatrial-results`.
+notebook. Tables, figures and lists are those of `seatrial-results`, by the same functions.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import compare, database, export
-from seatrial.runner.compare.cli import MAX_ROWS, PlotOptions, TableOptions
-from seatrial.runner.compare.grid import TextTable, grid_of
+from seatrial.runner.compare import commands
+from seatrial.runner.compare.cli import MAX_ROWS, PlotOptions, TableOptions, split
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
-from seatrial.runner.interface.arguments import (
-    PLOT_LISTS,
-    TABLE_LISTS,
-    Kind,
-    Names,
-    PlotArguments,
-    Selected,
-    TableArguments,
-    listed,
-)
+from seatrial.runner.interface.arguments import Names, command_options
 from seatrial.runner.interface.displayed_table import Table
 from seatrial.runner.interface.vessel_models import Model
-from seatrial.runner.record.catalogue import METRICS
 from seatrial.runner.record.vocabulary import GROUPS, Config
 
 if TYPE_CHECKING:
@@ -38,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from seatrial.runner.compare.frame import Queries
-    from seatrial.runner.database import RunDetail
     from seatrial.runner.record import rows
 else:
     import lazy_loader
@@ -64,7 +53,7 @@ class Logbook:
         # Absolute, because the working folder may change.
         self.address = address if file is None else database.engine.file_url(file.absolute())
         self._results_dir = None if results_dir is None else results_dir.absolute()
-        self._default_sweep: str | None = None
+        self._sweep: str | None = None
 
     @contextmanager
     def opened(self) -> Iterator["Queries"]:
@@ -73,7 +62,12 @@ class Logbook:
             yield results
 
     def runs(
-        self, status: str | None = None, limit: int = MAX_ROWS, **selected: Unpack[Selected]
+        self,
+        status: str | None = None,
+        limit: int = MAX_ROWS,
+        where: str | None = None,
+        sweep: int | str | None = None,
+        tag: str | None = None,
     ) -> "pd.DataFrame":
         """Return the runs, newest first, with their choices, status and duration.
 
@@ -83,15 +77,15 @@ class Logbook:
             Only runs of this status: finished, failed, diverged, running or interrupted.
         limit
             Largest number of runs.
-        **selected
-            `where`, `sweep` and `tag`, as for the command `runs`.
+        where, sweep, tag
+            Which runs, as for the command `runs`: `where="seed<10 and identifier=ls"`.
 
         Returns
         -------
         pandas.DataFrame
             One row a run; its index `run_id` is the number of the run.
         """
-        return self._run_list(status, limit, selected).frame.set_index("run_id")
+        return self._run_list(limit, status, where, sweep, tag).frame.set_index("run_id")
 
     def run(self, number: int) -> "Run":
         """Return a run by its number; raises LogbookError if there is no such run."""
@@ -99,57 +93,56 @@ class Logbook:
         _ = run.status
         return run
 
-    def metrics(self, names: Names | None = None, **selected: Unpack[Selected]) -> "pd.DataFrame":
+    def metrics(
+        self,
+        names: Names | None = None,
+        where: str | None = None,
+        sweep: int | str | None = None,
+        tag: str | None = None,
+    ) -> "pd.DataFrame":
         """Return the metrics of the runs, one row a number.
 
         Parameters
         ----------
         names
             Only these metrics; all by default.
-        **selected
-            `where`, `sweep` and `tag`; by default all runs.
+        where, sweep, tag
+            Which runs, as for the command `runs`; by default all.
 
         Returns
         -------
         pandas.DataFrame
             Columns run_id, the choices of the run, seed, stage, model, dof, name, value and unit.
         """
+        chosen = split([names] if isinstance(names, str) else [*(names or ())])
         with self.opened() as results:
-            condition, _ = results.selected(*self._selection(selected, "all"))
-            wanted = listed(names) or results.metric_names()
-            numbers = results.metrics(wanted, condition)
+            condition, _ = results.selected(where, self._chosen(sweep), tag)
+            numbers = results.metrics(chosen or results.metric_names(), condition)
             labels = results.trials(condition)[[*GROUPS, "seed"]].astype({"seed": "int64"})
         frame = numbers.join(labels, on="run", how="inner")
         frame = frame.rename(columns={"run": "run_id", "metric": "name"})
         columns = ("run_id", *labels, "stage", "model", "dof", "name", "value", "unit")
         return frame[list(columns)].reset_index(drop=True)
 
-    def table(self, **options: Unpack[TableArguments]) -> Table:
+    def table(self, **options: Any) -> Table:
         """Compare a metric or coefficients over seeds, as `seatrial-results table` does.
 
         Parameters
         ----------
         **options
             The options of the command, such as `metric="e_pos_mae"`, `rows="identifier"`,
-            `columns="disturbance"`, `baseline="identifier=none"`.
+            `columns="disturbance"`, `baseline="identifier=none"`; several names as a list.
 
         Returns
         -------
         Table
             Shown by a notebook; its numbers are `table.frame`.
         """
-        chosen = self._options(options, TABLE_LISTS)
-        request = compare.table.request_of(TableOptions(**chosen))
+        chosen = command_options("table", TableOptions, {"sweep": self._sweep, **options})
         with self.opened() as results:
-            return Table(compare.table.comparison(results, request))
+            return Table(commands.table(results, chosen))
 
-    @overload
-    def plot(self, kind: str, ax: None = None, **options: Unpack[PlotArguments]) -> "Figure": ...
-    @overload
-    def plot(self, kind: str, ax: "Axes", **options: Unpack[PlotArguments]) -> "Axes": ...
-    def plot(
-        self, kind: str, ax: "Axes | None" = None, **options: Unpack[PlotArguments]
-    ) -> "Figure | Axes":
+    def plot(self, kind: str, ax: "Axes | None" = None, **options: Any) -> "Figure":
         """Draw a figure, as `seatrial-results plot` does.
 
         Parameters
@@ -163,31 +156,37 @@ class Logbook:
 
         Returns
         -------
-        matplotlib.figure.Figure or matplotlib.axes.Axes
-            The figure, or your axes.
+        matplotlib.figure.Figure
+            The figure, or that of your axes.
 
         Raises
         ------
         ConfigurationError
             No run has the data, or there are several figures (`plots` returns them).
         """
-        figures = self._figures(kind, ax, options)
+        figures = self.plots(kind, ax, **options)
         if len(figures) > 1:
             raise ConfigurationError(f"plot {kind}: got {len(figures)} figures, expected one")
-        return figures[0] if ax is None else ax
+        return figures[0]
 
-    def plots(self, kind: str, **options: Unpack[PlotArguments]) -> "list[Figure]":
+    def plots(self, kind: str, ax: "Axes | None" = None, **options: Any) -> "list[Figure]":
         """Draw all figures of a kind, such as one for each level of `facet`; see `plot`."""
-        return self._figures(kind, None, options)
+        given = {"kind": kind, "sweep": self._sweep, **options}
+        request = compare.plots.request_of(command_options("plot", PlotOptions, given))
+        with self.opened() as results:
+            return compare.plots.figures_of(kind, results, request, ax)
 
-    def model(self, run: int, model: Kind = "identified") -> Model:
+    def model(
+        self, run: int, model: Literal["nominal", "identified", "plant", "adaptive"] = "identified"
+    ) -> Model:
         """Return a model of a run, to simulate it, to sail it or to write it for others.
 
         Raises LogbookError if the run has no such model.
         """
         with self.opened() as results:
             stored = export.stored_model.read_model(results.reader, run, model)
-        return Model.of_run(stored, self.address)
+        choice = f"run:{run}" if model == "identified" else None
+        return Model(stored.table, stored.parameters, choice, stored, self.address)
 
     def series(self, run: int, kind: str = "recording") -> "pd.DataFrame":
         """Return a time series of a run.
@@ -218,42 +217,27 @@ class Logbook:
             answer = results.reader.sql(query, timeout_s, limit)
         return pd.DataFrame(list(answer.rows), columns=list(answer.columns))
 
-    def _run_list(self, status: str | None, limit: int, selected: Selected) -> Table:
-        where, sweep, tag = self._selection(selected, None)
+    def _run_list(
+        self,
+        limit: int,
+        status: str | None = None,
+        where: str | None = None,
+        sweep: int | str | None = None,
+        tag: str | None = None,
+    ) -> Table:
         with self.opened() as results:
-            return Table(compare.runs.run_list(results, where, status, limit, sweep, tag))
+            chosen = self._chosen(sweep)
+            return Table(commands.runs(results, where, chosen, tag, status, limit))
 
-    def _figures(self, kind: str, ax: "Axes | None", options: PlotArguments) -> "list[Figure]":
-        chosen = self._options(options, PLOT_LISTS)
-        request = compare.plots.request_of(PlotOptions(kind, **chosen))
-        with self.opened() as results:
-            return compare.plots.figures_of(kind, results, request, ax)
-
-    def _selection(
-        self, selected: Selected, every: str | None
-    ) -> tuple[str | None, str | None, str | None]:
-        tag = selected.get("tag")
-        sweep = selected.get("sweep", self._default_sweep or (every if tag is None else None))
-        return selected.get("where"), None if sweep is None else str(sweep), tag
-
-    def _options(self, options: Config, lists: Sequence[str]) -> dict[str, Any]:
-        """Return options as the command line gives them: factors as text, names as lists."""
-        chosen: dict[str, Any] = {"sweep": self._default_sweep, **options}
-        for name, value in chosen.items():
-            if name in lists:
-                chosen[name] = list(listed(value))
-            elif name in ("rows", "columns") and value is not None:
-                chosen[name] = ",".join(listed(value))
-            elif name == "sweep" and value is not None:
-                chosen[name] = str(value)
-        return chosen
+    def _chosen(self, sweep: int | str | None) -> str:
+        return str(sweep) if sweep is not None else self._sweep or "all"
 
     def __repr__(self) -> str:
         return f"Logbook({self.address!r})"
 
     def _repr_html_(self) -> str:
         try:
-            return self._run_list(None, 50, {}).text("html")
+            return self._run_list(50).text("html")
         except ConfigurationError as error:  # there is no run yet
             return f"<p>{escape(str(error))}</p>"
 
@@ -264,10 +248,10 @@ class Sweep(Logbook):
     def __init__(self, path: str, results_dir: Path, number: int) -> None:
         super().__init__(path, results_dir)
         self.number = number
-        self._default_sweep = str(number)
+        self._sweep = str(number)
 
     def __repr__(self) -> str:
-        return str(self._run_list(None, MAX_ROWS, {}))
+        return str(self._run_list(MAX_ROWS))
 
 
 class Run:
@@ -283,41 +267,35 @@ class Run:
     @property
     def status(self) -> str:
         """finished, diverged, failed, running or interrupted."""
-        return self._detail().summary.status
+        with self.logbook.opened() as results:
+            return results.reader.run(self.number).summary.status
 
     @property
     def config(self) -> dict[str, object]:
         """The resolved configuration, with every option."""
-        return dict(self._detail().config)
+        with self.logbook.opened() as results:
+            own: Config = results.reader.run(self.number).config
+        return dict(own)
 
     @property
     def metrics(self) -> "pd.DataFrame":
         """All metrics: columns stage, model, dof, name, value and unit."""
-        with self.logbook.opened() as results:
-            return _rows(rows.Metric, results.reader.metrics(self.number))
+        return self._facts("metrics", rows.Metric)
 
     @property
     def coefficients(self) -> "pd.DataFrame":
         """All coefficients: columns model, dof, term, value, unit, std_error and true_value."""
-        with self.logbook.opened() as results:
-            return _rows(rows.Coefficient, results.reader.coefficients(self.number))
+        return self._facts("coefficients", rows.Coefficient)
 
     @property
     def diagnostics(self) -> "pd.DataFrame":
         """What the parts of the trial said of themselves, warnings included."""
-        with self.logbook.opened() as results:
-            return _rows(Diagnostic, results.reader.diagnostics(self.number))
+        return self._facts("diagnostics", Diagnostic)
 
     @property
     def model(self) -> Model:
         """The identified model."""
         return self.logbook.model(self.number)
-
-    @property
-    def series_kinds(self) -> tuple[str, ...]:
-        """The kinds of time series that the run has stored."""
-        with self.logbook.opened() as results:
-            return tuple(file.kind for file in results.reader.series_files(self.number))
 
     def series(self, kind: str = "recording") -> "pd.DataFrame":
         """Return a time series; see `Logbook.series`."""
@@ -351,32 +329,20 @@ class Run:
         """
         frame = self.metrics
         same = frame[frame["name"] == name]
-        rows = same[(same["dof"] == dof) & (same["model"] == model)]
-        rows = rows if stage is None else rows[rows["stage"] == stage]
-        if len(rows) != 1:
+        own = same[(same["dof"] == dof) & (same["model"] == model)]
+        own = own if stage is None else own[own["stage"] == stage]
+        if len(own) != 1:
             known = sorted({f"{d} of {m}" for d, m in zip(same["dof"], same["model"], strict=True)})
             raise ConfigurationError(
-                f"run {self.number}: got {len(rows)} numbers {name} with dof {dof} of model {model}"
+                f"run {self.number}: got {len(own)} numbers {name} with dof {dof} of model {model}"
                 f", expected one; it has {', '.join(known) or 'no such metric'}"
             )
-        value = rows["value"].iloc[0]
+        value = own["value"].iloc[0]
         return float("nan") if value is None else float(value)
 
-    @overload
-    def plot(self, kind: str, ax: None = None, **options: Unpack[PlotArguments]) -> "Figure": ...
-    @overload
-    def plot(self, kind: str, ax: "Axes", **options: Unpack[PlotArguments]) -> "Axes": ...
-    def plot(
-        self, kind: str, ax: "Axes | None" = None, **options: Unpack[PlotArguments]
-    ) -> "Figure | Axes":
+    def plot(self, kind: str, ax: "Axes | None" = None, **options: Any) -> "Figure":
         """Draw a figure of this run; see `Logbook.plot`."""
-        chosen = PlotArguments(**{**options, "run": self.number})
-        return self.logbook.plot(kind, ax, **chosen)
-
-    def details(self) -> list[Table]:
-        """Return everything that is stored, as `seatrial-results show` prints it."""
-        with self.logbook.opened() as results:
-            return [Table(grid) for grid in compare.runs.run_details(results, self.number)]
+        return self.logbook.plot(kind, ax, **{**options, "run": self.number})
 
     @property
     def command(self) -> str:
@@ -384,40 +350,18 @@ class Run:
         with self.logbook.opened() as results:
             return compare.runs.command_of(results, self.number)
 
-    def _detail(self) -> "RunDetail":
+    def _facts(self, what: str, record: type[Any]) -> "pd.DataFrame":
+        """Return stored records as a frame, which has its columns also without a row."""
         with self.logbook.opened() as results:
-            return results.reader.run(self.number)
+            own = list(map(asdict, getattr(results.reader, what)(self.number)))
+        return pd.DataFrame(own, columns=[field.name for field in fields(record)])
 
-    def _summary(self) -> TextTable:
-        """The main metrics of the run, nominal beside identified, with its warnings as notes."""
+    def _summary(self) -> Table:
         with self.logbook.opened() as results:
-            summary = results.reader.run(self.number).summary
-            stored = results.reader.metrics(self.number)
-            diagnostics = results.reader.diagnostics(self.number)
-        numbers = {(row.name, row.dof, row.model): row for row in stored}
-        rows = []
-        for metric in METRICS:
-            pair = [numbers.get((metric.name, metric.headline, model)) for model in MODELS]
-            if metric.headline and any(pair):
-                unit = next(row.unit for row in pair if row)
-                values = [row.value if row else None for row in pair]
-                rows.append([metric.label, metric.headline, unit, *values])
-        choices = ", ".join(getattr(summary, group) for group in GROUPS)
-        title = f"run {self.number}, {summary.status}: {choices}, seed {summary.seed}"
-        notes = [summary.error] if summary.error else []
-        notes += [row.label for row in diagnostics if row.name == "warning" and row.label]
-        return grid_of(title, ("metric", "dof", "unit", *MODELS), rows, 3, notes)
+            return Table(compare.runs.headline(results, self.number))
 
     def __repr__(self) -> str:
-        return Table(self._summary()).text()
+        return str(self._summary())
 
     def _repr_html_(self) -> str:
-        return Table(self._summary()).text("html")
-
-
-MODELS = ("nominal", "identified")
-
-
-def _rows(record: type[Any], rows: Sequence[Any]) -> "pd.DataFrame":
-    """Return records as a frame, which has its columns also without a row."""
-    return pd.DataFrame(list(map(asdict, rows)), columns=[field.name for field in fields(record)])
+        return self._summary().text("html")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -69,13 +69,6 @@ class Model:
         self.stored = stored
         self.address = address
 
-    @classmethod
-    def of_run(cls, stored: "StoredModel", address: str) -> Self:
-        """Return the model of a run of the logbook at an address."""
-        number = stored.run.summary.run_id
-        choice = f"run:{number}" if stored.model == "identified" else None
-        return cls(stored.table, stored.parameters, choice, stored, address)
-
     @property
     def name(self) -> str:
         """Name of the vessel."""
@@ -136,15 +129,23 @@ class Model:
         forces = _commands(force, self.dofs)
         still = np.zeros_like(forces)
         start, start_nu = (
-            np.zeros(n_dof) if values is None else _vector(values, self.dofs)
+            np.zeros(n_dof) if values is None else np.array(values, dtype=np.float64)
             for values in (pose, velocity)
         )
+        for name, values in (("pose", start), ("velocity", start_nu)):
+            if values.shape != (n_dof,):
+                raise ConfigurationError(
+                    f"{name}: got shape {values.shape}, expected a number for each of {self.dofs}"
+                )
         voyage = loop.sail(
             self.parameters.plant(self.table), weather.Weather(still, still, still, still),
             (registry.Timetable(still), np.zeros(1)), setpoints.StepTable(1.0),
             commands.open_loop(), start, period_s, min(step_s, period_s), start_nu, added=forces,
         )  # fmt: skip
-        return _frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu, forces)
+        motion = motion_frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu)
+        for dof, column in zip(self.dofs, forces.T, strict=True):
+            motion[f"tau_{dof}"] = column
+        return motion
 
     def predict(self, recording: "Recording", restart_s: float = 30.0) -> "pd.DataFrame":
         """Predict a recorded motion from the recorded force.
@@ -174,7 +175,7 @@ class Model:
         course = validation.bounded_course(known, lag, None, every, self.table.attitude)
         motion = free_run.free_run(self.table, course, "rk4")
         n = len(self.dofs)
-        return _frame(known.t, self.dofs, motion[:, :n], motion[:, n:])
+        return motion_frame(known.t, self.dofs, motion[:, :n], motion[:, n:])
 
     def save(
         self,
@@ -224,44 +225,25 @@ class Model:
 
 
 class Vessel(Model):
-    """A vessel of the configuration or of a file of yours, with its nominal model."""
+    """A vessel with its nominal model, by name, from a file, or from numbers.
 
-    @classmethod
-    def from_yaml(cls, path: str | Path) -> Self:
-        """Read a vessel from a YAML file.
+    Parameters
+    ----------
+    choice
+        What the command line takes after `vessel=`: a name, the path of a YAML file or `run:17`.
+    **numbers
+        Without a choice, the options of a vessel: `name`, `dofs`, `inertia`, `derivatives`,
+        `force_limits` or `length_m`, ... It can be simulated; a trial takes a file.
+    """
 
-        Parameters
-        ----------
-        path
-            The file; inertia, derivatives and `force_limits` or `length_m` are enough.
-
-        Returns
-        -------
-        Vessel
-            For `run(vessel=...)`, which reads the file again.
-
-        Raises
-        ------
-        ConfigurationError
-            There is no such file, or it describes no vessel.
-        """
-        if not Path(path).is_file():
-            raise ConfigurationError(f"{path}: there is no such file, expected a vessel in YAML")
-        return cls.load(str(path))
-
-    @classmethod
-    def load(cls, choice: str) -> Self:
-        """Return what the command line takes after `vessel=`: a name, a path or `run:17`."""
-        node = in_process.composed([f"vessel={text_of(choice)}"]).config["vessel"]
+    def __init__(self, choice: str | Path | None = None, **numbers: object) -> None:
+        node: object = {"_target_": "seatrial.models.vessel.parameters.VesselParameters", **numbers}
+        if choice is not None:
+            if numbers:
+                raise ConfigurationError(f"Vessel: got {choice} and numbers, expected one of them")
+            node = in_process.composed([f"vessel={text_of(choice)}"]).config["vessel"]
         parameters = config.build_as(vessels.VesselParameters, node, "vessel")
-        return cls(parameters.nominal(), parameters, choice)
-
-
-def _vector(values: Sequence[float], dofs: tuple[str, ...]) -> "Array":
-    vector = np.array(values, dtype=np.float64)
-    if vector.shape != (len(dofs),):
-        raise ConfigurationError(f"got shape {vector.shape}, expected a number for each of {dofs}")
-    return vector
+        super().__init__(parameters.nominal(), parameters, None if choice is None else str(choice))
 
 
 def _commands(force: "Forces", dofs: tuple[str, ...]) -> "Array":
@@ -281,11 +263,7 @@ def _commands(force: "Forces", dofs: tuple[str, ...]) -> "Array":
     return array
 
 
-def _frame(
-    t: "Array", dofs: tuple[str, ...], eta: "Array", nu: "Array", tau: "Array | None" = None
-) -> "pd.DataFrame":
-    columns = dict(zip(poses_of(dofs), eta.T, strict=True))
-    columns |= dict(zip(velocities_of(dofs), nu.T, strict=True))
-    if tau is not None:
-        columns |= {f"tau_{dof}": column for dof, column in zip(dofs, tau.T, strict=True)}
-    return pd.DataFrame(columns, index=pd.Index(t, name="t"))
+def motion_frame(t: "Array", dofs: tuple[str, ...], eta: "Array", nu: "Array") -> "pd.DataFrame":
+    """Return pose and body velocity, shape (N, n_dof) each, by time t [s]."""
+    names = [*poses_of(dofs), *velocities_of(dofs)]
+    return pd.DataFrame(np.hstack([eta, nu]), columns=names, index=pd.Index(t, name="t"))

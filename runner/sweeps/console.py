@@ -6,17 +6,19 @@ line on a terminal and as plain lines elsewhere.
 
 import logging
 import shlex
+import shutil
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from threading import Event, Thread
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from seatrial.models.errors import LogbookError
+from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner import compare as comparison
 from seatrial.runner import database
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.terminal import error_line
@@ -26,8 +28,16 @@ from seatrial.runner.record.vocabulary import COMBINED, ENDINGS
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from seatrial.runner.compare import cli, formats
     from seatrial.runner.database.records import RunSummary, SweepStatus
     from seatrial.runner.sweeps.job import Outcome
+else:  # slow to import, and used at the end of a sweep
+    import lazy_loader
+
+    cli, formats = (
+        lazy_loader.load(f"seatrial.runner.compare.{name}", suppress_warning=True)
+        for name in ("cli", "formats")
+    )
 
 
 # The metrics that are printed after a trial, at most so many lines, and of which models.
@@ -70,6 +80,32 @@ def sweep_summary(
     table = ("table", url, "--rows", factors[0], *columns) if factors else ("runs", url)
     lines.append(f"compare: {compare(*table, *sweep)}")
     return lines
+
+
+def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
+    """Return the comparison of a sweep by the first metric of `SHOWN` that its runs have.
+
+    Rows are the first of the factors that it varied, columns the others. At most LISTED lines;
+    empty if nothing was varied, or no run has such a metric.
+    """
+    if not factors:
+        return []
+    columns = ",".join(factors[1:]) or "none"
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    with comparison.frame.open_results(url) as results:
+        for name in (each for each in SHOWN if each in results.metric_names()):
+            options = cli.TableOptions(
+                rows=factors[0], columns=columns, metric=[name], sweep=str(sweep_id)
+            )
+            try:
+                grid = comparison.table.comparison(results, comparison.table.request_of(options))
+            except ConfigurationError:  # none of these runs has it, or they differ in too much
+                continue
+            text = formats.render(
+                replace(grid, notes=grid.notes[:1]), formats.OutputFormat.RICH, width
+            )
+            return text.splitlines()[:LISTED]
+    return []
 
 
 def sweep_exit_code(status: "SweepStatus", outcomes: Iterable["Outcome"]) -> int:

@@ -30,7 +30,6 @@ from seatrial.runner.configuration.overrides import left_to_jobs
 from seatrial.runner.configuration.provenance import Provenance, collect
 from seatrial.runner.configuration.search_path import CONF, UserFolders
 from seatrial.runner.database.terminal import error_line, refuse_passwords
-from seatrial.runner.sweeps import console
 from seatrial.runner.sweeps.composition import order_of
 from seatrial.runner.sweeps.job import Order
 from seatrial.runner.sweeps.processes import Processes
@@ -59,16 +58,17 @@ class Call(Session):
         super().__init__()
         self._words = words
         self.lines: list[str] = []
-        self.trials: Sequence[tuple[str, str, str]] | None = None  # of a dry run
 
     def say(self, lines: Iterable[str]) -> None:
         """Keep the lines that the command prints."""
         self.lines += lines
 
+    def show_table(self, url: str, sweep_id: int, factors: Sequence[str]) -> None:
+        """Leave the table to the caller, who asks for it."""
+
     def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
-        """Keep what a dry run found; its totals are among the lines."""
-        self.trials = trials
-        self.say(console.dry_run(trials)[len(trials) :])
+        """Refuse a dry run, which has no results to return."""
+        raise ConfigurationError("dry_run: the command line lists trials, Python runs them")
 
     def provenance(self) -> Provenance:
         """Return where the results come from, with the command line that gives them as well."""
@@ -76,7 +76,7 @@ class Call(Session):
 
 
 def run_trial(overrides: Sequence[str]) -> Call:
-    """Run one trial; returns the call with its outcome, or with the trial of a dry run.
+    """Run one trial; returns the call with its outcome.
 
     Raises SeatrialError, in one line, if the trial cannot be run; an error of the trial itself is
     in the outcome.

@@ -152,6 +152,11 @@ class Session:
         """Print the outcome."""
         print("\n".join(lines))
 
+    def show_table(self, url: str, sweep_id: int, factors: Sequence[str]) -> None:
+        """Print what came of a sweep."""
+        if lines := console.sweep_table(url, sweep_id, factors):
+            self.say(lines)
+
     def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
         """Print what a dry run found: (state, trial, note) of each trial."""
         self.say(console.dry_run(trials))
@@ -270,7 +275,9 @@ class SeatrialSweeper(Sweeper):
             launched = self._launch(remaining, sweep.job)
             status = sweep.logbook.sweep_status(sweep.job.sweep_id)
         outcomes += launched.outcomes
-        self.session.say(console.sweep_summary(status, outcomes, plans[0].database_url, factors))
+        url = plans[0].database_url
+        self.session.say(console.sweep_summary(status, outcomes, url, factors))
+        self.session.show_table(url, status.sweep_id, factors)
         self.session.exit_code = console.sweep_exit_code(status, outcomes)
         if launched.bugs:
             raise RuntimeError(launched.bugs[0].error)

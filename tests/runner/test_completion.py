@@ -13,7 +13,6 @@ import pytest
 from seatrial.runner.compare.__main__ import run as run_results
 from seatrial.runner.record.catalogue import all_declared
 from tests.runner.command import Command
-from tests.runner.compare import stored
 
 ROOT = Path(__file__).parents[2]
 ENTRY = {
@@ -91,7 +90,6 @@ def test_commands_figures_and_metrics(answered: Callable[..., list[str]]) -> Non
         ("plot tra", {"track"}),
         ("table --metric e_pos_m", {"e_pos_mae", "e_pos_mse"}),
         ("table --metric force_mse,e_pos_ma", {"force_mse,e_pos_mae"}),
-        ("table --statistic med", {"median"}),
         ("table --metric ", {metric.name for metric in all_declared()}),
     ):
         assert {*answered(words)} == expected, words
@@ -106,23 +104,6 @@ def asked(words: str, shell: str = "bash") -> dict[str, str]:
         "_TYPER_COMPLETE_FISH_ACTION": "get-args",
         "_TYPER_COMPLETE_WORD_TO_COMPLETE": words.rpartition(" ")[2],
     }  # fmt: skip
-
-
-@pytest.mark.parametrize("command", ["show", "model", "plot track --run"])
-def test_numbers_of_runs(
-    answered: Callable[..., list[str]], command: str, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    assert answered(f"{command} ") == []  # there is no logbook yet
-    with stored.logbook_at(tmp_path / "results") as logbook:
-        stored.fill_plain(logbook)
-    assert answered(f"{command} ") == [str(i) for i in range(17, 0, -1)]
-    assert answered(f"{command} 17") == ["17"]
-    (line,) = answered(f"{command} 15", "fish")
-    assert line.split("\t") == ["15", "diverged, milliampere noise ls seed=2"]
-    (tmp_path / "results" / "results.db").write_bytes(b"not a database" * 100)
-    assert answered(f"{command} ") == []
 
 
 LINE = "seatrial -m identifier=ls,pl"

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.benchmark.task import Case, Located, Task, located, maps_folder
+from seatrial.runner.compare.benchmark.task import MAPS, Case, Located, Task, located
 
 
 @dataclass(frozen=True)
@@ -43,43 +43,31 @@ def cells(
     """Yield the cells of a task, entrant by entrant, of those cases whose files are there."""
     files = {file.name: file for file in located(task)}
     absent = {lack.case for lack in lacking(task)}
+    maps = {"map": task.map, "test_map": task.test_map}
+    mapped = [f"excitation.{key}={MAPS / file}" for key, file in maps.items() if file is not None]
     for entrant, options in entrants.items():
         for label, case in task.cases.items():
-            if label not in absent:
-                given = (
-                    *task.trial,
-                    *_map(task),
-                    *case.options,
-                    *_recordings(task, case, files),
-                    *options,
-                )
-                given += (f"horizons_s={list(task.horizons_s)}",)
-                for seed in range(case.seeds or task.seeds):
-                    # The last option of a key counts: an entrant may replace one of the task.
-                    last = {o.partition("=")[0]: o for o in (*given, f"seed={seed}")}
-                    yield BenchmarkTrial(name, label, entrant, seed, tuple(last.values()))
+            if label in absent:
+                continue
+            given = (
+                *(*task.trial, *mapped, *case.options, *_recordings(task, case, files), *options),
+                f"horizons_s={list(task.horizons_s)}",
+            )
+            for seed in range(case.seeds or task.seeds):
+                # The last option of a key counts: an entrant may replace one of the task.
+                last = {option.partition("=")[0]: option for option in (*given, f"seed={seed}")}
+                yield BenchmarkTrial(name, label, entrant, seed, tuple(last.values()))
 
 
 def lacking(task: Task) -> list[Lacking]:
     """Return the cases whose files are missing or damaged."""
     files = {file.name: file for file in located(task)}
-    wrong = {
-        label: tuple(
-            files[part]
-            for path in case.files
-            for part in task.parts(path)
-            if files[part].state != "found"
-        )
-        for label, case in task.cases.items()
-    }
-    return [Lacking(label, files) for label, files in wrong.items() if files]
-
-
-def _map(task: Task) -> Iterator[str]:
-    if task.map is not None:
-        yield f"excitation.map={maps_folder() / task.map}"
-    if task.test_map is not None:
-        yield f"excitation.test_map={maps_folder() / task.test_map}"
+    found = []
+    for label, case in task.cases.items():
+        own = [files[part] for path in case.files for part in task.parts(path)]
+        if wrong := tuple(file for file in own if file.state != "found"):
+            found.append(Lacking(label, wrong))
+    return found
 
 
 def _recordings(task: Task, case: Case, files: Mapping[str, Located]) -> Iterator[str]:

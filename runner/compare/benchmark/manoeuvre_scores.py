@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +11,6 @@ from seatrial.models.errors import RecordingError
 from seatrial.runner.export.manoeuvre_tracks import (
     Manoeuvre,
     Sheet,
-    SheetEntry,
     length_of,
     measured_sheet,
     mission_of,
@@ -46,61 +44,50 @@ class Measure:
 
 def measures(
     prediction: Series, recording: Series, config: Config, manoeuvre: Manoeuvre
-) -> list[Measure]:
-    """Return the measures of each piece of a run's series `prediction`.
+) -> Iterator[Measure]:
+    """Yield the measures of each piece of a run's series `prediction`.
 
     `recording` is the series of that name, which holds the helm. A piece that is no such manoeuvre,
-    and a vessel without a length, have none.
+    and a vessel without a length, have none. Compared are results with a value to which an error is
+    relative.
     """
     length = length_of(config)
     helm = str(mission_of(config, "recording").get("helm") or "delta")
     if length is None or helm not in recording.columns or "psi" not in prediction.columns:
-        return []
+        return
     rows = np.searchsorted(recording.columns["t"], prediction.columns["t"])
-    given = recording.columns[helm][rows]
-    found = []
-    for piece, (first, last) in enumerate(pieces(prediction)):
-        part = slice(first, last)
-        of = partial(_sheet, prediction, given, part, length, manoeuvre)
-        measured = of("")
+    columns = {**prediction.columns, "helm": recording.columns[helm][rows]}
+
+    def of(part: slice, model: str = "", turn_deg: float | None = None) -> Sheet | None:
+        """Return the sheet of a piece; None where the motion is not that manoeuvre."""
+        named = {own: f"{name}_{model}" if model else name for own, name in MOTION.items()}
+        if not columns.keys() >= {*named.values()}:
+            return None
+        shown = {own: columns[name][part] for own, name in named.items()}
+        if any(np.any(np.isnan(values)) for values in shown.values()):
+            return None
+        shown |= {name: columns[name][part] for name in ("t", "helm")}
+        moved = Series("prediction", shown, dict.fromkeys(shown, ""))
+        track = track_of_series(moved, "helm", length, model)
+        try:
+            return (sheet if model else measured_sheet)(track, manoeuvre, turn_deg=turn_deg)
+        except RecordingError:
+            return None
+
+    for piece, ends in enumerate(pieces(prediction)):
+        measured = of(slice(*ends))
         if measured is None:
             continue
-        model = of(MODEL, measured.turn_deg)
+        model = of(slice(*ends), MODEL, measured.turn_deg)
         predicted = {} if model is None else model.values
-        found += [
-            Measure(piece, name, unit, value, predicted.get(name, math.nan))
-            for name, value, unit, *_ in filter(_compared, measured.entries)
-        ]
-    return found
+        for entry in measured.entries:
+            known = math.isfinite(entry.value) and entry.value != 0.0
+            lasting = entry.unit in ("L", "deg") or entry.quantity == "period P"
+            if known and lasting and entry.quantity not in NO_RESULT:
+                own = predicted.get(entry.quantity, math.nan)
+                yield Measure(piece, entry.quantity, entry.unit, entry.value, own)
 
 
 def pieces(series: Series) -> Iterator[tuple[int, int]]:
     """First and last row, which is left out, of each piece of a series `prediction`."""
     yield from pairwise([*np.flatnonzero(series.columns["start"]), len(series.columns["t"])])
-
-
-def _compared(entry: SheetEntry) -> bool:
-    """Whether a quantity is a result, with a value to which an error is relative."""
-    known = math.isfinite(entry.value) and entry.value != 0.0
-    lasting = entry.unit in ("L", "deg") or entry.quantity == "period P"
-    return known and lasting and entry.quantity not in NO_RESULT
-
-
-def _sheet(
-    series: Series, helm: np.ndarray, part: slice, length: float, manoeuvre: Manoeuvre,
-    model: str, turn_deg: float | None = None,
-) -> Sheet | None:  # fmt: skip
-    """The sheet of a piece; None where the motion is not that manoeuvre."""
-    suffix = f"_{model}" if model else ""
-    columns = {name: series.columns.get(f"{own}{suffix}") for name, own in MOTION.items()}
-    shown = {name: values[part] for name, values in columns.items() if values is not None}
-    if len(shown) < len(MOTION) or any(np.any(np.isnan(values)) for values in shown.values()):
-        return None
-    shown |= {"t": series.columns["t"][part], "helm": helm[part]}
-    moved = Series("prediction", shown, dict.fromkeys(shown, ""))
-    track = track_of_series(moved, "helm", length, model)
-    try:
-        of = sheet if model else measured_sheet
-        return of(track, manoeuvre, turn_deg=turn_deg)
-    except RecordingError:
-        return None

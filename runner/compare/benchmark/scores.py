@@ -8,14 +8,13 @@ A prediction with a band is scored as a normal distribution, by the share of wha
 lies in its band of 90 %, and by the continuous ranked probability score (CRPS), in units of the
 output's deviation: of a prediction without a band it is the mean absolute error.
 
-Error of the position that is predicted over a given time.
-
-It is the root mean square of the distance [m] between the predicted and the measured position, each
-prediction beginning at the state that was measured the given time before.
+The error of the position that is predicted over a given time is the root mean square of the
+distance [m] to the measured one.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from statistics import NormalDist
 
 import numpy as np
@@ -29,6 +28,8 @@ from seatrial.runner.record.vocabulary import IDENTIFIED_STD
 PERSISTENCE = "persistence"  # the first measured velocity, held
 MEAN_MOTION = "mean_motion"  # the mean of the measured velocity
 AT_REST = "at_rest"  # the position that was measured before
+REFERENCES = (MEAN_MOTION, PERSISTENCE, AT_REST)
+POSITION = ("x", "y")
 INTERVAL_LEVEL = 0.9
 BLOCK_S = 30.0
 BAND_LEVEL = 0.9
@@ -36,19 +37,22 @@ BAND_LEVEL = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """NRMSE of each output (n,) of a free run, its errors over the spread (N, n), by time.
+    """Errors (N, n) of a prediction over the spread of each output, by time; of a position [m].
 
-    `after` is the NRMSE of each output by horizon [s]; `starts` (N,) marks the measured states from
-    which the free run begins, `deviations` (N, n) are those of a band over the spread, if there
-    is one.
+    `starts` (N,) marks the first sample of each piece, such as a file; `after` is the NRMSE of each
+    output by horizon [s]; `deviations` (N, n) are those of a band over the spread, if there is one.
     """
 
-    nrmse: Sample
     errors: Sample
     starts: Sample
     period_s: float
-    after: dict[float, Sample]
+    after: dict[float, Sample] = field(default_factory=dict)
     deviations: Sample | None = None
+
+    @cached_property
+    def nrmse(self) -> Sample:
+        """NRMSE of each output (n,); inf without samples, and for one that is not finite."""
+        return _rms(self.errors)
 
     @property
     def covered(self) -> Sample | None:
@@ -82,21 +86,58 @@ def score(
 
     `outputs` are degrees of freedom. A model without a prediction scores inf.
     """
-    measured = _columns(series, outputs)
-    starts, t = series.columns["start"], series.columns["t"]
-    spread, period_s = np.std(measured, axis=0), float(np.median(np.diff(t)))
+    measured, starts = _columns(series, outputs), series.columns["start"]
+    spread = np.std(measured, axis=0)
+    if model == MEAN_MOTION:
+        free = np.broadcast_to(measured.mean(axis=0), measured.shape)
+    elif model == PERSISTENCE:
+        free = measured[np.maximum.accumulate(np.where(starts, np.arange(len(starts)), 0))]
+    else:
+        free = _columns(series, [f"{name}_{model}" for name in outputs])
     after = {}
     for seconds in horizons_s:
-        values = _after(series, model, outputs, measured, round(seconds / period_s), seconds)
-        reached = ~np.isnan(values[:, 0])
-        error = (values - measured)[reached]
-        after[seconds] = _nrmse(error, spread) if np.any(reached) else np.full(len(outputs), np.inf)
-    errors = (_free_run(series, model, outputs, measured, starts) - measured) / spread
-    nrmse = _nrmse(errors, np.ones(len(outputs)))
+        errors = (_after(series, model, outputs, measured, seconds) - measured) / spread
+        after[seconds] = _rms(errors[~np.isnan(errors[:, 0])])
     band = None
     if model == "identified" and f"{outputs[0]}_{IDENTIFIED_STD}" in series.columns:
         band = _columns(series, [f"{name}_{IDENTIFIED_STD}" for name in outputs]) / spread
-    return Score(nrmse, errors, starts, period_s, after, band)
+    return Score((free - measured) / spread, starts, _period_s(series), after, band)
+
+
+def restart_score(series: Series, model: str, outputs: Sequence[str], seconds: float) -> Score:
+    """Score the velocities `seconds` after every measured state, in the series `prediction`.
+
+    A model without these predictions scores inf, as one does whose predictions diverge.
+    """
+    measured, reached = _columns(series, outputs), _reached(series, seconds)
+    errors = _after(series, model, outputs, measured, seconds) - measured
+    own = (errors / np.std(measured, axis=0))[reached]
+    return Score(own, _first(series, reached), _period_s(series))
+
+
+def position_score(series: Series, model: str, seconds: float) -> Score:
+    """Return the distances [m] after `seconds` in the series `prediction`, as errors of one output.
+
+    Its loss is their root mean square, inf without predictions.
+    PERSISTENCE holds the measured velocity in NED, MEAN_MOTION moves by the mean of the measured
+    displacements, AT_REST not at all; all where a prediction of some model ends, and one that
+    lacks any of them scores inf.
+    """
+    measured, reached = _columns(series, POSITION), _reached(series, seconds)
+    steps = max(round(seconds / _period_s(series)), 1)
+    before = np.roll(measured, steps, axis=0)
+    if model == PERSISTENCE:
+        u, v, psi = (series.columns[name] for name in ("surge", "sway", "psi"))
+        north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+        ends = before + seconds * np.roll(np.column_stack([north, east]), steps, axis=0)
+    elif model == MEAN_MOTION:
+        ends = before + np.mean((measured - before)[reached], axis=0)
+    elif model == AT_REST:
+        ends = before
+    else:
+        ends = _columns(series, [f"{name}_{model}_{seconds:g}s" for name in POSITION])
+    distance = np.linalg.norm(ends - measured, axis=1)[reached, None]
+    return Score(distance, _first(series, reached), _period_s(series))
 
 
 def half_width(deviations: Sample, level: float = BAND_LEVEL) -> Sample:
@@ -119,54 +160,9 @@ def crps(errors: Sample, deviations: Sample) -> Sample:
     return np.asarray(errors * (2.0 * ndtr(z) - 1.0) + spread)
 
 
-def _after(
-    series: Series, model: str, outputs: Sequence[str], measured: Sample, steps: int, seconds: float
-) -> Sample:
-    """Predictions (N, n) from the state measured `steps` before; NaN where none ends.
-
-    Those of PERSISTENCE and MEAN_MOTION end where some model's do.
-    """
-    suffix = f"_{seconds:g}s"
-    if model not in (PERSISTENCE, MEAN_MOTION):
-        return _columns(series, [f"{name}_{model}{suffix}" for name in outputs])
-    earlier = np.roll(measured, max(steps, 1), axis=0)
-    values = earlier if model == PERSISTENCE else np.tile(measured.mean(axis=0), (len(measured), 1))
-    values[~_reached(series, seconds)] = np.nan
-    return values
-
-
-def _reached(series: Series, seconds: float) -> NDArray[np.bool_]:
-    """Where (N,) the prediction of some model over this time ends."""
-    ends = [values for name, values in series.columns.items() if name.endswith(f"_{seconds:g}s")]
-    return np.any(np.isfinite(ends), axis=0) if ends else np.zeros(len(series.columns["t"]), bool)
-
-
-def _free_run(
-    series: Series, model: str, outputs: Sequence[str], measured: Sample, starts: Sample
-) -> Sample:
-    if model == MEAN_MOTION:
-        return np.broadcast_to(measured.mean(axis=0), measured.shape)
-    if model == PERSISTENCE:
-        first = np.flatnonzero(starts)
-        return measured[first[np.searchsorted(first, np.arange(len(measured)), side="right") - 1]]
-    return _columns(series, [f"{name}_{model}" for name in outputs])
-
-
-def _columns(series: Series, names: Sequence[str]) -> Sample:
-    """Columns (N, n); NaN for one that is not stored."""
-    unknown = np.full(len(series.columns["t"]), np.nan)
-    return np.column_stack([series.columns.get(name, unknown) for name in names])
-
-
-def _nrmse(errors: Sample, spread: Sample) -> Sample:
-    values = np.sqrt(np.mean(np.square(errors), axis=0)) / spread
-    return np.where(np.isnan(values), np.inf, values)
-
-
 def pooled(scores: Sequence[Score]) -> Sample:
     """Return the NRMSE of each output (n,) over the samples of several free runs."""
-    errors = np.concatenate([score.errors for score in scores])
-    return _nrmse(errors, np.ones(errors.shape[1]))
+    return _rms(np.concatenate([score.errors for score in scores]))
 
 
 def interval(scores: Sequence[Score], seed: int = 0) -> tuple[float, float]:
@@ -177,8 +173,7 @@ def interval(scores: Sequence[Score], seed: int = 0) -> tuple[float, float]:
     if any(not np.isfinite(score.loss) for score in scores):
         return np.inf, np.inf
     pieces = [piece for score in scores for piece in score.pieces()]
-    length = max(round(BLOCK_S / scores[0].period_s), 1)
-    drawn = np.sqrt(block_bootstrap(pieces, length, np.random.default_rng(seed))).mean(axis=1)
+    drawn = _drawn(pieces, scores[0].period_s, seed).mean(axis=1)
     low, high = np.quantile(drawn, [(1.0 - INTERVAL_LEVEL) / 2.0, (1.0 + INTERVAL_LEVEL) / 2.0])
     return float(low), float(high)
 
@@ -195,68 +190,61 @@ def chance(first: Sequence[Score], other: Sequence[Score], seed: int = 0) -> flo
     pairs = list(zip(first, other, strict=False))
     if len(first) != len(other) or any(a.errors.shape != b.errors.shape for a, b in pairs):
         return np.nan
-    both = [piece for a, b in pairs for piece in map(_side_by_side, a.pieces(), b.pieces())]
-    length = max(round(BLOCK_S / first[0].period_s), 1)
-    drawn = np.sqrt(block_bootstrap(both, length, np.random.default_rng(seed)))
+    both = [np.hstack(own) for a, b in pairs for own in zip(a.pieces(), b.pieces(), strict=True)]
+    drawn = _drawn(both, first[0].period_s, seed)
     half = drawn.shape[1] // 2
     gain = drawn[:, half:].mean(axis=1) - drawn[:, :half].mean(axis=1)
     better = np.mean(gain > 0.0) + 0.5 * np.mean(gain == 0.0)
     return float(min(2.0 * min(better, 1.0 - better) + 2.0 / len(drawn), 1.0))
 
 
-def _side_by_side(first: Sample, other: Sample) -> Sample:
-    return np.hstack([first, other])
+def _drawn(pieces: Sequence[Sample], period_s: float, seed: int) -> Sample:
+    """Return the NRMSE (resamples, n) over pieces and blocks that are drawn again."""
+    length = max(round(BLOCK_S / period_s), 1)
+    return np.sqrt(block_bootstrap(pieces, length, np.random.default_rng(seed)))
 
 
-POSITION = ("x", "y")
+def _rms(errors: Sample) -> Sample:
+    """Root mean square (n,) of errors (N, n); inf without any, and where one is not finite."""
+    if not len(errors):
+        return np.full(errors.shape[1], np.inf)
+    values = np.sqrt(np.mean(np.square(errors), axis=0))
+    return np.where(np.isnan(values), np.inf, values)
 
 
-def position_score(series: Series, model: str, seconds: float) -> Score:
-    """Return the distances [m] after `seconds` in the series `prediction`, as errors of one output.
+def _after(
+    series: Series, model: str, outputs: Sequence[str], measured: Sample, seconds: float
+) -> Sample:
+    """Predictions (N, n) from the state measured `seconds` before; NaN where none ends.
 
-    Its loss is their root mean square, inf without predictions.
-    PERSISTENCE holds the measured velocity in NED, MEAN_MOTION moves by the mean of the measured
-    displacements, AT_REST not at all; all where a prediction of some model ends, and one that
-    lacks any of them scores inf.
+    Those of PERSISTENCE and MEAN_MOTION end where some model's do.
     """
-    measured = np.column_stack([series.columns[name] for name in POSITION])
-    starts, period_s = series.columns["start"], float(np.median(np.diff(series.columns["t"])))
-    steps = max(round(seconds / period_s), 1)
-    reached = _reached(series, seconds)
-    before, ends = np.roll(measured, steps, axis=0), _predicted(series, model, seconds)
-    if model == PERSISTENCE:
-        u, v, psi = (series.columns[name] for name in ("surge", "sway", "psi"))
-        north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
-        ends = before + seconds * np.roll(np.column_stack([north, east]), steps, axis=0)
-    elif model == MEAN_MOTION:
-        ends = before + np.mean((measured - before)[reached], axis=0)
-    elif model == AT_REST:
-        ends = before
-    distance = np.nan_to_num(np.linalg.norm(ends - measured, axis=1)[reached, None], nan=np.inf)
-    rms = np.sqrt(np.mean(distance**2, axis=0)) if len(distance) else np.array([np.inf])
-    return Score(rms, distance, _first(starts, reached), period_s, {})
+    if model not in (PERSISTENCE, MEAN_MOTION):
+        return _columns(series, [f"{name}_{model}_{seconds:g}s" for name in outputs])
+    steps = max(round(seconds / _period_s(series)), 1)
+    earlier = np.roll(measured, steps, axis=0)
+    values = earlier if model == PERSISTENCE else np.tile(measured.mean(axis=0), (len(measured), 1))
+    values[~_reached(series, seconds)] = np.nan
+    return values
 
 
-def restart_score(series: Series, model: str, outputs: Sequence[str], seconds: float) -> Score:
-    """Score the velocities `seconds` after every measured state, in the series `prediction`.
-
-    A model without these predictions scores inf, as one does whose predictions diverge.
-    """
-    measured = _columns(series, outputs)
-    starts, period_s = series.columns["start"], float(np.median(np.diff(series.columns["t"])))
-    spread, steps = np.std(measured, axis=0), round(seconds / period_s)
-    errors = (_after(series, model, outputs, measured, steps, seconds) - measured) / spread
-    reached = _reached(series, seconds)
-    own = np.nan_to_num(errors[reached], nan=np.inf, posinf=np.inf, neginf=np.inf)
-    nrmse = _nrmse(own, np.ones(len(outputs))) if len(own) else np.full(len(outputs), np.inf)
-    return Score(nrmse, own, _first(starts, reached), period_s, {})
+def _reached(series: Series, seconds: float) -> NDArray[np.bool_]:
+    """Where (N,) the prediction of some model over this time ends."""
+    ends = [values for name, values in series.columns.items() if name.endswith(f"_{seconds:g}s")]
+    return np.any(np.isfinite(ends), axis=0) if ends else np.zeros(len(series.columns["t"]), bool)
 
 
-def _first(starts: Sample, reached: NDArray[np.bool_]) -> Sample:
+def _first(series: Series, reached: NDArray[np.bool_]) -> Sample:
     """Which of the reached samples (n,) is the first one of its piece."""
-    piece = np.cumsum(starts)[reached]
+    piece = np.cumsum(series.columns["start"])[reached]
     return np.asarray(np.diff(piece, prepend=-1) != 0, dtype=np.float64)
 
 
-def _predicted(series: Series, model: str, seconds: float) -> Sample:
-    return _columns(series, [f"{name}_{model}_{seconds:g}s" for name in POSITION])
+def _columns(series: Series, names: Sequence[str]) -> Sample:
+    """Columns (N, n); NaN for one that is not stored."""
+    unknown = np.full(len(series.columns["t"]), np.nan)
+    return np.column_stack([series.columns.get(name, unknown) for name in names])
+
+
+def _period_s(series: Series) -> float:
+    return float(np.median(np.diff(series.columns["t"])))

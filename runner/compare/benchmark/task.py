@@ -20,6 +20,7 @@ from seatrial.runner.record.vocabulary import DOF_ORDER
 
 GROUP = "benchmark"
 VARIABLE = "SEATRIAL_DATA"
+MAPS = search_path.CONF / GROUP / "maps"  # of columns
 DATA_FOLDER = Path("~/.local/share/seatrial")
 
 State = Literal["found", "damaged", "missing"]
@@ -130,11 +131,6 @@ def task_of(name: str) -> Task:
         raise ConfigurationError(error.at(f"{GROUP}/{name}")) from error
     assert isinstance(task, Task)
     return task
-
-
-def maps_folder() -> Path:
-    """Folder of the maps of columns."""
-    return search_path.CONF / GROUP / "maps"
 
 
 def located(task: Task) -> list[Located]:

@@ -43,6 +43,14 @@ def test_show_tells_all_about_a_run(program: Program, plain: Path) -> None:
     assert metrics[0]["value"] == 50.0
 
 
+def test_show_begins_with_what_came_of_the_run(program: Program, plain: Path) -> None:
+    _, out, _ = program("show", "4", *database(plain))
+    assert out.startswith("run 4, finished: ")
+    places = [out.index(f"\n{title}\n") for title in ("metrics", "coefficients", "configuration")]
+    assert places == sorted(places)
+    assert program("show", "latest", *database(plain))[1].startswith("run 17, ")
+
+
 def test_show_traceback_of_a_failed_run_and_of_a_finished_one(
     program: Program, plain: Path
 ) -> None:
@@ -105,6 +113,7 @@ REFUSED = (
     (["runs", "--database", "mysql://host/name"], "unknown database dialect"),
     (["runs", "--database", "garbage://"], "unknown database dialect"),
     (["table", "--metric", "speed"], "no metric 'speed'; expected one of below_true_model"),
+    (["table", "--metric", "force_ms"], "no metric 'force_ms', did you mean force_mse"),
     (["table", "--where", "seed>99"], "no runs match"),
     (["table", "--where", "1=1"], "cannot read"),
     (["table", "--format", "pdf"], "--format"),
@@ -112,7 +121,7 @@ REFUSED = (
     (["runs", "--limit", "0"], "--limit"),
     (["runs", "--status", "lost"], "expected one of running"),
     (["show", "99"], "there is no run 99"),
-    (["show", "first"], "Invalid value for"),
+    (["show", "first"], "got 'first', expected the number of a run, or latest"),
     (["show"], "Missing argument"),
     (["plot", "pie"], "pie"),
     (["plot", "track"], "no finished run that matches has a series"),

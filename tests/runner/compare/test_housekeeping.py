@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare import housekeeping
+from seatrial.runner.compare import commands
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.test_command_line import database
@@ -73,7 +73,7 @@ def test_retry_execute_starts_the_commands_and_tells_of_failures(
         started.append(command)
         return subprocess.CompletedProcess(command, returncode=len(started) - 1)
 
-    monkeypatch.setattr(housekeeping.subprocess, "run", start)
+    monkeypatch.setattr(commands.subprocess, "run", start)
     code, _, err = program("retry", *database(plain), "--status", "failed,diverged", "--execute")
     assert code == 1
     assert [command[:3] for command in started] == [[sys.executable, "-m", "seatrial.runner"]] * 2
@@ -82,10 +82,10 @@ def test_retry_execute_starts_the_commands_and_tells_of_failures(
 
 def test_ages() -> None:
     for text, hours in (("30d", 720.0), ("12h", 12.0), ("2w", 336.0), ("90m", 1.5)):
-        assert housekeeping.age(text) == timedelta(hours=hours)
+        assert commands.age(text) == timedelta(hours=hours)
     for text in ("30", "d", "-1d", "1.5d", "30 d", "1y", "9999999d", ""):
         with pytest.raises(ConfigurationError, match="expected an age such as 30d"):
-            housekeeping.age(text)
+            commands.age(text)
 
 
 def test_prune_shows_and_deletes_only_with_yes(program: Program, voyage_copy: Path) -> None:
@@ -196,9 +196,7 @@ def test_a_new_logbook_does_not_take_the_place_of_one_that_is_lost(
         file.unlink()
         if lost is not None:
             file.write_bytes(lost)
-        with pytest.raises(
-            LogbookError, match=r"results\.db: there is no logbook.* 7 series"
-        ) as e:
+        with pytest.raises(LogbookError, match=r"results\.db: there is no logbook.* 7 series") as e:
             stored.logbook_at(voyage_copy)
         assert "\n" not in str(e.value)
         assert program("verify", *database(voyage_copy))[0] == 2

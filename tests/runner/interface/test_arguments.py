@@ -62,6 +62,8 @@ def test_names_of_nested_options() -> None:
 def test_what_is_no_value_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="got a object, expected a number"):
         text_of(object())
+    with pytest.raises(ConfigurationError, match="vessel: got a mapping with name, expected opt"):
+        overrides_of({"vessel": {"name": "tug"}})
 
 
 def test_places(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,20 +39,13 @@ def test_the_command_line_and_python_store_the_same(seatrial: Command, tmp_path:
     assert numbers(tmp_path / "shell" / "results.db") == own
 
 
-def test_a_dry_run_is_the_table_of_the_command(seatrial: Command) -> None:
+def test_a_dry_run_is_for_the_command_line(seatrial: Command) -> None:
     fake = seatrial.pretend()
-    st.run(seed=5)
-    table = st.sweep(["seed=5,6", "controller=none,lqi"], dry_run=True)
-    assert (fake.ran, st.open().runs().index.tolist()) == ([5], [1])
-    answer = seatrial("-m", "seed=5,6", "controller=none,lqi", "dry_run=true")
-    printed = answer.out.splitlines()
-    listed = [f"{s} {t} {r}".split() for s, t, r in table.frame.to_numpy().tolist()]
-    assert listed == [line.split() for line in printed[:-1]]
-    assert table.notes == (printed[-1],)
-    assert len(listed) == 4
-    one = st.run(seed=5, dry_run=True)
-    assert one.frame.to_numpy().tolist() == [["finished", "seed=5", "run 1"]]
-    assert fake.ran == [5]
+    with pytest.raises(st.ConfigurationError, match="dry_run: the command line lists trials"):
+        st.run(seed=5, dry_run=True)
+    with pytest.raises(st.ConfigurationError, match="dry_run: the command line lists trials"):
+        st.sweep(["seed=5,6", "dry_run=true"])
+    assert fake.ran == []
 
 
 def test_the_command_of_a_run_repeats_it(seatrial: Command) -> None:

@@ -99,6 +99,6 @@ def test_a_csv_file_is_read_as_a_trial_reads_it(
     np.testing.assert_array_equal(recording.tau[:, 0], stored["tau_surge"])
     estimator = st.Estimator("ls", vessel="surge_linear").fit(recording.split(0.5)[0])
     own = run.model.coefficients
-    np.testing.assert_allclose(estimator.coefficients_.loc[own.index], own, rtol=1e-9)
+    np.testing.assert_allclose(estimator.model_.coefficients.loc[own.index], own, rtol=1e-9)
     with pytest.raises(st.RecordingError, match=r"none.csv: there is no such file"):
         st.Recording.from_csv("none.csv", "surge_linear")

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
 from sklearn.model_selection import GridSearchCV, KFold, cross_val_score
-from sklearn.utils import get_tags
+from sklearn.utils import estimator_checks, get_tags
 
 import seatrial as st
 from seatrial.models.identification.least_squares import LeastSquares
+from tests.trials import composed
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +32,21 @@ def test_parameters_are_got_set_and_cloned() -> None:
     assert copy is not estimator
     assert copy.get_params() == estimator.get_params()
     assert copy.get_params()["basis"] == "full"
-    assert "Estimator(identifier='ls'" in repr(copy)
+    assert "basis='full'" in repr(copy)
     assert get_tags(copy).estimator_type == "regressor"
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        *("estimator_cloneable", "estimator_repr", "estimator_tags_renamed", "mixin_order"),
+        *("no_attributes_set_in_init", "valid_tag_types", "get_params_invariance", "set_params"),
+        "parameters_default_constructible",
+    ],
+)
+def test_it_obeys_the_checks_of_scikit_learn_that_fit_nothing(law: str) -> None:
+    """The others fit arrays of independent samples, which a recording is not."""
+    getattr(estimator_checks, f"check_{law}")("Estimator", st.Estimator())
 
 
 def test_it_fits_what_a_trial_fits(sweep: st.Sweep, recording: st.Recording) -> None:
@@ -39,9 +54,9 @@ def test_it_fits_what_a_trial_fits(sweep: st.Sweep, recording: st.Recording) -> 
     train = sweep.series(number)["train"].to_numpy() > 0.0
     estimator = st.Estimator("ls").fit(recording.part(train))
     stored = sweep.model(number).coefficients
-    fitted = estimator.coefficients_.loc[stored.index]
+    fitted = estimator.model_.coefficients.loc[stored.index]
     np.testing.assert_allclose(fitted, stored, rtol=1e-9, atol=1e-9)  # of coefficients up to 3000
-    lag = st.Vessel.load("milliampere").parameters.thruster
+    lag = st.Vessel("milliampere").parameters.thruster
     score = estimator.score(recording.with_thruster(lag).part(~train))
     assert score == pytest.approx(sweep.run(number).metric("velocity_r2_restarts"), rel=1e-9)
     predicted = estimator.predict(recording.part(~train))
@@ -72,14 +87,21 @@ def test_one_recording_is_not_a_list_of_samples(recording: st.Recording) -> None
 
 def test_an_identifier_of_your_own(recording: st.Recording) -> None:
     named = st.Estimator("ls", basis="physical").fit(recording)
-    node = {**named.get_params()}
-    assert node.pop("basis") == "physical"
-    part = named.set_params(basis="physical")._parts()[1]
+    part = composed("identifier=ls", "identifier.basis=physical").identifier
     assert isinstance(part, LeastSquares)
     own = st.Estimator(part).fit(recording)
-    np.testing.assert_array_equal(own.coefficients_, named.coefficients_)
-    with pytest.raises(st.ConfigurationError, match="unexpected keyword argument 'bases'"):
+    np.testing.assert_array_equal(own.model_.coefficients, named.model_.coefficients)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'bases'"):
         st.Estimator(part, bases="full").fit(recording)
+
+
+def test_a_frame_is_a_recording(recording: st.Recording) -> None:
+    frame = recording.to_frame()
+    own, same = (st.Estimator("ls", basis="physical").fit(x) for x in (frame, [recording]))
+    np.testing.assert_array_equal(own.model_.coefficients, same.model_.coefficients)
+    assert own.score([frame]) == same.score(recording)
+    scores = cross_val_score(st.Estimator("ls", basis="physical"), frame, cv=KFold(3))
+    assert np.all(np.isfinite(scores))
 
 
 def test_errors_are_one_line(recording: st.Recording) -> None:
@@ -89,5 +111,5 @@ def test_errors_are_one_line(recording: st.Recording) -> None:
         st.Estimator("ls", bases="full").fit(recording)
     with pytest.raises(st.ConfigurationError, match=r"identifier\.selection: got test"):
         st.Estimator("plsr", selection="test").fit(recording)
-    with pytest.raises(st.ConfigurationError, match="got no model yet"):
+    with pytest.raises(NotFittedError, match="is not fitted yet"):
         st.Estimator("ls").score(recording)

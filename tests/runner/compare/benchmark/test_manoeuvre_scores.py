@@ -77,5 +77,5 @@ def test_initial_turning_is_compared_to_the_same_heading() -> None:
 def test_what_is_no_manoeuvre_has_no_measures() -> None:
     prediction, recording = series(20.0, 22.0)
     recording.columns["delta"][:] = 0.0  # the helm does not move
-    assert measures(prediction, recording, CONFIG, "turn") == []
-    assert measures(prediction, series(20.0, 22.0)[1], {"vessel": {}}, "turn") == []
+    assert list(measures(prediction, recording, CONFIG, "turn")) == []
+    assert list(measures(prediction, series(20.0, 22.0)[1], {"vessel": {}}, "turn")) == []
