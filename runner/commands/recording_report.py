@@ -86,7 +86,7 @@ def report(file: RecordedFile, sources: Mapping[str, Source]) -> Report:
             f"{axis.dof} hardly moves: add manoeuvres that excite it"
             for axis in known.result.velocities if not axis.excited
         ]  # fmt: skip
-        advice = advice or [f"nothing is missing: seatrial vessel=NAME excitation=recording "
+        advice = advice or [f"ready for a trial: seatrial vessel=NAME excitation=recording "
                             f"excitation.path={file.path} excitation.map=MAP.yaml"]  # fmt: skip
     filled = tuple(table for table in tables if table.rows)
     return Report(str(file.path), tuple(verdict), filled, tuple(left_out), tuple(advice), known)
@@ -102,7 +102,7 @@ def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
     lines += [f"question: {line}" for line in known.questions]
     if not lines and any(axis.excited for axis in known.result.velocities):
         few = f"; few outliers: {names}" if names else ""
-        lines = [f"no problem: pose and velocity belong together{few}"]
+        lines = [f"no problem: pose and velocity are consistent{few}"]
     for values in (part.values for part in signals if "current.north" in part.values):
         north, east = (float(np.nanmean(values[f"current.{axis}"])) for axis in ("north", "east"))
         towards = np.degrees(np.arctan2(east, north)) % 360.0

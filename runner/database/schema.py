@@ -161,6 +161,4 @@ def _require_no_series(address: Address, results_dir: Path) -> None:
 
 def _missing(address: Address) -> LogbookError:
     other = f", or --database {ENVIRONMENT}" if os.environ.get(ENVIRONMENT) else ""
-    return LogbookError(
-        f"{address}: there is no logbook here; expected one that a run has created{other}"
-    )
+    return LogbookError(f"{address}: there is no logbook; expected one created by a run{other}")
