@@ -73,13 +73,13 @@ ENTRIES: Mapping[str, Entry] = {
     ),
     "coefficients": Entry(
         "ferry",
-        "An interval that misses the line of equality has missed the true coefficient. A dashed"
-        " one is an interval of the estimate only.",
+        "An interval that does not cross the line of equality misses the true coefficient. Dashed"
+        " intervals are of the estimate only.",
         "--where 'seed=0 and disturbance=noise'",
     ),
     "critical_difference": Entry(
         "benchmark",
-        "Entrants that a bar joins cannot be told apart on these tasks.",
+        "Entrants joined by a bar do not differ significantly on these tasks.",
         f"--database {BENCHMARK}/results.db",
     ),
     "errors": Entry("ferry", "Tracking errors of the nominal and of the identified model."),
@@ -88,17 +88,17 @@ ENTRIES: Mapping[str, Entry] = {
         "Where the spectrum is empty, nothing is learnt about the vessel; the order of a subspace"
         " model is where the singular values fall off.",
     ),
-    "manoeuvre": Entry("zigzag", "The measures of the sheet stand where they are read."),
+    "manoeuvre": Entry("zigzag", "The measures of the sheet, marked on the track."),
     "orders": Entry(
         "ferry",
         "PLSR alone: the error flattens where further components explain noise.",
         "--where identifier=plsr",
     ),
-    "pareto": Entry("front", "What is lost in velocity for what is won in pose."),
+    "pareto": Entry("front", "The trade-off between the errors of pose and velocity."),
     "prediction": Entry(
         "ferry", "A free run of the held-out part: the vessel is simulated from its forces alone."
     ),
-    "residual": Entry("ferry", "What the model leaves of the force should look like noise."),
+    "residual": Entry("ferry", "The force residual of a good model looks like noise."),
     "response": Entry(
         "positioning",
         "Pose, command and limits. With a preview the vessel begins to move before the set-point"

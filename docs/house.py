@@ -7,6 +7,7 @@ table of CONTRIBUTING.md.
 
 import ast
 import csv
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ from functools import cached_property
 from importlib.util import resolve_name
 from itertools import combinations
 from pathlib import Path
+
+from docs.guide import COMMAND, PART
+from docs.refresh import BLOCK
 
 ROOT = Path(__file__).parents[1]
 BEFORE = "18ad339"
@@ -148,6 +152,16 @@ class House:
         """The lines of Python of a folder beside the sources."""
         return sum(map(_lines, (self.checkout / folder).glob("**/*.py")))
 
+    def words(self) -> int:
+        """The words of README.md, CONTRIBUTING.md and docs that are written by hand.
+
+        Generated tables and the outputs of commands do not count.
+        """
+        pages = [self.checkout / "README.md", self.checkout / "CONTRIBUTING.md"]
+        pages += self.checkout.glob("docs/**/*.md")
+        texts = (BLOCK.sub("", page.read_text("utf-8")) for page in pages)
+        return sum(len(PART.sub(_without_output, text).split()) for text in texts)
+
     def figures(self) -> dict[str, int]:
         """What the table counts, in words, and how much of it there is."""
         return {
@@ -179,6 +193,12 @@ def _lines(path: Path) -> int:
     return len(path.read_text("utf-8").splitlines())
 
 
+def _without_output(part: re.Match[str]) -> str:
+    """A block of a page; of a console only its commands."""
+    body = part["body"] or ""
+    return "\n".join(COMMAND.findall(body)) if part["kind"] == "console" else body
+
+
 def _folder(file: str) -> str:
     """The folder of `models` or `runner` that a file is in, or one of these two."""
     parts = file.split("/")
@@ -190,7 +210,8 @@ def main(checkout: Path) -> None:
     house = House(checkout)
     for name, count in house.figures().items():
         print(f"{count:7,}  {name}")
-    print(f"{house.lines_of('docs/published'):7,}  lines of docs/published\n\narea: {BEFORE}, now")
+    print(f"{house.lines_of('docs/published'):7,}  lines of docs/published")
+    print(f"{house.words():7,}  words of documents\n\narea: {BEFORE}, now")
     for row, count in house.areas():
         words = row["step"], row["issue"], row["area"], row["lines"]
         print("{:>3} {:3} {:32} {:>6}".format(*words), f"{count:6}")

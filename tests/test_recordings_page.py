@@ -38,7 +38,7 @@ def test_map_of_the_page_has_no_problem(
     (tmp_path / "map.yaml").write_text(MAPS[name])
     words = ["check", str(DATA / FILES[name]), "--map", str(tmp_path / "map.yaml")]
     assert data_commands.main(words) == 0
-    assert "no problem: pose and velocity belong together" in capsys.readouterr().out
+    assert "no problem: pose and velocity are consistent" in capsys.readouterr().out
 
 
 def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:

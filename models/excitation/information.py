@@ -155,11 +155,11 @@ class Persistence:
         parts = []
         if self.unexcited:
             parts.append(f"{', '.join(self.unexcited)} not excited")
-        parts += [f"{' and '.join(group)} not told apart" for group in self.inseparable]
+        parts += [f"{' and '.join(group)} not separable" for group in self.inseparable]
         if not parts:
             return None
         few = f", {self.lines} spectral lines" if 2 * self.lines < self.unknowns else ""
-        summary = f"{self.rank} of {self.unknowns} terms told apart{few}"
+        summary = f"{self.rank} of {self.unknowns} terms separable{few}"
         return f"{self.dof}: {summary}: {'; '.join(parts)}"
 
 

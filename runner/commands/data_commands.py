@@ -41,9 +41,9 @@ Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", help="Write the map to a file.")
 ]
 VesselName = Annotated[
-    str | None, typer.Option("--vessel", metavar="NAME", help="Whose inputs are mapped.")
+    str | None, typer.Option("--vessel", metavar="NAME", help="Vessel whose inputs are mapped.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Write over files that exist.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 app.command()(convert)
 app.command()(get)
 
@@ -55,7 +55,7 @@ def main(words: Sequence[str]) -> int:
 
 @app.command()
 def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
-    """Report units, sampling, gaps, noise, clocks, and whether pose and velocity belong together.
+    """Report units, sampling, gaps, noise, clocks, and whether pose and velocity agree.
 
     Without a map, that of `seatrial data map` is used.
     """

@@ -22,10 +22,10 @@ from seatrial.models.vessel.basis import Array
 from seatrial.runner.configuration.config import build_as
 from seatrial.runner.configuration.recording_map import DEFAULT, KEY, with_map
 
-File = Annotated[Path, typer.Argument(help="A file, or a folder with a file a topic.")]
-Target = Annotated[Path, typer.Argument(metavar="OUT.parquet", help="The file to be written.")]
+File = Annotated[Path, typer.Argument(help="A file, or a folder with one file per topic.")]
+Target = Annotated[Path, typer.Argument(metavar="OUT.parquet", help="File to write (.parquet).")]
 MapFile = Annotated[
-    Path | None, typer.Option("--map", metavar="MAP.yaml", help="Which column is what.")
+    Path | None, typer.Option("--map", metavar="MAP.yaml", help="Map of the columns.")
 ]
 Axes = Annotated[
     str | None, typer.Option("--dofs", metavar="surge,sway,...", help="Default: those mapped.")

@@ -115,7 +115,7 @@ DIMENSIONS = {
     "length": ("[m] between perpendiculars (default: 5)", 5.0),
     "beam": ("[m] at the waterline (default: a third of the length)", None),
     "draught": ("[m] (default: that of the mass, or a third of the beam)", None),
-    "mass": ("[kg] as it floats (default: that of the draught)", None),
+    "mass": ("[kg] displacement (default: from the draught)", None),
 }
 
 

@@ -27,7 +27,7 @@ METRIC = "velocity_rmse_restarts"
 TITLE = "errors of predictions of the second half, restarted every 30 s"
 MODELS = ("mean_motion", "nominal", "identified")
 Length = Annotated[float | None, typer.Option("--length", help="[m] between perpendiculars.")]
-Mass = Annotated[float | None, typer.Option("--mass", help="[kg] as it floats.")]
+Mass = Annotated[float | None, typer.Option("--mass", help="[kg] displacement.")]
 Database = Annotated[Path, typer.Option("--results-dir", help="Where the run is stored.")]
 app = typer.Typer(name="seatrial model", add_completion=False, pretty_exceptions_enable=False)
 

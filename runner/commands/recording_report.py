@@ -81,7 +81,7 @@ def report(file: RecordedFile) -> Report:
             f"{axis.dof} hardly moves: add manoeuvres that excite it"
             for axis in known.result.velocities if not axis.excited
         ]  # fmt: skip
-        advice = advice or [f"nothing is missing: seatrial vessel=NAME excitation=recording "
+        advice = advice or [f"ready for a trial: seatrial vessel=NAME excitation=recording "
                             f"excitation.path={file.path} excitation.map=MAP.yaml"]  # fmt: skip
     verdict = [f"problem: {why}"] if known is None else _verdict(known, signals)
     filled = tuple(table for table in tables if table.rows)
@@ -98,7 +98,7 @@ def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
     lines += [f"question: {line}" for line in known.questions]
     if not lines and any(axis.excited for axis in known.result.velocities):
         few = f"; few outliers: {names}" if names else ""
-        lines = [f"no problem: pose and velocity belong together{few}"]
+        lines = [f"no problem: pose and velocity are consistent{few}"]
     for values in (part.values for part in signals if "current.north" in part.values):
         north, east = (float(np.nanmean(values[f"current.{axis}"])) for axis in ("north", "east"))
         towards = np.degrees(np.arctan2(east, north)) % 360.0

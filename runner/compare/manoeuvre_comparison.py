@@ -105,7 +105,7 @@ def grid_of_sheet(
     headers.append("MSC.137(76)")
     notes = notes_of(result)
     if noisy:
-        notes.append("from, to: 90 % interval, by the noise of the recording and its sample time")
+        notes.append("from, to: 90 % interval, due to noise and sample time of the recording")
     if known:
         headers += ["identified", "90 % from", "90 % to"]
         notes.append("identified: the model's own manoeuvre in calm water, with its 90 % interval")
@@ -130,8 +130,8 @@ def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
     headers = ("file", "quantity", "unit", *COMPARED[:3], "error [%]", *COMPARED[3:])
     notes = [f"from {INSTANTS['half']} (half); L: ship lengths"]
     notes.append(
-        "low, high: 90 % of runs drawn from what the data leave open of the parameters and from the"
-        " model error, if it has one (show: model_error, no_model_error)"
+        "low, high: 90 % of simulations with parameters drawn from their covariance and with the"
+        " model error, if there is one (show: model_error, no_model_error)"
     )
     return grid_of(f"{title}: manoeuvres", headers, table, labels=3, notes=notes)
 

@@ -145,6 +145,4 @@ def _writer(connection: Connection) -> str:
 
 def _missing(address: Address) -> LogbookError:
     other = f", or --database {ENVIRONMENT}" if os.environ.get(ENVIRONMENT) else ""
-    return LogbookError(
-        f"{address}: there is no logbook here; expected one that a run has created{other}"
-    )
+    return LogbookError(f"{address}: there is no logbook; expected one created by a run{other}")

@@ -109,7 +109,8 @@ def _check_mission(trial: Trial, excitation: Mission) -> None:
 def _check_commands(trial: Trial) -> None:
     """Check that missions and controller command what the vessel takes: inputs, or forces."""
     vessel = trial.vessel
-    takes = f"is commanded by {', '.join(vessel.inputs) or 'forces'}"
+    takes = ", ".join(vessel.inputs) or "forces"
+    kinds = {True: "inputs", False: "forces"}
     known = {bool(vessel.inputs)} | ({False} if vessel.positioning else set())
     for group, part in (
         ("excitation", trial.excitation),
@@ -118,7 +119,8 @@ def _check_commands(trial: Trial) -> None:
     ):
         if isinstance(part, Mission | Controller) and part.commands_inputs not in known:
             raise ConfigurationError(
-                f"{group}={trial.names[group]}: {vessel.name} {takes}, which it does not give"
+                f"{group}={trial.names[group]}: commands {kinds[part.commands_inputs]}, "
+                f"but {vessel.name} is commanded by {takes}"
             )
     controller = trial.controller
     for group in ("excitation", "evaluation"):
@@ -126,9 +128,8 @@ def _check_commands(trial: Trial) -> None:
         if controller is None or not isinstance(mission, Mission) or mission.open_loop:
             continue
         if mission.commands_inputs != controller.commands_inputs:
-            kinds = {True: "inputs", False: "forces"}
             raise ConfigurationError(
-                f"{group}={trial.names[group]}: is sailed by {kinds[mission.commands_inputs]}, but "
+                f"{group}={trial.names[group]}: commands {kinds[mission.commands_inputs]}, but "
                 f"controller={trial.names['controller']} commands "
                 f"{kinds[controller.commands_inputs]}"
             )

@@ -122,7 +122,7 @@ def design_warnings(design: ControlDesign, model: str) -> list[str]:
     """Return the problems of the design before the simulation, one line each."""
     warnings = [
         f"{model} model: the closed loop's spectral radius is {diagnostic.value:.4f}, "
-        f"expected less than 1: the design does not settle on its own model"
+        f"expected less than 1: the loop is unstable on the controller's own model"
         for diagnostic in design.diagnostics
         if diagnostic.name == "spectral_radius" and (diagnostic.value or 0.0) >= 1.0
     ]

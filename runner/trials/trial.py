@@ -163,7 +163,7 @@ def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified
         log.info("identification: %s", note)
     warn("identification: {}", identified.warnings)
     unknown = [one.label for one in identified.diagnostics if one.name == NO_MODEL_ERROR]
-    warn("intervals hold no model error: {}", unknown)
+    warn("intervals do not include the model error: {}", unknown)
     impossible = unphysical(identified.model, problem.nominal, problem.training.nu)
     if impossible:
         diagnostic = Diagnostic("unphysical", "all", 1.0, label=impossible)

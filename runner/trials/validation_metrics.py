@@ -175,9 +175,9 @@ def _chance(predictor: Prediction, held_out: Recording) -> list[Diagnostic]:
         return []
     k = int(np.argmax(apart))
     label = (
-        f"free runs of the whole held-out part are decided by their first state, not by the model: "
-        f"two that begin apart by the noise differ in {held_out.dofs[k]} by {apart[k]:.2g} of the "
-        "motion; compare predictions with restarts (velocity_rmse_restarts)"
+        f"free runs of the whole held-out part depend on their initial state, not on the model: "
+        f"two whose initial states differ by the noise differ in {held_out.dofs[k]} by "
+        f"{apart[k]:.2g} of the motion; compare predictions with restarts (velocity_rmse_restarts)"
     )
     return [Diagnostic("free_run_by_chance", held_out.dofs[k], float(apart[k]), label=label)]
 

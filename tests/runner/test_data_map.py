@@ -71,7 +71,7 @@ def test_a_map_is_not_written_over_and_has_the_inputs_of_a_vessel(
     assert data_commands.main([*words, "--force"]) == 0
     assert data_commands.main(["check", path, "--map", str(out)]) == 0
     shown = capsys.readouterr().out
-    assert "no problem: pose and velocity belong together" in shown
+    assert "no problem: pose and velocity are consistent" in shown
     assert "RPM" in shown.partition("Columns")[2]
     assert "the map" in shown
 

@@ -16,7 +16,7 @@ SHIP = (
     "excitation=prbs", "excitation.length_s=10", "sample_time_s=1.0", "integration_step_s=1.0",
     "identifier=none",
 )  # fmt: skip
-APPENDIX_K = (  # horizon and weights of the source: it does not settle on its own model
+APPENDIX_K = (  # horizon and weights of the source: it is unstable on its own model
     "controller=mpc_integral", "controller.horizon=10", "controller.error_weight=[1e2, 1.0, 1e3]",
 )  # fmt: skip
 BEAM_WIND = (

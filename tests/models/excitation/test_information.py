@@ -134,7 +134,7 @@ def test_a_steady_motion_cannot_tell_damping_terms_apart() -> None:
     nu = 0.5 + 0.001 * np.sin(0.1 * np.arange(1000))[:, None]
     (found,) = persistence(recording(nu), surge())
     assert ("u", "|u|u") in found.inseparable or ("|u|u", "u") in found.inseparable
-    assert "not told apart" in (found.warning() or "")
+    assert "not separable" in (found.warning() or "")
     assert found.rank == 2
 
 
@@ -148,7 +148,7 @@ def test_what_does_not_move_is_not_excited() -> None:
     assert reports[0].unexcited == ("vr",)
     assert reports[1].unexcited == ("v_dot", "ur", "v")
     assert reports[1].rank == 0
-    said = "yaw: 0 of 3 terms told apart, 0 spectral lines: r_dot, uv, r not excited"
+    said = "yaw: 0 of 3 terms separable, 0 spectral lines: r_dot, uv, r not excited"
     assert reports[2].warning() == said
 
 

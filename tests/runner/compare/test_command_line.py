@@ -109,7 +109,7 @@ def test_table_and_sql_speak_every_format(program: Program, plain: Path) -> None
 
 
 REFUSED = (
-    (["runs", "--database", "sqlite:///nowhere/results.db"], "there is no logbook here"),
+    (["runs", "--database", "sqlite:///nowhere/results.db"], "there is no logbook"),
     (["runs", "--database", "mysql://host/name"], "unknown database dialect"),
     (["runs", "--database", "garbage://"], "unknown database dialect"),
     (["table", "--metric", "speed"], "no metric 'speed'; expected one of below_true_model"),

@@ -215,6 +215,6 @@ def test_a_file_of_zero_bytes_without_series_is_made_a_logbook(
     (tmp_path / "results.db").touch()  # as a program leaves it that is killed as it starts
     code, _, err = program("verify", *database(tmp_path))
     assert code == 2
-    assert "there is no logbook here" in err
+    assert "there is no logbook" in err
     with stored.logbook_at(tmp_path) as logbook:
         assert logbook.runs() == []

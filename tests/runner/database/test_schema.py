@@ -98,9 +98,9 @@ def test_a_missing_logbook_is_not_made_by_reading(
     url: str, results_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("SEATRIAL_DATABASE", raising=False)
-    with pytest.raises(LogbookError, match=r"there is no logbook here[^,]*$"):
+    with pytest.raises(LogbookError, match=r"there is no logbook[^,]*$"):
         LogbookWriter.read(url)
     monkeypatch.setenv("SEATRIAL_DATABASE", url)
-    with pytest.raises(LogbookError, match=r"no logbook here.*, or --database SEATRIAL_DATABASE$"):
+    with pytest.raises(LogbookError, match=r"there is no logbook.*, or --database SEATRIAL_DATABASE$"):
         LogbookWriter.open(url, results_dir=results_dir, create=False)
     assert not results_dir.exists()
