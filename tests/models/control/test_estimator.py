@@ -182,7 +182,7 @@ def test_the_moment_of_a_current_in_the_model_of_the_filter() -> None:
 
 @pytest.mark.parametrize("name", ["process", "measurement"])
 def test_deviations_must_be_positive(name: str) -> None:
-    with pytest.raises(ConfigurationError, match=f"{name} must be 3 positive numbers"):
+    with pytest.raises(ConfigurationError, match=f"{name} must be 3 numbers, positive"):
         replace(KALMAN, **{name: (1.0, 0.0, 1.0)})
 
 
