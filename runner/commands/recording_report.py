@@ -57,7 +57,7 @@ def report(file: RecordedFile) -> Report:
     except FAULTS as error:
         why = str(error)
     sampled = [
-        (name or "-", s.count, f"{s.duration_s:.1f}", s.rate_hz, s.gaps,
+        (name or "-", s.count, f"{s.duration_s:.1f}", f"{s.rate_hz:.4g}", s.gaps,
          f"{s.longest_gap_s:.3g} at {s.longest_gap_at_s:.0f}" if s.gaps else "-",
          f"{100.0 * s.missing:.1f}", s.not_later)
         for name, s in samplings.items()
@@ -71,7 +71,7 @@ def report(file: RecordedFile) -> Report:
         axes = [(axis.dof, axis.kind, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
                  "yes" if axis.excited else "no") for axis in result.axes]  # fmt: skip
         tables.append(grid_of(f"{title} {lag:+.3f} s behind", AXES, axes, 2))
-        tables += [grid_of("Ranges", RANGES, _ranges(part), 2, digits=3) for part in signals]
+        tables += [grid_of("Ranges", RANGES, _ranges(part), 2) for part in signals]
     left_out = dict.fromkeys(line for part in signals for line in part.left_out)
     used = {reading.source.name for reading in readings(sources, columns).values()}
     slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
@@ -107,16 +107,16 @@ def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
     return [*lines, *(f"not compared: {line}" for line in known.not_compared)]
 
 
-def _ranges(signals: Signals) -> list[tuple[str | float, ...]]:
+def _ranges(signals: Signals) -> list[tuple[str | int, ...]]:
     """Range, noise and outliers of every signal, in SI units and our frames."""
     period, starts = float(np.median(np.diff(signals.t))), np.zeros(len(signals.t), dtype=np.bool_)
     starts[piece_edges(signals.t, period)[:-1]] = True
-    counts, rows = _outliers(signals), list[tuple[str | float, ...]]()
+    counts, rows = _outliers(signals), list[tuple[str | int, ...]]()
     for option, x in signals.values.items():
         targets, noise = targets_of(option), noise_floor(x[:, None], starts, period)
-        numbers = map(float, (np.nanmin(x), np.nanmax(x), np.nanstd(x), noise.deviation[0]))
+        numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), noise.deviation[0])
         unit = targets[0] if len(targets) == 1 else "-"
-        rows.append((option, unit, *numbers, counts.get(option, "-")))
+        rows.append((option, unit, *(f"{n:.3g}" for n in numbers), counts.get(option, "-")))
     return rows
 
 
