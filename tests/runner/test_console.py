@@ -164,3 +164,22 @@ def test_what_a_trial_came_to(tmp_path: Path) -> None:
     assert lines[0] == ["nominal", "identified"]
     assert lines[1][-2:] == ["0.25", "-"]
     assert [line[-2:] for line in lines[2:]] == [["2", "1"]] * 4
+
+
+def test_a_sweep_shows_its_table(tmp_path: Path) -> None:
+    """By the first metric that its runs have, `none` first; nothing varied, nothing shown."""
+    url = f"sqlite:///{tmp_path}/results.db"
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
+        sweep_id = logbook.begin_sweep("sweep", "seatrial -m identifier=ls,none", [], 2)
+        for trial, (identifier, error) in enumerate((("ls", 0.5), ("none", 2.0))):
+            run = logbook.begin_run(make_start(trial, identifier=identifier), sweep_id)
+            row = metric("velocity_rmse_restarts", "validation", "identified", "surge", error)
+            logbook.finish_run(run.run_id, Results([row]))
+    lines = progress.sweep_table(url, sweep_id, ["identifier"])
+    assert lines[0].startswith("velocity_rmse_restarts [m/s], surge, validation, identified: mean")
+    assert [line.split()[:2] for line in lines if line.startswith((" none", " ls"))] == [
+        ["none", "2.000"],
+        ["ls", "0.5000"],
+    ]
+    assert len(lines) <= progress.LISTED
+    assert progress.sweep_table(url, sweep_id, []) == []
