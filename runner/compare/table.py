@@ -304,7 +304,9 @@ def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.D
         numbers = results.metrics(request.names, condition, wanted)
         if numbers.empty:  # read all levels, for the error message
             numbers = results.metrics(request.names, condition)
-        what, known = "metric", {*results.metric_names()}
+        what, known = "metric", {*numbers["metric"].unique()}
+        if not known.issuperset(request.names):  # that these runs lack, or none has
+            known |= {*results.metric_names()}
     if request.by_file:
         of_files = results.of_files(request.names, condition)
         if of_files.empty:
