@@ -96,7 +96,7 @@ def test_a_full_disk_leaves_a_whole_logbook(tmp_path: Path, number: int, place: 
     with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         runs = logbook.runs()
         assert {run.metrics for run in runs if run.status == "finished"} <= {30}
-        assert {run.metrics for run in runs if run.status != "finished"} == {0}
+        assert {run.metrics for run in runs if run.status != "finished"} <= {0}
         assert logbook.verify().problems == []
         again = logbook.begin_run(make_start(5000))
         logbook.finish_run(again.run_id, make_results())
