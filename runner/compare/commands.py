@@ -219,12 +219,12 @@ def stats(
 def manoeuvres(
     subject: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run, or a recording.")],
     execution: Annotated[
-        Literal["half", "order", "full"],
+        Literal["half", "order"],
         typer.Option(help="Instant of execution: helm past half, or leaving."),
     ] = "half",
     manoeuvre: Annotated[
         Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"] | None,
-        typer.Option(help="Which manoeuvre it is.  [default: by helm and heading]"),
+        typer.Option(help="Kind of manoeuvre.  [default: by helm and heading]"),
     ] = None,
     helm: Annotated[
         str | None, typer.Option(help="Input that turns the ship.  [default: the run's, or delta]")
@@ -237,7 +237,7 @@ def manoeuvres(
     ] = 1.0,
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", metavar="MAP.yaml", help="Which column of a file is what."),
+        typer.Option("--map", metavar="MAP.yaml", help="Map of the columns."),
     ] = None,
     series: Annotated[str, typer.Option(help="Series of the run.")] = "recording",
     database: Database = DEFAULT_DATABASE,

@@ -101,6 +101,7 @@ def test_a_missing_logbook_is_not_made_by_reading(
     with pytest.raises(LogbookError, match=r"there is no logbook[^,]*$"):
         LogbookWriter.read(url)
     monkeypatch.setenv("SEATRIAL_DATABASE", url)
-    with pytest.raises(LogbookError, match=r"there is no logbook.*, or --database SEATRIAL_DATABASE$"):
+    expected = r"there is no logbook.*, or --database SEATRIAL_DATABASE$"
+    with pytest.raises(LogbookError, match=expected):
         LogbookWriter.open(url, results_dir=results_dir, create=False)
     assert not results_dir.exists()
