@@ -88,7 +88,7 @@ ANY_SEED := 'seed=range(0,$(SEEDS))'
 KEPT := || [ $$? -eq 1 ]
 STEERED := vessel=milliampere excitation=waypoints
 SWEPT := vessel=surge_nonlinear,beluga_diagonal excitation=multisine plant.scale=0.8 controller=none
-robustness: $(VENV)/robustness.stamp
+robustness: $(VENV)/demo.stamp
 	$(ROBUSTNESS) $(STEERED) disturbance=calm,constant seed=0 $(KEPT)
 	$(ROBUSTNESS) $(STEERED) 'disturbance=noise,[wind,noise],rough' $(ANY_SEED) $(KEPT)
 	$(ROBUSTNESS) vessel=modulus_ship excitation=prbs controller=none \
@@ -117,7 +117,7 @@ bands: $(VENV)/demo.stamp
 
 # Tasks on outside data are left out where SEATRIAL_DATA does not hold them. What was run is kept:
 # the same command runs what is missing. BENCHMARK='--task ... --entrant ...' runs a part.
-benchmark: $(VENV)/robustness.stamp
+benchmark: $(VENV)/demo.stamp
 	$(BIN)/python -m runner benchmark $(BENCHMARK) || [ $$? -eq 1 ]
 	$(BIN)/python -m runner.compare leaderboard --page results/benchmark/index.html
 	$(BIN)/python docs/refresh.py leaderboard
@@ -207,7 +207,6 @@ clean:
 # compile as they are imported: most of their modules never are.
 $(VENV)/demo.stamp: EXTRAS :=
 $(VENV)/test.stamp: EXTRAS := [test]
-$(VENV)/robustness.stamp: EXTRAS :=
 $(VENV)/bench.stamp: EXTRAS := [test,bench]
 $(VENV)/docs.stamp: EXTRAS := [docs]
 $(VENV)/check.stamp: EXTRAS := [test,check]

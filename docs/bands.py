@@ -50,8 +50,6 @@ class DataSet(NamedTuple):
 
 
 SHIP = ("auto", "mmg_joint")
-# In place of a bootstrap the covariance of the fit, of which the prior's share is known.
-MORE = {"mmg_joint": ("identifier.bootstrap=null", "identifier.resample=blocks")}
 DATA_SETS = {
     "kvlcc2": DataSet(
         "KVLCC2, thirteen zig-zags, each left out", "kvlcc2_hsva", each=True, entrants=SHIP
@@ -112,11 +110,10 @@ def options_of(data: DataSet, entrant: str) -> Iterator[tuple[str, tuple[str, ..
     chosen = entrants_of(task, [entrant])
     for cell in cells(data.task, task, chosen):
         if (not data.cases or cell.case in data.cases) and cell.seed < SEEDS:
-            options = (*cell.options, *MORE.get(entrant, ()))
             if data.each:
-                yield from left_out_in_turn(options)
+                yield from left_out_in_turn(cell.options)
                 return
-            yield f"{cell.case} {cell.seed}", options
+            yield f"{cell.case} {cell.seed}", cell.options
 
 
 def left_out_in_turn(options: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...]]]:
