@@ -17,6 +17,9 @@ export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
+# The suites start hundreds of processes: each would compile every module again.
+unexport PYTHONDONTWRITEBYTECODE
+
 # Files of tests run side by side; the tests of one stay together, for they share what they prepare.
 WORKERS := 2
 PYTEST = $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile -p no:benchmark

@@ -31,6 +31,7 @@ def counted(cells: Cells) -> dict[str, list[str]]:
     return {line[0].strip("`"): line[1:] for line in lines}
 
 
+@pytest.mark.nightly
 def test_two_runs_of_the_command_line_fill_the_tables(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "runner", "-m", *SHORT, f"results_dir={tmp_path}"]
     subprocess.run([*command, "identifier=none,ls"], cwd=ROOT, check=True, capture_output=True)

@@ -150,6 +150,7 @@ def test_numba_still_links_what_was_not_optimised(
         outer(-1.0)
 
 
+@pytest.mark.nightly
 def test_processes_that_save_at_once_keep_all_their_code(checkout: Path) -> None:
     arguments = ("3.0", "3", "3j", "3.0")
     at_once = [start(checkout, f"print(turn({argument}))") for argument in arguments]
@@ -170,6 +171,7 @@ def test_code_that_was_changed_under_a_running_process_is_not_kept(checkout: Pat
     assert lines(start(checkout, "print(drag(3.0))"))[-2:] == ["7.0", "misses 1"]
 
 
+@pytest.mark.nightly
 def test_types_from_elsewhere_are_told_apart(checkout: Path) -> None:
     """By their modules, which other programs need not have, and by the content of these files."""
     for name, factor in (("one", 1), ("two", 10)):
@@ -192,6 +194,7 @@ def test_types_from_elsewhere_are_told_apart(checkout: Path) -> None:
     assert lines(start(checkout, one))[-2:] == ["2.0 5.0", "misses 1"]
 
 
+@pytest.mark.nightly
 def test_damaged_files_are_made_again(checkout: Path) -> None:
     program = "print(turn(3.0), turn(3))"
     lines(start(checkout, program))

@@ -27,7 +27,7 @@ TOO_LARGE = {
     ),
     "controller=mpc_standard controller.horizon=1000000": ("controller.horizon must be at ", ""),
     f"identifier=nsga2 identifier.population={BILLION}": ("identifier.population must be at ", ""),
-    f"identifier=plsr identifier.bootstrap={BILLION}": ("identifier: bootstrap must be at ", ""),
+    f"identifier=plsr identifier.bootstrap={BILLION}": ("identifier.bootstrap must be at ", ""),
     "identifier=dsr identifier.L=1000000": ("identifier.L must be at most 1000, got 1000000", ""),
     f"identifier=auto identifier.folds={BILLION}": ("identifier.folds must be at most 1000, ", ""),
     "identifier=none evaluation=none sample_time_s=2000": (

@@ -175,7 +175,7 @@ def test_a_job_composes_nothing_that_another_has_chosen(
 
 @pytest.mark.parametrize(
     ("argument", "count"),
-    [("seed=range(0,3)", 3), ("plant.scale=range(0.5,2,0.25)", 6), ("identifier=glob(s*)", 2),
+    [("seed=range(0,3)", 3), ("plant.scale=range(0.5,2,0.25)", 6), ("identifier=glob(r*)", 2),
      ("controller.kp=choice([1,2],[3,4])", 2), ("+new=sort(3,1,2)", 3),
      ("identifier=ls,nothing", 2)],
 )  # fmt: skip

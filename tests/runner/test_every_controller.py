@@ -56,6 +56,7 @@ def refused(vessel: str, controller: str) -> None:
     assert "\n" not in str(refusal.value), (vessel, controller)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("vessel", "controller"),
     [

@@ -16,12 +16,16 @@ PUBLISHED = CONF.parent / "docs" / "published"  # experiments with identifiers o
 EXPERIMENTS = sorted(
     path for folder in (CONF, PUBLISHED) for path in (folder / "experiment").glob("*.yaml")
 )
+FEW = ("bargouth_section_4_5", "jervan_table_4_10")  # the others are checked at night
 
 
 def marked(experiment: Path) -> Any:
-    """A parameter of a test that runs the experiment, marked `data` where it reads outside data."""
+    """A parameter of a test that checks the experiment; `data` where it reads outside data."""
     reads_data = "SEATRIAL_DATA" in experiment.read_text()
-    return pytest.param(experiment, marks=[pytest.mark.data] if reads_data else [])
+    marks = [pytest.mark.data] if reads_data else []
+    return pytest.param(
+        experiment, marks=marks if experiment.stem in FEW else [*marks, pytest.mark.nightly]
+    )
 
 
 @pytest.fixture

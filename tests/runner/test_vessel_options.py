@@ -49,11 +49,11 @@ def test_the_default_trial_of_an_own_vessel(vessel: str, own: Path, seatrial: Co
 
 MORE = (
     pytest.param(name, marks=pytest.mark.nightly)
-    for name in ("mpc_condensed", "mpc_integral", "mpc_reduced")
+    for name in ("lqi", "mpc_condensed", "mpc_integral", "mpc_reduced")
 )
 
 
-@pytest.mark.parametrize("controller", ["lqi", "mpc_standard", *MORE])
+@pytest.mark.parametrize("controller", ["mpc_standard", *MORE])
 def test_every_controller_tracks_with_derived_weights(
     controller: str, own: Path, seatrial: Command
 ) -> None:

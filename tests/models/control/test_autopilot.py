@@ -164,6 +164,7 @@ def test_no_wind_up_after_saturation() -> None:
     assert wound_up > 3.0 * max(large, 0.02)
 
 
+@pytest.mark.nightly
 def test_two_propellers_steer_by_their_difference_and_drive_by_their_sum() -> None:
     """Otter and BlueBoat keep heading and speed under a constant moment and resistance."""
     for name, force, moment in (("otter", -20.0, 3.0), ("blueboat", -5.0, 1.0)):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare import commands
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
@@ -186,26 +186,19 @@ def test_what_killed_programs_left_is_no_damage_and_can_be_deleted(
     assert "--orphans alone" in err
 
 
-def test_a_new_logbook_does_not_take_the_place_of_one_that_is_lost(
+def test_a_new_logbook_leaves_the_series_of_one_that_is_lost(
     program: Program, voyage_copy: Path
 ) -> None:
     before = {path: path.read_bytes() for path in (voyage_copy / "series").iterdir()}
     file = voyage_copy / "results.db"
     kept = file.read_bytes()
-    for lost in (None, b""):  # gone, or zero bytes
-        file.unlink()
-        if lost is not None:
-            file.write_bytes(lost)
-        with pytest.raises(LogbookError, match=r"results\.db: there is no logbook.* 7 series") as e:
-            stored.logbook_at(voyage_copy)
-        assert "\n" not in str(e.value)
-        assert program("verify", *database(voyage_copy))[0] == 2
-        if lost is None:
-            assert not file.exists()
-            file.touch()
-    file.write_bytes(kept)
-    with stored.logbook_at(voyage_copy) as logbook:  # put back, it is taken up again
+    file.unlink()
+    assert program("verify", *database(voyage_copy))[0] == 2
+    assert not file.exists()
+    with stored.logbook_at(voyage_copy) as logbook:
         logbook.begin_run(stored.start("ls", seed=77))
+    file.write_bytes(kept)
+    assert program("verify", *database(voyage_copy))[0] == 0
     assert {path: path.read_bytes() for path in before} == before
 
 
