@@ -92,6 +92,7 @@ def test_a_controller_in_python_runs_beside_a_compiled_one(tmp_path: Path) -> No
     assert all(isinstance(value, float) and value > 1.0 for *_, value in found)
 
 
+@pytest.mark.nightly
 def test_a_metric_and_a_figure_appear_in_tables_and_plots(tmp_path: Path) -> None:
     folder, named = written(tmp_path), {"SEATRIAL_PLUGINS": "speeds,speed_figure"}
     run(folder, "seatrial.runner", *SHORT, "metrics=[{_target_: speeds.LargestSpeed}]")
@@ -146,6 +147,7 @@ def test_a_program_in_python_finds_the_coefficients(tmp_path: Path) -> None:
     assert rows(folder, "select count(*) from run") == [(2,)]  # the program has changed
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="octave-cli is not installed")
 def test_a_program_in_octave_finds_the_coefficients(tmp_path: Path) -> None:
     folder = written(tmp_path)

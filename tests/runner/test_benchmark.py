@@ -115,6 +115,7 @@ def test_a_folder_is_the_files_that_are_listed_of_it(
     assert f'excitation.test=["{tmp_path / "run"}"]' in cell.options
 
 
+@pytest.mark.nightly
 def test_an_entrant_may_bring_its_own_vessel(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
