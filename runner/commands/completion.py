@@ -29,7 +29,6 @@ SHELLS = {
 VARIANT = re.compile(r"--variant[ =]('[^']*'|\"[^\"]*\"|\S*)\s?")
 QUOTES = str.maketrans("", "", "'\"")
 SWEPT = re.compile(r"=\s*\w+\(")  # range(0,20), choice(a,b), ...
-OUTER_COMMA = re.compile(r",(?![^\[{]*[\]}])")  # one that is in no list or mapping
 
 
 def completions(line: str, query: Callable[[str], list[str]]) -> list[str]:
@@ -41,13 +40,23 @@ def completions(line: str, query: Callable[[str], list[str]]) -> list[str]:
     """
     words = VARIANT.sub("", line).translate(QUOTES).split(" ")
     *before, last = words
-    trial = [OUTER_COMMA.split(word)[0] for word in before if not SWEPT.search(word)]
+    trial = [_first_value(word) for word in before if not SWEPT.search(word)]
     key, equals, value = last.partition("=")
     end = max(value.rfind(","), value.rfind("[")) + 1
     if not equals or not end:
         return query(" ".join([*trial, last]))
     own = query(" ".join([*trial, f"{key}={value[end:]}"]))
     return [f"{key}={value[:end]}{text.partition('=')[2]}" for text in own]
+
+
+def _first_value(word: str) -> str:
+    """An override with the first of its values: up to a comma in no list or mapping."""
+    depth = 0
+    for i, letter in enumerate(word):
+        depth += (letter in "[{") - (letter in "]}")
+        if letter == "," and not depth:
+            return word[:i]
+    return word
 
 
 def install(arguments: Sequence[str]) -> int:
@@ -80,7 +89,8 @@ def install(arguments: Sequence[str]) -> int:
         text = path.read_text(encoding="utf-8") if path.exists() else ""
         if wanted not in text.splitlines():
             separator = "" if not text or text.endswith("\n") else "\n"
-            path.write_text(f"{text}{separator}{wanted}\n", encoding="utf-8")
+            with path.open("a", encoding="utf-8") as file_of_start:
+                file_of_start.write(f"{separator}{wanted}\n")
             print(f"read by {path}")
     print("it works in the next shell that you open")
     return 0

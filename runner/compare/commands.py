@@ -5,7 +5,6 @@ import shlex
 import subprocess
 import sys
 from datetime import timedelta
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -118,20 +117,7 @@ def table(results: "Queries", options: TableOptions) -> TextTable:
     evaluation, seed, ...), a dotted name of the configuration (plant.scale), or metric, term, dof,
     stage or model.
     """
-    _check_metrics(results, split(options.metric))
     return compare.table.comparison(results, compare.table.request_of(options))
-
-
-def _check_metrics(results: "Queries", names: tuple[str, ...]) -> None:
-    """Refuse a metric that no run has, and name one that may be meant."""
-    stored = results.metric_names()
-    for name in names:
-        near = [each for each in stored if each.startswith(name)]
-        near = near or get_close_matches(name, stored, 1)
-        if name not in stored and near:
-            raise ConfigurationError(
-                f"--metric: no metric {name!r}, did you mean {', '.join(near[:4])}?"
-            )
 
 
 class PlotCommand(TyperCommand):
@@ -393,6 +379,7 @@ def retry(
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
     if not lines or not execute:
         return lines
+    results.reader.close()  # the last to close a SQLite file completes it
     failed = 0
     for number, line in enumerate(lines, 1):
         print(f"{number} of {len(lines)}: {line}", file=sys.stderr, flush=True)
@@ -431,7 +418,11 @@ def prune(
     ] = False,
 ) -> TextTable:
     """Show which runs would be deleted with their files, and with --yes delete them."""
-    chosen = bool(older_than or status or where)
+    statuses = split(status)
+    _check_statuses(statuses, (*LOST, "finished"))
+    if status and not statuses:
+        raise ConfigurationError("--status: got no status, expected one of those of the help")
+    chosen = bool(older_than or statuses or where)
     if orphans == chosen:
         got = "both" if chosen else "none"
         expected = "--older-than, --status or --where, or --orphans alone"
@@ -446,8 +437,6 @@ def prune(
             labels=2,
         )
     else:
-        statuses = split(status)
-        _check_statuses(statuses, (*LOST, "finished"))
         summaries = results.reader.prunable(
             *results.names.clauses(results.where(where)),
             older_than=age(older_than) if older_than else None,
@@ -475,6 +464,7 @@ def prune(
 def _delete(results: "Queries", runs: list[int] | None) -> str:
     """Delete runs with their rows and files, or files of no run; return what was deleted."""
     reader = results.reader
+    reader.close()  # the last to close a SQLite file completes it
     with databases.LogbookWriter.open(
         reader.address.url, results_dir=reader.results_dir, create=False
     ) as logbook:

@@ -117,7 +117,9 @@ def _modules() -> dict[str, ModuleType]:
     for name in _declaring():
         try:
             module = import_module(name)
-            figure: Figure = vars(module)["FIGURE"]
+            figure = vars(module)["FIGURE"]
+            if not isinstance(figure, Figure):
+                raise TypeError(f"FIGURE is a {type(figure).__name__}, expected a Figure")
         except Exception as error:
             if is_own(name):
                 raise
@@ -136,4 +138,4 @@ def _declaring() -> Iterator[str]:
         for path in plugin.files:
             inside = plugin.is_package and path.stem != "__init__"
             files.append((path, f"{plugin.module}.{path.stem}" if inside else plugin.module))
-    return (module for path, module in files if DECLARES in path.read_text(encoding="utf-8"))
+    return (module for path, module in files if DECLARES in path.read_text("utf-8", "replace"))

@@ -218,7 +218,11 @@ def _properties(results: Queries, run_id: int) -> list[list[Scalar]]:
         ("started by", run.command),
         *((f"version of {name}", str(version)) for name, version in run.versions.items()),
     ]
-    known = [(name, value) for name, value in properties if value not in (None, "", False)]
+    known = [
+        (name, value)
+        for name, value in properties
+        if value is not None and value is not False and value != ""
+    ]
     return [
         [name, f"{value:%Y-%m-%d %H:%M:%S} UTC"]
         if isinstance(value, datetime)

@@ -176,7 +176,7 @@ def _runs(
         "database": words_of(database),
         "ids": [run.id for run in runs],
         "written": [run.id for run in whole],
-        "factors": _factors(results, runs),
+        "factors": _factors(results),
         "measures": _measures(results, runs),
         "sweeps": _sweeps(results, runs),
         "started": [f"{rows[run.id].started_at:%Y-%m-%d %H:%M}" for run in runs],
@@ -202,7 +202,7 @@ def _sweeps(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
             for sweep in results.reader.sweeps()]  # fmt: skip
 
 
-def _factors(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
+def _factors(results: Queries) -> list[Json]:
     """Return choices, seed, status, code, and the keys that commands vary, with several levels.
 
     `codes` are the places of the runs' levels; `conditions` say how --where writes a level.

@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 
 import numpy as np
 import pandas as pd
@@ -319,8 +320,11 @@ def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.D
         numbers = both.astype({n: "category" if kind == "category" else kind for n, kind in kinds})
     for name in request.names:  # one that only these runs lack gives an empty cell
         if name not in known and known:
+            near = [each for each in sorted(known) if each.startswith(name)]
+            near = near or get_close_matches(name, known, 1)
+            meant = f"did you mean {', '.join(near[:4])}? " if near else ""
             raise ConfigurationError(
-                f"--{what}: no {what} {name!r}; expected one of {', '.join(sorted(known))}"
+                f"--{what}: no {what} {name!r}, {meant}expected one of {', '.join(sorted(known))}"
             )
     for factor, levels in wanted.items():
         available = ordered(numbers[factor].unique())

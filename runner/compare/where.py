@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from functools import reduce
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ OPERATORS = {ast.Eq: "=", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: "
 ORDERINGS: dict[str, Callable[[Any, Any], Any]] = {
     "<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge,
 }  # fmt: skip
-MOST_NESTED = 100  # parentheses and negations
+MOST_NESTED = 100  # parentheses within each other, and negations
 KEYWORDS = ("and", "or", "not", "in")
 CONSTANTS: dict[str, Value] = {"true": True, "false": False, "null": None}
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
@@ -81,10 +82,13 @@ def parse(text: str, compare: Compared) -> Any:
         tokens[len(source)] = match
         source += f"{_as_python(match)} "
         position = match.end()
-    nested = sum(match[0].strip().lower() in ("(", "not") for match in tokens.values())
+    marks = [match[0].strip().lower() for match in tokens.values()]
+    open_marks = accumulate((mark == "(") - (mark == ")") for mark in marks)
+    nested = max(open_marks, default=0) + marks.count("not")
     if nested > MOST_NESTED:
         raise ConfigurationError(
-            f"--where: got {nested} parentheses and negations, expected at most {MOST_NESTED}"
+            f"--where: got {nested} parentheses and negations within each other, expected at most "
+            f"{MOST_NESTED}"
         )
     try:
         tree = ast.parse(source, mode="eval").body
@@ -137,7 +141,8 @@ class _Meaning:
         """Return the meaning of `name operator right`."""
         if isinstance(operator, ast.In | ast.NotIn):
             several = right.elts if isinstance(right, ast.Tuple) else [right]
-            if not several:
+            before = [token for at, token in self.tokens.items() if at < right.col_offset][-1]
+            if not several or (not isinstance(right, ast.Tuple) and before["mark"] != "("):
                 raise self.refused(right)
             among = self.compare(name, "in", tuple(map(self.value, several)))
             return among if isinstance(operator, ast.In) else ~among

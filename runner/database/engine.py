@@ -181,14 +181,15 @@ def _release_locks(engine: Engine) -> None:
     connection that is closed under a statement and keeps its lock until the statement is collected;
     a session that goes on would wait for it.
     """
-    opened: list[DBAPIConnection] = []
+    opened: set[DBAPIConnection] = set()
 
     def end_transaction(connection: DBAPIConnection, _: object = None) -> None:
         with suppress(engine.dialect.loaded_dbapi.Error):  # closed, or the server is gone
             connection.rollback()
 
-    event.listen(engine, "connect", lambda connection, _: opened.append(connection))
+    event.listen(engine, "connect", lambda connection, _: opened.add(connection))
     event.listen(engine, "close", end_transaction)
+    event.listen(engine, "close", lambda connection, _: opened.discard(connection))
     event.listen(engine, "engine_disposed", lambda _: [*map(end_transaction, opened)])
 
 
@@ -231,9 +232,10 @@ def checkpoint(path: Path) -> None:
 
 def _open_to_read(path: Path) -> sqlite3.Connection:
     """Open a read-only connection, also if the folder cannot be written."""
-    # A reader of a WAL file creates a file beside it. If the folder is read-only and there is no
-    # log, no process is writing, and the file may be opened as immutable.
-    has_log = path.with_name(path.name + "-wal").exists()
+    # A reader of a WAL file creates a file beside it. If the folder is read-only and the log is
+    # empty, no process is writing, and the file may be opened as immutable.
+    log = path.with_name(path.name + "-wal")
+    has_log = log.exists() and log.stat().st_size > 0
     is_sealed = not has_log and not os.access(path.parent, os.W_OK)
     connection = _open(path, "immutable=1" if is_sealed else "mode=ro")
     connection.execute("PRAGMA query_only = ON")

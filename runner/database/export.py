@@ -12,6 +12,7 @@ from sqlalchemy import JSON, Boolean, Connection, Float, Integer, Table, Text, c
 from sqlalchemy.types import TypeEngine
 
 from seatrial.models.errors import LogbookError
+from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.tables import Base, Utc
 
 FORMATS = ("parquet", "csv")
@@ -35,6 +36,8 @@ def export(connection: Connection, folder: Path) -> list[Path]:
         raise LogbookError(f"{folder}: cannot export: {error.strerror or error}") from error
     except UnicodeEncodeError as error:
         raise LogbookError(f"{folder}: cannot export: expected a name in UTF-8") from error
+    except (ValueError, TypeError) as error:  # a damaged cell
+        raise LogbookError(f"{folder}: cannot export: {one_line(error)}") from error
 
 
 def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:

@@ -36,7 +36,7 @@ def verify(connection: Connection, results_dir: Path) -> Verification:
         counts = [connection.scalar(select(func.count(number))) or 0 for number in numbers]
         problems += _wrong_files(connection, results_dir)
         unused = orphans(connection, results_dir)
-    except DatabaseError as error:
+    except (DatabaseError, ValueError, TypeError) as error:  # the latter of a damaged cell
         problems.append(LogbookDefect("database", one_line(error)))
     return Verification(counts[0], counts[1], problems, unused)
 

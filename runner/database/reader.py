@@ -106,8 +106,8 @@ class LogbookReader:
         try:
             with engines.explained(self.address):
                 return repeated(self.address, rows)
-        except (DataError, OverflowError, UnicodeEncodeError) as error:
-            # A number beyond the range of its column, or text that is not UTF-8.
+        except (DataError, OverflowError, ValueError, TypeError) as error:
+            # A number beyond the range of its column, text that is not UTF-8, a damaged cell.
             raise LogbookError(f"{self.address}: {engines.one_line(error)}") from error
 
     def runs(

@@ -1,7 +1,7 @@
 """Options given in Python as overrides of the command line: `identifier__basis="physical"`."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
@@ -66,7 +66,7 @@ def text_of(value: object) -> str:
         return _quoted(str(value))
     if isinstance(value, Mapping):
         return "{" + ",".join(f"{key}:{text_of(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, Sequence):
+    if isinstance(value, Iterable):
         return "[" + ",".join(map(text_of, value)) + "]"
     raise ConfigurationError(
         f"got a {type(value).__name__}, expected a number, text, None, a list or a mapping"

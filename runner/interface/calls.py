@@ -139,7 +139,7 @@ def sweep(
     call.variants = variants
     line = _NotebookLine() if progress and _in_notebook() else None
     if line is not None or not progress:
-        call.view = lambda: nullcontext(line or console.PlainLines())
+        call.view = lambda: nullcontext(line or _Silence())
     in_process.run_sweep(call, words)
     if line is not None:
         line.write(call.lines[0])
@@ -190,6 +190,16 @@ def _in_notebook() -> bool:
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
     return type(shell).__name__ == "ZMQInteractiveShell"
+
+
+class _Silence:
+    """Shows nothing."""
+
+    def show(self, standing: "console.Standing") -> None:
+        """Show nothing."""
+
+    def failure(self, line: str) -> None:
+        """Show nothing."""
 
 
 class _NotebookLine:

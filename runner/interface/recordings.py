@@ -98,7 +98,7 @@ class Recording(recordings.Recording):
         RecordingError
             A column is missing, a number is not finite, or the time steps are not equal.
         """
-        if isinstance(frame.index, pd.DatetimeIndex):
+        if isinstance(frame.index, pd.DatetimeIndex) and "t" not in frame and len(frame):
             seconds = (frame.index - frame.index[0]).total_seconds()
             frame = frame.set_axis(pd.Index(seconds, name="t"))
         table = frame.reset_index() if frame.index.name == "t" else frame

@@ -70,7 +70,10 @@ class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             own |= {"identifier": identifier, **named}
         config: Any = in_process.composed(overrides_of(own)).config
         if not isinstance(identifier, str):
-            identifier = replace(identifier, **options)
+            try:
+                identifier = replace(identifier, **options)
+            except TypeError as error:
+                raise ConfigurationError(f"identifier: {error}") from None
         elif config["identifier"].get("selection") == "test":
             raise ConfigurationError("identifier.selection: got test, expected training data")
         else:

@@ -277,10 +277,10 @@ class SeatrialSweeper(Sweeper):
         outcomes += launched.outcomes
         url = plans[0].database_url
         self.session.say(console.sweep_summary(status, outcomes, url, factors))
-        self.session.show_table(url, status.sweep_id, factors)
         self.session.exit_code = console.sweep_exit_code(status, outcomes)
         if launched.bugs:
             raise RuntimeError(launched.bugs[0].error)
+        self.session.show_table(url, status.sweep_id, factors)
 
     @contextmanager
     def underway(

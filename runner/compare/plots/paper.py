@@ -1,12 +1,14 @@
 """Figures for print: PDF files of the width of a column or a page, with texts of 8 points."""
 
+import warnings
 from itertools import pairwise
 from textwrap import fill
 from typing import TYPE_CHECKING
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import FixedFormatter, NullFormatter
 
 from seatrial.models.errors import ConfigurationError
 
@@ -17,6 +19,7 @@ MM_PER_INCH = 25.4
 WIDTHS_MM = {"column": 86.0, "page": 178.0}  # of journals with two columns: 84-90, 174-190
 NARROWEST_MM, WIDEST_MM = 40.0, 1200.0
 POINTS = 8.0  # of all texts
+HIGHEST_INCH = 100.0
 LOWEST_INCH = 1.0  # height of the lowest panel, without its labels
 PANEL_INCH = 2.2  # width of the narrowest panel, with its labels
 RC: "dict[RcKeyType, object]" = {
@@ -48,7 +51,7 @@ def fit(chart: Figure) -> None:
     for text in chart.findobj(Text):
         assert isinstance(text, Text)
         text.set_fontsize(POINTS)
-    chart.draw_without_rendering()
+    _lay_out(chart)
     for axes in chart.axes:
         axes.xaxis.set_minor_formatter(NullFormatter())
         names = [label for label in axes.get_xticklabels() if label.get_text()]
@@ -56,13 +59,15 @@ def fit(chart: Figure) -> None:
         if any(left.x1 + 2.0 > right.x0 for left, right in pairwise(boxes)):
             for name in names:
                 name.set(rotation=30, ha="right", rotation_mode="anchor")
-    chart.draw_without_rendering()
+    _lay_out(chart)
     place = chart.axes[0].get_subplotspec()
-    lowest = min(axes.get_position(original=True).height for axes in chart.axes)
-    lacking = LOWEST_INCH - lowest * chart.get_figheight()
+    height = chart.get_figheight()
+    lacking = max(
+        _lowest(axes) - height * axes.get_position(original=True).height for axes in chart.axes
+    )
     if lacking > 0.0 and place is not None:
         chart.set_figheight(chart.get_figheight() + place.get_gridspec().nrows * lacking)
-        chart.draw_without_rendering()
+        _lay_out(chart)
     for axes in chart.axes:
         room = axes.get_window_extent()
         title: Text = axes._left_title  # type: ignore[attr-defined]
@@ -73,3 +78,23 @@ def fit(chart: Figure) -> None:
             if length > space and "\n" not in line:
                 letters = max(1, int(len(line) * space / length))
                 text.set_text(fill(line, letters, break_long_words=False))
+
+
+def _lay_out(chart: Figure) -> None:
+    """Place everything; heighten a figure whose labels leave no room for its panels."""
+    while chart.get_figheight() < HIGHEST_INCH:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "constrained_layout not applied")
+            try:
+                chart.draw_without_rendering()
+            except UserWarning:
+                chart.set_figheight(1.3 * chart.get_figheight())
+            else:
+                return
+
+
+def _lowest(axes: Axes) -> float:
+    """The height that a panel needs [inch]; rows of names need a line each."""
+    named = isinstance(axes.yaxis.get_major_formatter(), FixedFormatter)
+    names = [text for text in axes.get_yticklabels() if named and text.get_text()]
+    return max(LOWEST_INCH, 1.5 * POINTS / 72.0 * len(names))

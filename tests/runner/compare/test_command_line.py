@@ -112,7 +112,7 @@ REFUSED = (
     (["runs", "--database", "sqlite:///nowhere/results.db"], "there is no logbook"),
     (["runs", "--database", "mysql://host/name"], "unknown database dialect"),
     (["runs", "--database", "garbage://"], "unknown database dialect"),
-    (["table", "--metric", "speed"], "no metric 'speed'; expected one of below_true_model"),
+    (["table", "--metric", "speed"], "no metric 'speed', expected one of below_true_model"),
     (["table", "--metric", "force_ms"], "no metric 'force_ms', did you mean force_mse"),
     (["table", "--where", "seed>99"], "no runs match"),
     (["table", "--where", "1=1"], "cannot read"),

@@ -121,6 +121,7 @@ def test_prune_without_a_clear_choice_is_refused(program: Program, copy: Path) -
         ([], "expected --older-than, --status or --where"),
         (["--older-than", "soon"], "expected an age"),
         (["--status", "running"], "expected one of failed"),
+        (["--status", ""], "--status: got no status"),  # a variable that is not set
         (["--where", "1=1"], "--where"),
     ):
         code, out, err = program("prune", *database(copy), *arguments, "--yes")

@@ -91,7 +91,7 @@ def test_an_identifier_of_your_own(recording: st.Recording) -> None:
     assert isinstance(part, LeastSquares)
     own = st.Estimator(part).fit(recording)
     np.testing.assert_array_equal(own.model_.coefficients, named.model_.coefficients)
-    with pytest.raises(TypeError, match="unexpected keyword argument 'bases'"):
+    with pytest.raises(st.ConfigurationError, match="unexpected keyword argument 'bases'"):
         st.Estimator(part, bases="full").fit(recording)
 
 
