@@ -33,7 +33,7 @@ class Piece(NamedTuple):
     until: int = NEVER  # first instant after it
     after: int = 1  # pieces on to the one that follows then
     turned: float = np.inf  # change of heading that ends it
-    side: float = 1.0  # of that change: 1 to starboard, -1 to port
+    side: float = 1.0  # of that change: 1 to starboard, -1 to port, 0 to either side
     then: int = 1  # pieces on to the one that follows then
 
 
@@ -77,7 +77,8 @@ def _enter_piece(table: Command, state: Array, heading: float) -> int:
     while k >= table.until[p]:
         p += table.after[p]
         state[2] = heading
-    if table.side[p] * (heading - state[2]) >= table.turned[p]:
+    change = heading - state[2]
+    if (table.side[p] * change if table.side[p] != 0.0 else abs(change)) >= table.turned[p]:
         p += table.then[p]
     state[0], state[1] = k + 1.0, p
     return p

@@ -145,7 +145,7 @@ class HelmManoeuvre(SteeredMission):
             return zigzag(helm, float(np.radians(self.turn_deg)), side)
         if self.pull_out_deg is None:
             return (Piece(helm),)
-        return Piece(helm, turned=float(np.radians(self.pull_out_deg)), side=side), Piece(0.0)
+        return Piece(helm, turned=float(np.radians(self.pull_out_deg)), side=0.0), Piece(0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

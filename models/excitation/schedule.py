@@ -14,6 +14,8 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.commands import (
     FOLLOW,
+    HOLD,
+    NEVER,
     STOP,
     Command,
     Feedback,
@@ -88,12 +90,13 @@ class Schedule:
         pieces: list[Piece] = []
         for part, first in zip(self.parts, self.edges, strict=False):
             end = first + part.count
-            own = list(part.pieces) or [Piece(law=STOP if part.kind == "stop" else 0)]
+            own = list(part.pieces) or [Piece(law=HOLD if part.kind == "manoeuvre" else STOP)]
             if part.poses is not None:
                 poses[first:end] = part.poses
                 velocities[first:end] = body_velocities(part.poses, self.period_s)
                 own = [Piece(law=FOLLOW)]
             pieces += [piece._replace(until=min(first + piece.until, end)) for piece in own]
+        pieces[-1] = pieces[-1]._replace(until=NEVER)
         feedback = Feedback(np.array(gains.kp), np.array(gains.kd), -limits, limits)
         yaw = PLANAR.index("yaw")
         return command(pieces, np.zeros(3), yaw, yaw, feedback, poses, velocities)
@@ -103,7 +106,9 @@ def check_open(name: str, manoeuvre: Mission, dofs: Sequence[str], period_s: flo
     """Raise ConfigurationError for a candidate that requires a controller."""
     manoeuvre.check(dofs)
     steered = manoeuvre.steering(dofs, period_s)
-    if steered is None or not isinstance(steered[0], OpenLoop | Command):
+    step = None if steered is None else steered[0]
+    orders = isinstance(step, Command) and not len(step.feedback.kp)  # of forces, without feedback
+    if manoeuvre.commands_inputs or not (isinstance(step, OpenLoop) or orders):
         raise ConfigurationError(
             f"excitation.candidates.{name}: is sailed by a controller, expected an open loop"
         )

@@ -247,13 +247,14 @@ class InstrumentalVariables(ResidualOptions):
         estimate = self.estimate(problem, lag)
         residual = estimate.residual(problem.nominal.dofs)
         model = problem.nominal + residual
-        least = float(np.min(np.linalg.eigvals(model.inertia).real))
-        if self.inertia_factor is None and least <= 0.0:
-            raise IdentificationError(
-                f"the instruments are too weak: the identified inertia has an eigenvalue of "
-                f"{least:.3g}, expected positive ones; the simulation may drift away from the "
-                f"measured motion: try orientation_terms=true or a shorter restart_s"
-            )
+        if self.inertia_factor is None:
+            least = float(np.min(np.linalg.eigvals(model.inertia).real))
+            if least <= 0.0:
+                raise IdentificationError(
+                    f"the instruments are too weak: the identified inertia has an eigenvalue of "
+                    f"{least:.3g}, expected positive ones; the simulation may drift away from the "
+                    f"measured motion: try orientation_terms=true or a shorter restart_s"
+                )
         consistent = not problem.compared and self.instruments != "none"
         weak = consistent and self.inertia_factor is not None and estimate.strength < WEAK
         errors, spread = None, None

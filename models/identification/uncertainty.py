@@ -85,7 +85,7 @@ def parameter_covariance(
         prior: precision of the prior about p_0, shape (m,).
         tau: of the residuals.
         unknowns: number of all unknowns, by which the residuals are too small.
-        width: bandwidth as in `stationary_variance`.
+        width: bandwidth as in `stationary_covariance`.
 
     Returns:
         The covariance, shape (m, m).

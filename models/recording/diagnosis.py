@@ -290,7 +290,7 @@ class _Case:
         angles = [
             dof for dof in ANGLES
             if (spec := specs.get(option := f"position.{dof}")) is not None and spec.unit is None
-            and known[option].known_from == SI_ASSUMED
+            and option in known and known[option].known_from == SI_ASSUMED
         ]  # fmt: skip
         for group in (angles, [dof for dof in angles if dof != "yaw"], angles[-1:]):
             new = {f"position.{d}": replace(specs[f"position.{d}"], unit="deg") for d in group}

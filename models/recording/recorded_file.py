@@ -123,6 +123,12 @@ class RecordedFile(Reading):
         }  # fmt: skip
         if problem := next((text for text, there in problems.items() if there), None):
             raise ConfigurationError(problem)
+        named = {"path": [self.path or "-"], "train": self.train, "test": self.test}
+        for option, path in ((name, path) for name, paths in named.items() for path in paths):
+            if not path.strip() or any(ord(letter) < 32 for letter in path):
+                raise ConfigurationError(
+                    f"excitation.{option}: got {path!r}, expected one line of text"
+                )
         half(2, self.train_fraction)
         if starts := self.trip_starts_s:
             recordings.by_trips(np.array(starts), starts, self.training_trips)
@@ -187,8 +193,8 @@ class RecordedFile(Reading):
         if not self.train:
             return {self.file: self}
         train, test = file_set(self.train, self.test)
-        own = vars(self.tested) if self.tested else {}
-        return dict.fromkeys(train, self) | dict.fromkeys(test, replace(self, **own))
+        tested = replace(self, **vars(self.tested)) if self.tested else self
+        return dict.fromkeys(train, self) | dict.fromkeys(test, tested)
 
     def sources(self, path: Path | None = None) -> dict[str, Source]:
         """The columns of a file as recorded, of the first one by default."""

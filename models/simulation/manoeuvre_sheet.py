@@ -197,7 +197,7 @@ def sheet(
         if kind == "zigzag"
         else MEASURED[kind](track, execution)
     )
-    start = 0.0 if "spiral" in kind else float(executions(track, execution)[0])
+    start = float(track.t[0]) if "spiral" in kind else float(executions(track, execution)[0])
     speed = track.at(track.speed, start)
     ratio = float(np.sqrt(scale) * track.length_m / speed) if speed > 0.0 else np.inf
     limit = limits(kind, measures, ratio)

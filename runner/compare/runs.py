@@ -181,7 +181,7 @@ def _excitation(results: Queries, run_id: int) -> TextTable:
         values = [numbers.get(name) for name in EXCITATION]
         cells = [int(n) if n is not None and n == int(n) else n for n in values]
         rows.append([dof, *cells, inseparable])
-    headers = ("dof", "unknowns", "rank", "condition", "spectral lines", "not told apart")
+    headers = ("dof", "unknowns", "rank", "condition", "spectral lines", "not separable")
     return grid_of("excitation", headers, rows, labels=1)
 
 

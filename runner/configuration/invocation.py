@@ -23,6 +23,8 @@ REPLACED: Mapping[str, str] = {
     "seatrial-results csv-plain": "use csv, which holds texts as they are",
     "hydra/launcher=joblib": "use hydra/launcher=processes",
     "hydra/launcher=submitit_local": "use hydra/launcher=processes",
+    "excitation.sample_time_s": "excitation.resample_hz sets another than the median step",
+    "excitation.route.follow": "a planned mix is followed everywhere",
     "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone",
     "identifier.bound_factor": "use identifier.inertia_factor",
     "identifier.budget_s": "identifier=auto has no limit of time, on which its result would depend",

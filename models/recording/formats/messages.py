@@ -70,7 +70,7 @@ class Messages:
                 if not field.name.startswith("__"):
                     inner = f"{name}.{field.name}" if name else field.name
                     yield from self._leaves(kind, inner, getattr(value, field.name))
-        elif isinstance(value, list | tuple | np.ndarray):
+        elif isinstance(value, list | tuple | array | np.ndarray):
             if len(value) > MOST_ELEMENTS:
                 self.long[f"{kind}, {name}"] = len(value)
                 return
@@ -182,7 +182,9 @@ def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
         sources += _instances(path, name, columns, units[kind] | TIMES, binary)
     lost = path.stat().st_size - read if binary else 0
     reasons = {f"{lost} bytes that are no messages": lost,
-               f"{bad} messages that are damaged or of an unknown type": bad}  # fmt: skip
+               f"{bad} messages that are damaged or of an unknown type": bad,
+               **{f"{name}: arrays of {n} elements": n
+                  for name, n in messages.long.items()}}  # fmt: skip
     return sources, [reason for reason, there in reasons.items() if there]
 
 

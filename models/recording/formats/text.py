@@ -50,10 +50,12 @@ def read(path: Path, options: ReadOptions) -> Contents:
     data, left_out = decoded(path, options.text.encoding)
     parts = {b"": data}
     if re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE):  # tables of InfluxDB
-        parts = {}
+        parts, first = {}, 0
         for part in TABLES.split(data):
             header = next((line for line in part.split(b"\n") if TITLED.match(line)), b"")
-            parts[header] = parts.get(header, b"") + part
+            before = parts.get(header, b"")  # empty lines in place of other tables: lines keep
+            parts[header] = before + b"\n" * (first - before.count(b"\n")) + part  # their numbers
+            first += part.count(b"\n")
         parts.pop(b"", None)
     sources = [s for part in parts.values() for s in _wide(table(path, part, options.text))]
     names = Counter(source.name for source in sources)

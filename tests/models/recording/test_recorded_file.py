@@ -188,6 +188,8 @@ def test_splits_of_a_file(tmp_path: Path) -> None:
     ("options", "message"),
     [
         ({"path": None}, ".path: expected a recording, got none"),
+        ({"path": "a\0b.csv"}, "expected one line of text"),
+        ({"path": None, "train": ("",)}, ".train: got '', expected one line of text"),
         ({"start_s": 5.0, "end_s": 5.0}, ": start_s must lie before end_s = 5, got 5"),
         ({"train_fraction": 1.0}, ": train_fraction must lie between 0 and 1, got 1"),
         ({"columns": {"ground": {"speed": "v"}}}, "ground: got speed, expected speed, course"),
