@@ -217,7 +217,7 @@ REFUSED: tuple[tuple[dict[str, object], str], ...] = (
     ({"columns": "config"}, "'config' is not known"),
     ({"rows": "seed; drop table run"}, "is not known"),
     ({"metric": ["force_mae"]}, "no metric 'force_mae', did you mean force_mse? expected one of "),
-    ({"coefficient": ["w"]}, "no coefficient 'w'; expected one of u, u_dot"),
+    ({"coefficient": ["w"]}, "no coefficient 'w', expected one of u, u_dot"),
     ({"dof": ["heave"]}, "dof heave; expected one of surge, yaw"),
     ({"stage": ["deployment"]}, "stage deployment; expected one of validation"),
     ({"model": ["plant"]}, "model plant; expected one of identified"),
