@@ -252,6 +252,7 @@ def test_predictive_control_of_an_unstable_ship(gain: float) -> None:
     assert helm[-1] == pytest.approx(-0.004 / (gain / -TIME_S), rel=1e-2)
 
 
+@pytest.mark.nightly
 def test_predictive_control_steers_kvlcc2() -> None:
     heading_changes = ("excitation=heading_changes", "controller=mpc_heading", "disturbance=calm")
     sailed = mission("vessel=kvlcc2", *heading_changes)

@@ -144,6 +144,7 @@ def test_commands_are_held_between_own_samples() -> None:
         lqi(period_s=0.7).build(ship(), 0.5)
 
 
+@pytest.mark.nightly
 def test_a_vessel_of_one_axis_is_controlled_too() -> None:
     surge = from_derivatives("surge", ("surge",), np.array([[60.0]]), {"X_u": -20.0})
     one = {"limits": (100.0,), "error_weight": (100.0,), "input_weight": (2.4e4,), "wind": None}

@@ -106,6 +106,7 @@ def test_its_options_are_worse_at_little_noise_too() -> None:
     assert np.all(printed > 1.5)
 
 
+@pytest.mark.nightly
 def test_a_pid_takes_the_physical_form() -> None:
     results = run("controller=pid_ff")
     assert np.all(errors(results, "identified") <= 1.5 * errors(results, "nominal"))

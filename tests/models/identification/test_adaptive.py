@@ -111,6 +111,7 @@ def test_a_model_that_explains_nothing_is_refused(monkeypatch: Any) -> None:
     )
 
 
+@pytest.mark.nightly
 def test_another_controller_keeps_its_memory() -> None:
     results = trials.run(
         composed(

@@ -210,6 +210,7 @@ def test_a_lower_voltage_takes_from_the_force() -> None:
         voltage_factors(12.0)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("method", METHODS)
 def test_the_allocation_stands_between_controller_and_vessel(method: str) -> None:
     from seatrial.runner.trials.closed_loop import Streams, prepare
