@@ -368,7 +368,7 @@ def solve(
         raise IdentificationError("the training part does not determine every parameter")
     H, g = hessian / np.outer(root, root), gradient / root
     if constraints is None:
-        return np.asarray(np.linalg.solve(H, g)) / root, ()
+        return _minimum(H, g) / root, ()
     rows, start = constraints.rows, at * root  # in the whole change, whose origin is feasible
     for _ in range(MAX_CUTS):
         solution, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b)
@@ -390,6 +390,11 @@ def feasible(change: Array, constraints: PhysicalConstraints) -> Array:
     return change + solve(H, np.zeros(len(change)), constraints, change)[0]
 
 
+def _minimum(H: Array, g: Array) -> Array:
+    """The smallest minimiser of d'Hd/2 - g'd: beside exact data rounding may lose the prior."""
+    return np.asarray(np.linalg.lstsq(H, g, rcond=None)[0])
+
+
 def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
     """minimise d'Hd/2 - g'd so that A d >= b; the solution, and the rows that bind.
 
@@ -397,7 +402,7 @@ def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, l
     that of another, are solved for again about the solution, until all of them hold.
     """
     if not len(A):
-        return np.asarray(np.linalg.solve(H, g)), []
+        return _minimum(H, g), []
     solution, active = _solved(H, g, A, b)
     for _ in range(REPEATS):
         missing = b - A @ solution
