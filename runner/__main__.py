@@ -6,7 +6,7 @@ Exit codes: 0 all is well; 1 a run failed or diverged; 2 the command cannot be c
 option, an unreadable file, an unusable database); 130 interrupted (143 by SIGTERM, 129 by SIGHUP).
 An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well.
 
-These private parts of Hydra 1.3.8 and submitit 1.5.4 are used, and no others:
+These private parts of Hydra 1.3.8, submitit 1.5.4 and others are used, and no others:
 
 get_args_parser     Hydra's command-line parser prints a usage message and ends the process by
                     itself, instead of reporting one line (tests/runner/test_command_line.py).
@@ -14,13 +14,22 @@ class_name_to_class Hydra's public `Plugins.register` names a plugin after its m
                     in the name space `hydra_plugins`; seatrial installs no other name than its own
                     (tests/runner/test_sweep.py).
 file_config_source, A vessel may also be a file of the working folder, or the model of a run
-SourcesRegistry     (tests/runner/test_yaml_files.py).
+SourcesRegistry     (tests/runner/test_yaml_files.py); so _get_header_dict and
+                    _normalize_file_name of the source are called.
 get_sanitized_cfg,  What `--cfg` prints has the numbers that options take from the vessel
 Hydra               (tests/runner/test_vessel_options.py).
 _query              What completes a line in a shell is shown a sweep as one of its trials
                     (tests/runner/test_completion.py).
 SlurmInfoWatcher,   submitit asks the queue of Slurm instead of its accounting, by the command of
 SlurmJob            _make_command (tests/runner/test_slurm.py).
+_get_node, _is_none, OmegaConf's values that are missing or interpolations are looked at as they
+_is_missing,        are written, without an error, and one node is written to
+_is_interpolation,  (tests/runner/test_composition.py).
+_set_flag
+_option_string_actions  The flags of Hydra's parser, for `did you mean`
+                    (tests/runner/test_command_line.py).
+_left_title         matplotlib's title at the left of an axis has no public name
+                    (tests/runner/compare/test_figures.py).
 """
 
 import os

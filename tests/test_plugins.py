@@ -148,7 +148,7 @@ def test_a_program_in_python_finds_the_coefficients(tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="octave-cli is not installed")
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no Octave: apt-get install octave")
 def test_a_program_in_octave_finds_the_coefficients(tmp_path: Path) -> None:
     folder = written(tmp_path)
     run(folder, "seatrial.runner", *SURGE, "identifier=fit_octave")

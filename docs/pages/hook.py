@@ -42,10 +42,8 @@ _copy = tempfile.TemporaryDirectory(prefix="seatrial-guide-")
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Show mkdocstrings, which follows no links, the package as it is when installed."""
     package = Path(_copy.name) / "seatrial"
-    shutil.copytree(ROOT / "seatrial", package, dirs_exist_ok=True)
-    for part in ("models", "runner"):
-        ignored = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(ROOT / part, package / part, ignore=ignored, dirs_exist_ok=True)
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "seatrial", package, ignore=ignored, dirs_exist_ok=True)
     handlers = config.plugins["mkdocstrings"].config.handlers
     handlers["python"]["paths"] = [str(package.parent)]
     return config

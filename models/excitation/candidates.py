@@ -19,7 +19,7 @@ from seatrial.models.excitation.information import (
     scaled,
 )
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule
+from seatrial.models.excitation.schedule import Gains, Phase, Role, Schedule
 from seatrial.models.ranges import NotNegativeInt, check_ranges
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
@@ -69,18 +69,18 @@ class CandidateSimulations:
     period_s: float
     reference_filter: Reference
 
-    def sub_experiment(self, name: str, role: Role) -> list[Part]:
+    def sub_experiment(self, name: str, role: Role) -> list[Phase]:
         """A candidate, followed by its stop; repeated calls give equal forces."""
         mission, dofs = self.candidates[name], self.plant.vessel.dofs
         t = self.period_s * np.arange(self.count, dtype=np.float64)
         rng = np.random.default_rng(list(self.candidates).index(name))
         force, pieces = mission.force(t, dofs, rng), mission.pieces(self.period_s)
-        manoeuvre = Part(name, "manoeuvre", self.count, role, force, pieces)
-        return [manoeuvre, Part(name, "stop", self.stop)]
+        manoeuvre = Phase(name, "manoeuvre", self.count, role, force, pieces)
+        return [manoeuvre, Phase(name, "stop", self.stop)]
 
-    def schedule(self, parts: Sequence[Part]) -> Schedule:
+    def schedule(self, phases: Sequence[Phase]) -> Schedule:
         """Parts one after the other."""
-        return Schedule(parts, self.period_s)
+        return Schedule(phases, self.period_s)
 
     def voyage(self, name: str) -> Voyage:
         """Simulate a candidate and its stop in calm water, from rest at the origin."""

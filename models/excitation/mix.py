@@ -24,7 +24,7 @@ from seatrial.models.excitation.candidates import CandidateSimulations, Uncertai
 from seatrial.models.excitation.commands import Steering
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import Length, Mission
-from seatrial.models.excitation.schedule import Gains, Part, Role, Schedule, check_open
+from seatrial.models.excitation.schedule import Gains, Phase, Role, Schedule, check_open
 from seatrial.models.notation import PLANAR
 from seatrial.models.planning.lattice import Corners, Pace, Primitive, Waters
 from seatrial.models.planning.planner import PlannedPath, PlanningTask, plan
@@ -104,28 +104,28 @@ def _pose(pose: Pose) -> Array:
     return np.array([pose[0], pose[1], np.radians(pose[2])])
 
 
-def parts_of(
+def phases_of(
     path: PlannedPath, design: CandidateSimulations, held_out: Sequence[str]
-) -> list[Part]:
+) -> list[Phase]:
     """What is sailed along a plan, a manoeuvre with the simulated force; all poses are followed.
 
     Of each candidate the last ones are held out for testing.
     """
     remaining = Counter(leg.name for leg in path.legs if leg.informative)
-    parts: list[Part] = []
+    phases: list[Phase] = []
     for leg in path.legs:
         first = 0
         if leg.informative:
             testing = remaining[leg.name] <= held_out.count(leg.name)
             remaining[leg.name] -= 1
             force = design.voyages[leg.name].log.tau
-            for part in design.sub_experiment(leg.name, "testing" if testing else "training"):
-                here = slice(first, first + part.count)
-                parts.append(replace(part, poses=leg.poses[here], force=force[here]))
+            for phase in design.sub_experiment(leg.name, "testing" if testing else "training"):
+                here = slice(first, first + phase.count)
+                phases.append(replace(phase, poses=leg.poses[here], force=force[here]))
                 first = here.stop
         rest = leg.poses[first:]
-        parts.append(Part(leg.name, "passage", len(rest), poses=rest))
-    return parts
+        phases.append(Phase(leg.name, "passage", len(rest), poses=rest))
+    return phases
 
 
 @dataclass(frozen=True)
@@ -227,12 +227,12 @@ class Mix(Mission):
     def schedule(self) -> Schedule:
         """The mix and then what is held out; along a plan, of each candidate the last."""
         if self.plan is not None:
-            parts = parts_of(self.plan, self.information, self.held_out)
-            return self.information.schedule(parts)
+            phases = phases_of(self.plan, self.information, self.held_out)
+            return self.information.schedule(phases)
         names, trained = self._to_be_sailed, sum(self.counts.values())
         roles: list[Role] = ["training" if i < trained else "testing" for i in range(len(names))]
         each = map(self.information.sub_experiment, names, roles)
-        return self.information.schedule([part for pair in each for part in pair])
+        return self.information.schedule([phase for pair in each for phase in pair])
 
     @property
     def start(self) -> Array:

@@ -1,6 +1,6 @@
 """A sequence of manoeuvres; the vessel is brought to rest between them.
 
-A part is a manoeuvre with its own force, a stop by velocity feedback, or a passage. Planned poses
+A phase is a manoeuvre with its own force, a stop by velocity feedback, or a passage. Planned poses
 are followed by feedback; the force of a manoeuvre and its stop is then that of the simulation that
 was used for planning.
 """
@@ -36,7 +36,7 @@ Role = Literal["training", "testing", "none"]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Phase:
     """An interval of `count` control instants."""
 
     name: str
@@ -61,39 +61,39 @@ class Gains:
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """Parts on the instants of one control period, for a vessel in surge, sway and yaw."""
+    """Phases on the instants of one control period, for a vessel in surge, sway and yaw."""
 
-    parts: Sequence[Part]
+    phases: Sequence[Phase]
     period_s: float
 
     @property
     def edges(self) -> list[int]:
-        """First instant of every part, and the end."""
-        return [0, *np.cumsum([part.count for part in self.parts]).tolist()]
+        """First instant of every phase, and the end."""
+        return [0, *np.cumsum([phase.count for phase in self.phases]).tolist()]
 
     def __len__(self) -> int:
         return self.edges[-1]
 
     def mask(self, role: Role) -> Mask:
         """Instants of the manoeuvres of a role, shape (N,)."""
-        return np.concatenate([np.full(part.count, part.role == role) for part in self.parts])
+        return np.concatenate([np.full(phase.count, phase.role == role) for phase in self.phases])
 
     def force(self) -> Array:
         """Force of the manoeuvres [N, Nm], shape (N, 3)."""
         return np.concatenate(
-            [np.zeros((p.count, 3)) if p.force is None else p.force for p in self.parts]
+            [np.zeros((p.count, 3)) if p.force is None else p.force for p in self.phases]
         )
 
     def steering(self, gains: Gains, limits: Array) -> Steering:
         """Parameters and initial state of the compiled step; `limits` [N, Nm] of the feedback."""
         poses, velocities = np.zeros((2, len(self), 3))
         pieces: list[Piece] = []
-        for part, first in zip(self.parts, self.edges, strict=False):
-            end = first + part.count
-            own = list(part.pieces) or [Piece(law=HOLD if part.kind == "manoeuvre" else STOP)]
-            if part.poses is not None:
-                poses[first:end] = part.poses
-                velocities[first:end] = body_velocities(part.poses, self.period_s)
+        for phase, first in zip(self.phases, self.edges, strict=False):
+            end = first + phase.count
+            own = list(phase.pieces) or [Piece(law=HOLD if phase.kind == "manoeuvre" else STOP)]
+            if phase.poses is not None:
+                poses[first:end] = phase.poses
+                velocities[first:end] = body_velocities(phase.poses, self.period_s)
                 own = [Piece(law=FOLLOW)]
             pieces += [piece._replace(until=min(first + piece.until, end)) for piece in own]
         pieces[-1] = pieces[-1]._replace(until=NEVER)

@@ -28,7 +28,7 @@ from seatrial.models.identification.cross_validation import (
     UNUSABLE,
     CrossValidation,
     FoldErrors,
-    Score,
+    BlockScore,
     error_diagnostics,
     one_standard_error_rule,
     scores_of,
@@ -84,7 +84,7 @@ class Auto(Identifier):
         blocks = CrossValidation(problem, self.folds, self.horizon_s, self.force)
         if not blocks.axes:
             return _fallback(problem, "no velocity moved by more than its noise")
-        reasons, scores, tried = dict[str, str](), dict[str, Score](), dict[str, Identifier]()
+        reasons, scores, tried = dict[str, str](), dict[str, BlockScore](), dict[str, Identifier]()
         quick = list[tuple[float, set[Term]]]()
         first = {n: c for n, c in self.candidates.items() if n not in self.reserve}
         last = {n: c for n, c in self.candidates.items() if n in self.reserve}
@@ -124,7 +124,7 @@ class Auto(Identifier):
 def _best(
     named: Mapping[str, Identifier], blocks: CrossValidation, reasons: dict[str, str],
     refined: list[tuple[float, set[Term]]],
-) -> tuple[str, Score | None]:  # fmt: skip
+) -> tuple[str, BlockScore | None]:  # fmt: skip
     """The alternative with the best quick estimate, and its score; None if it cannot win.
 
     `refined` are the errors of the quick estimates of candidates that were refined before, and
@@ -149,7 +149,7 @@ def _best(
     return best, scores_of({best: identifier}, blocks, reasons).get(best)
 
 
-def _refusal(score: Score, blocks: CrossValidation) -> str | None:
+def _refusal(score: BlockScore, blocks: CrossValidation) -> str | None:
     """Why a candidate is not admissible beside the nominal model; None: it is."""
     nominal, dofs = blocks.nominal, blocks.problem.nominal.dofs
     if not set(blocks.axes) - set(score.nominal_axes):
@@ -164,7 +164,7 @@ def _refusal(score: Score, blocks: CrossValidation) -> str | None:
 
 
 def _first_that_holds(
-    scores: Mapping[str, Score], candidates: Mapping[str, Identifier], blocks: CrossValidation,
+    scores: Mapping[str, BlockScore], candidates: Mapping[str, Identifier], blocks: CrossValidation,
     reasons: dict[str, str], rng: np.random.Generator,
 ) -> tuple[str, Identified | None]:  # fmt: skip
     """Name and result of the best candidate that holds on the whole training part too."""

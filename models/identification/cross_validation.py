@@ -101,7 +101,7 @@ def _standard_error(difference: Array, weights: Array) -> Array:
     return np.asarray(np.sqrt(variance * n / (n - 1)))
 
 
-class Score(NamedTuple):
+class BlockScore(NamedTuple):
     """How an identifier predicts the blocks left out; axes that lose have their nominal equation.
 
     `models` are those without each block, with these nominal equations.
@@ -207,7 +207,7 @@ class CrossValidation:
         kept = length > 1  # the first sample of a run is the measured state itself
         return FoldErrors(squares[kept] / (length[kept, None] - 1.0), length[kept] - 1.0)
 
-    def score(self, models: Sequence[Vessel]) -> Score:
+    def score(self, models: Sequence[Vessel]) -> BlockScore:
         """The errors of models of each block (or of one block), axis by axis beside the nominal.
 
         An axis keeps its nominal equation if it is worse with its own, or if neither model beats
@@ -223,12 +223,12 @@ class CrossValidation:
                 errors = self.errors(mixed)
             except UNUSABLE:  # the model cannot be simulated
                 lost, mixed = list(self._moving), (self.problem.nominal,) * len(models)
-                return Score(nominal, tuple(lost), mixed)
+                return BlockScore(nominal, tuple(lost), mixed)
             no_skill = (errors.nrmse > 1.0) & (nominal.nrmse > 1.0)
             worse = errors.worse_axes(nominal) | (no_skill & ~nominal.worse_axes(errors))
             new = [k for k, bad in zip(self.axes, worse, strict=True) if bad and k not in lost]
             if not new:
-                return Score(errors, tuple(sorted(lost)), mixed)
+                return BlockScore(errors, tuple(sorted(lost)), mixed)
             lost += new
             if any(model.devices != self.problem.nominal.devices for model in models):
                 lost = list(self._moving)
@@ -257,7 +257,7 @@ def one_standard_error_rule(errors: Mapping[str, FoldErrors]) -> str:
 
 def scores_of(
     alternatives: Mapping[str, Identifier], validation: CrossValidation, reasons: dict[str, str]
-) -> dict[str, Score]:
+) -> dict[str, BlockScore]:
     """The scores of alternatives, such as values of an option; why one has none is in `reasons`."""
     scores = {}
     for name, identifier in alternatives.items():

@@ -18,7 +18,7 @@ from seatrial.models.identification.cross_validation import (
     UNUSABLE,
     CrossValidation,
     FoldErrors,
-    Score,
+    BlockScore,
     mixed_table,
 )
 from seatrial.models.identification.physical_constraints import unphysical
@@ -75,14 +75,14 @@ def identified(identifier: Identifier, problem: Problem, rng: np.random.Generato
     return with_skill(result, whole, score.errors, "the training part")
 
 
-def undivided(validation: CrossValidation, models: Sequence[Vessel]) -> Score:
+def undivided(validation: CrossValidation, models: Sequence[Vessel]) -> BlockScore:
     """The score of models whose equations belong together, as those of a state-space model.
 
     All are nominal where the models are worse as a whole, or where on an axis neither they nor the
     nominal model beat the mean motion.
     """
     nominal, reference = validation.problem.nominal, validation.nominal
-    fallen = Score(reference, tuple(range(len(nominal.dofs))), (nominal,) * len(models))
+    fallen = BlockScore(reference, tuple(range(len(nominal.dofs))), (nominal,) * len(models))
     try:
         errors = validation.errors(models)
     except UNUSABLE:  # the model cannot be simulated
@@ -90,10 +90,10 @@ def undivided(validation: CrossValidation, models: Sequence[Vessel]) -> Score:
     no_skill = np.any(np.minimum(errors.nrmse, reference.nrmse) > 1.0)
     if no_skill or errors.worse(reference):
         return fallen
-    return Score(errors, (), tuple(models))
+    return BlockScore(errors, (), tuple(models))
 
 
-def held_to_nominal(result: Identified, score: Score, problem: Problem) -> Identified:
+def held_to_nominal(result: Identified, score: BlockScore, problem: Problem) -> Identified:
     """The result with the nominal equations of the axes of a score.
 
     All equations are nominal where the mixed model would be impossible.

@@ -1,4 +1,4 @@
-"""Identification for recordings that nobody has seen: structure, prior, constraints, free runs.
+"""Identification with a prior and physical constraints: structure, weights, free runs.
 
 1. The free parameters of the nominal model are found by a regression with a prior about the
    nominal values and physical constraints (`structured`), on smoothed signals (`smoothing`).

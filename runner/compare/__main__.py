@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
+from itertools import pairwise
 
 from typer.main import get_command
 
@@ -60,7 +61,7 @@ def names() -> list[str]:
 
 def _complain(message: str, words: Sequence[str]) -> int:
     """Print one line, unless the help was printed; name what replaces a word that is gone."""
-    for text in (" ".join(words[:2]), *words):
+    for text in (*map(" ".join, pairwise(words)), *words):
         if replaced := REPLACED.get(f"{PROGRAM} {text}"):
             message = f"{text} is gone: {replaced}"
             break

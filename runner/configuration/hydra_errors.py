@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from itertools import accumulate
 
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
@@ -27,9 +28,12 @@ _NOISE = re.compile(r"^\s*(See https?:|Set the environment variable|object_type=
 
 
 def refuse_replaced(words: Iterable[str]) -> None:
-    """Raise ConfigurationError if a word of the command line is gone, with what replaces it."""
+    """Raise ConfigurationError if a launcher of the command line is gone, with what replaces it.
+
+    Of everything else that is gone Hydra says that it is not found.
+    """
     for word in words:
-        if word in REPLACED:
+        if word.startswith("hydra/launcher=") and word in REPLACED:
             raise ConfigurationError(f"{word} is gone: {REPLACED[word]}")
 
 
@@ -92,8 +96,9 @@ def _missing_config(error: MissingConfigException) -> str:
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:
     """Return a message with the unknown option and similar options."""
-    if key in REPLACED:
-        return f"{key} is gone: {REPLACED[key]}"
+    for name in accumulate(key.split("."), "{}.{}".format):  # with the mappings that hold it
+        if name in REPLACED:
+            return f"{name} is gone: {REPLACED[name]}"
     known = _known_keys(overrides)
     same_depth = [name for name in known if name.count(".") == key.count(".")]
     close = get_close_matches(key, same_depth, n=2, cutoff=0.7)

@@ -23,30 +23,50 @@ REPLACED: Mapping[str, str] = {
     "seatrial-results csv-plain": "use csv, which holds texts as they are",
     "hydra/launcher=joblib": "use hydra/launcher=processes",
     "hydra/launcher=submitit_local": "use hydra/launcher=processes",
+    "excitation.believed": "use excitation.nominal",
+    "excitation.differentiation": "velocities are differentiated from the pose by central"
+    " differences",
+    "excitation.loop": "turning circles and zig-zags are sailed in open loop; signals such as prbs"
+    " can be added to a controller",
     "excitation.sample_time_s": "excitation.resample_hz sets another than the median step",
+    "excitation.thrusters": "a vessel with devices reads speeds and angles by"
+    " excitation.columns.inputs",
+    "excitation.zero_acceleration_bias": "subtract the bias of an accelerometer beforehand",
     "excitation.route.follow": "a planned mix is followed everywhere",
     "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone",
+    "identifier.block_s": "standard errors are those for stationary residuals",
+    "identifier.bootstrap": "standard errors are those for stationary residuals",
     "identifier.bound_factor": "use identifier.inertia_factor",
     "identifier.budget_s": "identifier=auto has no limit of time, on which its result would depend",
     "identifier.condition_limit": "the transformation to pose and velocity must be below 1000",
     "identifier.errors": "standard errors are those for stationary residuals",
     "identifier.feedthrough": "the data choose whether there is a direct term",
+    "identifier.heading_span_deg": "use identifier.outputs",
     "identifier.half_life_s": "leave old samples out with excitation.start_s",
+    "identifier.log_scale": "bounds are searched on a linear scale",
+    "identifier.output": "use identifier.outputs",
+    "identifier.resample": "standard errors are those for stationary residuals",
     "identifier.markov_parameters": "20 are stored",
     "identifier.recording": "the recording of identifier=command is always recording.csv",
     "identifier=least_squares": "use identifier=output_error",
     "identifier=gaussian_process": "use identifier=auto, which tries further terms",
     "identifier.sigma": "sigma is that of the residuals; identifier.outputs gives weights",
     "identifier.weighting": "use the checks of excitation=recording, which repair outliers",
-    "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
     "identifier=sparse": "use identifier=robust for few, physical terms, or surface_plsr, which"
     " drops terms one by one",
-    "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
-    "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
-    " identifier=prediction_times",
+    **{
+        f"{group}={name}": f"in a checkout, use --config-dir docs/published {group}={name}"
+        for group, names in (
+            ("identifier", "grid linearised prediction_times"),
+            ("experiment", "bargouth_section_4_2 bargouth_section_4_3 hoyer_figure_7_20"
+             " hoyer_figure_7_21 hoyer_table_7_6"),
+        )
+        for name in names.split()
+    },
     "search.default_first": "the configuration as it is comes first, if the space contains it",
     "search.dof": "write search.metric=name:dof",
     "search.sampler": "the sampler is TPE; search.startup=<search.trials> makes a random search",
+    "seatrial-results --execution full": "use --execution half, or order",
     "seatrial-results published": "in a checkout, use make published",
     "seatrial-results plot controllers": "use plot response --rows controller",
     "seatrial-results plot plan": "use plot track, which draws the plan of a mix too",

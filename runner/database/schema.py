@@ -31,7 +31,7 @@ _NAMES = {
 _NEWEST = "SELECT CAST(versions AS TEXT), git_commit FROM run ORDER BY id DESC LIMIT 1"
 
 
-class Condition(Enum):
+class SchemaState(Enum):
     """The state of a database that is empty or a logbook of this schema."""
 
     EMPTY = "empty"
@@ -51,9 +51,9 @@ def prepare(address: Address, *, create: bool) -> None:
             cannot be reached; or it is missing and is not to be created. Nothing was changed.
     """
     state = inspect(address)
-    if state is Condition.CURRENT:
+    if state is SchemaState.CURRENT:
         return
-    if state is Condition.EMPTY:
+    if state is SchemaState.EMPTY:
         if not create:
             raise _missing(address)
         if address.path is not None:
@@ -68,11 +68,11 @@ def prepare(address: Address, *, create: bool) -> None:
             if not address.sqlite:
                 connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
             state = _condition(connection, address)  # another process may have been faster
-            if state is Condition.EMPTY:
+            if state is SchemaState.EMPTY:
                 Base.metadata.create_all(connection, checkfirst=False)
                 connection.exec_driver_sql(f"CREATE TABLE {VERSION_TABLE} (version_num TEXT)")
                 connection.exec_driver_sql(f"INSERT INTO {VERSION_TABLE} VALUES ('{SCHEMA}')")
-            if state is not Condition.CURRENT:
+            if state is not SchemaState.CURRENT:
                 views.renew(connection)
     finally:
         engine.dispose()
@@ -80,25 +80,25 @@ def prepare(address: Address, *, create: bool) -> None:
 
 def require_current(address: Address) -> None:
     """Raise LogbookError unless a logbook of this schema can be read at `address`."""
-    if inspect(address) is Condition.EMPTY:
+    if inspect(address) is SchemaState.EMPTY:
         raise _missing(address)
 
 
-def inspect(address: Address) -> Condition:
+def inspect(address: Address) -> SchemaState:
     """Return the state of the database at `address`; raises LogbookError if it cannot be used."""
     if address.path is not None:
         try:
             if not address.path.exists():
-                return Condition.EMPTY
+                return SchemaState.EMPTY
             if not address.path.is_file():
                 raise LogbookError(f"{address}: got a folder, expected a SQLite file")
             if not address.path.stat().st_size:
-                return Condition.EMPTY
+                return SchemaState.EMPTY
         except OSError as error:  # a name that is too long, a folder that cannot be read
             raise LogbookError(f"{address}: cannot be opened: {error.strerror}") from error
     engine = engines.reader(address)
 
-    def state() -> Condition:
+    def state() -> SchemaState:
         with engine.connect() as connection:
             return _condition(connection, address)
 
@@ -109,12 +109,12 @@ def inspect(address: Address) -> Condition:
         engine.dispose()
 
 
-def _condition(connection: Connection, address: Address) -> Condition:
+def _condition(connection: Connection, address: Address) -> SchemaState:
     query = connection.exec_driver_sql
     dialect = connection.dialect.name
     names = set(query(_NAMES[dialect]).scalars())
     if not names:
-        return Condition.EMPTY
+        return SchemaState.EMPTY
     if VERSION_TABLE not in names:
         raise LogbookError(
             f"{address}: not a seatrial logbook (it holds {', '.join(sorted(names)[:5])});"
@@ -128,9 +128,9 @@ def _condition(connection: Connection, address: Address) -> Condition:
             " version and run its 'seatrial-results export'"
         )
     if not set(views.NAMES) <= names:
-        return Condition.OTHER_VIEWS
+        return SchemaState.OTHER_VIEWS
     current = query("SELECT digest FROM view_version").scalar() == views.digest(dialect)
-    return Condition.CURRENT if current else Condition.OTHER_VIEWS
+    return SchemaState.CURRENT if current else SchemaState.OTHER_VIEWS
 
 
 def _writer(connection: Connection) -> str:

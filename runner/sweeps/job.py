@@ -234,7 +234,7 @@ def known(plans: Iterable[PlannedTrial]) -> StoredRuns:
     url = plans[0].database_url
     address, schema = database.engine.parse(url), database.schema
     absent = address.path is not None and not address.path.exists()
-    if absent or schema.inspect(address) is schema.Condition.EMPTY:
+    if absent or schema.inspect(address) is schema.SchemaState.EMPTY:
         return {}
     with database.LogbookWriter.read(url) as logbook:
         return logbook.trials(plan.fingerprint for plan in plans)

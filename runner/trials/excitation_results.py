@@ -90,7 +90,7 @@ def _plan_results(mix: Mix, plan: PlannedPath, excited: "ExcitationData") -> Res
     corners of the area (polygon 0) and of the obstacles, and the clearance.
     """
     waters, poses, names = mix.route.waters, plan.poses, list(mix.candidates)
-    parts = mix.schedule.parts
+    parts = mix.schedule.phases
     numbers = [PASSAGE if p.kind == "passage" else float(names.index(p.name)) for p in parts]
     lengths, roles = [part.count for part in parts], [ROLES[part.role] for part in parts]
     path = {

@@ -1,6 +1,6 @@
 """What the runner adds to a trial, how that grows, what storing costs, how long it takes to start.
 
-About four minutes: two for the sweeps of 200, one for the sweep of 1,000.
+About eight minutes: two for the sweeps of 200, one for the sweep of 1,000, three for planning.
 """
 
 import itertools
@@ -93,6 +93,17 @@ def test_a_sweep_grows(stated: Callable[..., None]) -> None:
         }
 
     stated(work, item="7a", what="a sweep of 10, 100 and 1,000 trials")
+
+
+def test_planning(stated: Callable[..., None]) -> None:
+    def work() -> dict[str, dict[str, Any]]:
+        found, asked_s = _in_a_process("planned", 10_000), 300.0
+        seconds = found["seconds"]
+        short = {"short": f"{seconds - asked_s:.0f} s more"} if seconds > asked_s else {}
+        shown = f"{seconds:.0f} s of CPU, {found['megabytes']:.0f} MB"
+        return {"composed and checked": {"shown": shown, "limit": "300 s, 1,000 MB"} | short}
+
+    stated(work, item="7a", what="planning 10,000 trials")
 
 
 def _in_a_process(*arguments: object) -> dict[str, float]:

@@ -64,6 +64,14 @@ def ours(trials: int) -> float:
     return seconds
 
 
+def planned(trials: int) -> float:
+    """Seconds of CPU that planning so many trials takes, without running them."""
+    with started(*TRIAL, f"seed=range(0,{trials})", "dry_run=true"):
+        begun = time.process_time()
+        assert main() == 0
+        return time.process_time() - begun
+
+
 def bare(trials: int) -> float:
     """Seconds that a bare Hydra application takes for as many jobs."""
     seen = []
@@ -117,7 +125,7 @@ def parts(trials: int) -> dict[str, float]:
 
 if __name__ == "__main__":
     kind, count = sys.argv[1], int(sys.argv[2])
-    work = {"ours": ours, "bare": bare}[kind]
+    work = {"ours": ours, "planned": planned, "bare": bare}[kind]
     work(2)  # imports and compiles
     took = work(count)
     print(json.dumps({"seconds": took, "megabytes": peak_megabytes()}))

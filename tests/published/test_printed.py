@@ -18,7 +18,7 @@ def text_of(document: str) -> list[str]:
     """The lines of a source document."""
     files = sorted((DATA.parent / "seeds").glob(f"{SOURCES[document.split()[0]]}_*.txt"))
     if not files:
-        pytest.skip("no source documents beside the outside data")
+        pytest.skip("no source documents in seeds beside the folder SEATRIAL_DATA")
     return files[0].read_text(encoding="utf-8").splitlines()
 
 

@@ -28,7 +28,7 @@ def excited() -> ExcitationData:
     """The recording of the task's first case whose files are there; else the test skips."""
     first = next(cells(TASK, task_of(TASK), {"none": ("identifier=none",)}), None)
     if first is None:
-        pytest.skip(f"the files of {TASK} are not there: no outside data")
+        pytest.skip(f"the files of {TASK} are not there: needs SEATRIAL_DATA=FOLDER with them")
     trial = composed(*first.options)
     return excite(trial, Streams(trial.seed))
 

@@ -29,6 +29,9 @@ REFUSED = {
     "vessel=miliampere": "vessel: no option 'miliampere', did you mean milliampere? expected",
     "hydra/launcher=nope": "hydra/launcher: no option 'nope', expected one of basic, processes",
     "identifier=grid": "identifier=grid is gone: in a checkout, use --config-dir docs/published ",
+    "experiment=hoyer_figure_7_20": "experiment=hoyer_figure_7_20 is gone: in a checkout, use ",
+    "excitation.believed.error=0.1": "excitation.believed is gone: use excitation.nominal",
+    "excitation.differentiation.window=5": "excitation.differentiation is gone: velocities are ",
     "identifier.horizon_s=abc": "identifier.horizon_s: got 'abc', expected a number",
     "+identifier.zzz=1": "identifier.zzz: unknown option, expected one of ",
     "identifier._target_=os.system": "identifier._target_: got 'os.system', which is not a",
@@ -64,6 +67,15 @@ def test_a_wrong_argument_is_refused(seatrial: Command, subtests: pytest.Subtest
             said = seatrial.refuses("-m", "disturbance=calm,noise", argument)
             assert REFUSED[argument] in said
     assert fake.ran == []
+
+
+def test_a_name_that_is_gone_may_be_used_again(seatrial: Command) -> None:
+    folder = seatrial.folder / "own" / "identifier"
+    folder.mkdir(parents=True)
+    (folder / "sparse.yaml").write_text("_target_: seatrial.models.identification.robust.Robust\n")
+    shown = seatrial("--config-dir", "own", "identifier=sparse", "--cfg", "job")
+    assert (shown.code, shown.err) == (0, "")
+    assert "Robust" in shown.out
 
 
 def test_without_a_word_it_says_what_it_is_and_runs_nothing(seatrial: Command) -> None:

@@ -1,6 +1,6 @@
 """Vessels with controllers and evaluations: it sails, or one line says why not.
 
-`make slow` has a third of the pairs on five kinds of vessels, `make nightly` all on all vessels.
+All pairs on all vessels, in `make nightly`.
 """
 
 from collections.abc import Iterable

@@ -119,7 +119,7 @@ def test_training_is_the_mix_and_testing_what_is_held_out() -> None:
         assert not np.any(split.train & split.test)
         if one.plan is None:  # else they have the order of the plan
             assert np.max(np.flatnonzero(split.train)) < np.min(np.flatnonzero(split.test))
-        testing = [part.name for part in one.schedule.parts if part.role == "testing"]
+        testing = [part.name for part in one.schedule.phases if part.role == "testing"]
         assert sorted(testing) == sorted(one.held_out)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.identification import fallback
-from seatrial.models.identification.cross_validation import CrossValidation, Score
+from seatrial.models.identification.cross_validation import CrossValidation, BlockScore
 from seatrial.models.identification.fallback import held_to_nominal, undivided, with_nominal_axes
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
 from seatrial.models.identification.problem import Identified, Identifier, Problem, choose_basis
@@ -87,7 +87,7 @@ def test_nominal_equations_are_not_drawn_and_the_mixture_must_be_possible(calm, 
     table[sway, 1] *= 100.0
     table[sway, 2] = table[yaw, 1] = np.sqrt(0.5 * table[sway, 1] * table[yaw, 2])
     result = identified(replace(nominal, theta=table), nominal)
-    score = Score(CrossValidation(calm.problem).nominal, (axis,), ())
+    score = BlockScore(CrossValidation(calm.problem).nominal, (axis,), ())
     assert kept(held_to_nominal(result, score, calm.problem)) == list(nominal.dofs)
 
 

@@ -114,7 +114,7 @@ def test_a_film_moves(
     program: Program, ship: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
 ) -> None:
     if form == ".mp4" and shutil.which("ffmpeg") is None:
-        pytest.skip("needs the program ffmpeg")
+        pytest.skip("no ffmpeg: apt-get install ffmpeg")
     monkeypatch.setitem(animation.FRAMES, form, 6)
     file = tmp_path / "new" / f"a{form}"
     assert program("animate", "1", *database(ship), "--to", file)[:2] == (0, f"{file}\n")

@@ -140,6 +140,7 @@ REFUSED = (
     (["serve"], "serve is gone: use seatrial-results site"),
     (["scrub"], "scrub is gone: passwords are not stored"),
     (["runs", "-f", "csv-plain"], "csv-plain is gone: use csv"),
+    (["manoeuvres", "1", "--execution", "full"], "--execution full is gone: use --execution half"),
 )
 
 

@@ -12,7 +12,6 @@ from seatrial.models.diagnostics import Diagnostic
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 
-BIG = str(10**30)
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e]")
 NAMES = (
     *("Ny-Ålesund", "船 1", "two words", "O'Hara", 'the "old" hull', "a,b;c", "R&D <5 kn>", "50 %"),

@@ -55,12 +55,12 @@ def test_views_of_another_catalogue_are_renewed(
     views.statements.cache_clear()
     monkeypatch.setattr(views, "METRIC_NAMES", (*views.METRIC_NAMES, "own_metric"))
     try:
-        assert schema.inspect(parse(url)) is schema.Condition.OTHER_VIEWS
+        assert schema.inspect(parse(url)) is schema.SchemaState.OTHER_VIEWS
         with LogbookWriter.read(url) as reader, pytest.raises(LogbookError, match="own_metric"):
             reader.sql("SELECT own_metric FROM metric_wide")
         with LogbookWriter.open(url, results_dir=results_dir) as logbook:
             assert len(logbook.sql("SELECT own_metric FROM metric_wide").rows) == 6
-        assert schema.inspect(parse(url)) is schema.Condition.CURRENT
+        assert schema.inspect(parse(url)) is schema.SchemaState.CURRENT
     finally:
         views.statements.cache_clear()
 

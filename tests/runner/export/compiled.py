@@ -24,7 +24,7 @@ def compiled(source: Path) -> ctypes.CDLL:
     """The C file as a library, compiled without a warning."""
     compiler = shutil.which("cc")
     if compiler is None:
-        pytest.skip("no C compiler is installed")
+        pytest.skip("no C compiler: apt-get install gcc")
     library = source.with_suffix(".so")
     command = [compiler, *FLAGS, "-O2", "-fPIC", "-shared", "-o", library, source, "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -23,7 +23,7 @@ WIND, CURRENT = np.array([4.0, -7.0]), np.array([0.1, 0.2])
 @pytest.fixture
 def file(tmp_path: Path, sailed: Path, program: Program, request: pytest.FixtureRequest) -> Path:
     if shutil.which("cc") is None:
-        pytest.skip("no C compiler is installed")
+        pytest.skip("no C compiler: apt-get install gcc")
     run, model = request.param
     path = tmp_path / "vessel.fmu"
     words = ("--model", model, "-o", path, "--database", f"sqlite:///{sailed}/results/results.db")

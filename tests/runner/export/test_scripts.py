@@ -94,7 +94,7 @@ def test_the_script_for_python_control_has_our_equations(
 def test_octave_computes_our_accelerations(export: Exporter, run: int, model: str) -> None:
     octave = shutil.which("octave-cli")
     if octave is None:
-        pytest.skip("octave is not installed")
+        pytest.skip("no Octave: apt-get install octave")
     ours = export.ours(run, model)
     export(run, "mss", "vessel.m", "--model", model)
     pose, nu, tau = states(ours)
