@@ -26,9 +26,9 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.cross_validation import (
     UNUSABLE,
+    BlockScore,
     CrossValidation,
     FoldErrors,
-    BlockScore,
     error_diagnostics,
     one_standard_error_rule,
     scores_of,

@@ -16,9 +16,9 @@ import numpy as np
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.cross_validation import (
     UNUSABLE,
+    BlockScore,
     CrossValidation,
     FoldErrors,
-    BlockScore,
     mixed_table,
 )
 from seatrial.models.identification.physical_constraints import unphysical

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.identification import fallback
-from seatrial.models.identification.cross_validation import CrossValidation, BlockScore
+from seatrial.models.identification.cross_validation import BlockScore, CrossValidation
 from seatrial.models.identification.fallback import held_to_nominal, undivided, with_nominal_axes
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
 from seatrial.models.identification.problem import Identified, Identifier, Problem, choose_basis
