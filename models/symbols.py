@@ -85,8 +85,7 @@ def in_symbols(function: F) -> F:
 
 
 def evaluate(
-    outputs: Sequence[Symbol | float],
-    apply: Callable[[str, Sequence[Any], int], Value],
+    outputs: Sequence[Symbol | float], apply: Callable[[str, Sequence[Any], int], Value]
 ) -> list[Value | float]:
     """The values of expressions, from those of their operands.
 
@@ -128,6 +127,7 @@ def _simplified(operation: str, *operands: Any) -> Symbol | float:
     """An operation without what has no effect."""
     first, last = operands[0], operands[-1]
     constants = [None if isinstance(operand, Symbol) else float(operand) for operand in operands]
+    parts = zip(operands, constants, strict=True)
     match operation, *constants:
         case ("multiply", 0.0, _) | ("multiply", _, 0.0) | ("divide", 0.0, _):
             return 0.0
@@ -137,7 +137,7 @@ def _simplified(operation: str, *operands: Any) -> Symbol | float:
             return cast(Symbol, last)
         case ("subtract", 0.0, _):
             return _symbol("negative", last)
-    return _symbol(operation, *(o if c is None else c for o, c in zip(operands, constants)))
+    return _symbol(operation, *(operand if c is None else c for operand, c in parts))
 
 
 def _select(mask: Any, a: Any, b: Any) -> Any:

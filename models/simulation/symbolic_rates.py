@@ -5,12 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.simulation.dynamics import (
-    WORK_SHAPE,
-    rates,
-    scratch_in,
-    scratch_size,
-)
+from seatrial.models.simulation.dynamics import WORK_SHAPE, rates, scratch_in, scratch_size
 from seatrial.models.symbols import entries, in_symbols
 from seatrial.models.vessel.plant_table import PlantTable
 from seatrial.models.vessel.pose import Kinematics, Quaternion

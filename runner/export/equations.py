@@ -18,14 +18,14 @@ import jinja2
 import numpy as np
 
 from seatrial.models.elementary import where
-from seatrial.models.notation import FORCE_UNIT, POSE_UNIT, poses_of
+from seatrial.models.notation import DOFS, FORCE_UNIT, POSE_UNIT, poses_of
 from seatrial.models.simulation.symbolic_rates import Symbols, symbolic_rates
 from seatrial.models.symbols import entries, in_symbols
 from seatrial.models.vessel.kinematics import frame_of_quaternion, half_turns
 from seatrial.models.vessel.pose import Kinematics, Quaternion, kinematics_of, normalise
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import FirstOrderLag, Input, SecondOrderLag
-from seatrial.runner.export.printing import C, MATLAB, PYTHON, Language, statements
+from seatrial.runner.export.printing import MATLAB, PYTHON, C, Language, statements
 from seatrial.runner.export.stored_model import StoredModel
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -52,13 +52,10 @@ class Lag(NamedTuple):
         return 1 if self.oscillation is None else 2
 
     @property
-    def direct(self) -> bool:
-        """Whether an axis follows its command immediately."""
-        return any(map(self.follows, range(len(self.start))))
-
-    def follows(self, i: int) -> bool:
-        """Whether axis i follows its command immediately."""
-        return self.order == 1 and self.time_constant[i] == 0.0 and self.rate[i] == np.inf
+    def direct(self) -> list[bool]:
+        """Which axes follow their command immediately."""
+        numbers = zip(self.time_constant, self.rate, strict=True)
+        return [self.order == 1 and t == 0.0 and rate == np.inf for t, rate in numbers]
 
     def derivative(self) -> Symbols:
         """Rates of `acting` under `command` as expressions, (order * n,)."""
@@ -71,11 +68,11 @@ class Lag(NamedTuple):
             return np.concatenate([acting[n:], w * (w * distance - 2.0 * d * acting[n:])])
         choose = in_symbols(where)
         return np.array([
-            0.0 if self.follows(i)
+            0.0 if direct
             else _between(-rate, each / time, rate) if time > 0.0
             else choose(each > 0.0, rate, choose(each < 0.0, -rate, 0.0))
-            for i, (each, time, rate) in enumerate(
-                zip(distance, self.time_constant, self.rate, strict=True)
+            for each, direct, time, rate in zip(
+                distance, self.direct, self.time_constant, self.rate, strict=True
             )
         ], dtype=object)  # fmt: skip
 
@@ -113,6 +110,11 @@ class Equations:
     def n_pose(self) -> int:
         """Number of integrated coordinates of the pose."""
         return self.n + self.quaternion
+
+    @property
+    def indices(self) -> list[int]:
+        """The degrees of freedom among the six."""
+        return [DOFS.index(dof) for dof in self.vessel.dofs]
 
     @property
     def commands(self) -> dict[str, str]:

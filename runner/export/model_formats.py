@@ -82,6 +82,14 @@ def _mss(request: Request) -> Files:
     return {request.path: equations.render("mss.m", name=request.symbol)}
 
 
+def _pvs(request: Request) -> Files:
+    model, equations = request.model, equations_of(request.model).in_angles
+    start = [0.0] * len(equations.commands) if equations.lag is None else equations.lag.start
+    length = model.parameters.scales.length_m
+    text = equations.render("pvs.py", name=request.symbol, start=[*start], length=length)
+    return {request.path: text}
+
+
 def _c(request: Request) -> Files:
     equations, name = equations_of(request.model), request.symbol
     header = request.path.with_suffix(".h")
@@ -102,6 +110,7 @@ FORMATS: Mapping[str, ModelFormat] = {
     "statespace": ModelFormat((".mat", ".json"), _statespace, linear=True),
     "python-control": ModelFormat((".py",), _python_control, linear=True),
     "mss": ModelFormat((".m",), _mss, inputs=True),
+    "pvs": ModelFormat((".py",), _pvs, inputs=True),
     "c": ModelFormat((".c",), _c, inputs=True),
     "fmu": ModelFormat((".fmu",), _fmu, inputs=True),
 }

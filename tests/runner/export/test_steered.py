@@ -145,8 +145,7 @@ end
 
 
 @pytest.mark.parametrize(
-    ("names", "steps"),
-    [(DIFFERENT, 100), pytest.param(STEERED, STEPS, marks=pytest.mark.nightly)],
+    ("names", "steps"), [(DIFFERENT, 100), pytest.param(STEERED, STEPS, marks=pytest.mark.nightly)]
 )
 def test_octave_sails_as_they_do(
     names: tuple[str, ...], steps: int, tmp_path: Path, subtests: pytest.Subtests
@@ -181,3 +180,39 @@ def test_octave_sails_as_they_do(
         with subtests.test(name):
             theirs = np.reshape(answer[name], (-1, steps)).T
             assert relative(theirs, tracks[name]) < EQUAL
+
+
+@pytest.mark.parametrize("name", [*DIFFERENT, "supply_vessel", "milliampere"])
+def test_the_vehicle_for_python_vehicle_simulator_moves_as_its_loop_says(name: str) -> None:
+    """Its main loop calls nu, u = dynamics(eta, nu, u, command, h), one step of Euler's method."""
+    vessel = replace(parameters_of(name), attitude="euler")
+    ours, equations, scope = Ours(vessel, WIND, CURRENT), equations_of(vessel), {}
+    text = equations.render("pvs.py", name=name, start=[*ours.start], length=1.0)
+    exec(compile(text, name, "exec"), scope)
+    commands, indices, h = ours.random_commands(2000)[::50], equations.indices, 0.01
+    speed, direction = np.hypot(*CURRENT), np.degrees(np.arctan2(*CURRENT[::-1]))
+    boat = scope[name](commands[0], V_c=speed, beta_c=direction, wind=WIND)
+    assert boat.controlMode == "stepInput"
+    np.testing.assert_array_equal(boat.stepInput(0.0), commands[0])
+    rng, acts = np.random.default_rng(4), ours.start
+    limits = vessel.velocity_limits or vessel.scales.velocity_limits
+    for command in commands:
+        eta, nu = np.zeros(6), np.zeros(6)
+        eta[indices] = rng.uniform(-1.0, 1.0, size=ours.n)
+        nu[indices] = (
+            0.3
+            * rng.uniform(-1.0, 1.0, size=ours.n)
+            * np.array(vessel.velocity_limits or vessel.scales.velocity_limits)
+        )
+        if equations.lag is None:
+            acts = command
+        acts = np.where(ours.lag(h).direct, command, acts)
+        nu_dot = ours.rates(eta[indices], nu[indices], acts)[-ours.n :]
+        after, acting = boat.dynamics(eta, nu, acts, command, h)
+        scale = np.max(np.abs(h * nu_dot)) + 1e-300
+        assert np.max(np.abs(after[indices] - nu[indices] - h * nu_dot)) < EQUAL * scale
+        if vessel.inputs:
+            exact = np.column_stack([acts, 0.0 * acts])
+            step_lag_kernel(ours.lag(1e-6), exact, command)
+            np.testing.assert_allclose(acting - acts, (exact[:, 0] - acts) * h / 1e-6, rtol=1e-4)
+        acts = acting
