@@ -222,8 +222,7 @@ def manoeuvres(
         float, typer.Option(min=1.0, help="Length of the ship over that of the model.")
     ] = 1.0,
     map_file: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="MAP.yaml", help="Map of the columns."),
+        Path | None, typer.Option("--map", metavar="MAP.yaml", help="Map of the columns.")
     ] = None,
     series: Annotated[str, typer.Option(help="Series of the run.")] = "recording",
     database: Database = DEFAULT_DATABASE,
@@ -270,7 +269,8 @@ def model(
     results: "Queries",
     run: RunNumber,
     to: Annotated[
-        str, typer.Option(help="Format: yaml, json, statespace, python-control, mss, pvs, c or fmu.")
+        str,
+        typer.Option(help="Format: yaml, json, statespace, python-control, mss, pvs, c or fmu."),
     ],
     output: Annotated[
         Path | None,

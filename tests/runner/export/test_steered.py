@@ -199,11 +199,7 @@ def test_the_vehicle_for_python_vehicle_simulator_moves_as_its_loop_says(name: s
     for command in commands:
         eta, nu = np.zeros(6), np.zeros(6)
         eta[indices] = rng.uniform(-1.0, 1.0, size=ours.n)
-        nu[indices] = (
-            0.3
-            * rng.uniform(-1.0, 1.0, size=ours.n)
-            * np.array(vessel.velocity_limits or vessel.scales.velocity_limits)
-        )
+        nu[indices] = rng.uniform(-0.3, 0.3, size=ours.n) * limits
         if equations.lag is None:
             acts = command
         acts = np.where(ours.lag(h).direct, command, acts)
