@@ -146,11 +146,11 @@ class Equations:
     def rates(self, language: Language) -> list[str]:
         """Statements that write `eta_dot` and `nu_dot`."""
         eta_dot, nu_dot = symbolic_rates(self.kinematics, self.vessel.plant_table())
-        return statements(language, eta_dot=eta_dot, nu_dot=nu_dot)
+        return statements(language, eta_dot=[*eta_dot], nu_dot=[*nu_dot])
 
     def changes(self, language: Language) -> list[str]:
         """Statements that write `acting_dot`."""
-        return statements(language, acting_dot=self.lag.derivative() if self.lag else ())
+        return statements(language, acting_dot=[*self.lag.derivative()] if self.lag else [])
 
     def attitude(self, language: Language) -> dict[str, list[str]]:
         """Statements between the unit quaternion of a state and the angles of a pose."""
@@ -166,7 +166,7 @@ class Equations:
         return {
             "start": statements(language, eta=[*pose[:3], *half_turns(*pose[3:])]),
             "pose": statements(language, pose=[*eta[:3], *angles]),
-            "unit": statements(language, eta=unit),
+            "unit": statements(language, eta=[*unit]),
         }
 
     def render(self, template: str, **more: object) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.export import fmu, linear_models, stored_model
+from seatrial.runner.export import fmu, gazebo, linear_models, stored_model
 from seatrial.runner.export.equations import equations_of
 from seatrial.runner.export.stored_model import StoredModel
 
@@ -90,6 +90,14 @@ def _pvs(request: Request) -> Files:
     return {request.path: text}
 
 
+def _gazebo(request: Request) -> Files:
+    return {request.path: gazebo.sdf(request.model, "gazebo", request.symbol)}
+
+
+def _vrx(request: Request) -> Files:
+    return {request.path: gazebo.sdf(request.model, "vrx", request.symbol)}
+
+
 def _c(request: Request) -> Files:
     equations, name = equations_of(request.model), request.symbol
     header = request.path.with_suffix(".h")
@@ -111,6 +119,8 @@ FORMATS: Mapping[str, ModelFormat] = {
     "python-control": ModelFormat((".py",), _python_control, linear=True),
     "mss": ModelFormat((".m",), _mss, inputs=True),
     "pvs": ModelFormat((".py",), _pvs, inputs=True),
+    "gazebo": ModelFormat((".sdf",), _gazebo, inputs=True),
+    "vrx": ModelFormat((".sdf",), _vrx, inputs=True),
     "c": ModelFormat((".c",), _c, inputs=True),
     "fmu": ModelFormat((".fmu",), _fmu, inputs=True),
 }

@@ -4,10 +4,10 @@ A language is a table: the spelling of each operation, of an entry of an argumen
 assignment. A new one is a new row; see `seatrial.models.symbols` for other uses of expressions.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple
 
-from seatrial.models.symbols import ENTRY, Symbol, evaluate
+from seatrial.models.symbols import ENTRY, evaluate
 
 LONGEST = 60  # characters of an operand that is not assigned to a variable
 ATOM, SIGN, PRODUCT, SUM, COMPARISON = range(5)  # how loosely the parts of a text are bound
@@ -52,17 +52,17 @@ MATLAB = Language(
 PYTHON = Language({}, "np.where({}, {}, {})", "{}[{}]", 0, "{} = {}", "{} = {}", "np.{}")
 
 
-def statements(language: Language, **outputs: Sequence[Symbol | float]) -> list[str]:
-    """Statements that write the arrays of the expressions of `outputs`, by name.
+def statements(language: Language, **outputs: Collection[Any]) -> list[str]:
+    """Statements that write arrays: `outputs` are their symbols and numbers, by name.
 
     What is used several times, or is long, is assigned to a variable t1, t2, ... first.
     """
     lines: list[str] = []
 
-    def apply(operation: str, operands: Sequence[Text | float], uses: int) -> Text:
+    def apply(operation: str, operands: Sequence[Any], uses: int) -> Text:
         if operation == ENTRY:
             name, index = operands
-            return Text(language.entry.format(name, int(index) + language.first))
+            return Text(language.entry.format(name, index + language.first))
         found = _spelled(language, operation, [*map(_text, operands)])
         if uses == 1 and len(found.text) <= LONGEST:
             return found
