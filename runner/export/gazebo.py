@@ -12,10 +12,8 @@ those of the physics engine. Thrusters are commanded in N. Any other part of the
 the head of the file, with the root mean square of its force at the motion of the run's recording.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -27,12 +25,12 @@ from seatrial.models.vessel.devices.azimuth import Thruster
 from seatrial.models.vessel.devices.device import device_forces, installed
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel
+from seatrial.runner.export.equations import equations_of
 from seatrial.runner.export.stored_model import DERIVATIVE_LETTERS, StoredModel
 
 SIGNS = (1.0, -1.0, -1.0, 1.0, -1.0, -1.0)  # of the axes forward, to port and up
 SPEEDS = {INDEX[name]: k for k, name in enumerate(VELOCITIES)}
 RATES = {INDEX[name]: k for k, name in enumerate(ACCELERATIONS)}
-LIGHT = "0.001"  # mass [kg] and inertia [kg m^2] of the links of a thruster
 
 
 class Plugin(NamedTuple):
@@ -175,74 +173,20 @@ def thrusts(vessel: VesselParameters) -> Iterator[Thrust]:
 
 def sdf(model: StoredModel, target: str, name: str) -> str:
     """The model in SDF with the plugin of a target and the thrusters of its vessel."""
-    vessel, motion = model.parameters, model.motion()
-    known, lost = parameters_of(target, vessel, motion)
+    vessel = model.parameters
+    known, lost = parameters_of(target, vessel, model.motion())
+    if target == "vrx":  # whose defaults are not zero
+        known = dict.fromkeys(_of_each_axis(vessel.dofs), 0.0) | known
     mass, rigid = rigid_body(vessel.nominal())
-    root = Element("sdf", version="1.9")
-    body = SubElement(root, "model", name=name)
-    angular = dict(zip(rigid.dofs, map(float, np.diag(rigid.inertia)), strict=True))
-    link = _link(body, "base_link", "0 0 0 0 0 0", mass, [angular.get(d, mass) for d in DOFS[3:]])
-    SubElement(link, "gravity").text = "false"  # heave, roll and pitch are not in every model
-    hydro = _plugin(body, PLUGINS[target].filename, PLUGINS[target].name)
-    words = {"link_name": "base_link"}
-    words |= {"disable_coriolis": "true"} if target == "gazebo" else {"max_effort": "1e12"}
-    zeros = dict.fromkeys(_defaults(vessel) if target == "vrx" else (), 0.0)
-    words |= {key: repr(value) for key, value in (zeros | known).items()}
-    for key, word in words.items():
-        SubElement(hydro, key).text = word
-    for thrust in thrusts(vessel):
-        _add(body, thrust)
-    ElementTree.indent(root)
-    head = [model.source, f"mass {mass:.6g} kg and the rest of the inertia as added mass"]
-    head += [f"not in {target}, r.m.s. force [N, Nm] at the recording: {each}" for each in lost]
-    comment = "".join(f"  {line}\n" for line in head).replace("--", "- -")
-    return f"<!--\n{comment}-->\n{ElementTree.tostring(root, encoding='unicode')}\n"
+    own = dict(zip(rigid.dofs, np.diag(rigid.inertia), strict=True))
+    return equations_of(model).render(
+        "model.sdf", name=name, target=target, plugin=PLUGINS[target], parameters=known, lost=lost,
+        mass=mass, moments=[own.get(dof, mass) for dof in DOFS[3:]], thrusts=[*thrusts(vessel)],
+    )  # fmt: skip
 
 
-def _defaults(vessel: VesselParameters) -> Iterator[str]:
-    """The parameters of VRX, in the axes of a vessel, that are not zero if they are left out."""
-    for axis in map(DOFS.index, vessel.dofs):
+def _of_each_axis(dofs: Sequence[str]) -> Iterator[str]:
+    """The parameters of VRX in degrees of freedom."""
+    for axis in map(DOFS.index, dofs):
         letter, speed = DERIVATIVE_LETTERS[axis].lower(), VELOCITIES[axis].upper()
         yield from (f"{letter}Dot{speed}", f"{letter}{speed}", f"{letter}{speed}{speed}")
-
-
-def _link(model: Element, name: str, pose: str, mass: float | str, inertia: list[float]) -> Element:
-    link = SubElement(model, "link", name=name)
-    SubElement(link, "pose").text = pose
-    inertial = SubElement(link, "inertial")
-    SubElement(inertial, "mass").text = str(mass)
-    tensor = SubElement(inertial, "inertia")
-    for key, value in zip(("ixx", "iyy", "izz"), inertia, strict=True):
-        SubElement(tensor, key).text = str(value)
-    return link
-
-
-def _plugin(model: Element, filename: str, name: str) -> Element:
-    return SubElement(model, "plugin", filename=filename, name=name)
-
-
-def _joint(model: Element, name: str, parent: str, axis: tuple[float, float, float]) -> None:
-    """A revolute joint of the link of the same name."""
-    joint = SubElement(model, "joint", name=f"{name}_joint", type="revolute")
-    SubElement(joint, "parent").text, SubElement(joint, "child").text = parent, name
-    SubElement(SubElement(joint, "axis"), "xyz").text = " ".join(map(str, axis))
-
-
-def _add(model: Element, thrust: Thrust) -> None:
-    """The links, the joints and the plugins of a thruster; one that turns does so on a joint."""
-    parent, pose = "base_link", " ".join(map(str, (*thrust.place, 0, 0, 0)))
-    if thrust.turns:
-        parent = f"{thrust.name}_azimuth"
-        _link(model, parent, pose, LIGHT, [1e-3] * 3)
-        _joint(model, parent, "base_link", (0.0, 0.0, -1.0))
-        position = "gz::sim::systems::JointPositionController"
-        steering = _plugin(model, "gz-sim-joint-position-controller-system", position)
-        SubElement(steering, "joint_name").text = f"{parent}_joint"
-    _link(model, thrust.name, pose, LIGHT, [1e-3] * 3)
-    _joint(model, thrust.name, parent, thrust.direction)
-    plugin = _plugin(model, "gz-sim-thruster-system", "gz::sim::systems::Thruster")
-    for key, value in (
-        ("namespace", model.get("name")), ("joint_name", f"{thrust.name}_joint"),
-        ("max_thrust_cmd", repr(thrust.ahead)), ("min_thrust_cmd", repr(-thrust.astern)),
-    ):  # fmt: skip
-        SubElement(plugin, key).text = value
