@@ -64,7 +64,7 @@ def check_alike(file: Path, ours: Ours, commands: Array) -> None:
     assert validate_fmu(str(file)) == []
     track = ours.sail(commands, PERIOD, PARTS)[:, -ours.n :]
     assert np.all(np.isfinite(track))
-    assert np.all(np.ptp(track, axis=0) > 0.0)
+    assert np.any(np.ptp(track, axis=0) > 0.0)
     assert np.max(np.abs(simulated(file, ours, commands) - track)) < EQUAL
 
 

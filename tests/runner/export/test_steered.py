@@ -108,7 +108,7 @@ def test_their_c_sails_as_they_do(
             commands = ours.random_commands(STEPS)
             track = ours.sail(commands, STEP_S)
             assert np.all(np.isfinite(track))
-            assert np.all(np.ptp(track[:, -ours.n :], axis=0) > 0.0)
+            assert np.any(np.ptp(track[:, -ours.n :], axis=0) > 0.0)
             assert relative(theirs.sail(commands, STEP_S), track) < EQUAL
             check_changes(theirs)
 
