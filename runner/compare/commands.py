@@ -222,8 +222,7 @@ def manoeuvres(
         float, typer.Option(min=1.0, help="Length of the ship over that of the model.")
     ] = 1.0,
     map_file: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="MAP.yaml", help="Map of the columns."),
+        Path | None, typer.Option("--map", metavar="MAP.yaml", help="Map of the columns.")
     ] = None,
     series: Annotated[str, typer.Option(help="Series of the run.")] = "recording",
     database: Database = DEFAULT_DATABASE,
@@ -270,7 +269,10 @@ def model(
     results: "Queries",
     run: RunNumber,
     to: Annotated[
-        str, typer.Option(help="Format: yaml, json, statespace, python-control, mss, c or fmu.")
+        str,
+        typer.Option(
+            help="Format: yaml, json, statespace, python-control, mss, pvs, gazebo, vrx, c or fmu."
+        ),
     ],
     output: Annotated[
         Path | None,
@@ -295,8 +297,9 @@ def model(
 
     yaml, json: a vessel for vessel=PATH (and vessel=run:RUN sails it without a file). statespace:
     matrices as .mat or .json. python-control: a Python script. mss: a MATLAB function in the manner
-    of Fossen's MSS. c: a C99 file and its header. fmu: FMI 2.0 for co-simulation, with the C
-    compiler of this machine.
+    of Fossen's MSS. pvs: a vehicle of his PythonVehicleSimulator. gazebo, vrx: SDF with a plugin,
+    whose head names what the plugin lacks. c: a C99 file and its header. fmu: FMI 2.0 for
+    co-simulation, with the C compiler of this machine.
     """
     linear = exports.model_formats.format_of(to).linear and at is None
     stored = exports.stored_model.read_model(results.reader, run, model, linear)

@@ -2,47 +2,79 @@
 
     eta_dot = J(eta) nu,    nu_dot = M^-1 (tau - F(0, nu_r, attitude, nu_q))
 
-as in `models/simulation/dynamics.py`. The non-zero terms of the table are listed axis by axis, in
-the order in which our kernels add them.
+as in `models/simulation/dynamics.py`, whose functions are called with symbols: terms and devices
+are those of the simulation. What the templates say themselves is the classical Runge-Kutta step
+and the step of lags and limits.
 """
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
 
-from seatrial.models.notation import FORCE_UNIT, POSE_UNIT, poses_of
-from seatrial.models.vessel.basis import N_VARIABLES, VARIABLES
-from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.models.vessel.pose import Axes, Kinematics, Quaternion, kinematics_of
+from seatrial.models.elementary import where
+from seatrial.models.notation import DOFS, FORCE_UNIT, POSE_UNIT, poses_of
+from seatrial.models.simulation.symbolic_rates import Symbols, symbolic_rates
+from seatrial.models.symbols import entries, in_symbols
+from seatrial.models.vessel.kinematics import frame_of_quaternion, half_turns
+from seatrial.models.vessel.pose import Kinematics, Quaternion, kinematics_of, normalise
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.vessel.thruster import FirstOrderLag, SecondOrderLag
+from seatrial.models.vessel.thruster import FirstOrderLag, Input, SecondOrderLag
+from seatrial.runner.export.printing import MATLAB, PYTHON, C, Language, statements
 from seatrial.runner.export.stored_model import StoredModel
 
 TEMPLATES = Path(__file__).parent / "templates"
+LANGUAGES = {".c": C, ".m": MATLAB, ".py": PYTHON}  # by the ending of what is written
+INPUT_UNITS = {"n": "1/s", "pwm": "1"}  # by the beginning of the name; of the others, rad
 
 
-@dataclass(frozen=True)
-class Product:
-    """A coefficient times variables, some of them as magnitudes; no variable: a constant."""
+class Lag(NamedTuple):
+    """Numbers of the lags and limits of what acts, one of each per force or input.
 
-    coefficient: float
-    factors: tuple[tuple[str, bool], ...]  # name of a variable, and whether its magnitude counts
+    A time constant of 0 is that of what follows its command immediately.
+    """
 
-    def spelled(self, magnitude: str) -> str:
-        """The product with its sign, in languages in which `magnitude` is the function |x|."""
-        sign = "-" if np.signbit(self.coefficient) else "+"
-        names = [f"{magnitude}({name})" if absolute else name for name, absolute in self.factors]
-        number = repr(abs(self.coefficient))
-        if not names:
-            return f"{sign} {number}"
-        text = " * ".join(names)
-        return f"{sign} {number} * {f'({text})' if names[1:] else text}"
+    time_constant: Sequence[float]
+    low: Sequence[float]
+    high: Sequence[float]
+    rate: Sequence[float]
+    start: Sequence[float]
+    oscillation: tuple[float, float] | None = None  # w [rad/s] and damping of a second-order lag
+
+    @property
+    def order(self) -> int:
+        """How many states each axis has."""
+        return 1 if self.oscillation is None else 2
+
+    @property
+    def direct(self) -> list[bool]:
+        """Which axes follow their command immediately."""
+        numbers = zip(self.time_constant, self.rate, strict=True)
+        return [self.order == 1 and t == 0.0 and rate == np.inf for t, rate in numbers]
+
+    def derivative(self) -> Symbols:
+        """Rates of `acting` under `command` as expressions, (order * n,)."""
+        n = len(self.start)
+        command, acting = entries("command", n), entries("acting", n * self.order)
+        limits = zip(self.low, command, self.high, strict=True)
+        distance = np.array([_between(*one) for one in limits], dtype=object) - acting[:n]
+        if self.oscillation is not None:
+            w, d = self.oscillation
+            return np.concatenate([acting[n:], w * (w * distance - 2.0 * d * acting[n:])])
+        choose = in_symbols(where)
+        return np.array([
+            0.0 if direct
+            else _between(-rate, each / time, rate) if time > 0.0
+            else choose(each > 0.0, rate, choose(each < 0.0, -rate, 0.0))
+            for each, direct, time, rate in zip(
+                distance, self.direct, self.time_constant, self.rate, strict=True
+            )
+        ], dtype=object)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -52,6 +84,7 @@ class Equations:
     vessel: Vessel
     thruster: SecondOrderLag | None
     source: str
+    inputs: Mapping[str, Input] = field(default_factory=dict)
 
     @cached_property
     def kinematics(self) -> Kinematics:
@@ -59,14 +92,14 @@ class Equations:
         return kinematics_of(self.vessel.dofs, self.vessel.attitude)
 
     @property
-    def kind(self) -> str:
-        """Name of the kinematics: axes, planar, quaternion or euler."""
-        return type(self.kinematics).__name__.lower()
+    def in_angles(self) -> "Equations":
+        """The same equations with an attitude in angles."""
+        return replace(self, vessel=replace(self.vessel, attitude="euler"))
 
     @property
-    def axes(self) -> dict[str, int]:
-        """Index of each axis of independent axes (north, east, roll, pitch, yaw), -1 for none."""
-        return self.kinematics._asdict() if isinstance(self.kinematics, Axes) else {}
+    def quaternion(self) -> bool:
+        """Whether the attitude is a unit quaternion."""
+        return isinstance(self.kinematics, Quaternion)
 
     @property
     def n(self) -> int:
@@ -76,56 +109,65 @@ class Equations:
     @property
     def n_pose(self) -> int:
         """Number of integrated coordinates of the pose."""
-        return self.n + isinstance(self.kinematics, Quaternion)
+        return self.n + self.quaternion
 
     @property
-    def turning(self) -> bool:
-        """Whether a current rotates in body axes as the vessel turns."""
-        return self.vessel.plant_table().turning
+    def indices(self) -> list[int]:
+        """The degrees of freedom among the six."""
+        return [DOFS.index(dof) for dof in self.vessel.dofs]
 
     @property
-    def aerodynamic(self) -> bool:
-        """Whether there are terms in the velocity through the air."""
-        return self.vessel.plant_table().aerodynamic
+    def commands(self) -> dict[str, str]:
+        """What is commanded, the inputs or the forces by degree of freedom, with its unit."""
+        if self.inputs:
+            return {name: INPUT_UNITS.get(name.split("_")[0], "rad") for name in self.inputs}
+        return {dof: FORCE_UNIT[dof] for dof in self.vessel.dofs}
 
     @cached_property
-    def forces(self) -> tuple[tuple[Product, ...], ...]:
-        """The terms without acceleration of each axis."""
-        plant = self.vessel.plant_table()
-        return tuple(
-            tuple(
-                Product(float(plant.entries[k]), _factors(plant.codes[plant.term[k]]))
-                for k in range(plant.first[i], plant.first[i + 1])
-            )
-            for i in range(self.n)
-        )
-
-    @cached_property
-    def used(self) -> frozenset[str]:
-        """The variables that occur in the terms."""
-        products = (product for axis in self.forces for product in axis)
-        return frozenset(name for product in products for name, _ in product.factors)
-
-    @property
-    def inverse_inertia(self) -> list[list[tuple[int, float]]]:
-        """Column and value of the entries of each row of M^-1 that couple axes."""
-        plant = self.vessel.plant_table()
-        return [
-            [(j, float(plant.inverse_inertia[i, j])) for j in range(self.n) if plant.coupled[i, j]]
-            for i in range(self.n)
-        ]
-
-    @property
-    def lag(self) -> dict[str, Any] | None:
-        """The numbers of the thrusters' lag; None if the force follows its command at once."""
+    def lag(self) -> Lag | None:
+        """Lags and limits; None if the force follows its command immediately."""
+        if self.inputs:
+            each = [*self.inputs.values()]
+            return Lag(
+                [one.time_constant_s or 0.0 for one in each],
+                [one.low for one in each], [one.high for one in each],
+                [one.rate_limit or np.inf for one in each], [one.start for one in each],
+            )  # fmt: skip
         lag = self.thruster
         if lag is None:
             return None
-        limits = {"amplitude": lag.amplitude_limit, "rate": lag.rate_limit}
+        high = lag.amplitude_limit or (np.inf,) * self.n
+        low = [-limit for limit in high]
+        rate, zeros = lag.rate_limit or (np.inf,) * self.n, [0.0] * self.n
         if isinstance(lag, FirstOrderLag):
-            return {"order": 1, "time_constant": lag.time_constant_s, **limits}
-        w, d = lag.natural_frequency_rad_s, lag.damping
-        return {"order": 2, "w": w, "d": d, "damped": w * abs(1.0 - d * d) ** 0.5, **limits}
+            return Lag([lag.time_constant_s] * self.n, low, high, rate, zeros)
+        return Lag(zeros, low, high, rate, zeros, (lag.natural_frequency_rad_s, lag.damping))
+
+    def rates(self, language: Language) -> list[str]:
+        """Statements that write `eta_dot` and `nu_dot`."""
+        eta_dot, nu_dot = symbolic_rates(self.kinematics, self.vessel.plant_table())
+        return statements(language, eta_dot=[*eta_dot], nu_dot=[*nu_dot])
+
+    def changes(self, language: Language) -> list[str]:
+        """Statements that write `acting_dot`."""
+        return statements(language, acting_dot=[*self.lag.derivative()] if self.lag else [])
+
+    def attitude(self, language: Language) -> dict[str, list[str]]:
+        """Statements between the unit quaternion of a state and the angles of a pose."""
+        eta, frame = entries("eta", 7), np.zeros((3, 3), dtype=object)
+        in_symbols(frame_of_quaternion)(eta[3:], frame)
+        level = np.sqrt(frame[2, 1] * frame[2, 1] + frame[2, 2] * frame[2, 2])
+        angles = (
+            np.arctan2(frame[2, 1], frame[2, 2]), np.arctan2(-frame[2, 0], level),
+            np.arctan2(frame[1, 0], frame[0, 0]),
+        )  # fmt: skip
+        pose, unit = entries("pose", 6), entries("eta", 7)
+        in_symbols(normalise)(self.kinematics, unit)
+        return {
+            "start": statements(language, eta=[*pose[:3], *half_turns(*pose[3:])]),
+            "pose": statements(language, pose=[*eta[:3], *angles]),
+            "unit": statements(language, eta=[*unit]),
+        }
 
     def render(self, template: str, **more: object) -> str:
         """Fill in a template of the folder `templates`."""
@@ -137,25 +179,22 @@ class Equations:
         dofs = self.vessel.dofs
         return environment.get_template(f"{template}.jinja").render(
             eq=self, dofs=dofs, letters=self.vessel.velocities, poses=poses_of(dofs),
-            force_units=[FORCE_UNIT[dof] for dof in dofs],
+            language=LANGUAGES.get(Path(template).suffix), commands=self.commands,
             pose_units=[POSE_UNIT[dof] for dof in dofs],
             source=re.sub(r"[^\w .,:;=()|^+-]", "_", self.source), **more,
         )  # fmt: skip
 
 
 def equations_of(model: StoredModel) -> Equations:
-    """The equations of a stored model with the lag of its vessel's thrusters."""
-    vessel: VesselParameters = model.parameters
-    return Equations(vessel.nominal(), vessel.thruster, model.source)
+    """The equations of a stored model with the lags and limits of its vessel."""
+    vessel = model.parameters
+    return Equations(vessel.nominal(), vessel.thruster, model.source, vessel.inputs)
 
 
-def _factors(codes: Sequence[int]) -> tuple[tuple[str, bool], ...]:
-    """Names of the variables of a term; `cos(psi)` is named cos_psi."""
-    return tuple(
-        (VARIABLES[code % N_VARIABLES].replace("(", "_").replace(")", ""), code >= N_VARIABLES)
-        for code in map(int, codes)
-        if code % N_VARIABLES
-    )
+def _between(low: float, value: Any, high: float) -> Any:
+    """A value within limits."""
+    above = value if low == -np.inf else np.maximum(value, low)
+    return above if high == np.inf else np.minimum(above, high)
 
 
 def _matrix(values: Sequence[Sequence[float]], indent: int = 4) -> str:

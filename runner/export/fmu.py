@@ -1,7 +1,8 @@
 """A stored model as an FMU: FMI 2.0 for co-simulation, compiled from the exported C.
 
 The archive holds the model description, a library for this machine and its sources. Inputs are the
-commanded forces, the wind and the current; outputs pose, velocity and acting force.
+commands, forces or inputs of the vessel, the wind and the current; outputs pose, velocity, and the
+forces or inputs that act.
 """
 
 import io
@@ -16,7 +17,7 @@ from uuid import NAMESPACE_URL, uuid5
 from xml.etree import ElementTree
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import FORCE_UNIT, POSE_UNIT, VELOCITY_UNIT, poses_of
+from seatrial.models.notation import POSE_UNIT, VELOCITY_UNIT, poses_of
 from seatrial.runner.export.equations import Equations
 
 PLATFORM = "linux64"  # folder of the library, as FMI 2.0 names it
@@ -25,7 +26,7 @@ COMPILERS = ("cc", "gcc", "clang")
 UNITS = {
     "N": {"kg": "1", "m": "1", "s": "-2"}, "Nm": {"kg": "1", "m": "2", "s": "-2"},
     "m": {"m": "1"}, "rad": {"rad": "1"}, "m/s": {"m": "1", "s": "-1"},
-    "rad/s": {"rad": "1", "s": "-1"}, "s": {"s": "1"},
+    "rad/s": {"rad": "1", "s": "-1"}, "s": {"s": "1"}, "1/s": {"s": "-1"}, "1": {},
 }  # fmt: skip
 KINDS = {
     "input": {"variability": "continuous"},
@@ -104,6 +105,10 @@ def _description(equations: Equations, name: str, guid: str, step_s: float) -> b
     )
     variables = ElementTree.SubElement(root, "ModelVariables")
     outputs = []
+    starts = {"integration_step": step_s}
+    if equations.lag:
+        commands = (f"command_{name}" for name in equations.commands)
+        starts |= zip(commands, equations.lag.start, strict=True)
     for reference, (variable, unit, causality) in enumerate(_variables(equations)):
         attributes = {"name": variable, "valueReference": str(reference), "causality": causality}
         node = ElementTree.SubElement(variables, "ScalarVariable", attributes | KINDS[causality])
@@ -111,7 +116,7 @@ def _description(equations: Equations, name: str, guid: str, step_s: float) -> b
         if causality == "output":
             outputs.append(str(reference + 1))
         else:
-            real["start"] = repr(step_s) if variable == "integration_step" else "0.0"
+            real["start"] = repr(float(starts.get(variable, 0.0)))
         ElementTree.SubElement(node, "Real", real)
     structure = ElementTree.SubElement(root, "ModelStructure")
     for part in ("Outputs", "InitialUnknowns"):
@@ -127,13 +132,14 @@ def _variables(equations: Equations) -> list[tuple[str, str, str]]:
     dofs, poses = equations.vessel.dofs, poses_of(equations.vessel.dofs)
     velocities = equations.vessel.velocities
     streams = [f"{what}_{way}" for what in ("wind", "current") for way in ("north", "east")]
-    commands = [(f"command_{dof}", FORCE_UNIT[dof], "input") for dof in dofs]
+    commands = equations.commands.items()
     start = [(f"start_{pose}", POSE_UNIT[dof]) for pose, dof in zip(poses, dofs, strict=True)]
     start += [(f"start_{u}", VELOCITY_UNIT[dof]) for u, dof in zip(velocities, dofs, strict=True)]
     reached = [(name.removeprefix("start_"), unit) for name, unit in start]
-    reached += [(f"force_{dof}", FORCE_UNIT[dof]) for dof in dofs]
+    acts = "acting" if equations.inputs else "force"
+    reached += [(f"{acts}_{name}", unit) for name, unit in commands]
     return [
-        *commands,
+        *((f"command_{name}", unit, "input") for name, unit in commands),
         *((name, "m/s", "input") for name in streams),
         ("integration_step", "s", "parameter"),
         *((name, unit, "parameter") for name, unit in start),

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.export import fmu, linear_models, stored_model
+from seatrial.runner.export import fmu, gazebo, linear_models, stored_model
 from seatrial.runner.export.equations import equations_of
 from seatrial.runner.export.stored_model import StoredModel
 
@@ -68,17 +68,34 @@ def _python_control(request: Request) -> Files:
     model, description = linear_models.linear_model(request.model, request.at)
     point = description.get("operating_point", "the identified state-space model")
     return {
-        request.path: equations_of(request.model).render(
+        request.path: equations_of(request.model).in_angles.render(
             "control.py", name=request.symbol, linear=model,
             linear_source=f"linearised at {point}" if isinstance(point, dict) else point,
             states=list(linear_models.states_of(request.model, model)),
-            commands=[f"tau_{dof}" for dof in request.model.table.dofs],
+            inputs=[f"tau_{dof}" for dof in request.model.table.dofs],
         )
     }  # fmt: skip
 
 
 def _mss(request: Request) -> Files:
-    return {request.path: equations_of(request.model).render("mss.m", name=request.symbol)}
+    equations = equations_of(request.model).in_angles
+    return {request.path: equations.render("mss.m", name=request.symbol)}
+
+
+def _pvs(request: Request) -> Files:
+    model, equations = request.model, equations_of(request.model).in_angles
+    start = [0.0] * len(equations.commands) if equations.lag is None else equations.lag.start
+    length = model.parameters.scales.length_m
+    text = equations.render("pvs.py", name=request.symbol, start=[*start], length=length)
+    return {request.path: text}
+
+
+def _gazebo(request: Request) -> Files:
+    return {request.path: gazebo.sdf(request.model, "gazebo", request.symbol)}
+
+
+def _vrx(request: Request) -> Files:
+    return {request.path: gazebo.sdf(request.model, "vrx", request.symbol)}
 
 
 def _c(request: Request) -> Files:
@@ -100,9 +117,12 @@ FORMATS: Mapping[str, ModelFormat] = {
     "json": ModelFormat((".json",), _json, inputs=True),
     "statespace": ModelFormat((".mat", ".json"), _statespace, linear=True),
     "python-control": ModelFormat((".py",), _python_control, linear=True),
-    "mss": ModelFormat((".m",), _mss),
-    "c": ModelFormat((".c",), _c),
-    "fmu": ModelFormat((".fmu",), _fmu),
+    "mss": ModelFormat((".m",), _mss, inputs=True),
+    "pvs": ModelFormat((".py",), _pvs, inputs=True),
+    "gazebo": ModelFormat((".sdf",), _gazebo, inputs=True),
+    "vrx": ModelFormat((".sdf",), _vrx, inputs=True),
+    "c": ModelFormat((".c",), _c, inputs=True),
+    "fmu": ModelFormat((".fmu",), _fmu, inputs=True),
 }
 
 

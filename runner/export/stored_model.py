@@ -9,7 +9,7 @@ A stored model as a vessel of the configuration: YAML with comments, and JSON.
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -44,6 +44,7 @@ class StoredModel:
     state_space: StateSpace | None = None  # that was identified, with all its inputs
     device_values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # identified
     standard_errors: Mapping[str, float] = field(default_factory=dict)  # of what was identified
+    motion: Callable[[], Mapping[str, Array]] = dict  # reads the columns of the recording
 
     @property
     def name(self) -> str:
@@ -153,7 +154,10 @@ def read_model(
         for row in rows[key]
         if row.std_error is not None and row.dof in table.dofs
     }
-    found = StoredModel(run, model, replace(table, attitude=attitude), stored, devices, errors)
+    found = StoredModel(
+        run, model, replace(table, attitude=attitude), stored, devices, errors,
+        lambda: logbook.series(run_id, "recording").columns,
+    )  # fmt: skip
     if not run.config["vessel"].get("inputs"):
         return found
     steered = found.parameters

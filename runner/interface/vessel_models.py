@@ -190,7 +190,7 @@ class Model:
         Parameters
         ----------
         to
-            yaml, json, statespace, python-control, mss, c or fmu.
+            yaml, json, statespace, python-control, mss, pvs, gazebo, vrx, c or fmu.
         output
             Path of the (first) file; by default the name of the vessel and the run.
         at

@@ -11,7 +11,8 @@ SOURCES = sorted([*(ROOT / "models").rglob("*.py"), *(ROOT / "runner").rglob("*.
 # From the ground up; a file is on the floor of the longest name that it lies in.
 FLOORS = (
     *("models.errors", "models.diagnostics", "models.returned", "models.ranges"),
-    *("models.source_digest", "models.compiled", "models.elementary", "models.packs"),
+    *("models.source_digest", "models.compiled", "models.elementary"),
+    *("models.packs", "models.symbols"),
     *("models.notation", "models.vessel", "models.recording", "models.planning"),
     *("models.weather", "models.simulation", "models.excitation", "models.identification"),
     *("models.control", "runner.record", "runner.database", "runner.configuration"),

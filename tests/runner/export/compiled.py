@@ -13,20 +13,20 @@ from seatrial.models.simulation.dynamics import advance, rates, scratch
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.pose import Kinematics, kinematics_of, state_of
-from seatrial.models.vessel.thruster import lag_table
+from seatrial.models.vessel.thruster import LagTable, input_lag, lag_table
 from seatrial.models.weather.weather import Weather
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 NONE = np.zeros((0, 0))
 
 
-def compiled(source: Path) -> ctypes.CDLL:
-    """The C file as a library, compiled without a warning."""
+def compiled(*sources: Path) -> ctypes.CDLL:
+    """The C files as a library, compiled without a warning."""
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler: apt-get install gcc")
-    library = source.with_suffix(".so")
-    command = [compiler, *FLAGS, "-O2", "-fPIC", "-shared", "-o", library, source, "-lm"]
+    library = sources[0].with_suffix(".so")
+    command = [compiler, *FLAGS, "-O1", "-fPIC", "-shared", "-o", library, *sources, "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return ctypes.CDLL(str(library))
@@ -44,7 +44,12 @@ class Ours:
         table = self.vessel.nominal()
         self.dofs, self.plant = table.dofs, table.plant_table()
         self.kinematics: Kinematics = kinematics_of(table.dofs, table.attitude)
-        n = len(self.dofs)
+        n, inputs = len(self.dofs), self.vessel.inputs
+        self.commands = len(inputs) or n
+        self.start = np.array(self.vessel.input_start or (0.0,) * n)
+        self.nu_start = np.zeros(n)
+        if inputs and "surge" in self.dofs:
+            self.nu_start[self.dofs.index("surge")] = self.vessel.approach_speed_m_s
         self.n, self.n_pose = n, len(state_of(self.kinematics, np.zeros(n)))
         self.weather = Weather(
             NONE, NONE, NONE, NONE, current_ned=self.current[None], wind_ned=self.wind[None]
@@ -59,11 +64,22 @@ class Ours:
         )
         return np.concatenate([eta_dot, nu_dot])
 
+    def lag(self, step_s: float) -> LagTable:
+        """The lag and limits of the forces, or of the inputs, for a step."""
+        if self.vessel.inputs:
+            return input_lag([*self.vessel.inputs.values()], step_s)
+        return lag_table(self.vessel.thruster, step_s, self.n)
+
     def sail(self, commands: Array, step_s: float, parts: int = 1) -> Array:
-        """Pose and velocity after each step, of `parts` parts, from rest; commands (N, n_dof)."""
-        lag = lag_table(self.vessel.thruster, 0.5 * step_s / parts, len(self.dofs))
-        eta = state_of(self.kinematics, np.zeros(self.n))
-        nu, thrust = np.zeros(self.n), np.zeros((self.n, 2))
+        """Pose and velocity after each step, of `parts` parts, from the start; commands (N, n).
+
+        `acting` (N, 3, n) is then what acted at the start, in the middle and at the end of the
+        (last part of the) steps.
+        """
+        lag, eta = self.lag(0.5 * step_s / parts), state_of(self.kinematics, np.zeros(self.n))
+        nu, thrust = self.nu_start.copy(), np.zeros((self.commands, 2))
+        thrust[:, 0] = self.start
+        self.acting = np.empty((len(commands), 3, self.commands))
         track = np.empty((len(commands), self.n_pose + self.n))
         for k, command in enumerate(commands):
             advance(
@@ -71,17 +87,28 @@ class Ours:
                 step_s / parts, parts, self.work,
             )  # fmt: skip
             track[k] = [*eta, *nu]
+            self.acting[k] = self.work.acting[:, : self.commands]
         return track
+
+    def random_commands(self, steps: int, share: float = 0.3) -> Array:
+        """Commands (steps, n), each held for 50 steps, within a share of the limits."""
+        low, high = np.array(self.vessel.input_low), np.array(self.vessel.input_high)
+        if not self.vessel.inputs:
+            high = np.array([self.vessel.limits_by_dof[dof] for dof in self.dofs])
+            low = -high
+        drawn = np.random.default_rng(1).uniform(low, high, size=(steps // 50, self.commands))
+        return np.repeat(self.start + share * (drawn - self.start), 50, axis=0)
 
 
 class Theirs:
     """The exported functions for the same."""
 
-    def __init__(self, source: Path, ours: Ours) -> None:
-        self.library, self.name, self.ours = compiled(source), source.stem, ours
+    def __init__(self, library: ctypes.CDLL, name: str, ours: Ours) -> None:
+        self.library, self.name, self.ours = library, name, ours
         lag = ours.vessel.thruster
         order = 0 if lag is None else 2 if np.isfinite(lag.damping) else 1
-        self.size = ours.n_pose + ours.n * (1 + order)
+        order = 1 if ours.vessel.inputs else order
+        self.size = ours.n_pose + ours.n + ours.commands * order
 
     def _call(self, function: str, *arguments: Array | float) -> None:
         converted = [
@@ -98,9 +125,9 @@ class Theirs:
         return rate
 
     def sail(self, commands: Array, step_s: float) -> Array:
-        """Pose and velocity after each step from rest; commands (N, n_dof)."""
+        """Pose and velocity after each step from the start; commands (N, n)."""
         n, state = self.ours.n, np.full(self.size, np.nan)
-        self._call("start", state, np.zeros(n), np.zeros(n))
+        self._call("start", state, np.zeros(n), self.ours.nu_start)
         track = np.empty((len(commands), self.ours.n_pose + n))
         for k, command in enumerate(commands):
             self._call("step", state, command, self.ours.wind, self.ours.current, step_s)

@@ -14,7 +14,7 @@ from seatrial.runner.export.equations import Equations
 from seatrial.runner.export.stored_model import read_model
 from tests.runner.compare.conftest import Program
 from tests.runner.compare.conftest import program as program
-from tests.runner.export.compiled import Ours, Theirs, relative
+from tests.runner.export.compiled import Ours, Theirs, compiled, relative
 from tests.runner.export.conftest import BELUGA, DIAGONAL, FERRY, SHIP, SUPPLY
 from tests.trials import composed
 
@@ -35,7 +35,7 @@ def exported(
     assert program("model", str(run), *words) == (0, f"{file}\n{file.with_suffix('.h')}\n", "")
     with LogbookReader.read(database) as logbook:
         vessel = read_model(logbook, run, model).parameters
-    return Theirs(file, Ours(vessel, WIND, CURRENT))
+    return Theirs(compiled(file), file.stem, Ours(vessel, WIND, CURRENT))
 
 
 def agree(theirs: Theirs, largest: float = 1.0, step_s: float = 0.025) -> None:
@@ -75,7 +75,7 @@ def written(vessel: VesselParameters, folder: Path) -> Theirs:
     equations = Equations(vessel.nominal(), vessel.thruster, 'a "strange" */ source\\')
     for ending in ("c", "h"):
         (folder / f"other.{ending}").write_text(equations.render(f"model.{ending}", name="other"))
-    return Theirs(folder / "other.c", Ours(vessel, WIND, CURRENT))
+    return Theirs(compiled(folder / "other.c"), "other", Ours(vessel, WIND, CURRENT))
 
 
 @pytest.mark.parametrize(
