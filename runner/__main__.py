@@ -43,7 +43,7 @@ from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.commands import init
-from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_replaced
+from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_unused
 from seatrial.runner.configuration.invocation import (
     import_from_working_folder,
     program_version,
@@ -97,7 +97,6 @@ INTERRUPTED = "interrupted: finished runs are kept, the same command runs the re
 # What the first word may ask for beside trials and sweeps; called with the other words.
 COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
     "--version": lambda words: _show("seatrial {version}"),
-    "--install-completion": lambda words: completion.install(words),
     "benchmark": lambda words: benchmark.main(words),
     "data": lambda words: data_commands.main(words),
     "doctor": lambda words: doctor.main(words),
@@ -128,7 +127,7 @@ def _main(stop: StopSignals) -> int:
         if command := COMMANDS.get(sys.argv[1]):
             session.started = True
             return command(sys.argv[2:])
-        refuse_replaced(sys.argv[1:])
+        refuse_unused(sys.argv[1:])
         session.variants = _take_variants()
         if {"-m", "--multirun"} & set(sys.argv):
             sys.argv[1:], session.variants = left_to_jobs(sys.argv[1:], session.variants)

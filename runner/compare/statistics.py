@@ -9,7 +9,6 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -33,13 +32,10 @@ from seatrial.runner.record.catalogue import Better, definition_of
 from seatrial.runner.record.vocabulary import DOF_ORDER, MODELS
 
 Sample = NDArray[np.float64]
-IntervalKind = Literal["t", "bootstrap"]
 RELATIVE_ROUNDING = 1e-9  # relative: smaller differences are rounding errors
 EQUAL = 1e-6  # relative: numbers that differ by less are equal in a comparison
-BOOTSTRAP_RESAMPLES = 10_000
 LEAST_PAIRS = 5  # below, no p-value of the signed-rank test is meaningful
 CONFIDENCE = 0.95  # probability that an interval covers the mean
-BOOTSTRAP_SEED = 0  # fixed, so that a repeated table shows the same interval
 _QUANTILE = re.compile(r"q(\d{1,2})")
 
 
@@ -59,19 +55,17 @@ def checked(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def summary(
-    sample: Sample, names: Sequence[str], interval: IntervalKind = "t"
-) -> dict[str, float | int]:
+def summary(sample: Sample, names: Sequence[str]) -> dict[str, float | int]:
     """Return the named statistics of a sample, shape (n,); `ci` gives `ci_low` and `ci_high`.
 
-    `interval` is the kind of confidence interval. An empty sample has n = 0 and NaN otherwise.
+    An empty sample has n = 0 and NaN otherwise.
     """
     values: dict[str, float | int] = {}
     for name in names:
         if name == "n":
             values["n"] = int(sample.size)
         elif name == "ci":
-            values["ci_low"], values["ci_high"] = confidence_interval(sample, interval)
+            values["ci_low"], values["ci_high"] = confidence_interval(sample)
         else:
             values[name] = _statistic(sample, name) if sample.size else math.nan
     return values
@@ -84,26 +78,16 @@ def _statistic(sample: Sample, name: str) -> float:
     return float(SIMPLE[name](sample))
 
 
-def confidence_interval(sample: Sample, kind: IntervalKind = "t") -> tuple[float, float]:
-    """Return the 95 % interval of the mean of a sample (n,); (NaN, NaN) for fewer than two values.
+def confidence_interval(sample: Sample) -> tuple[float, float]:
+    """Return the 95 % interval of the mean of a sample (n,), of Student's t.
 
-    That of Student's t, or of the percentile bootstrap with a fixed seed.
+    (NaN, NaN) for fewer than two values.
     """
     if sample.size < 2:
         return math.nan, math.nan
-    if kind == "t":
-        quantile = float(scipy.special.stdtrit(sample.size - 1, 0.5 + CONFIDENCE / 2.0))
-        half = quantile * float(np.std(sample, ddof=1)) / math.sqrt(sample.size)
-        return float(np.mean(sample)) - half, float(np.mean(sample)) + half
-    rng = np.random.default_rng(BOOTSTRAP_SEED)
-    # in blocks of one thousand resamples, to limit the memory of the index array
-    means = [
-        sample[rng.integers(0, sample.size, (1_000, sample.size))].mean(axis=1)
-        for _ in range(BOOTSTRAP_RESAMPLES // 1_000)
-    ]
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(np.concatenate(means), [tail, 1.0 - tail])
-    return float(low), float(high)
+    quantile = float(scipy.special.stdtrit(sample.size - 1, 0.5 + CONFIDENCE / 2.0))
+    half = quantile * float(np.std(sample, ddof=1)) / math.sqrt(sample.size)
+    return float(np.mean(sample)) - half, float(np.mean(sample)) + half
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ Every command that is printed for the user begins with one of these names.
 
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from seatrial import __version__
@@ -14,56 +14,6 @@ ROOT = Path(__file__).resolve().parents[2]  # the checkout, or the installed pac
 PROJECT = ROOT / "pyproject.toml"  # in a checkout only
 SCRIPTS = ("seatrial", "seatrial-results")
 DEFAULT_DATABASE = "sqlite:///results/results.db"
-# Commands and options that are gone, and what replaces them.
-REPLACED: Mapping[str, str] = {
-    "seatrial-results browse": "use pip install datasette; datasette results/results.db",
-    "seatrial-results serve": "use seatrial-results site, whose pages open from disk",
-    "seatrial-results scrub": "passwords are not stored, so there are none to remove",
-    "seatrial-results --csv-plain": "CSV files always hold texts as they are",
-    "seatrial-results csv-plain": "use csv, which holds texts as they are",
-    "hydra/launcher=joblib": "use hydra/launcher=processes",
-    "hydra/launcher=submitit_local": "use hydra/launcher=processes",
-    "excitation.sample_time_s": "excitation.resample_hz sets another than the median step",
-    "excitation.route.follow": "a planned mix is followed everywhere",
-    "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone",
-    "identifier.bound_factor": "use identifier.inertia_factor",
-    "identifier.budget_s": "identifier=auto has no limit of time, on which its result would depend",
-    "identifier.condition_limit": "the transformation to pose and velocity must be below 1000",
-    "identifier.errors": "standard errors are those for stationary residuals",
-    "identifier.feedthrough": "the data choose whether there is a direct term",
-    "identifier.half_life_s": "leave old samples out with excitation.start_s",
-    "identifier.markov_parameters": "20 are stored",
-    "identifier.recording": "the recording of identifier=command is always recording.csv",
-    "identifier=least_squares": "use identifier=output_error",
-    "identifier=gaussian_process": "use identifier=auto, which tries further terms",
-    "identifier.sigma": "sigma is that of the residuals; identifier.outputs gives weights",
-    "identifier.weighting": "use the checks of excitation=recording, which repair outliers",
-    "identifier=grid": "in a checkout, use --config-dir docs/published identifier=grid",
-    "identifier=sparse": "use identifier=robust for few, physical terms, or surface_plsr, which"
-    " drops terms one by one",
-    "identifier=linearised": "in a checkout, use --config-dir docs/published identifier=linearised",
-    "identifier=prediction_times": "in a checkout, use --config-dir docs/published"
-    " identifier=prediction_times",
-    "search.default_first": "the configuration as it is comes first, if the space contains it",
-    "search.dof": "write search.metric=name:dof",
-    "search.sampler": "the sampler is TPE; search.startup=<search.trials> makes a random search",
-    "seatrial-results published": "in a checkout, use make published",
-    "seatrial-results plot controllers": "use plot response --rows controller",
-    "seatrial-results plot plan": "use plot track, which draws the plan of a mix too",
-    "seatrial-results plot spectrum": "use plot excitation, which draws singular values and"
-    " eigenvalues of a subspace identification too",
-    "seatrial-results plot wind": "use plot excitation, which draws the wind of the recording, or"
-    " plot response for its force on a mission",
-    "seatrial-results plot quality": "use seatrial data check FILE --html PAGE.html",
-    "search.model": "the objective is a metric of the identified model",
-    "search.stage": "the objective is of the deployment, or of the first stage that has the metric",
-    "search.statistic": "the objective is the median over the seeds",
-    "seatrial-results plot search": "use seatrial-results table --rows <option> --metric <metric>;"
-    " a search prints its best candidates",
-    "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
-    "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
-    " figure",
-}
 
 
 def in_checkout(root: Path = ROOT) -> bool:

@@ -133,13 +133,6 @@ REFUSED = (
     (["plot", "residual", "--run", "5"], "run 5 has no series residual"),
     (["sql", "DELETE FROM run"], "sql: "),
     (["tables"], "No such command 'tables'"),
-    (["published", "--summary"], "published is gone: in a checkout, use make published"),
-    (["plot", "topology"], "plot topology is gone: in a checkout, use make published"),
-    (["plot", "search"], "plot search is gone: use seatrial-results table --rows"),
-    (["browse"], "browse is gone: use pip install datasette; datasette results/results.db"),
-    (["serve"], "serve is gone: use seatrial-results site"),
-    (["scrub"], "scrub is gone: passwords are not stored"),
-    (["runs", "-f", "csv-plain"], "csv-plain is gone: use csv"),
 )
 
 

@@ -74,11 +74,7 @@ def test_a_fault_in_a_module_from_elsewhere_is_its_own(
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [
-        (("controllers",), "controllers is gone: use plot response --rows controller"),
-        (("spectrum",), "spectrum is gone: use plot excitation"),
-        (("track", "--band", "90"), "--band: not an option of this figure, expected --run"),
-    ],
+    [(("track", "--band", "90"), "--band: not an option of this figure, expected --run")],
 )
 def test_what_a_figure_does_not_have_is_one_line(
     program: Program, plain: Path, words: tuple[str, ...], said: str

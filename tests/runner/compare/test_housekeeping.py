@@ -5,8 +5,6 @@ import json
 import shlex
 import shutil
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
@@ -61,23 +59,6 @@ def test_a_failure_that_was_made_good_is_not_repeated(program: Program, tmp_path
     code, out, err = program("retry", *database(tmp_path))
     assert (code, out) == (0, "")
     assert "nothing to retry" in err
-
-
-def test_retry_execute_starts_the_commands_and_tells_of_failures(
-    program: Program, plain: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    started: list[list[str]] = []
-
-    def start(command: list[str], check: bool) -> subprocess.CompletedProcess[str]:
-        assert not check
-        started.append(command)
-        return subprocess.CompletedProcess(command, returncode=len(started) - 1)
-
-    monkeypatch.setattr(commands.subprocess, "run", start)
-    code, _, err = program("retry", *database(plain), "--status", "failed,diverged", "--execute")
-    assert code == 1
-    assert [command[:3] for command in started] == [[sys.executable, "-m", "seatrial.runner"]] * 2
-    assert "1 of 2 finished" in err
 
 
 def test_ages() -> None:
