@@ -336,7 +336,7 @@ def retry(
 ) -> list[str]:
     """Print the commands that repeat failed trials: `retry | sh` runs them."""
     statuses = split(status) or ("failed", "interrupted")
-    _check_statuses(statuses, LOST)
+    compare.runs.check_statuses(statuses, LOST)
     lost = compare.runs.runs_of(results, results.where(where), statuses)
     lines = [
         compare.runs.repeat_command(
@@ -379,7 +379,7 @@ def prune(
 ) -> TextTable:
     """Show which runs would be deleted with their files, and with --yes delete them."""
     statuses = split(status)
-    _check_statuses(statuses, (*LOST, "finished"))
+    compare.runs.check_statuses(statuses, (*LOST, "finished"))
     if status and not statuses:
         raise ConfigurationError("--status: got no status, expected one of those of the help")
     chosen = bool(older_than or statuses or where)
@@ -439,14 +439,6 @@ def age(text: str) -> timedelta:
             f"--older-than: got {text!r}, expected an age such as 30d, 12h, 2w"
         )
     return timedelta(minutes=MINUTES[match[2]] * int(match[1]))
-
-
-def _check_statuses(statuses: tuple[str, ...], known: tuple[str, ...]) -> None:
-    for status in statuses:
-        if status not in known:
-            raise ConfigurationError(
-                f"--status: got {status!r}, expected one of {', '.join(known)}"
-            )
 
 
 @command()

@@ -75,6 +75,14 @@ def run_table(
     return replace(grid_of(title, headers, cells, len(headers), notes), records=records)
 
 
+def check_statuses(statuses: Sequence[str], known: Sequence[str]) -> None:
+    """Raise ConfigurationError for a status that is none of the known ones."""
+    for status in statuses:
+        if status not in known:
+            expected = ", ".join(known)
+            raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
+
+
 def runs_of(
     results: Queries, condition: Condition, statuses: Sequence[str], limit: int | None = None
 ) -> list[RunSummary]:
@@ -83,10 +91,7 @@ def runs_of(
     Empty `statuses` mean any status. The result may have more than `limit` runs. Raises
     ConfigurationError for a wrong condition or status.
     """
-    for status in statuses:
-        if status not in STATUSES:
-            expected = ", ".join(STATUSES)
-            raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
+    check_statuses(statuses, STATUSES)
     conditions = results.names.clauses(condition)
     if statuses:  # the view may still show an interrupted run as running
         candidates = [*statuses, *(["running"] if "interrupted" in statuses else [])]

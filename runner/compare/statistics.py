@@ -250,6 +250,19 @@ class Cell:
         """The values by seed, shape (n,)."""
         return np.array([*self.by_seed.values()], dtype=np.float64)
 
+    @property
+    def resolution(self) -> float:
+        """Values that differ by less are equal."""
+        is_coefficient = self.stage == COEFFICIENT_STAGE
+        return 0.0 if is_coefficient else definition_of(self.metric).resolution
+
+    def loss(self, value: float) -> float:
+        """Return the loss of a value of the cell: of a coefficient its distance from the truth."""
+        if self.stage == COEFFICIENT_STAGE:
+            return abs(value - self.true_value)
+        better = definition_of(self.metric).better
+        return math.nan if better is None else float(loss(np.array(value), better))
+
 
 @dataclass(frozen=True)
 class Pivot:
@@ -344,10 +357,7 @@ def _sorted(keys: Iterable[Key], factors: Key, metrics: Sequence[str]) -> list[K
 
 
 def best_cells(
-    table: Pivot,
-    facts: pd.DataFrame,
-    loss_of: Callable[[Cell, Sample], float],
-    resolution: Callable[[Cell], float],
+    table: Pivot, facts: pd.DataFrame, location: Callable[[Sample], float]
 ) -> set[Place]:
     """Return the cells to set in bold: the best among those under equal conditions.
 
@@ -358,9 +368,7 @@ def best_cells(
     Args:
         table: the cells.
         facts: the facts of the conditions.
-        loss_of: the number that a cell is compared by, of its values over those seeds, shape (n,);
-            smaller is better, NaN excludes it.
-        resolution: losses of a cell that differ by less are equal.
+        location: the number of the values over those seeds, shape (n,), whose loss is compared.
     """
     shared = codes(facts, [name for name in facts if not within(name, COMPARED)])
     apart = [
@@ -377,7 +385,7 @@ def best_cells(
         cells = {place: table.cells[place] for place in members}
         seeds = reference_seeds(cells.values())
         losses = {
-            place: loss_of(cell, np.array([*on_seeds(cell, seeds).values()]))
+            place: cell.loss(location(np.array([*on_seeds(cell, seeds).values()])))
             for place, cell in cells.items()
             if cell.experiments and not (cell.flagged or cell.lost_seeds or cell.uneven)
             and (cell.deterministic or seeds <= cell.by_seed.keys())
@@ -388,7 +396,7 @@ def best_cells(
             best |= {
                 place
                 for place, value in finite.items()
-                if equal(np.array([value]), lowest, resolution(cells[place]))[0]
+                if equal(np.array([value]), lowest, cells[place].resolution)[0]
             }
     return best
 
@@ -434,10 +442,10 @@ def against_baseline(
             seed for seed in cell.lost_seeds - {*pair["replicate"]}
             if seed in of_baseline or EVERY_SEED in of_baseline
         }  # fmt: skip
-        metric = definition_of(cell.metric)
-        resolution = 0.0 if cell.stage == COEFFICIENT_STAGE else metric.resolution
-        left, right = pair["value"].to_numpy(), pair["other"].to_numpy()
-        tests[place] = paired_test(left, right, metric.better, resolution, len(lost))
+        better, left, right = definition_of(cell.metric).better, pair["value"], pair["other"]
+        tests[place] = paired_test(
+            left.to_numpy(), right.to_numpy(), better, cell.resolution, len(lost)
+        )
     adjusted = holm([test.p_value for test in tests.values()])
     return {
         place: replace(test, p_holm=p)

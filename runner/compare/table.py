@@ -42,7 +42,6 @@ from seatrial.runner.compare.statistics import (
     best_cells,
     checked,
     equal,
-    loss,
     pivot,
     summary,
 )
@@ -250,12 +249,7 @@ class _Writer:
             place: summary(cell.sample, statistics) for place, cell in table.cells.items()
         }
         self.location = {place: self._location(cell.sample) for place, cell in table.cells.items()}
-        self.best = best_cells(
-            table,
-            selection.facts,
-            lambda cell, sample: self._loss(cell, self._location(sample)),
-            self._resolution,
-        )
+        self.best = best_cells(table, selection.facts, self._location)
 
     def grid(self) -> TextTable:
         """Return the table; it has a column of units if the rows have different units."""
@@ -281,17 +275,6 @@ class _Writer:
         """Return the value that represents a sample: the median if shown without the mean."""
         median = "median" in self.statistics and "mean" not in self.statistics
         return summary(sample, ["median" if median else "mean"]).popitem()[1]
-
-    def _loss(self, cell: Cell, value: float) -> float:
-        """Return the loss of a value; for a coefficient the distance from the true value."""
-        if self.options.of_coefficients:
-            return abs(value - cell.true_value)
-        better = definition_of(cell.metric).better
-        return math.nan if better is None else float(loss(np.array(value), better))
-
-    def _resolution(self, cell: Cell) -> float:
-        """Return the difference below which two losses are equal."""
-        return 0.0 if self.options.of_coefficients else definition_of(cell.metric).resolution
 
     def _shown(self, place: Place) -> GridCell:
         cell = self.table.cells.get(place)
