@@ -57,13 +57,16 @@ def run_table(
 
     Columns that are named in `without`, or hold what is usual, are not shown.
     """
-    tags = {sweep.id: ", ".join(sweep.tags or ()) for sweep in results.reader.sweeps()}
+    tags: dict[int | None, str | None] = {
+        sweep.id: ", ".join(sweep.tags or ()) or None for sweep in results.reader.sweeps()
+    }
     records = [
-        {name: plain(getattr(run, name)) for name in RUN_COLUMNS if name != "tags"}
-        | {"tags": tags.get(run.sweep_id) or None}
+        {
+            name: tags.get(run.sweep_id) if name == "tags" else plain(getattr(run, name))
+            for name in RUN_COLUMNS
+        }
         for run in runs
     ]
-    records = [{name: record[name] for name in RUN_COLUMNS} for record in records]
     shown = [
         name
         for name in RUN_COLUMNS

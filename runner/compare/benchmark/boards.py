@@ -175,14 +175,14 @@ def _entries(results: Queries, task: Task, entrants: Sequence[str]) -> pd.DataFr
     query = query.where(r.status.in_(ENDINGS)).order_by(r.id)
     newest = {_normal(row.overrides): row for row in results.reader.select(query)}
     timed = sa.select(d.run_id, d.value).where(d.name == TRAINING_TIME)
-    training_s = {run: float(value) for run, value in map(tuple, results.reader.select(timed))}
+    training_s = {row.run_id: row.value for row in results.reader.select(timed)}
     own: list[dict[str, object]] = []
     trivial: dict[tuple[str, int], list[dict[str, object]]] = {}
     for cell in cells(task, entrants):
         row = newest.get(_normal(cell.options))
         if row is None:
             continue
-        place = dict.fromkeys(ENTRY, 0) | cell._asdict()
+        place: dict[str, object] = {**dict.fromkeys(ENTRY, 0), **cell._asdict()}
         place |= {"run": row.id, "status": row.status, "error": "", "measures": ()}
         end = row.finished_at
         entry = place | {

@@ -122,10 +122,10 @@ def _errors(
 
     NaN where no prediction ends; those of the trivial rivals end where some model's do. PERSISTENCE
     holds the velocity that was measured before, for a position in NED; MEAN_MOTION moves by the
-    mean of what was measured; AT_REST stays at the position before.
+    mean of what was measured; AT_REST stays at the position before, and has no velocity.
     """
     measured, columns = _columns(series, outputs), series.columns
-    if model not in REFERENCES:
+    if model not in REFERENCES or (model == AT_REST and outputs != POSITION):
         end = "" if seconds is None else f"_{seconds:g}s"
         return _columns(series, [f"{name}_{model}{end}" for name in outputs]) - measured
     if seconds is None:

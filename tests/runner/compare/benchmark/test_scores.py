@@ -54,6 +54,7 @@ def test_references() -> None:
     held = np.repeat([u[0], u[1000]], 1000)
     expected = np.sqrt(np.mean((held - u) ** 2)) / np.std(u)
     assert score(stored, PERSISTENCE, ("surge",)).loss == pytest.approx(expected)
+    assert score(stored, AT_REST, ("surge",)).loss == np.inf  # it has a position only
 
 
 def test_references_are_predicted_over_the_same_times() -> None:
