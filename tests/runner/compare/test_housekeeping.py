@@ -89,9 +89,9 @@ def test_prune_shows_and_deletes_only_with_yes(program: Program, voyage_copy: Pa
 def test_prune_by_age_and_status(program: Program, copy: Path) -> None:
     _change(copy, "UPDATE run SET started_at = '2020-01-01 00:00:00.000000' WHERE id = 14")
     _, out, _ = program("prune", *database(copy), "--older-than", "30d", "--format", "json")
-    assert [run["id"] for run in json.loads(out)] == [14]
+    assert [run["run_id"] for run in json.loads(out)] == [14]
     _, out, _ = program("prune", *database(copy), "--status", "failed,diverged", "--format", "json")
-    assert [run["id"] for run in json.loads(out)] == [14, 15]
+    assert [run["run_id"] for run in json.loads(out)] == [14, 15]
     arguments = ["--older-than", "30d", "--status", "diverged"]
     assert "0 runs" in program("prune", *database(copy), *arguments, "--yes")[1]
     assert _count(copy, "run") == 17
