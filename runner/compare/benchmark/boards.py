@@ -18,7 +18,6 @@ import pandas as pd
 import sqlalchemy as sa
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.simulation.manoeuvre_sheet import COMPARED, DIAGNOSTIC
 from seatrial.runner.compare.benchmark.scores import (
     AT_REST,
     POSITION,
@@ -35,6 +34,7 @@ from seatrial.runner.compare.statistics import holm
 from seatrial.runner.configuration import search_path
 from seatrial.runner.database.tables import DiagnosticRow
 from seatrial.runner.database.tables import RunRow as RunTable
+from seatrial.runner.export.manoeuvre_tracks import COMPARED, DIAGNOSTIC
 from seatrial.runner.record.rows import Coefficient, Series
 from seatrial.runner.record.vocabulary import DOFS, ENDINGS, TRAINING_TIME
 
