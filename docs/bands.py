@@ -27,9 +27,8 @@ from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.validation import prediction
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED, DIAGNOSTIC
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.compare.benchmark.cells import cells, entrants_of, lacking
 from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, crps, half_width
-from seatrial.runner.compare.benchmark.task import task_of
+from seatrial.runner.compare.benchmark.task import cells, lacking, located, task_of
 from seatrial.runner.trials.closed_loop import Streams
 from seatrial.runner.trials.manoeuvre_results import length_of, manoeuvres
 from seatrial.runner.trials.trial import excite
@@ -107,8 +106,7 @@ class Row:
 def options_of(data: DataSet, entrant: str) -> Iterator[tuple[str, tuple[str, ...]]]:
     """The cases of a data set, each with the options of its trial."""
     task = task_of(data.task)
-    chosen = entrants_of(task, [entrant])
-    for cell in cells(data.task, task, chosen):
+    for cell in cells(task, [entrant]):
         if (not data.cases or cell.case in data.cases) and cell.seed < SEEDS:
             if data.each:
                 yield from left_out_in_turn(cell.options)
@@ -278,7 +276,8 @@ def main() -> None:
     options = parser.parse_args()
     for name in (options.data or DATA_SETS) if options.write else ():
         data = DATA_SETS[name]
-        if absent := lacking(task_of(data.task)):
+        task = task_of(data.task)
+        if absent := lacking(task, located(task)):
             print(f"{name}: files of {len(absent)} cases are missing", file=sys.stderr)
         for entrant in options.identifier or data.entrants:
             for case, overrides in options_of(data, entrant):

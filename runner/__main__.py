@@ -18,8 +18,6 @@ SourcesRegistry     (tests/runner/test_yaml_files.py); so _get_header_dict and
                     _normalize_file_name of the source are called.
 get_sanitized_cfg,  What `--cfg` prints has the numbers that options take from the vessel
 Hydra               (tests/runner/test_vessel_options.py).
-_query              What completes a line in a shell is shown a sweep as one of its trials
-                    (tests/runner/test_completion.py).
 SlurmInfoWatcher,   submitit asks the queue of Slurm instead of its accounting, by the command of
 SlurmJob            _make_command (tests/runner/test_slurm.py).
 _get_node, _is_none, OmegaConf's values that are missing or interpolations are looked at as they
@@ -39,7 +37,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from functools import partial
 from io import TextIOWrapper
 from itertools import pairwise
 from typing import TYPE_CHECKING, NoReturn
@@ -47,12 +44,11 @@ from typing import TYPE_CHECKING, NoReturn
 import hydra
 from hydra._internal.hydra import Hydra
 from hydra._internal.utils import get_args_parser
-from hydra.plugins.completion_plugin import CompletionPlugin
 from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.commands import init
-from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_replaced
+from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_unused
 from seatrial.runner.configuration.invocation import (
     import_from_working_folder,
     program_version,
@@ -69,13 +65,12 @@ from seatrial.runner.sweeps.stop_signals import StopSignals
 from seatrial.runner.sweeps.sweep import Session
 
 if TYPE_CHECKING:  # what is slow to import, or seldom used
-    from seatrial.runner.commands import benchmark, completion, data_commands, doctor, model_command
+    from seatrial.runner.commands import benchmark, data_commands, doctor, model_command
     from seatrial.runner.compare import __main__ as results
 else:
     import lazy_loader
 
     benchmark = lazy_loader.load("seatrial.runner.commands.benchmark", suppress_warning=True)
-    completion = lazy_loader.load("seatrial.runner.commands.completion", suppress_warning=True)
     data_commands = lazy_loader.load(
         "seatrial.runner.commands.data_commands", suppress_warning=True
     )
@@ -100,13 +95,11 @@ seatrial {version}: sea trials for models and controllers of marine vessels
 MEANT = {"run": "{trial} option=value ...", "help": "{trial} --help", "list": "{results} runs"}
 VARIANT = "--variant"  # options that change together in a sweep
 SANITIZED = Hydra.get_sanitized_cfg
-QUERY = CompletionPlugin._query
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 # What the first word may ask for beside trials and sweeps; called with the other words.
 COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
     "--version": lambda words: _show("seatrial {version}"),
-    "--install-completion": lambda words: completion.install(words),
     "benchmark": lambda words: benchmark.main(words),
     "data": lambda words: data_commands.main(words),
     "doctor": lambda words: doctor.main(words),
@@ -137,7 +130,7 @@ def _main(stop: StopSignals) -> int:
         if command := COMMANDS.get(sys.argv[1]):
             session.started = True
             return command(sys.argv[2:])
-        refuse_replaced(sys.argv[1:])
+        refuse_unused(sys.argv[1:])
         session.variants = _take_variants()
         if {"-m", "--multirun"} & set(sys.argv):
             sys.argv[1:], session.variants = left_to_jobs(sys.argv[1:], session.variants)
@@ -147,7 +140,6 @@ def _main(stop: StopSignals) -> int:
         with _raising():
             register(overrides)
             Hydra.get_sanitized_cfg = _shown_config  # type: ignore[method-assign, assignment]
-            CompletionPlugin._query = _completions  # type: ignore[method-assign, assignment]
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
     except (Exception, KeyboardInterrupt) as error:
         # What a signal has interrupted may fail by any exception.
@@ -178,10 +170,6 @@ def _named(text: str) -> str:
     """Return a text with the names of the two programs and the version in their places."""
     names = {"trial": trial_program(), "results": results_program(), "version": program_version()}
     return text.format(**names)
-
-
-def _completions(plugin: CompletionPlugin, config_name: str | None, line: str) -> list[str]:
-    return completion.completions(line, partial(QUERY, plugin, config_name))
 
 
 def _shown_config(hydra: Hydra, config: DictConfig, kind: str) -> DictConfig:

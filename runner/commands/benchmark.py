@@ -8,11 +8,18 @@ from time import perf_counter
 from typing import Annotated
 
 import typer
-import typer.main
 
-from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.compare.benchmark.cells import cells, entrants_of, lacking
-from seatrial.runner.compare.benchmark.task import DATA_FOLDER, GROUP, VARIABLE, located, task_of
+from seatrial.models.errors import SeatrialError
+from seatrial.runner.compare.benchmark.task import (
+    DATA_FOLDER,
+    GROUP,
+    VARIABLE,
+    cells,
+    lacking,
+    located,
+    task_of,
+)
+from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.sweeps import in_process
@@ -23,23 +30,7 @@ app = typer.Typer(name="seatrial benchmark", pretty_exceptions_enable=False, add
 
 def main(words: Sequence[str]) -> int:
     """Run `seatrial benchmark` with the words that follow it; returns the exit code."""
-    return run_typer(app, "benchmark", words)
-
-
-def run_typer(program: typer.Typer, name: str, words: Sequence[str]) -> int:
-    """Run a command of `seatrial` that typer parses; returns the exit code."""
-    command = typer.main.get_command(program)
-    try:
-        code = command.main(list(words), prog_name=f"seatrial {name}", standalone_mode=False)
-    except typer.Exit as stop:
-        return stop.exit_code
-    except typer.Abort:
-        return 1
-    except Exception as error:
-        if not hasattr(error, "format_message"):
-            raise
-        raise ConfigurationError(f"{name}: {error.format_message()}") from error
-    return code if isinstance(code, int) else 0
+    return run_typer(app, words)
 
 
 @app.command()
@@ -63,11 +54,11 @@ def benchmark(
     code, began = 0, perf_counter()
     for name in task or search_path.options(GROUP):
         known, began_task = task_of(name), perf_counter()
-        for lack in lacking(known):
-            files = ", ".join(f"{file.name} is {file.state}" for file in lack.files)
-            print(f"{name}: {lack.case} is left out: {files}; see seatrial data get {name}")
+        for case, wrong in lacking(known, located(known)).items():
+            files = ", ".join(f"{file.name} is {file.state}" for file in wrong)
+            print(f"{name}: {case} is left out: {files}; see seatrial data get {name}")
         words = [f"results_dir={results_dir}", f"sweep.name=benchmark_{name}"]
-        listed = cells(name, known, entrants_of(known, entrant or ()))
+        listed = cells(known, entrant or ())
         for label, own in groupby(listed, key=lambda cell: cell.entrant):
             variants = [list(cell.options) for cell in own]
             if dry_run:

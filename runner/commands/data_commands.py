@@ -13,9 +13,10 @@ from seatrial.models.recording.diagnosis import doubts, examine, with_option
 from seatrial.models.recording.proposal import Proposal, propose
 from seatrial.models.recording.reader import FAULTS
 from seatrial.models.recording.source import ReadOptions, read_sources
-from seatrial.runner.commands.benchmark import get, run_typer
+from seatrial.runner.commands.benchmark import get
 from seatrial.runner.commands.data_convert import File, MapFile, convert
 from seatrial.runner.commands.recording_report import Report, report
+from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.configuration.recording_map import options_of, own_map, read_map, reader_of
@@ -50,7 +51,7 @@ app.command()(get)
 
 def main(words: Sequence[str]) -> int:
     """Run `seatrial data` with the words that follow it; returns the exit code."""
-    return run_typer(app, "data", words)
+    return run_typer(app, words)
 
 
 @app.command()

@@ -5,7 +5,7 @@ Every line is one of: ok; problem, which makes the exit code 1; absent, for what
 
 import os
 import platform
-import shutil
+import re
 import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -29,28 +29,7 @@ from seatrial.runner.configuration.invocation import (
 )
 from seatrial.runner.database.engine import ENVIRONMENT
 
-# Extras of users; the others are for work on the project itself.
-EXTRAS = {
-    "ardupilot": "excitation=recording with logs of ArduPilot",
-    "excel": "excitation=recording with Excel files",
-    "fmu": "validation of what seatrial-results model --to fmu writes",
-    "mat": "excitation=recording with files of MATLAB 7.3",
-    "netcdf": "excitation=recording with netCDF files",
-    "nmea": "excitation=recording with NMEA 0183",
-    "postgresql": "database=postgresql",
-    "ray": "hydra/launcher=ray",
-    "ros": "excitation=recording with bags of ROS and MCAP",
-    "search": "hydra/sweeper=optuna",
-    "slurm": "hydra/launcher=submitit_slurm",
-    "ulog": "excitation=recording with logs of PX4",
-}
-PROGRAMS = {
-    "cc": "seatrial-results model --to fmu",
-    "chromium": "tests of the report",
-    "git": "the commit of a checkout, stored with every run",
-    "octave": "identifiers and models in Octave",
-    "sbatch": "hydra/launcher=submitit_slurm",
-}
+OF_PROJECT = ("test", "bench", "check", "docs")  # extras for work on the project itself
 
 
 class Check(NamedTuple):
@@ -76,34 +55,27 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def examined() -> Iterator[Check]:
-    """Check interpreter, packages, extras, cache, programs, data and logbook, in this order."""
-    supported, needed = _declared()
+    """Check interpreter, packages, extras, cache, data and logbook, in this order."""
+    if in_checkout():
+        project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+        supported, lines = project["requires-python"], list(project["dependencies"])
+        for extra, own in project["optional-dependencies"].items():
+            lines += [f'{line}; extra == "{extra}"' for line in own]
+    else:
+        supported, lines = metadata("seatrial")["Requires-Python"], requires("seatrial") or []
+    needed = list(map(Requirement, lines))
     yield Check("ok", "seatrial", program_version(), str(ROOT))
-    yield _version("Python", platform.python_version(), supported)
-    yield from (_package(r) for r in needed if r.marker is None or r.marker.evaluate())
-    yield from (_extra(name, needed) for name in EXTRAS)
+    yield _version("Python", platform.python_version(), SpecifierSet(supported))
+    yield from (_package(r) for r in needed if r.marker is None or r.marker.evaluate({"extra": ""}))
+    for extra in sorted(set(re.findall(r"extra == [\"'](\w+)", "\n".join(lines))) - {*OF_PROJECT}):
+        yield _extra(extra, needed)
     yield _cache()
-    for name, use in PROGRAMS.items():
-        path = shutil.which(name)
-        yield Check("ok", name, path) if path else Check("absent", name, "not found", f"for {use}")
     if data := os.environ.get("SEATRIAL_DATA"):
         own = ("ok", "") if Path(data).is_dir() else ("problem", "not a folder")
         yield Check(own[0], "SEATRIAL_DATA", data, own[1])
     else:
         yield Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
     yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else DEFAULT_DATABASE)
-
-
-def _declared() -> tuple[SpecifierSet, list[Requirement]]:
-    """Return the supported versions of Python, and the requirements with those of the extras."""
-    if not in_checkout():
-        lines = requires("seatrial") or []
-        return SpecifierSet(metadata("seatrial")["Requires-Python"]), list(map(Requirement, lines))
-    project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
-    lines = list(project["dependencies"])
-    for extra, own in project["optional-dependencies"].items():
-        lines += [f'{line}; extra == "{extra}"' for line in own]
-    return SpecifierSet(project["requires-python"]), list(map(Requirement, lines))
 
 
 def _package(requirement: Requirement) -> Check:
@@ -121,16 +93,19 @@ def _version(name: str, result: str, versions: SpecifierSet) -> Check:
 
 def _extra(name: str, needed: Sequence[Requirement]) -> Check:
     """Check an extra: absent if a package is not installed, a problem if a version is wrong."""
-    own = [r for r in needed if r.marker and r.marker.evaluate({"extra": name})]
-    own = [r for r in own if not (r.marker and r.marker.evaluate({"extra": ""}))]
-    checks, title = [_package(requirement) for requirement in own], f"extra {name}"
-    if lacking := [check.name for check in checks if check.result == "not installed"]:
-        remedy = f"for {EXTRAS[name]}: pip install 'seatrial[{name}]'"
-        return Check("absent", title, f"without {', '.join(lacking)}", remedy)
-    for check in checks:
-        if check.verdict == "problem":
-            return Check("problem", title, f"{check.name} {check.result}", check.note)
-    return Check("ok", title, ", ".join(f"{check.name} {check.result}" for check in checks))
+    checks = [
+        _package(requirement)
+        for requirement in needed
+        if requirement.marker
+        and requirement.marker.evaluate({"extra": name})
+        and not requirement.marker.evaluate({"extra": ""})
+    ]
+    found = ", ".join(f"{check.name} {check.result}" for check in checks)
+    if any(check.result == "not installed" for check in checks):
+        return Check("absent", f"extra {name}", found, f"pip install 'seatrial[{name}]'")
+    problems = [check for check in checks if check.verdict == "problem"]
+    verdict = problems[0] if problems else Check("ok", name, found)
+    return verdict._replace(name=f"extra {name}", result=found)
 
 
 def _cache() -> Check:

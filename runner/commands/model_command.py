@@ -16,9 +16,9 @@ from seatrial.models.recording.reader import Signals
 from seatrial.models.vessel import scales
 from seatrial.runner import export
 from seatrial.runner.commands import init
-from seatrial.runner.commands.benchmark import run_typer
 from seatrial.runner.commands.data_commands import Force, VesselName, map_columns
 from seatrial.runner.commands.data_convert import File, MapFile
+from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 from seatrial.runner.sweeps import in_process
@@ -34,7 +34,7 @@ app = typer.Typer(name="seatrial model", add_completion=False, pretty_exceptions
 
 def main(words: Sequence[str]) -> int:
     """Run `seatrial model` with the words that follow it; returns the exit code."""
-    return run_typer(app, "model", words)
+    return run_typer(app, words)
 
 
 @app.command()

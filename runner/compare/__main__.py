@@ -13,12 +13,10 @@ from typer.main import get_command
 
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare import commands  # noqa: F401 - adds the commands
-from seatrial.runner.compare.cli import app
+from seatrial.runner.compare.cli import app, run_typer
 from seatrial.runner.configuration import plugins
 from seatrial.runner.configuration.invocation import REPLACED, import_from_working_folder
 from seatrial.runner.database.terminal import error_line, refuse_passwords
-
-PROGRAM = "seatrial-results"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -36,38 +34,26 @@ def run(arguments: Sequence[str] | None = None) -> int:
         plugins.load()  # which declare metrics
     try:
         refuse_passwords(words)
-        code = get_command(app).main(args=words, prog_name=PROGRAM, standalone_mode=False)
+        return run_typer(app, words)
     except SeatrialError as error:
-        return _complain(str(error), words)
+        message = str(error)
+        for text in (*map(" ".join, pairwise(words)), *words):
+            if replaced := REPLACED.get(f"{app.info.name} {text}"):
+                message = f"{text} is gone: {replaced}"
+                break
+        if message:  # else the help was printed
+            print(f"{app.info.name}: {error_line(message)}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader of the pipe, such as `head`, has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except Exception as error:
-        # The module of the parser's exceptions differs between versions of Typer.
-        if type(error).__name__ == "Abort":
-            return _complain("aborted", words)
-        if not hasattr(error, "format_message"):
-            raise
-        return _complain(error.format_message(), words)
-    return code if isinstance(code, int) else 0
 
 
 def names() -> list[str]:
     """Return the names of the commands."""
     return sorted(get_command(app).commands)  # type: ignore[attr-defined]
-
-
-def _complain(message: str, words: Sequence[str]) -> int:
-    """Print one line, unless the help was printed; name what replaces a word that is gone."""
-    for text in (*map(" ".join, pairwise(words)), *words):
-        if replaced := REPLACED.get(f"{PROGRAM} {text}"):
-            message = f"{text} is gone: {replaced}"
-            break
-    if message:
-        print(f"{PROGRAM}: {error_line(message)}", file=sys.stderr)
-    return 2
 
 
 if __name__ == "__main__":

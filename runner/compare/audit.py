@@ -29,15 +29,13 @@ REMEDIES = {
 }
 
 
-def audit(
-    results: Queries, where: str | None, sweep: str | None, tag: str | None = None
-) -> TextTable:
+def audit(results: Queries, where: str | None, sweep: str | None) -> TextTable:
     """Return one line for each group of runs that can mislead.
 
-    `where`, `sweep` and `tag` select runs as those of a table; by default all. Raises
+    `where` and `sweep` select runs as those of a table; by default all. Raises
     ConfigurationError for a wrong one of them, and if no run matches.
     """
-    condition, scope = results.selected(where, sweep or "all", tag)
+    condition, scope = results.selected(where, sweep or "all")
     runs = results.trials(condition)
     finished = runs[runs["status"] == FINISHED]
     marks = results.marks(condition)

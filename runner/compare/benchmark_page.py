@@ -1,13 +1,14 @@
 """The page of the benchmark: tables, free runs over every test file, failures, and licences."""
 
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 from markupsafe import Markup
 
-from seatrial.runner.compare.benchmark.boards import BenchmarkRun, Board, overall
-from seatrial.runner.compare.benchmark.manoeuvre_scores import pieces
+from seatrial.runner.compare.benchmark.boards import Board, overall
 from seatrial.runner.compare.benchmark.scores import REFERENCES
 from seatrial.runner.compare.benchmark.task import Case, located
 from seatrial.runner.compare.formats import html_table
@@ -51,15 +52,15 @@ ENTRANT = (
 
 def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> None:
     """Write the page; raises LogbookError if the file cannot be written."""
-    own = [entry for board in boards for entry in _own(board)]
-    minutes = sum(entry.duration_s for entry in own) / 60.0
+    own = pd.concat([_own(board) for board in boards])
+    minutes = sum(own["duration_s"]) / 60.0
     database = results.reader.address
     lead = f"From {database}: {len(own)} trials, {minutes:.0f} minutes of computing."
     with drawn():
         ranks = [
             picture(chart(titles, every), f"Mean ranks over {titles}", f"all-{i}-")
             for i, (group, every) in enumerate(overall(boards))
-            if every.ranks is not None
+            if every.cases
             for titles in ["; ".join(board.task.title for board in group)]
         ]
         chapters = [_chapter(results, board) for board in boards]
@@ -78,25 +79,25 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
     write_page(page(title, [paragraph(lead, "small")], sections), file)
 
 
-def _own(board: Board) -> list[BenchmarkRun]:
-    return [entry for entry in board.entries if entry.cell.entrant not in REFERENCES]
+def _own(board: Board) -> pd.DataFrame:
+    return board.entries[~board.entries["entrant"].isin(REFERENCES)]
 
 
 def _chapter(results: Queries, board: Board) -> Section:
     """One task: what is missing, the tables, the ranks, and the free runs."""
     title = board.task.title
-    blocks = [code(f"{trial_program()} benchmark --task {board.name}")]
-    get = f"{trial_program()} data get {board.name}"
+    blocks = [code(f"{trial_program()} benchmark --task {board.task.name}")]
+    get = f"{trial_program()} data get {board.task.name}"
     blocks += [
         paragraph(f"{file.name} is {file.state}: its cases are left out; {get}", "small")
         for file in located(board.task)
         if file.state != "found"
     ]
     blocks += map(html_table, [leaderboard(board), *manoeuvre_grids(board)])
-    if board.ranked.ranks is not None:
+    if board.ranked.cases:
         figure = chart(title, board.ranked)
-        blocks.append(picture(figure, f"{title}: mean ranks", f"{board.name}-ranks-"))
-    return Section(title, board.name, [*blocks, group("figures", *_free_runs(results, board))])
+        blocks.append(picture(figure, f"{title}: mean ranks", f"{board.task.name}-ranks-"))
+    return Section(title, board.task.name, [*blocks, group("figures", *_free_runs(results, board))])
 
 
 def _source(board: Board) -> Markup:
@@ -119,17 +120,17 @@ def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
     """Yield the figures of every test file, of the first entrants and `none`."""
     names = [*board.leaders(FIRST), "none"]
     for label, case in board.task.cases.items():
-        chosen = [
-            entry
-            for name in names
-            for entry in board.of(name)
-            if entry.cell.case == label and entry.cell.seed == 0 and entry.status == FINISHED
-        ]
-        if not chosen:
+        entries = board.entries[board.entries["status"] == FINISHED]
+        entries = entries[(entries["case"] == label) & (entries["seed"] == 0)]
+        runs = dict(zip(entries["entrant"], entries["run"], strict=True))
+        whole = {
+            name: results.reader.series(runs[name], "prediction") for name in names if name in runs
+        }
+        if not whole:
             continue
-        whole = {e.cell.entrant: results.reader.series(e.run, "prediction") for e in chosen}
-        for k, (title, runs) in enumerate(_by_file(label, case, whole)):
-            shown, prefix = free_runs(title, runs, board.task.outputs), f"{board.name}-{label}-{k}-"
+        for k, (title, parts) in enumerate(_by_file(label, case, whole)):
+            prefix = f"{board.task.name}-{label}-{k}-"
+            shown = free_runs(title, parts, board.task.outputs)
             yield picture(shown, f"{title}: free run from the first measured state", prefix)
 
 
@@ -137,7 +138,8 @@ def _by_file(
     label: str, case: Case, runs: Mapping[str, Series]
 ) -> Iterator[tuple[str, Mapping[str, Series]]]:
     """Yield the runs over each test file, where the pieces of the series are the files."""
-    ends = list(pieces(next(iter(runs.values()))))
+    first = next(iter(runs.values())).columns
+    ends = list(pairwise([*np.flatnonzero(first["start"]), len(first["t"])]))
     if len(ends) != len(case.test) or len(ends) == 1:
         yield label, runs
         return
@@ -153,13 +155,11 @@ def _by_file(
 
 def failures(boards: Sequence[Board]) -> TextTable:
     """Return what failed, and what cannot predict or diverges, counted over the seeds."""
-    lost: dict[tuple[str, ...], list[BenchmarkRun]] = defaultdict(list)
-    for board in boards:
-        for entry in _own(board):
-            if entry.loss == float("inf"):
-                cell, what = entry.cell, entry.error or "its free run diverges, or there is none"
-                key = (cell.task, cell.entrant, cell.case, entry.status, one_line(what, 200))
-                lost[key].append(entry)
-    rows: list[list[Scalar]] = [[*key, len(of), min(e.run for e in of)] for key, of in lost.items()]
+    own = pd.concat([_own(board) for board in boards])
+    lost = own[own["loss"] == float("inf")]
+    what = lost["error"].replace("", "its free run diverges, or there is none")
+    lost = lost.assign(what=[one_line(text, 200) for text in what])
+    groups = lost.groupby(["task", "entrant", "case", "status", "what"], sort=False)["run"]
+    rows: list[list[Scalar]] = [[*key, len(runs), min(runs)] for key, runs in groups]
     headers = ("task", "entrant", "case", "status", "what", "trials", "first run")
     return grid_of("", headers, rows, labels=5)

@@ -9,10 +9,12 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, is_dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
+from typer.main import get_command
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import figures
@@ -32,6 +34,7 @@ MOST_CELLS = 250_000  # of a table, at about 3 kB
 MAX_ROWS = 1_000_000_000  # rows that --limit may ask for
 LATEST = 0  # the number of the newest run, before it is known
 Several = list[str] | None
+Names = tuple[str, ...]
 F = TypeVar("F", bound=Callable[..., Any])
 app = typer.Typer(name="seatrial-results", no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -62,8 +65,13 @@ def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]
     return completed
 
 
+def is_run(text: str) -> bool:
+    """Return whether a text names a run: by its number, or as the latest."""
+    return text == "latest" or bool(text.isascii() and text.isdigit() and int(text))
+
+
 def _run_number(text: str) -> int:
-    if text != "latest" and not (text.isascii() and text.isdigit() and int(text)):
+    if not is_run(text):
         raise typer.BadParameter(f"got {text!r}, expected the number of a run, or latest")
     return LATEST if text == "latest" else int(text)
 
@@ -91,16 +99,9 @@ Where = Annotated[
         "--where", help='Only runs that meet this condition: "seed<10 and identifier=ls".'
     ),
 ]
-Sweep = Annotated[
-    str | None,
-    typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: the newest sweep]"),
-]
-EverySweep = Annotated[
-    str | None, typer.Option("--sweep", help="Number or name of a sweep, or all.  [default: all]")
-]
-Tag = Annotated[
-    str | None, typer.Option("--tag", help="Only sweeps with this tag, all of them by default.")
-]
+SWEEP = "Sweeps of this number, name or tag, or all."
+Sweep = Annotated[str | None, typer.Option("--sweep", help=f"{SWEEP}  [default: the newest sweep]")]
+EverySweep = Annotated[str | None, typer.Option("--sweep", help=f"{SWEEP}  [default: all]")]
 Pool = Annotated[
     Several,
     typer.Option("--pool", help="Factors that a cell may average over, or all.", metavar="NAME"),
@@ -122,7 +123,10 @@ Dofs = Annotated[Several, typer.Option("--dof", help="surge, sway, yaw, position
 
 @dataclass(frozen=True)
 class TableOptions:
-    """Options of `table`."""
+    """Options of `table`, and what follows from them.
+
+    Levels that are empty mean all of them, and so do the names of coefficients.
+    """
 
     rows: Rows = None
     columns: Columns = None
@@ -150,19 +154,68 @@ class TableOptions:
         Several,
         typer.Option("--statistic", "-s", help="mean, std, n, median, min, max, q05 ... q95, ci."),
     ] = None
-    interval: Annotated[
-        Literal["t", "bootstrap"], typer.Option(help="Kind of the 95 % interval `ci`.")
-    ] = "t"
     baseline: Annotated[
         Several,
         typer.Option(help="Reference, such as identifier=none; adds ratio, paired test and wins."),
     ] = None
     where: Where = None
     sweep: Sweep = None
-    tag: Tag = None
     pool: Pool = None
     digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
     cells: Annotated[int, typer.Option(min=1, help="Most cells, rows times columns.")] = MOST_CELLS
+
+    def __post_init__(self) -> None:
+        if self.of_coefficients and self.metric:
+            raise ConfigurationError("--metric and --coefficient: got both, expected one of them")
+        rows, columns = self.axes
+        for twice in set(rows) & set(columns):
+            raise ConfigurationError(
+                f"--rows and --columns: both name {twice}, expected one of them"
+            )
+        for text in split(self.baseline):
+            if not all(text.partition("=")):
+                raise ConfigurationError(
+                    f"--baseline: got {text!r}, expected a factor and its level such as"
+                    " identifier=none"
+                )
+
+    @property
+    def of_coefficients(self) -> bool:
+        """Whether the numbers are coefficients."""
+        return bool(self.coefficient) or self.coefficients
+
+    @property
+    def names(self) -> Names:
+        """The metrics, or the terms of coefficients."""
+        return split(self.coefficient if self.of_coefficients else self.metric or ["force_mse"])
+
+    @cached_property
+    def axes(self) -> tuple[Names, Names]:
+        """The factors of rows and columns; the name of a coefficient, `term`, is its metric."""
+        texts = axes_of(self.rows, self.columns)
+        rows, columns = (
+            tuple("metric" if name == "term" else name for name in split([text] * (text != "none")))
+            for text in texts
+        )
+        if self.coefficients and not self.coefficient:
+            own = ("dof", "metric")
+            wanted = (*own, *(name for name in rows if name not in own))
+            rows = tuple(name for name in wanted if name not in columns)
+        return rows, columns
+
+    @property
+    def levels(self) -> dict[str, Names]:
+        """The levels of degree of freedom, stage and model that are shown."""
+        given = {"dof": split(self.dof), "stage": split(self.stage), "model": split(self.model)}
+        if not given["model"] and "model" not in (*self.axes[0], *self.axes[1]):
+            given["model"] = ("identified",)
+        return {name: () if "all" in levels else levels for name, levels in given.items()}
+
+    @property
+    def reference(self) -> dict[str, str]:
+        """The levels of the baseline by factor."""
+        pairs = (text.partition("=") for text in split(self.baseline))
+        return {factor.strip(): level.strip() for factor, _, level in pairs}
 
 
 @dataclass(frozen=True)
@@ -210,7 +263,6 @@ class PlotOptions:
     ] = None
     where: Where = None
     sweep: Sweep = None
-    tag: Tag = None
     pool: Pool = None
     output: Annotated[
         Path | None,
@@ -251,16 +303,15 @@ def command(
         def run(**values: Any) -> None:
             with frame.open_results(values["database"], values["results_dir"]) as results:
                 if values.get("run") == LATEST:
-                    values["run"] = _newest(results)
+                    values["run"] = newest(results)
                 given = {each: values[each] for each in options}
                 if record is None:
                     result = function(results, **given)
                 else:
                     result = function(results, record(**given))
-                    if given.get("run") is None:  # single runs that the newest sweep leaves out
-                        chosen = (given[each] for each in ("where", "sweep", "tag"))
-                        if hint := results.left_out(*chosen):
-                            typer.echo(hint, err=True)
+                    hint = results.left_out(given["where"], given["sweep"])
+                    if hint and given.get("run") is None:
+                        typer.echo(hint, err=True)
             show(result, values.get("form", OutputFormat.RICH))
 
         run.__name__, run.__doc__ = function.__name__, function.__doc__
@@ -272,11 +323,30 @@ def command(
     return register
 
 
-def _newest(results: Any) -> int:
-    newest = results.reader.runs(newest_first=True, limit=1)
-    if not newest:
+def run_typer(program: typer.Typer, words: Sequence[str]) -> int:
+    """Run the words of a command line and return the exit code; 130 on Ctrl-C.
+
+    Raises ConfigurationError for words that are wrong; its message is empty after the help.
+    """
+    name = str(program.info.name)
+    try:
+        code = get_command(program).main(list(words), prog_name=name, standalone_mode=False)
+    except Exception as error:
+        # The module of the parser's exceptions differs between versions of Typer.
+        if not hasattr(error, "format_message"):
+            raise
+        command = name.removeprefix("seatrial ")
+        place = "" if command == name else f"{command}: "
+        raise ConfigurationError(place + error.format_message()) from error
+    return code if isinstance(code, int) else 0
+
+
+def newest(results: Any) -> int:
+    """Return the number of the newest run; raises ConfigurationError if there is none."""
+    runs = results.reader.runs(newest_first=True, limit=1)
+    if not runs:
         raise ConfigurationError(results.why_none())
-    return int(newest[0].run_id)
+    return int(runs[0].run_id)
 
 
 def show(result: Any, form: OutputFormat = OutputFormat.RICH) -> None:
@@ -307,9 +377,9 @@ def show_grids(grids: Sequence[TextTable], form: OutputFormat) -> None:
 
 
 def split(texts: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the values of a repeated or comma-separated option, without empty ones."""
+    """Return the distinct values of a repeated or comma-separated option, without empty ones."""
     parts = (part.strip() for text in texts or () for part in text.split(","))
-    return tuple(part for part in parts if part)
+    return tuple(dict.fromkeys(part for part in parts if part))
 
 
 def axes_of(rows: str | None, columns: str | None) -> tuple[str, str]:

@@ -1,9 +1,6 @@
 """The commands of `seatrial-results`: functions of an open logbook; see `cli.command`."""
 
 import re
-import shlex
-import subprocess
-import sys
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -28,27 +25,27 @@ from seatrial.runner.compare.cli import (
     Several,
     Sweep,
     TableOptions,
-    Tag,
     Where,
     app,
     axes_of,
     command,
+    is_run,
+    newest,
     show_grids,
     shown_path,
     split,
 )
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import OutputFormat
-from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
-from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, trial_program
+from seatrial.runner.compare.grid import TextTable, grid_of
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.record.catalogue import all_declared
-from seatrial.runner.record.vocabulary import GROUPS, LOST
+from seatrial.runner.record.vocabulary import LOST
 
 if TYPE_CHECKING:
     from seatrial.runner.compare.frame import Queries
 
 MINUTES = {"m": 1, "h": 60, "d": 24 * 60, "w": 7 * 24 * 60}
-STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 
 
 @command()
@@ -56,14 +53,18 @@ def runs(
     results: "Queries",
     where: Where = None,
     sweep: EverySweep = None,
-    tag: Tag = None,
     status: Annotated[str | None, typer.Option(help="Only runs of this status.")] = None,
     limit: Annotated[
         int, typer.Option(min=1, max=MAX_ROWS, help="Number of runs, newest first.")
     ] = 50,
 ) -> TextTable:
-    """List runs, newest first, including failed ones."""
-    return compare.runs.run_list(results, where, status, limit, sweep, tag)
+    """List runs, newest first, including failed ones and every attempt."""
+    condition, _ = results.selected(where, sweep or "all")
+    listed = compare.runs.runs_of(results, condition, [status] if status else [], limit)[:limit]
+    if not listed:
+        raise ConfigurationError(results.why_none(condition, status))
+    notes = [f"the newest {limit}; --limit shows more"] if len(listed) == limit else []
+    return compare.runs.run_table(results, listed, notes=notes)
 
 
 @command()
@@ -78,10 +79,10 @@ def show(
     ] = False,
 ) -> list[TextTable] | str:
     """Show everything stored about one run: metrics, coefficients, configuration, provenance."""
+    detail = results.reader.run(run)
     if command:
-        return compare.runs.command_of(results, run)
+        return compare.runs.repeat_command(detail.overrides, results.reader.address, rerun=True)
     if traceback:
-        detail = results.reader.run(run)
         return (detail.traceback or f"run {run} is {detail.summary.status}: no traceback").rstrip()
     return [compare.runs.headline(results, run), *compare.runs.run_details(results, run)]
 
@@ -117,7 +118,7 @@ def table(results: "Queries", options: TableOptions) -> TextTable:
     evaluation, seed, ...), a dotted name of the configuration (plant.scale), or metric, term, dof,
     stage or model.
     """
-    return compare.table.comparison(results, compare.table.request_of(options))
+    return compare.table.comparison(results, options)
 
 
 class PlotCommand(TyperCommand):
@@ -176,34 +177,11 @@ def metrics(form: Form = OutputFormat.RICH) -> None:
     show_grids([grid_of("", headers, rows, labels=len(headers))], form)
 
 
-@command()
-def stats(
-    results: "Queries",
-    run: RunNumber,
-    digits: Annotated[int, typer.Option(min=1, max=17, help="Significant digits.")] = 4,
-) -> TextTable:
-    """Show the stored statistics of the columns of a measured recording."""
-    results.reader.run(run)
-    stored = {
-        (row.i or 0, row.label or "", row.name.removeprefix("statistic_")): row.value
-        for row in results.reader.diagnostics(run)
-        if row.name.startswith("statistic_")
-    }
-    if not stored:
-        raise LogbookError(
-            f"run {run} has no statistics; expected a run of a measured file (excitation=recording)"
-        )
-    columns = sorted({(i, label) for i, label, _ in stored})
-    rows: list[list[Scalar]] = [
-        [label, *(stored.get((i, label, name)) for name in STATISTICS)] for i, label in columns
-    ]
-    headers = ("column", "N", "mean", "std", "median", "min", "max")
-    return grid_of(f"recording of run {run}, as measured", headers, rows, 1, digits=digits)
-
-
 @app.command()
 def manoeuvres(
-    subject: Annotated[str, typer.Argument(metavar="RUN|FILE", help="A run, or a recording.")],
+    subject: Annotated[
+        str, typer.Argument(metavar="RUN|FILE", help="A run (a number, or latest) or a recording.")
+    ],
     execution: Annotated[
         Literal["half", "order"],
         typer.Option(help="Instant of execution: helm past half, or leaving."),
@@ -234,11 +212,10 @@ def manoeuvres(
     The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
     """
     sheets = compare.manoeuvre_comparison
-    if subject.isdigit() and not Path(subject).exists():
+    if is_run(subject) and not Path(subject).exists():
         with compare.frame.open_results(database, results_dir) as results:
-            grid = sheets.run_sheet(
-                results, int(subject), series, execution, manoeuvre, helm, length, scale
-            )
+            run = newest(results) if subject == "latest" else int(subject)
+            grid = sheets.run_sheet(results, run, series, execution, manoeuvre, helm, length, scale)
     else:
         grid = sheets.file_sheet(Path(subject), map_file, execution, manoeuvre, helm, length, scale)
     show_grids([grid], form)
@@ -310,7 +287,6 @@ def model(
 def report(
     results: "Queries",
     sweep: Sweep = None,
-    tag: Tag = None,
     where: Where = None,
     rows: Rows = None,
     columns: Columns = None,
@@ -326,9 +302,7 @@ def report(
     database: Database = DEFAULT_DATABASE,
 ) -> Path:
     """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
-    request = compare.report.ReportRequest(
-        *axes_of(rows, columns), where, sweep, tag, title, database
-    )
+    request = compare.report.ReportRequest(*axes_of(rows, columns), where, sweep, title, database)
     file = output or shown_path(results.reader.results_dir / "report" / "report.html")
     compare.report.write_report(results, request, file)
     return file
@@ -363,13 +337,10 @@ def retry(
         Several, typer.Option(help="failed, diverged, interrupted.  [default: failed, interrupted]")
     ] = None,
     where: Where = None,
-    execute: Annotated[
-        bool, typer.Option("--execute", help="Run the commands one after the other.")
-    ] = False,
 ) -> list[str]:
-    """Print the commands that repeat failed trials, or run them."""
+    """Print the commands that repeat failed trials: `retry | sh` runs them."""
     statuses = split(status) or ("failed", "interrupted")
-    _check_statuses(statuses, LOST)
+    compare.runs.check_statuses(statuses, LOST)
     lost = compare.runs.runs_of(results, results.where(where), statuses)
     lines = [
         compare.runs.repeat_command(
@@ -380,17 +351,7 @@ def retry(
     ]
     if not lines:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
-    if not lines or not execute:
-        return lines
-    results.reader.close()  # the last to close a SQLite file completes it
-    failed = 0
-    for number, line in enumerate(lines, 1):
-        print(f"{number} of {len(lines)}: {line}", file=sys.stderr, flush=True)
-        arguments = shlex.split(line.removeprefix(trial_program()))
-        program = [sys.executable, "-m", "seatrial.runner", *arguments]
-        failed += subprocess.run(program, check=False).returncode != 0
-    print(f"{len(lines) - failed} of {len(lines)} finished", file=sys.stderr)
-    raise typer.Exit(1 if failed else 0)
+    return lines
 
 
 @command()
@@ -422,7 +383,7 @@ def prune(
 ) -> TextTable:
     """Show which runs would be deleted with their files, and with --yes delete them."""
     statuses = split(status)
-    _check_statuses(statuses, (*LOST, "finished"))
+    compare.runs.check_statuses(statuses, (*LOST, "finished"))
     if status and not statuses:
         raise ConfigurationError("--status: got no status, expected one of those of the help")
     chosen = bool(older_than or statuses or where)
@@ -446,16 +407,8 @@ def prune(
             statuses=statuses,
         )
         count, what = len(summaries), "runs and their files"
-        headers = ("id", "status", *GROUPS, "seed", "started_at", "series", "error")
-        rows: list[list[Scalar]] = [
-            [
-                *(run.run_id, run.status, *(getattr(run, name) for name in GROUPS), run.seed),
-                *(f"{run.started_at:%Y-%m-%d %H:%M}", run.series, one_line(run.error or "", 60)),
-            ]
-            for run in summaries
-        ]
-        series = sum(run.series for run in summaries)
-        grid = grid_of(f"{count} runs with {series} series", headers, rows, labels=len(headers))
+        title = f"{count} runs with {sum(run.series for run in summaries)} series"
+        grid = compare.runs.run_table(results, summaries, title)
     if count and not yes:
         typer.echo(f"nothing is deleted yet: --yes deletes these {what}", err=True)
     elif count:
@@ -492,14 +445,6 @@ def age(text: str) -> timedelta:
     return timedelta(minutes=MINUTES[match[2]] * int(match[1]))
 
 
-def _check_statuses(statuses: tuple[str, ...], known: tuple[str, ...]) -> None:
-    for status in statuses:
-        if status not in known:
-            raise ConfigurationError(
-                f"--status: got {status!r}, expected one of {', '.join(known)}"
-            )
-
-
 @command()
 def verify(results: "Queries", form: Form = OutputFormat.RICH) -> None:
     """Check the database, every foreign key and the checksum of every series file.
@@ -519,8 +464,6 @@ def verify(results: "Queries", form: Form = OutputFormat.RICH) -> None:
 
 
 @command()
-def audit(
-    results: "Queries", where: Where = None, sweep: EverySweep = None, tag: Tag = None
-) -> TextTable:
+def audit(results: "Queries", where: Where = None, sweep: EverySweep = None) -> TextTable:
     """List runs that mislead in a comparison, with the remedy: nothing is changed."""
-    return compare.audit.audit(results, where, sweep, tag)
+    return compare.audit.audit(results, where, sweep)

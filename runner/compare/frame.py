@@ -49,7 +49,6 @@ from seatrial.runner.database.tables import (
     MetricRow,
     PlannedRow,
     SeriesRow,
-    SweepRow,
 )
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.database.views import run_overview
@@ -129,7 +128,7 @@ class Queries:
         columns: dict[str, Expression] = {column.name: column for column in RUN.c}
         columns["status"] = run_overview.c.status
         columns["sweep"] = run_overview.c.sweep
-        return ColumnNames(columns, RUN.c.config, keys, self.reader.address.sqlite)
+        return ColumnNames(columns, RUN.c.config, keys, self.reader.address.path is not None)
 
     def where(self, text: str | None) -> Condition:
         """Return the condition of --where.
@@ -140,30 +139,38 @@ class Queries:
         self.names.clauses(condition)
         return condition
 
-    def selected(
-        self, where: str | None, sweep: str | None, tag: str | None = None
-    ) -> tuple[Condition, str]:
-        """Return the condition of --where, --sweep and --tag, and the words for the sweeps.
+    def selected(self, where: str | None, sweep: str | None) -> tuple[Condition, str]:
+        """Return the condition of --where and --sweep, and the words for the sweeps.
 
-        `sweep` is a number, a name, or `all`; with None it is every sweep with the tag, or the
-        newest sweep. Raises ConfigurationError for an unknown sweep or tag. A logbook without
-        sweeps, and a condition on a run or a sweep, select from all runs.
+        `sweep` is a number, a name, a tag or `all`; with None it is the newest sweep. Raises
+        ConfigurationError for an unknown one. A logbook without sweeps, and a condition on a run or
+        a sweep, select from all runs.
         """
         condition = self.where(where)
         sweeps = self.reader.sweeps()
-        if sweep is None and tag is None:
+        if sweep is None:
             chosen = [] if chooses(condition) else sweeps[-1:]
-        elif tag is None and sweep == "all":
+        elif sweep == "all":
             chosen = []
         else:
-            chosen = _matching(sweeps, sweep, tag)
-        numbers = tuple(one.id for one in chosen)
-        return Condition(condition.text, numbers), _scope(chosen) if chosen else ""
+            chosen = [one for one in sweeps if sweep in (str(one.id), one.name, *(one.tags or ()))]
+            if not chosen:
+                labels = (name for one in sweeps[-8:] for name in (one.name, *(one.tags or ())))
+                expected = ", ".join(dict.fromkeys(labels)) or "none yet"
+                raise ConfigurationError(
+                    f"--sweep: got {sweep!r}, expected all, a number or one of {expected}"
+                )
+        condition = Condition(condition.text, tuple(one.id for one in chosen))
+        names = {one.name for one in chosen}
+        if len(names) < 2:  # sweep 1, 2 (name), or sweep 1 (name), 2 (other)
+            numbers = ", ".join(str(one.id) for one in chosen)
+            return condition, "".join(f"sweep {numbers} ({name})" for name in names)
+        return condition, f"sweep {', '.join(f'{one.id} ({one.name})' for one in chosen)}"
 
-    def left_out(self, where: str | None, sweep: str | None, tag: str | None) -> str:
+    def left_out(self, where: str | None, sweep: str | None) -> str:
         """Return one line on single runs newer than the sweep that is shown by default."""
         sweeps = self.reader.sweeps()
-        if not sweeps or sweep or tag or chooses(self.where(where)):
+        if not sweeps or sweep or chooses(self.where(where)):
             return ""
         later = sa.select(sa.func.count()).select_from(RUN)
         later = later.where(RUN.c.sweep_id.is_(None), RUN.c.started_at > sweeps[-1].started_at)
@@ -515,37 +522,6 @@ def _met(text: str | None, options: pd.DataFrame) -> Sequence[bool]:
     if text is None:
         return [True] * len(options)
     return [*parse(text, compare).fillna(False)]
-
-
-def _matching(sweeps: list[SweepRow], sweep: str | None, tag: str | None) -> list[SweepRow]:
-    """Return the sweeps with this number or name and this tag.
-
-    None and `all` are any sweep. Raises ConfigurationError if there is none.
-    """
-    if tag is not None:
-        tags = dict.fromkeys(name for one in sweeps[::-1] for name in one.tags or ())
-        if tag not in tags:
-            expected = f"one of {', '.join([*tags][:8])}" if tags else "none: no sweep has tags"
-            raise ConfigurationError(f"--tag: got {tag!r}, expected {expected}")
-        sweeps = [one for one in sweeps if tag in (one.tags or ())]
-    if sweep in (None, "all"):
-        return sweeps
-    chosen = [one for one in sweeps if sweep in (str(one.id), one.name)]
-    if not chosen:
-        expected = ", ".join(dict.fromkeys(one.name for one in sweeps[-8:])) or "none yet"
-        having = "" if tag is None else f", with tag {tag}"
-        raise ConfigurationError(
-            f"--sweep: got {sweep!r}, expected all, a number or one of {expected}{having}"
-        )
-    return chosen
-
-
-def _scope(sweeps: Sequence[SweepRow]) -> str:
-    """Return `sweep 1, 2 (name)`, or `sweep 1 (name), 2 (other)` for sweeps of several names."""
-    names = {sweep.name for sweep in sweeps}
-    if len(names) == 1:
-        return f"sweep {', '.join(str(sweep.id) for sweep in sweeps)} ({names.pop()})"
-    return f"sweep {', '.join(f'{sweep.id} ({sweep.name})' for sweep in sweeps)}"
 
 
 def chooses(condition: Condition) -> bool:

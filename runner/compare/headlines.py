@@ -5,9 +5,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.cli import TableOptions, axes_of
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import Scalar, TextTable, number_text, unit_text
-from seatrial.runner.compare.table import TableRequest, comparison
+from seatrial.runner.compare.table import comparison
 from seatrial.runner.record.catalogue import all_declared, definition_of
 
 # The metrics that have a table, and whether the table is unfolded at first.
@@ -45,29 +46,29 @@ class Headline:
 
 
 def headlines(
-    results: Queries, runs: Sequence[StoredRun], request: TableRequest
+    results: Queries, runs: Sequence[StoredRun], options: TableOptions
 ) -> tuple[list[Headline], list[str]]:
     """Return the tables of some runs, and messages on those whose runs differ in too much.
 
-    `request` has the selection of the runs, the rows and the columns. The baseline is the level
+    `options` have the selection of the runs, the rows and the columns. The baseline is the level
     `none` of the rows, if some of the runs have it.
     """
-    (rows,), (columns,) = request.rows, request.columns
+    rows, columns = axes_of(options.rows, options.columns)
     levels = {run.levels.get(rows) for run in runs}
-    baseline = {rows: "none"} if "none" in levels and len(levels) > 1 else {}
+    baseline = [f"{rows}=none"] if "none" in levels and len(levels) > 1 else []
     stored, found, messages = results.metric_names(), [], []
     for metric, shown in TABLES.items():
         if metric not in stored:
             continue
         try:
-            table = comparison(results, replace(request, names=[metric], baseline=baseline))
+            table = comparison(results, replace(options, metric=[metric], baseline=baseline))
         except ConfigurationError as error:
             messages.append(f"{definition_of(metric).heading}: {error}")
             continue
         if any(cell.sort is not None for row in table.rows for cell in row):
             words = ["table", "--metric", metric, "--rows", rows, "--columns", columns]
-            words += [word for name in baseline for word in ("--baseline", f"{name}=none")]
-            chosen = {"--where": request.where, "--sweep": request.sweep, "--tag": request.tag}
+            words += [word for level in baseline for word in ("--baseline", level)]
+            chosen = {"--where": options.where, "--sweep": options.sweep}
             words += [word for pair in chosen.items() if pair[1] for word in map(str, pair)]
             found.append(Headline(metric, rows, columns, table, shown, words, bool(baseline)))
     return found, messages

@@ -1,7 +1,7 @@
 """The tables of the benchmark: entrants by task, measures of manoeuvres, and a summary."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -35,12 +35,12 @@ def leaderboard(board: Board) -> TextTable:
     that were measured in the band.
     """
     task, ranked = board.task, board.ranked
-    if not board.entries:
-        notes = [f"no runs: {trial_program()} benchmark --task {board.name}"]
+    if board.entries.empty:
+        notes = [f"no runs: {trial_program()} benchmark --task {task.name}"]
         return TextTable(task.title, [*_columns(board, "").keys()], [], notes=notes)
     best = board.rivals()
     rows = [_columns(board, name, name in best and not board.lost(name)) for name in ranked.order()]
-    cells = len(ranked.losses)
+    cells = ranked.cases
     notes = [
         f"{cells} cell{'s'[: cells != 1]} that all entrants have run; rank: mean over them, 1 is"
         " best; FIT, NRMSE, band and CRPS: of the cells that did not diverge",
@@ -51,12 +51,11 @@ def leaderboard(board: Board) -> TextTable:
 
 def _columns(board: Board, name: str, best: bool = False) -> dict[str, TableCell]:
     """Return the row of an entrant, by its headers."""
-    task, own = board.task, board.of(name)
-    good = [e.score for e in own if e.score is not None and math.isfinite(e.score.loss)]
+    task, own, good = board.task, board.of(name), board.scores(name, "score")
     fits = 100.0 * (1.0 - pooled(good)) if good else np.full(len(task.outputs), np.nan)
     row = {
         "entrant": TableCell(name, bold=best),
-        "rank": _number(board.ranked.mean_rank(name) if own else math.nan, 3, best),
+        "rank": _number(board.ranked.mean_ranks.get(name, math.nan), 3, best),
         "FIT [%]": _number(float(np.mean(fits)), 3, best),
         "90 %": TableCell(interval_text(board, name)),
     }
@@ -69,12 +68,12 @@ def _columns(board: Board, name: str, best: bool = False) -> dict[str, TableCell
     covered = _pooled_mean([each for one in good if (each := one.covered) is not None])
     row[f"in {100.0 * BAND_LEVEL:.0f} % band [%]"] = _number(100.0 * covered, 3)
     row["CRPS"] = _number(_pooled_mean([one.crps for one in good]), 2)
-    if any(entry.measures for entry in board.entries):
-        errors = [100.0 * measure.error for entry in own for measure in entry.measures]
+    if any(board.entries["measures"]):
+        errors = [100.0 * measure.error for each in own["measures"] for measure in each]
         row["manoeuvre [%]"] = _number(_mean(errors), 2)
     row["diverged"] = TableCell(f"{board.lost(name)} of {len(own)}")
-    row["parameters"] = _number(_mean([e.parameters for e in own]), 3)
-    row["training [s]"] = _number(_mean([e.training_s for e in own]), 2)
+    row["parameters"] = _number(_mean(own["parameters"]), 3)
+    row["training [s]"] = _number(_mean(own["training_s"]), 2)
     return row
 
 
@@ -86,7 +85,7 @@ def _number(value: float, digits: int, bold: bool = False) -> TableCell:
     return TableCell(number_text(rounded, digits), bold, rounded)
 
 
-def _mean(values: Sequence[float]) -> float:
+def _mean(values: Iterable[float]) -> float:
     known = [value for value in values if math.isfinite(value)]
     return float(np.mean(known)) if known else math.nan
 
@@ -101,10 +100,9 @@ def score(board: Board, name: str) -> float:
 
     The mean FIT [%] over the outputs of the pooled predictions, or the error of the position [m].
     """
-    own = board.of(name)
     if board.task.score == "position":
-        return _mean([e.loss for e in own])
-    good = [e.judged for e in own if e.judged is not None and math.isfinite(e.loss)]
+        return _mean(board.of(name)["loss"])
+    good = board.scores(name)
     return 100.0 * (1.0 - float(np.mean(pooled(good)))) if good else math.nan
 
 
@@ -118,7 +116,7 @@ def _score_name(board: Board) -> str:
 
 def interval_text(board: Board, name: str) -> str:
     """Return the 90 % interval of an entrant's FIT as `87 to 95`; a dash if all diverge."""
-    good = [e.judged for e in board.of(name) if e.judged is not None and math.isfinite(e.loss)]
+    good = board.scores(name)
     if not good or board.task.score == "position":
         return "–"
     low, high = interval(good)
@@ -127,20 +125,20 @@ def interval_text(board: Board, name: str) -> str:
 
 def manoeuvre_grids(board: Board) -> list[TextTable]:
     """Return the measures of the manoeuvres of a task, measured and predicted; none without any."""
-    names = [name for name in board.ranked.order() if any(e.measures for e in board.of(name))]
+    entries = board.entries
+    entries = entries[(entries["seed"] == 0) & entries["measures"].astype(bool)]
+    names = [name for name in board.ranked.order() if name in entries["entrant"].unique()]
     rows = []
     for case in board.task.cases:
+        own = entries[entries["case"] == case]
         by_entrant = {
-            e.cell.entrant: {(m.piece, m.quantity): m for m in e.measures}
-            for e in board.entries
-            if e.cell.case == case and e.cell.seed == 0 and e.measures
+            entrant: {(m.file, m.quantity): m for m in measures}
+            for entrant, measures in zip(own["entrant"], own["measures"], strict=True)
         }
-        listed = {
-            key: measure for name in names for key, measure in by_entrant.get(name, {}).items()
-        }
-        for (piece, quantity), first in listed.items():
-            label = case if piece == 0 else f"{case}, {piece + 1}"
-            values = [by_entrant.get(name, {}).get((piece, quantity)) for name in names]
+        listed = {key: m for name in names for key, m in by_entrant.get(name, {}).items()}
+        for (file, quantity), first in listed.items():
+            label = case if file == 0 else f"{case}, {file + 1}"
+            values = [by_entrant.get(name, {}).get((file, quantity)) for name in names]
             predicted = [_number(m.predicted if m else math.nan, 3) for m in values]
             named = TableCell(with_unit(quantity, first.unit))
             rows.append([TableCell(label), named, _number(first.measured, 3), *predicted])
@@ -154,13 +152,13 @@ def manoeuvre_grids(board: Board) -> list[TextTable]:
 def summary(boards: Sequence[Board]) -> TextTable:
     """Return one line for each task that has been run: the first entrant, and what others reach."""
     rows = []
-    for board in (board for board in boards if board.entries):
+    for board in (board for board in boards if len(board.entries)):
         first, *others = board.rivals()
         own_score = "" if board.task.score == "free_run" else f": {_score_name(board)}"
         skill = "" if board.has_skill(first) else " (no skill)"
         rows.append([
             TableCell(f"{board.task.title}{own_score}"),
-            TableCell(str(len(board.contest.losses))),
+            TableCell(str(board.contest.cases)),
             TableCell(f"{first}{skill}"),
             _counted(board, first, False),
             TableCell(interval_text(board, first)),
@@ -170,9 +168,9 @@ def summary(boards: Sequence[Board]) -> TextTable:
     notes = ["score: FIT [%] of the free runs, if the task names no other", BOLD]
     notes += [NO_SKILL] if any("(no skill)" in row[2].text for row in rows) else []
     for group, ranks in overall(boards):
-        order = ", ".join(f"{name} {ranks.mean_rank(name):.1f}" for name in ranks.order())
+        order = ", ".join(f"{name} {rank:.1f}" for name, rank in ranks.mean_ranks.items())
         titles = "; ".join(board.task.title for board in group)
-        notes.append(f"mean ranks over {len(ranks.losses)} cases of {titles}: {order}")
+        notes.append(f"mean ranks over {ranks.cases} cases of {titles}: {order}")
     headers = [*SUMMARY, *COMPARED]
     return TextTable("Benchmark", headers, rows, notes=notes)
 

@@ -1,52 +1,62 @@
 """Ranks of entrants over many cases: mean ranks, paired tests with Holm's correction, and groups.
 
-Scores are losses, shape (n_cases, n_entrants): smaller is better, inf is worst (an entrant that
+Losses are a table, shape (n_cases, n_entrants): smaller is better, inf is worst (an entrant that
 diverged or failed). Demsar (2006), Statistical comparisons of classifiers over multiple data sets;
 Holm (1979); Benavoli, Corani and Mangili (2016) for pairwise tests instead of mean ranks.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import pandas as pd
 import scipy  # its subpackages are loaded at their first use
 from numpy.typing import NDArray
 
 from seatrial.runner.compare.statistics import Sample, equal, holm
 
 SIGNIFICANCE = 0.05
-Pair = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Mean ranks (n_entrants,), 1 is best, and the p-value of every pair, by Holm's correction."""
+    """Entrants over a number of cases.
 
-    mean_ranks: Sample
-    p_values: dict[Pair, float]
+    `mean_ranks` are by entrant, the best first: 1 is best, NaN without a case. `p_values` are those
+    of every pair, by Holm's correction.
+    """
 
-    def differ(self, i: int, j: int, level: float = SIGNIFICANCE) -> bool:
+    mean_ranks: "pd.Series[float]"
+    p_values: Mapping[frozenset[str], float]
+    cases: int
+
+    def order(self) -> list[str]:
+        """The entrants from the best mean rank to the worst."""
+        return [*self.mean_ranks.index]
+
+    def differ(self, one: str, other: str) -> bool:
         """Whether two entrants differ significantly."""
-        return self.p_values[min(i, j), max(i, j)] < level
+        return self.p_values[frozenset((one, other))] < SIGNIFICANCE
 
-    def order(self) -> list[int]:
-        """Entrants from the best mean rank to the worst."""
-        return [int(i) for i in np.argsort(self.mean_ranks, kind="stable")]
+    @property
+    def tested(self) -> bool:
+        """Whether there are enough cases to tell entrants apart at all, after Holm's correction."""
+        pairs = len(self.p_values)
+        return bool(pairs and 0.5 ** (self.cases - 1) * pairs < SIGNIFICANCE)
 
-    def best(self, level: float = SIGNIFICANCE) -> set[int]:
-        """The entrant of the best mean rank, and those not significantly different from it."""
-        first = self.order()[0]
-        others = range(len(self.mean_ranks))
-        return {first, *(i for i in others if i != first and not self.differ(first, i, level))}
+    def best(self) -> list[str]:
+        """The first entrant, and those not significantly different from it; none if not tested."""
+        first, *others = self.order() if self.tested else [""]
+        return [first, *(name for name in others if not self.differ(first, name))] if first else []
 
-    def groups(self, level: float = SIGNIFICANCE) -> list[list[int]]:
+    def groups(self) -> list[list[str]]:
         """Largest runs of entrants, neighbours in rank, of which no two differ significantly."""
-        order, groups = self.order(), list[list[int]]()
+        order, groups = self.order(), list[list[str]]()
         for first in range(len(order)):
             last = first
             while last + 1 < len(order) and not any(
-                self.differ(order[k], order[last + 1], level) for k in range(first, last + 1)
+                self.differ(order[k], order[last + 1]) for k in range(first, last + 1)
             ):
                 last += 1
             group = order[first : last + 1]
@@ -55,27 +65,30 @@ class Ranking:
         return groups
 
 
-def ranking(losses: Sample) -> Ranking:
+def ranking(losses: pd.DataFrame) -> Ranking:
     """Rank entrants by their losses (n_cases, n_entrants); raises ValueError for NaN.
 
-    Ties share the mean of their ranks. Pairs are compared by the two-sided signed-rank test of
-    Wilcoxon on the ranks within a case, since losses of different cases have different scales.
+    Losses that are equal share the mean of their ranks. Pairs are compared by the two-sided
+    signed-rank test of Wilcoxon on the ranks within a case, since losses of different cases have
+    different scales.
     """
-    if np.any(np.isnan(losses)):
+    if losses.isna().to_numpy().any():
         raise ValueError("losses: got NaN, expected numbers; inf for an entrant without a result")
-    ranks = np.array([ranks_of(row) for row in losses])
-    pairs = list(combinations(range(losses.shape[1]), 2))
-    p_values = holm([_signed_rank(ranks[:, i] - ranks[:, j]) for i, j in pairs])
-    return Ranking(ranks.mean(axis=0), dict(zip(pairs, p_values, strict=True)))
-
-
-def ranks_of(losses: Sample) -> Sample:
-    """Ranks (n,) of losses (n,), smallest first; losses that are equal share their mean rank."""
-    order = np.argsort(losses, kind="stable")
-    places = np.empty(len(losses))
-    apart = ~equal(losses[order][1:], losses[order][:-1])
-    places[order] = np.concatenate([[0], np.cumsum(apart)])
-    return np.asarray(scipy.stats.rankdata(places))
+    places = []
+    for row in losses.to_numpy():
+        order = np.argsort(row, kind="stable")
+        apart = ~equal(row[order][1:], row[order][:-1])
+        place = np.empty(len(row))
+        place[order] = np.concatenate([[0], np.cumsum(apart)])
+        places.append(scipy.stats.rankdata(place))
+    ranks = pd.DataFrame(places, losses.index, losses.columns, dtype=np.float64)
+    pairs = list(combinations(losses, 2))
+    p_values = holm([_signed_rank((ranks[one] - ranks[other]).to_numpy()) for one, other in pairs])
+    return Ranking(
+        ranks.mean().sort_values(kind="stable"),
+        dict(zip(map(frozenset, pairs), p_values, strict=True)),
+        len(losses),
+    )
 
 
 def _signed_rank(differences: Sample) -> float:

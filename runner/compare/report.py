@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError, PartError, RecordingError
+from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparability import TooDifferentError
 from seatrial.runner.compare.figures import Figure, drawings_of, figures
 from seatrial.runner.compare.formats import html_table
@@ -34,8 +34,7 @@ from seatrial.runner.compare.page import (
 )
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.style import drawn
-from seatrial.runner.compare.runs import RUN_COLUMNS, run_rows
-from seatrial.runner.compare.table import TableRequest
+from seatrial.runner.compare.runs import run_table
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import measured_sheet
@@ -52,8 +51,7 @@ class ReportRequest:
     rows: str = "identifier"
     columns: str = "disturbance"
     where: str | None = None
-    sweep: str | None = None  # a number, a name or `all`; by default the newest one
-    tag: str | None = None  # only sweeps with it
+    sweep: str | None = None  # a number, a name, a tag or `all`; by default the newest one
     title: str | None = None
     database: str = DEFAULT_DATABASE  # as the user wrote it, for the commands on the page
 
@@ -97,14 +95,10 @@ class _Report:
 
     def __init__(self, results: Queries, request: ReportRequest) -> None:
         self.results, self.request = results, request
-        self.condition, self.scope = results.selected(request.where, request.sweep, request.tag)
+        self.condition, self.scope = results.selected(request.where, request.sweep)
         self.runs = results.runs(self.condition)
-        chosen: dict[str, Any] = {
-            "where": request.where,
-            "sweep": request.sweep,
-            "tag": request.tag,
-        }
-        asked = TableRequest([], rows=(request.rows,), columns=(request.columns,), **chosen)
+        chosen: dict[str, Any] = {"where": request.where, "sweep": request.sweep}
+        asked = TableOptions(request.rows, request.columns, **chosen)
         self.found, self.refused = headlines(results, self.runs, asked)
         self.shared = PlotRequest(rows=request.rows, columns=request.columns, **chosen)
 
@@ -245,15 +239,11 @@ class _Report:
         """The newest runs, without columns that are empty or at the top of the page."""
         chosen = [run.id for run in self.runs][-MOST_LISTED:]
         summaries = self.results.reader.runs(RunTable.id.in_(chosen), newest_first=True)
-        names = [name for name in RUN_COLUMNS if name not in ("superseded", "error")]
-        frame = pd.DataFrame(run_rows(self.results, summaries, names), columns=names, dtype=object)
-        frame["started_at"] = [str(time)[:16].replace("T", " ") for time in frame["started_at"]]
-        known = frame.replace("", None).notna().any()
-        alone = {name for name in GROUPS if len(frame) > 1 and frame[name].nunique() == 1}
-        shown = frame[[name for name in names if known[name] and name not in alone]]
+        alone = [name for name in GROUPS if len({run.levels[name] for run in self.runs}) == 1]
         left_out = len(self.runs) > MOST_LISTED
         notes = [f"the newest {MOST_LISTED} of {len(self.runs)}"] if left_out else []
-        return in_words(grid_of("", [*shown], shown.to_numpy().tolist(), labels=1, notes=notes))
+        without = ("superseded", "error", *alone)
+        return in_words(run_table(self.results, summaries, notes=notes, without=without))
 
     def provenance(self) -> list[tuple[str, Markup]]:
         """Each property of provenance with its distinct values."""

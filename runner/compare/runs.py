@@ -9,6 +9,7 @@ from datetime import datetime
 from decimal import Decimal
 from pathlib import Path
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import Queries, flat
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line, unit_text
@@ -24,6 +25,9 @@ RUN_COLUMNS = (
     *("run_id", "status", *GROUPS, "seed", "sweep", "tags", "attempt", "superseded"),
     *("started_at", "duration_s", "below_true_model", "error"),
 )
+USUAL: dict[str, tuple[Scalar, ...]] = {  # of a column: what is not worth showing
+    "attempt": (1, None), "superseded": (False, None), "sweep": ("sweep", None),
+}  # fmt: skip
 SUMMARY = (
     *("status", "error_type", "error", *GROUPS, "seed", "attempt", "superseded", "sweep"),
     *("started_at", "finished_at", "duration_s"),
@@ -35,57 +39,51 @@ UNCERTAINTY = ("model_error", "no_model_error", "no_band", "tracking_", "no_trac
 SERIES_COLUMNS = ("kind", "path", "n_rows", "sha256")
 EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "spectral_lines")
 INSEPARABLE = "inseparable_terms"
+STATISTIC = "statistic_"  # of a column of a recording
+STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 MODELS = ("nominal", "identified")  # that the headline compares
 DATABASE = re.compile(r"[+~]*database(\.url)?=")
 SHOWN_BYTES = 16
 
 
-def run_list(
+def run_table(
     results: Queries,
-    where: str | None,
-    status: str | None,
-    limit: int,
-    sweep: str | None = None,
-    tag: str | None = None,
+    runs: Sequence[RunSummary],
+    title: str = "",
+    notes: Sequence[str] = (),
+    without: Sequence[str] = (),
 ) -> TextTable:
-    """List the newest runs that meet the condition, newest first, with every attempt.
+    """Return runs as a table of the informative columns; its records hold all RUN_COLUMNS.
 
-    `where` is the text of --where; with `status` only runs of this status, with `sweep` (a number,
-    a name or `all`) and `tag` only runs of these sweeps, and at most `limit`. The table shows only
-    informative columns, the records hold all. Raises ConfigurationError for a wrong condition,
-    status, sweep or tag, and if no run matches.
+    Columns that are named in `without`, or hold what is usual, are not shown.
     """
-    condition, _ = results.selected(where, sweep or "all", tag)
-    summaries = runs_of(results, condition, [status] if status else [], limit)[:limit]
-    if not summaries:
-        raise ConfigurationError(results.why_none(condition, status))
-    rows = run_rows(results, summaries, RUN_COLUMNS)
-    plain_values: dict[str, tuple[Scalar, ...]] = {
-        "attempt": (1, None), "superseded": (False, None), "sweep": ("sweep", None),
-    }  # fmt: skip
-    shown = [
-        (i, name)
-        for i, name in enumerate(RUN_COLUMNS)
-        if any(row[i] not in plain_values.get(name, (None, 0.0, "")) for row in rows)
-    ]
-    headers = ["id" if name == "run_id" else name for _, name in shown]
-    cells = [[_brief(name, row[i]) for i, name in shown] for row in rows]
-    notes = [f"the newest {limit}; --limit shows more"] if len(rows) == limit else []
-    records = grid_of("", RUN_COLUMNS, rows).as_records()
-    return replace(grid_of("", headers, cells, len(headers), notes), records=records)
-
-
-def run_rows(
-    results: Queries, summaries: Sequence[RunSummary], names: Sequence[str]
-) -> list[list[Scalar]]:
-    """Return one row for each run with the named columns, some of RUN_COLUMNS."""
     tags: dict[int | None, str | None] = {
         sweep.id: ", ".join(sweep.tags or ()) or None for sweep in results.reader.sweeps()
     }
-    return [
-        [tags.get(run.sweep_id) if n == "tags" else plain(getattr(run, n)) for n in names]
-        for run in summaries
+    records = [
+        {
+            name: tags.get(run.sweep_id) if name == "tags" else plain(getattr(run, name))
+            for name in RUN_COLUMNS
+        }
+        for run in runs
     ]
+    shown = [
+        name
+        for name in RUN_COLUMNS
+        if name not in without
+        and any(record[name] not in USUAL.get(name, (None, 0.0, "")) for record in records)
+    ]
+    cells = [[_brief(name, record[name]) for name in shown] for record in records]
+    headers = ["id" if name == "run_id" else name for name in shown]
+    return replace(grid_of(title, headers, cells, len(headers), notes), records=records)
+
+
+def check_statuses(statuses: Sequence[str], known: Sequence[str]) -> None:
+    """Raise ConfigurationError for a status that is none of the known ones."""
+    for status in statuses:
+        if status not in known:
+            expected = ", ".join(known)
+            raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
 
 
 def runs_of(
@@ -96,10 +94,7 @@ def runs_of(
     Empty `statuses` mean any status. The result may have more than `limit` runs. Raises
     ConfigurationError for a wrong condition or status.
     """
-    for status in statuses:
-        if status not in STATUSES:
-            expected = ", ".join(STATUSES)
-            raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
+    check_statuses(statuses, STATUSES)
     conditions = results.names.clauses(condition)
     if statuses:  # the view may still show an interrupted run as running
         candidates = [*statuses, *(["running"] if "interrupted" in statuses else [])]
@@ -161,7 +156,8 @@ def run_details(results: Queries, run_id: int) -> list[TextTable]:
         _row_grid("metrics", METRIC_COLUMNS, reader.metrics(run_id), 4),
         _row_grid("coefficients", COEFFICIENT_COLUMNS, reader.coefficients(run_id), 3),
         _row_grid("uncertainty", DIAGNOSTIC_COLUMNS, uncertainty, 2),
-        _excitation(results, run_id),
+        _excitation(diagnostics),
+        _recording(diagnostics),
         grid_of("configuration", ("key", "value"), configuration, labels=2),
         grid_of(f"run {run_id}", ("property", "value"), _properties(results, run_id), labels=2),
         _row_grid("series", SERIES_COLUMNS, reader.series_files(run_id), 2),
@@ -169,20 +165,32 @@ def run_details(results: Queries, run_id: int) -> list[TextTable]:
     return [grid for grid in grids if grid.rows]
 
 
-def _excitation(results: Queries, run_id: int) -> TextTable:
+def _excitation(rows: Sequence[Diagnostic]) -> TextTable:
     """Return which terms the recording can separate, one row for each degree of freedom."""
-    names = (*EXCITATION, INSEPARABLE)
-    diagnostics = [row for row in results.reader.diagnostics(run_id) if row.name in names]
-    rows: list[list[Scalar]] = []
-    for dof in dict.fromkeys(row.dof for row in diagnostics):
-        numbers = {row.name: row.value for row in diagnostics if row.dof == dof}
-        groups = [row.label for row in diagnostics if row.dof == dof and row.name == INSEPARABLE]
-        inseparable = "; ".join(" ~ ".join((group or "").split()) for group in groups)
+    named = [row for row in rows if row.name in (*EXCITATION, INSEPARABLE)]
+    lines: list[list[Scalar]] = []
+    for dof in dict.fromkeys(row.dof for row in named):
+        own = [row for row in named if row.dof == dof]
+        numbers = {row.name: row.value for row in own}
+        groups = [(row.label or "").split() for row in own if row.name == INSEPARABLE]
         values = [numbers.get(name) for name in EXCITATION]
         cells = [int(n) if n is not None and n == int(n) else n for n in values]
-        rows.append([dof, *cells, inseparable])
+        lines.append([dof, *cells, "; ".join(" ~ ".join(group) for group in groups)])
     headers = ("dof", "unknowns", "rank", "condition", "spectral lines", "not separable")
-    return grid_of("excitation", headers, rows, labels=1)
+    return grid_of("excitation", headers, lines, labels=1)
+
+
+def _recording(rows: Sequence[Diagnostic]) -> TextTable:
+    """Return the statistics of the columns of a measured recording, in the order of its file."""
+    stored = {
+        (row.i or 0, row.label or "", row.name.removeprefix(STATISTIC)): row.value
+        for row in rows
+        if row.name.startswith(STATISTIC)
+    }
+    columns = sorted({(i, label) for i, label, _ in stored})
+    lines = [[label, *(stored.get((i, label, n)) for n in STATISTICS)] for i, label in columns]
+    headers = ("column", "N", "mean", "std", "median", "min", "max")
+    return grid_of("recording, as measured", headers, lines)
 
 
 def _row_grid(
@@ -229,12 +237,6 @@ def _properties(results: Queries, run_id: int) -> list[list[Scalar]]:
         else [name, "yes" if value is True else plain(value)]
         for name, value in known
     ]
-
-
-def command_of(results: Queries, run_id: int) -> str:
-    """Return the shell command, on one line, that repeats a run into the same logbook."""
-    overrides = results.reader.run(run_id).overrides
-    return repeat_command(overrides, results.reader.address, rerun=True)
 
 
 def repeat_command(overrides: Sequence[str], address: Address, rerun: bool) -> str:

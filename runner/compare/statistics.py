@@ -9,7 +9,6 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -33,13 +32,10 @@ from seatrial.runner.record.catalogue import Better, definition_of
 from seatrial.runner.record.vocabulary import DOF_ORDER, MODELS
 
 Sample = NDArray[np.float64]
-IntervalKind = Literal["t", "bootstrap"]
 RELATIVE_ROUNDING = 1e-9  # relative: smaller differences are rounding errors
 EQUAL = 1e-6  # relative: numbers that differ by less are equal in a comparison
-BOOTSTRAP_RESAMPLES = 10_000
 LEAST_PAIRS = 5  # below, no p-value of the signed-rank test is meaningful
 CONFIDENCE = 0.95  # probability that an interval covers the mean
-BOOTSTRAP_SEED = 0  # fixed, so that a repeated table shows the same interval
 _QUANTILE = re.compile(r"q(\d{1,2})")
 
 
@@ -59,19 +55,17 @@ def checked(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def summary(
-    sample: Sample, names: Sequence[str], interval: IntervalKind = "t"
-) -> dict[str, float | int]:
+def summary(sample: Sample, names: Sequence[str]) -> dict[str, float | int]:
     """Return the named statistics of a sample, shape (n,); `ci` gives `ci_low` and `ci_high`.
 
-    `interval` is the kind of confidence interval. An empty sample has n = 0 and NaN otherwise.
+    An empty sample has n = 0 and NaN otherwise.
     """
     values: dict[str, float | int] = {}
     for name in names:
         if name == "n":
             values["n"] = int(sample.size)
         elif name == "ci":
-            values["ci_low"], values["ci_high"] = confidence_interval(sample, interval)
+            values["ci_low"], values["ci_high"] = confidence_interval(sample)
         else:
             values[name] = _statistic(sample, name) if sample.size else math.nan
     return values
@@ -84,26 +78,16 @@ def _statistic(sample: Sample, name: str) -> float:
     return float(SIMPLE[name](sample))
 
 
-def confidence_interval(sample: Sample, kind: IntervalKind = "t") -> tuple[float, float]:
-    """Return the 95 % interval of the mean of a sample (n,); (NaN, NaN) for fewer than two values.
+def confidence_interval(sample: Sample) -> tuple[float, float]:
+    """Return the 95 % interval of the mean of a sample (n,), of Student's t.
 
-    That of Student's t, or of the percentile bootstrap with a fixed seed.
+    (NaN, NaN) for fewer than two values.
     """
     if sample.size < 2:
         return math.nan, math.nan
-    if kind == "t":
-        quantile = float(scipy.special.stdtrit(sample.size - 1, 0.5 + CONFIDENCE / 2.0))
-        half = quantile * float(np.std(sample, ddof=1)) / math.sqrt(sample.size)
-        return float(np.mean(sample)) - half, float(np.mean(sample)) + half
-    rng = np.random.default_rng(BOOTSTRAP_SEED)
-    # in blocks of one thousand resamples, to limit the memory of the index array
-    means = [
-        sample[rng.integers(0, sample.size, (1_000, sample.size))].mean(axis=1)
-        for _ in range(BOOTSTRAP_RESAMPLES // 1_000)
-    ]
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(np.concatenate(means), [tail, 1.0 - tail])
-    return float(low), float(high)
+    quantile = float(scipy.special.stdtrit(sample.size - 1, 0.5 + CONFIDENCE / 2.0))
+    half = quantile * float(np.std(sample, ddof=1)) / math.sqrt(sample.size)
+    return float(np.mean(sample)) - half, float(np.mean(sample)) + half
 
 
 @dataclass(frozen=True)
@@ -266,6 +250,19 @@ class Cell:
         """The values by seed, shape (n,)."""
         return np.array([*self.by_seed.values()], dtype=np.float64)
 
+    @property
+    def resolution(self) -> float:
+        """Values that differ by less are equal."""
+        is_coefficient = self.stage == COEFFICIENT_STAGE
+        return 0.0 if is_coefficient else definition_of(self.metric).resolution
+
+    def loss(self, value: float) -> float:
+        """Return the loss of a value of the cell: of a coefficient its distance from the truth."""
+        if self.stage == COEFFICIENT_STAGE:
+            return abs(value - self.true_value)
+        better = definition_of(self.metric).better
+        return math.nan if better is None else float(loss(np.array(value), better))
+
 
 @dataclass(frozen=True)
 class Pivot:
@@ -360,10 +357,7 @@ def _sorted(keys: Iterable[Key], factors: Key, metrics: Sequence[str]) -> list[K
 
 
 def best_cells(
-    table: Pivot,
-    facts: pd.DataFrame,
-    loss_of: Callable[[Cell, Sample], float],
-    resolution: Callable[[Cell], float],
+    table: Pivot, facts: pd.DataFrame, location: Callable[[Sample], float]
 ) -> set[Place]:
     """Return the cells to set in bold: the best among those under equal conditions.
 
@@ -374,9 +368,7 @@ def best_cells(
     Args:
         table: the cells.
         facts: the facts of the conditions.
-        loss_of: the number that a cell is compared by, of its values over those seeds, shape (n,);
-            smaller is better, NaN excludes it.
-        resolution: losses of a cell that differ by less are equal.
+        location: the number of the values over those seeds, shape (n,), whose loss is compared.
     """
     shared = codes(facts, [name for name in facts if not within(name, COMPARED)])
     apart = [
@@ -393,7 +385,7 @@ def best_cells(
         cells = {place: table.cells[place] for place in members}
         seeds = reference_seeds(cells.values())
         losses = {
-            place: loss_of(cell, np.array([*on_seeds(cell, seeds).values()]))
+            place: cell.loss(location(np.array([*on_seeds(cell, seeds).values()])))
             for place, cell in cells.items()
             if cell.experiments and not (cell.flagged or cell.lost_seeds or cell.uneven)
             and (cell.deterministic or seeds <= cell.by_seed.keys())
@@ -404,7 +396,7 @@ def best_cells(
             best |= {
                 place
                 for place, value in finite.items()
-                if equal(np.array([value]), lowest, resolution(cells[place]))[0]
+                if equal(np.array([value]), lowest, cells[place].resolution)[0]
             }
     return best
 
@@ -450,10 +442,10 @@ def against_baseline(
             seed for seed in cell.lost_seeds - {*pair["replicate"]}
             if seed in of_baseline or EVERY_SEED in of_baseline
         }  # fmt: skip
-        metric = definition_of(cell.metric)
-        resolution = 0.0 if cell.stage == COEFFICIENT_STAGE else metric.resolution
-        left, right = pair["value"].to_numpy(), pair["other"].to_numpy()
-        tests[place] = paired_test(left, right, metric.better, resolution, len(lost))
+        better, left, right = definition_of(cell.metric).better, pair["value"], pair["other"]
+        tests[place] = paired_test(
+            left.to_numpy(), right.to_numpy(), better, cell.resolution, len(lost)
+        )
     adjusted = holm([test.p_value for test in tests.values()])
     return {
         place: replace(test, p_holm=p)

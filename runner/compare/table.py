@@ -3,14 +3,14 @@
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import numpy as np
 import pandas as pd
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.cli import MOST_CELLS, TableOptions, axes_of
+from seatrial.runner.compare.cli import TableOptions, split
 from seatrial.runner.compare.comparability import differing, require_few, with_conditions
 from seatrial.runner.compare.frame import (
     DIVERGED,
@@ -33,7 +33,6 @@ from seatrial.runner.compare.statistics import (
     RELATIVE_ROUNDING,
     UNSETTLED,
     Cell,
-    IntervalKind,
     Key,
     PairedTest,
     Pivot,
@@ -43,7 +42,6 @@ from seatrial.runner.compare.statistics import (
     best_cells,
     checked,
     equal,
-    loss,
     pivot,
     summary,
 )
@@ -83,57 +81,14 @@ DIVERGED_NOTE = (
 
 
 @dataclass(frozen=True)
-class TableRequest:
-    """The request of a table.
-
-    `names` are metrics, or terms if `of_coefficients`; empty means all terms. Empty `dofs`,
-    `stages`, `models` mean all. `baseline` maps factors to the levels of the reference. Cells may
-    average over the factors of `pool`.
-    """
-
-    names: Sequence[str]
-    rows: Key = ("identifier",)
-    columns: Key = ("disturbance",)
-    of_coefficients: bool = False
-    dofs: Sequence[str] = ()
-    stages: Sequence[str] = ()
-    models: Sequence[str] = ("identified",)
-    statistics: Sequence[str] = DEFAULT
-    interval: IntervalKind = "t"
-    baseline: Mapping[str, str] = field(default_factory=dict)
-    where: str | None = None
-    sweep: str | None = None  # a number, a name or `all`; by default the newest one
-    tag: str | None = None  # only sweeps with it
-    pool: Key = ()
-    digits: int = 4
-    cells: int = MOST_CELLS  # most cells, with the empty ones
-
-    @property
-    def factors(self) -> Key:
-        """The factors that are properties of runs."""
-        wanted = (*self.rows, *self.columns, *self.baseline)
-        return tuple(dict.fromkeys(name for name in wanted if name not in METRIC_FACTORS))
-
-    @property
-    def by_file(self) -> bool:
-        """Whether each file that was tested on is shown beside all of them."""
-        return "file" in (*self.rows, *self.columns, *self.baseline)
-
-    @property
-    def metric_factors(self) -> Key:
-        """The factors that are properties of the number."""
-        return tuple(name for name in METRIC_FACTORS if name != "file" or self.by_file)
-
-
-@dataclass(frozen=True)
 class Selection:
-    """What a request selects.
+    """What the options of a table select.
 
     `trials` are those started or planned; `frame` has the numbers of finished runs, the baseline's
     included; those of the models that are `shown` fill the cells. `facts` describe their
     conditions. `split` are the factors that the runs of a cell would differ in; `scope` names the
     sweep. `fixed` are the metric factors with one level, `extra` those with several levels that are
-    neither rows nor columns.
+    neither rows nor columns; `by_file` whether each file that was tested on is one of them.
     """
 
     trials: pd.DataFrame
@@ -142,183 +97,121 @@ class Selection:
     facts: pd.DataFrame
     fixed: Mapping[str, str]
     extra: Key
+    by_file: bool
     scope: str = ""
     split: Key = ()
 
 
-def comparison(results: Queries, request: TableRequest) -> TextTable:
-    """Return the table; raises ConfigurationError for unknown names or if no run matches.
+def comparison(results: Queries, options: TableOptions) -> TextTable:
+    """Return the table of the options of the command `table`.
 
-    `request` holds the names of metrics or coefficients, the factors of rows and columns, and the
-    statistics of a cell.
+    Raises ConfigurationError for unknown names, or if no run matches.
     """
-    selection = select(results, request)
-    rows = (*selection.extra, *request.rows, *selection.split)
-    whole = complete(selection.shown, selection.trials, (*rows, *request.columns))
-    _check_size(whole, rows, request)
-    table = pivot(whole, rows, request.columns, request.names)
+    shown = checked(split(options.statistic) or DEFAULT)
+    selection = select(results, options)
+    named, columns = options.axes
+    rows = (*selection.extra, *named, *selection.split)
+    whole = complete(selection.shown, selection.trials, (*rows, *columns))
+    _check_size(whole, rows, columns, options.cells)
+    table = pivot(whole, rows, columns, options.names)
     tests = {}
-    if request.baseline:
-        tests = against_baseline(table, selection.frame, selection.facts, request.baseline)
-    return _Writer(request, selection, table, tests).grid()
+    if options.baseline:
+        tests = against_baseline(table, selection.frame, selection.facts, options.reference)
+    return _Writer(options, selection, table, tests, shown).grid()
 
 
-def _check_size(frame: pd.DataFrame, row_factors: Key, request: TableRequest) -> None:
+def _check_size(frame: pd.DataFrame, row_factors: Key, column_factors: Key, most: int) -> None:
     """Raise ConfigurationError for a table that is too large, before its cells are made."""
-    rows, columns = (
-        int(codes(frame, factors).max()) + 1 for factors in (row_factors, request.columns)
-    )
-    if rows * columns > request.cells:
+    rows, columns = (int(codes(frame, own).max()) + 1 for own in (row_factors, column_factors))
+    if rows * columns > most:
         axis = "rows" if rows > columns else "columns"
-        factors = ",".join(row_factors if rows > columns else request.columns)
+        factors = ",".join(row_factors if rows > columns else column_factors)
         raise ConfigurationError(
             f"--{axis} {factors}: got {max(rows, columns)} {axis}, {rows * columns} cells; "
-            f"expected at most {request.cells} cells (--cells)"
+            f"expected at most {most} cells (--cells)"
         )
 
 
-def request_of(options: TableOptions) -> TableRequest:
-    """Return the request of the options; raises ConfigurationError if they conflict."""
-    of_coefficients = bool(options.coefficient) or options.coefficients
-    if of_coefficients and options.metric:
-        raise ConfigurationError("--metric and --coefficient: got both, expected one of them")
-    row_factors, column_factors = (
-        _factors(axis) for axis in axes_of(options.rows, options.columns)
-    )
-    if options.coefficients and not options.coefficient:
-        row_factors = tuple(f for f in ("dof", "metric") if f not in column_factors) + tuple(
-            f for f in row_factors if f not in ("dof", "metric") and f not in column_factors
-        )
-    twice = [f for f in row_factors if f in column_factors]
-    if twice:
-        raise ConfigurationError(
-            f"--rows and --columns: both name {twice[0]}, expected one of them"
-        )
-    shown = _listed(options.model) or (
-        () if "model" in row_factors + column_factors else ("identified",)
-    )
-    return TableRequest(
-        names=_listed(options.coefficient if of_coefficients else options.metric or ["force_mse"]),
-        rows=row_factors,
-        columns=column_factors,
-        of_coefficients=of_coefficients,
-        dofs=_all_or(_listed(options.dof)),
-        stages=_all_or(_listed(options.stage)),
-        models=_all_or(shown),
-        statistics=checked(_listed(options.statistic) or DEFAULT),
-        interval=options.interval,
-        baseline=_baseline(options.baseline),
-        where=options.where,
-        sweep=options.sweep,
-        tag=options.tag,
-        pool=_listed(options.pool),
-        digits=options.digits,
-        cells=options.cells,
-    )
-
-
-def _listed(texts: Sequence[str] | None) -> Key:
-    """Return the distinct values of a repeated or comma-separated option."""
-    parts = (part.strip() for text in texts or () for part in text.split(","))
-    return tuple(dict.fromkeys(part for part in parts if part))
-
-
-def _all_or(levels: Key) -> Key:
-    return () if "all" in levels else levels
-
-
-def _factors(text: str) -> Key:
-    """Return factor names, none for `none`; the name of a coefficient, `term`, is its metric."""
-    names = _listed([text])
-    return () if names == ("none",) else tuple("metric" if n == "term" else n for n in names)
-
-
-def _baseline(texts: Sequence[str] | None) -> dict[str, str]:
-    """Return the levels of the baseline by factor."""
-    levels = {}
-    for text in _listed(texts):
-        factor, equals, level = (part.strip() for part in text.partition("="))
-        if not (factor and equals and level):
-            raise ConfigurationError(
-                f"--baseline: got {text!r}, expected a factor and its level such as identifier=none"
-            )
-        levels[factor] = level
-    return levels
-
-
-def select(results: Queries, request: TableRequest) -> Selection:
-    """Read what a request selects; raise ConfigurationError for an unknown name.
+def select(results: Queries, options: TableOptions) -> Selection:
+    """Read what the options select; raise ConfigurationError for an unknown name.
 
     A cell whose runs differ in more than the seed is split by what they differ in, or refused.
     """
-    for factor in request.factors:
-        results.names.check(factor, "--rows/--columns")
-    for factor in request.pool:
-        if factor != "all":
-            results.names.check(factor, "--pool")
-    condition, scope = results.selected(request.where, request.sweep, request.tag)
-    trials = results.trials(condition, request.factors, planned=True)
-    numbers = _read(results, request, condition)
+    rows, columns = options.axes
+    reference, pool, models = options.reference, split(options.pool), options.levels["model"]
+    named = tuple(dict.fromkeys((*rows, *columns, *reference)))
+    own = [name for name in named if name not in METRIC_FACTORS]
+    for option, factors in (("--rows/--columns", own), ("--pool", pool)):
+        for factor in factors:
+            if factor != "all":
+                results.names.check(factor, option)
+    condition, scope = results.selected(options.where, options.sweep)
+    trials = results.trials(condition, own, planned=True)
+    by_file = "file" in named
+    numbers = _read(results, options, condition, by_file)
     started = trials[trials["status"] != NOT_STARTED]
-    for factor, level in request.baseline.items():
+    for factor, level in reference.items():
         available = ordered((numbers if factor in METRIC_FACTORS else started)[factor].unique())
         if level not in available:
             raise ConfigurationError(
                 f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
             )
     frame = observations(numbers, trials, results.marks(condition))
-    if request.of_coefficients:
+    if options.of_coefficients:
         covering = frame["run"].isin(results.covering(condition))
         frame["of_estimate"] = frame["std_error"].notna() & ~covering
-    frame["is_baseline"] = bool(request.baseline)
-    for factor, level in request.baseline.items():
+    frame["is_baseline"] = bool(reference)
+    for factor, level in reference.items():
         frame["is_baseline"] &= frame[factor] == level
     frame, facts = with_conditions(results, trials, frame)
-    shown = frame[frame["model"].isin(request.models)] if request.models else frame
-    levels = {name: ordered(shown[name].unique()) for name in request.metric_factors}
-    free = [name for name in levels if name not in request.rows + request.columns]
+    shown = frame[frame["model"].isin(models)] if models else frame
+    of_number = [name for name in METRIC_FACTORS if name != "file" or by_file]
+    levels = {name: ordered(shown[name].unique()) for name in of_number}
+    free = [name for name in levels if name not in (*rows, *columns)]
     selection = Selection(
         trials, frame, shown, facts,
         fixed={name: each[0] for name, each in levels.items() if len(each) == 1},
-        extra=tuple(name for name in free if len(levels[name]) > 1), scope=scope,
+        extra=tuple(name for name in free if len(levels[name]) > 1), by_file=by_file, scope=scope,
     )  # fmt: skip
-    cells = codes(shown, list(dict.fromkeys((*request.rows, *request.columns, *METRIC_FACTORS))))
-    every = "all" in request.pool
-    split = [] if every else differing(facts, cells, shown["condition"], request.pool)
-    require_few(split, "the cells of this table")
-    if not split:
+    cells = codes(shown, list(dict.fromkeys((*rows, *columns, *METRIC_FACTORS))))
+    apart = [] if "all" in pool else differing(facts, cells, shown["condition"], pool)
+    require_few(apart, "the cells of this table")
+    if not apart:
         return selection
-    named = replace(request, rows=(*request.rows, *split), pool=("all",))
-    return replace(select(results, named), split=tuple(split))
+    texts = ",".join((*rows, *apart)), ",".join(columns) or "none"
+    again = replace(options, rows=texts[0], columns=texts[1], pool=["all"])
+    return replace(select(results, again), split=tuple(apart))
 
 
-def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.DataFrame:
-    """Return the numbers of a request; raises ConfigurationError if there are none of these."""
-    wanted = {"dof": request.dofs, "stage": request.stages, "model": request.models}
-    if request.models and "model" in request.baseline:
-        wanted["model"] = (*request.models, request.baseline["model"])
-    if request.of_coefficients:
+def _read(
+    results: Queries, options: TableOptions, condition: Condition, by_file: bool
+) -> pd.DataFrame:
+    """Return the numbers of the options; raises ConfigurationError if there are none of these."""
+    names, wanted = options.names, options.levels
+    if wanted["model"] and "model" in options.reference:
+        wanted["model"] = (*wanted["model"], options.reference["model"])
+    if options.of_coefficients:
         numbers = results.coefficients(condition)
         what, known = "coefficient", {*numbers["metric"].unique()}
-        numbers = numbers[numbers["metric"].isin(request.names)] if request.names else numbers
+        numbers = numbers[numbers["metric"].isin(names)] if names else numbers
     else:
-        numbers = results.metrics(request.names, condition, wanted)
+        numbers = results.metrics(names, condition, wanted)
         if numbers.empty:  # read all levels, for the error message
-            numbers = results.metrics(request.names, condition)
+            numbers = results.metrics(names, condition)
         what, known = "metric", {*numbers["metric"].unique()}
-        if not known.issuperset(request.names):  # that these runs lack, or none has
+        if not known.issuperset(names):  # that these runs lack, or none has
             known |= {*results.metric_names()}
-    if request.by_file:
-        of_files = results.of_files(request.names, condition)
+    if by_file:
+        of_files = results.of_files(names, condition)
         if of_files.empty:
             raise ConfigurationError(
-                f"--rows/--columns: no run has {', '.join(request.names)} by file, expected "
+                f"--rows/--columns: no run has {', '.join(names)} by file, expected "
                 f"one of {', '.join(PER_FILE)} of runs with several files for testing"
             )
         both = pd.concat([numbers.astype(object), of_files.astype(object)], ignore_index=True)
         kinds = numbers.dtypes.to_dict().items()  # the levels of both, not of the first alone
         numbers = both.astype({n: "category" if kind == "category" else kind for n, kind in kinds})
-    for name in request.names:  # one that only these runs lack gives an empty cell
+    for name in names:  # one that only these runs lack gives an empty cell
         if name not in known and known:
             near = [each for each in sorted(known) if each.startswith(name)]
             near = near or get_close_matches(name, known, 1)
@@ -331,7 +224,7 @@ def _read(results: Queries, request: TableRequest, condition: Condition) -> pd.D
         numbers = numbers[numbers[factor].isin(levels)] if levels else numbers
         if levels and available and numbers.empty:
             raise ConfigurationError(
-                f"--{factor}: no run has {', '.join(request.names) or 'a coefficient'} with"
+                f"--{factor}: no run has {', '.join(names) or 'a coefficient'} with"
                 f" {factor} {', '.join(levels)}; expected one of {', '.join(available)}"
             )
     return numbers
@@ -342,25 +235,21 @@ class _Writer:
 
     def __init__(
         self,
-        request: TableRequest,
+        options: TableOptions,
         selection: Selection,
         table: Pivot,
         tests: Mapping[Place, PairedTest],
+        statistics: Sequence[str],
     ) -> None:
-        self.request, self.selection = request, selection
-        self.table, self.tests = table, tests
+        self.options, self.selection = options, selection
+        self.table, self.tests, self.statistics = table, tests, statistics
+        self.baseline = ", ".join(f"{name}={level}" for name, level in options.reference.items())
         self.row_keys = table.row_keys
         self.figures = {
-            place: summary(cell.sample, request.statistics, request.interval)
-            for place, cell in table.cells.items()
+            place: summary(cell.sample, statistics) for place, cell in table.cells.items()
         }
         self.location = {place: self._location(cell.sample) for place, cell in table.cells.items()}
-        self.best = best_cells(
-            table,
-            selection.facts,
-            lambda cell, sample: self._loss(cell, self._location(sample)),
-            self._resolution,
-        )
+        self.best = best_cells(table, selection.facts, self._location)
 
     def grid(self) -> TextTable:
         """Return the table; it has a column of units if the rows have different units."""
@@ -380,39 +269,24 @@ class _Writer:
 
     def _name(self, factor: str) -> str:
         """Return the displayed name of a factor: the name of a coefficient is its term."""
-        return "term" if factor == "metric" and self.request.of_coefficients else factor
+        return "term" if factor == "metric" and self.options.of_coefficients else factor
 
     def _location(self, sample: Sample) -> float:
         """Return the value that represents a sample: the median if shown without the mean."""
-        shown = self.request.statistics
-        median = "median" in shown and "mean" not in shown
+        median = "median" in self.statistics and "mean" not in self.statistics
         return summary(sample, ["median" if median else "mean"]).popitem()[1]
-
-    def _loss(self, cell: Cell, value: float) -> float:
-        """Return the loss of a value; for a coefficient the distance from the true value."""
-        if self.request.of_coefficients:
-            return abs(value - cell.true_value)
-        better = definition_of(cell.metric).better
-        return math.nan if better is None else float(loss(np.array(value), better))
-
-    def _resolution(self, cell: Cell) -> float:
-        """Return the difference below which two losses are equal."""
-        return 0.0 if self.request.of_coefficients else definition_of(cell.metric).resolution
 
     def _shown(self, place: Place) -> GridCell:
         cell = self.table.cells.get(place)
         if cell is None:
             return GridCell("")
-        text = _figures_text(self.figures[place], self.request) if cell.by_seed else EMPTY
+        text = self._figures_text(self.figures[place]) if cell.by_seed else EMPTY
         text += f" {' '.join(cell.marks)}" if cell.marks else ""
-        text += _counts_text(cell, self.request)
-        if self.request.of_coefficients and cell.experiments:
-            text += _uncertainty_text(cell, self.request.digits, cell.of_estimate)
+        text += self._counts_text(cell)
+        if self.options.of_coefficients and cell.experiments:
+            text += self._uncertainty_text(cell)
         if place in self.tests:
-            text += "\n" + _test_text(
-                self.tests[place], len(cell.by_seed), self.request.digits,
-                definition_of(cell.metric).score,
-            )  # fmt: skip
+            text += "\n" + self._test_text(self.tests[place], cell)
         elif cell.is_baseline:
             text += "\nbaseline"
         value = self.location[place]
@@ -436,14 +310,14 @@ class _Writer:
 
     def _title(self) -> str:
         fixed, unit = self.selection.fixed, self._unit()
-        subject = fixed.get("metric") or ", ".join(self.request.names) or "coefficients"
-        factors = ("dof", "model") if self.request.of_coefficients else ("dof", "stage", "model")
+        subject = fixed.get("metric") or ", ".join(self.options.names) or "coefficients"
+        factors = ("dof", "model") if self.options.of_coefficients else ("dof", "stage", "model")
         about = [with_unit(subject, "" if unit == MIXED else unit)]
         about += [fixed[name] for name in factors if name in fixed]
         runs = int((self.selection.trials["status"] != NOT_STARTED).sum())
         scope = f", {self.selection.scope}" if self.selection.scope else ""
         counted = f"{runs} run{'s'[: runs != 1]}{scope}"
-        return f"{', '.join(about)}: {_statistics_text(self.request)}, {counted}"
+        return f"{', '.join(about)}: {self._statistics_text()}, {counted}"
 
     def _qualifications(self) -> list[str]:
         notes, cells = [], self.table.cells.values()
@@ -454,15 +328,15 @@ class _Writer:
                 f"split by {', '.join(self.selection.split)}, in which runs of one cell differ"
                 f" (--pool {','.join(self.selection.split)} averages over it)"
             )
-        if self.request.pool:
-            notes.append(f"cells average over {', '.join(self.request.pool)}, as requested")
+        if pool := split(self.options.pool):
+            notes.append(f"cells average over {', '.join(pool)}, as requested")
         if any(cell.flagged for cell in cells):
             notes.append(FLAG_NOTE)
         notes += sorted({definition_of(cell.metric).note for cell in cells} - {""})
         notes += [UNSETTLED_NOTE] if any(cell.unstable for cell in cells) else []
         notes += [INFEASIBLE_NOTE] if any(cell.infeasible for cell in cells) else []
         if self.tests:
-            notes.append(TEST_NOTE.format(_baseline_text(self.request)))
+            notes.append(TEST_NOTE.format(self.baseline))
         if any(cell.of_estimate for cell in cells):
             notes.append(ESTIMATE_NOTE)
         diverged = sum(cell.missing.get(DIVERGED, 0) for cell in cells)
@@ -492,12 +366,12 @@ class _Writer:
             (*table.row_factors, *table.column_factors), row + column, strict=True
         ):
             record[self._name(factor)] = level
-        for factor in self.request.metric_factors:
-            if factor != "stage" or not self.request.of_coefficients:
+        for factor in METRIC_FACTORS[: None if self.selection.by_file else -1]:
+            if factor != "stage" or not self.options.of_coefficients:
                 record.setdefault(self._name(factor), self.selection.fixed.get(factor))
         record["unit"] = " ".join(sorted(cell.units))
         record |= self.figures[place]
-        if self.request.of_coefficients:
+        if self.options.of_coefficients:
             record["std_error"], record["true_value"] = cell.std_error, cell.true_value
             record["interval_of_estimate"] = cell.of_estimate
         record["n"] = len(cell.by_seed)
@@ -509,88 +383,78 @@ class _Writer:
         record["below_true_model"] = cell.flagged
         record["unsettled"], record["infeasible"] = cell.unstable, cell.infeasible
         record["best"] = place in self.best
-        if self.request.baseline:
-            record["baseline"] = _baseline_text(self.request)
+        if self.baseline:
+            record["baseline"] = self.baseline
             test = self.tests.get(place)
             for name in ("ratio", "difference", "p_value", "p_holm", "effect", "wins", "pairs"):
                 record[name] = getattr(test, name, None)
             record["lost_pairs"] = test.lost if test else None
         return record
 
+    def _statistics_text(self) -> str:
+        """Return the names of the statistics: `mean ± standard deviation (n)`."""
+        words = {"std": "± standard deviation", "n": "(n)", "ci": "[95 % interval, t]"}
+        text = " ".join(words.get(name, name) for name in self.statistics)
+        return f"{text}, se: standard error" if self.options.of_coefficients else text
 
-def _statistics_text(request: TableRequest) -> str:
-    """Return the names of the statistics: `mean ± standard deviation (n)`."""
-    words = {
-        "std": "± standard deviation",
-        "n": "(n)",
-        "ci": f"[95 % interval, {request.interval}]",
-    }
-    text = " ".join(words.get(name, name) for name in request.statistics)
-    return f"{text}, se: standard error" if request.of_coefficients else text
+    def _number(self, value: float) -> str:
+        return number_text(value, self.options.digits)
 
+    def _figures_text(self, figures: Mapping[str, float | int]) -> str:
+        """Return `2757 ± 12`, `median 2757 q25 2750`, `2757 [2740, 2775]`; n is in the counts."""
+        texts: list[str] = []
+        for name in self.statistics:
+            if name == "std":
+                if math.isfinite(figures["std"]):
+                    size = abs(figures.get("mean", figures.get("median", 0.0)))
+                    rounding = figures["std"] < RELATIVE_ROUNDING * size  # of equal values
+                    spread = "0" if rounding else number_text(figures["std"], 2)
+                    texts.append(("± " if texts else "std ") + spread)
+            elif name == "ci":
+                low, high = figures["ci_low"], figures["ci_high"]
+                if math.isfinite(low):
+                    texts.append(f"[{self._number(low)}, {self._number(high)}]")
+            elif name != "n":
+                texts.append(("" if name == "mean" else f"{name} ") + self._number(figures[name]))
+        return " ".join(texts)
 
-def _figures_text(figures: Mapping[str, float | int], request: TableRequest) -> str:
-    """Return `2757 ± 12`, `median 2757 q25 2750`, `2757 [2740, 2775]`; n is in the counts."""
-    digits = request.digits
-    texts: list[str] = []
-    for name in request.statistics:
-        if name == "std":
-            if math.isfinite(figures["std"]):
-                size = abs(figures.get("mean", figures.get("median", 0.0)))
-                rounding = figures["std"] < RELATIVE_ROUNDING * size  # of equal values
-                spread = "0" if rounding else number_text(figures["std"], 2)
-                texts.append(("± " if texts else "std ") + spread)
-        elif name == "ci":
-            low, high = figures["ci_low"], figures["ci_high"]
-            if math.isfinite(low):
-                texts.append(f"[{number_text(low, digits)}, {number_text(high, digits)}]")
-        elif name != "n":
-            label = "" if name == "mean" else f"{name} "
-            texts.append(label + number_text(figures[name], digits))
-    return " ".join(texts)
+    def _counts_text(self, cell: Cell) -> str:
+        """Return ` (n=18, 2 failed)`; what is missing is shown with any choice of statistics."""
+        counts = []
+        for reason in (*sorted(UNFINISHED), DIVERGED, WITHOUT, NOT_APPLICABLE):
+            if count := cell.missing.get(reason):
+                held = reason == DIVERGED and not math.isnan(cell.held_s)
+                time = f", held {number_text(cell.held_s, 2)} s" if held else ""
+                counts.append(f"{count} {reason}{time}")
+        if cell.uneven:
+            counts.append(f"{cell.uneven} seed{'s'[: cell.uneven != 1]} without all levels")
+        if cell.experiments and ("n" in self.statistics or counts):
+            counts.insert(0, "deterministic" if cell.deterministic else f"n={len(cell.by_seed)}")
+            sample = cell.sample
+            if sample.size > 1 and np.all(equal(sample, float(sample[0]))):
+                counts[0] += ", all equal"
+        return f" ({', '.join(counts)})" if counts else ""
 
+    def _uncertainty_text(self, cell: Cell) -> str:
+        """Return the standard error and the true value, if known."""
+        what = " of the estimate" if cell.of_estimate else ""
+        error = number_text(cell.std_error, 2)
+        texts = [] if math.isnan(cell.std_error) else [f"se {error}{what}"]
+        if not math.isnan(cell.true_value):
+            texts.append(f"true {self._number(cell.true_value)}")
+        return "\n" + ", ".join(texts) if texts else ""
 
-def _counts_text(cell: Cell, request: TableRequest) -> str:
-    """Return ` (n=18, 2 failed)`; what is missing is shown with any choice of statistics."""
-    counts = []
-    for reason in (*sorted(UNFINISHED), DIVERGED, WITHOUT, NOT_APPLICABLE):
-        if count := cell.missing.get(reason):
-            held = reason == DIVERGED and not math.isnan(cell.held_s)
-            time = f", held {number_text(cell.held_s, 2)} s" if held else ""
-            counts.append(f"{count} {reason}{time}")
-    if cell.uneven:
-        counts.append(f"{cell.uneven} seed{'s'[: cell.uneven != 1]} without all levels")
-    if cell.experiments and ("n" in request.statistics or counts):
-        counts.insert(0, "deterministic" if cell.deterministic else f"n={len(cell.by_seed)}")
-        sample = cell.sample
-        if sample.size > 1 and np.all(equal(sample, float(sample[0]))):
-            counts[0] += ", all equal"
-    return f" ({', '.join(counts)})" if counts else ""
-
-
-def _uncertainty_text(cell: Cell, digits: int, of_estimate: bool) -> str:
-    """Return the standard error and the true value, if known."""
-    error, truth = cell.std_error, cell.true_value
-    what = " of the estimate" if of_estimate else ""
-    texts = [] if math.isnan(error) else [f"se {number_text(error, 2)}{what}"]
-    if not math.isnan(truth):
-        texts.append(f"true {number_text(truth, digits)}")
-    return "\n" + ", ".join(texts) if texts else ""
-
-
-def _test_text(test: PairedTest, n: int, digits: int, is_score: bool) -> str:
-    if not test.pairs:
-        return "no counterpart"
-    p_value = f"p {test.p_holm:.2g}, r {number_text(test.effect, 2)}"
-    if math.isnan(test.p_holm):
-        p_value = f"{test.pairs} pair{'s'[: test.pairs != 1]}"
-    ratio = "× –" if math.isnan(test.ratio) else f"× {number_text(test.ratio, 3)}"
-    if is_score:
-        ratio = ("+" if test.difference >= 0.0 else "") + number_text(test.difference, 3)
-    won = "" if test.wins is None else f", won {test.wins}/{test.pairs + test.lost}"
-    own = f" (mean {number_text(test.mean, digits)} of the pairs)" if test.pairs != n else ""
-    return f"{ratio}, {p_value}{won}{own}"
-
-
-def _baseline_text(request: TableRequest) -> str:
-    return ", ".join(f"{name}={level}" for name, level in request.baseline.items())
+    def _test_text(self, test: PairedTest, cell: Cell) -> str:
+        """Return `× 0.5, p 0.031, r 1, won 6/6`."""
+        if not test.pairs:
+            return "no counterpart"
+        p_value = f"p {test.p_holm:.2g}, r {number_text(test.effect, 2)}"
+        if math.isnan(test.p_holm):
+            p_value = f"{test.pairs} pair{'s'[: test.pairs != 1]}"
+        ratio = "× –" if math.isnan(test.ratio) else f"× {number_text(test.ratio, 3)}"
+        if definition_of(cell.metric).score:
+            ratio = ("+" if test.difference >= 0.0 else "") + number_text(test.difference, 3)
+        won = "" if test.wins is None else f", won {test.wins}/{test.pairs + test.lost}"
+        of_pairs = test.pairs != len(cell.by_seed)
+        own = f" (mean {self._number(test.mean)} of the pairs)" if of_pairs else ""
+        return f"{ratio}, {p_value}{won}{own}"

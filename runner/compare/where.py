@@ -9,11 +9,9 @@
 
 A NAME is a column of table `run` (identifier, seed, status, ...) or a dotted key of the
 configuration (plant.scale, identifier.force). Names are looked up before any SQL is built, and
-values are bound as parameters, so text from the command line never becomes SQL. The grammar is that
-of Python's comparisons, whose parser reads it, with `_` in place of every name and value.
+values are bound as parameters, so text from the command line never becomes SQL.
 """
 
-import ast
 import operator as op
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -21,8 +19,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from difflib import get_close_matches
-from functools import reduce
-from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -34,7 +30,6 @@ from seatrial.runner.database.tables import Reuse, RunRow, Utc
 Value = str | float | int | bool | tuple["Value", ...] | None  # a tuple: of `in`
 Compared = Callable[[str, str, Value], Any]  # name, operator, value: what &, | and ~ combine
 Expression = sa.ColumnElement[object]
-OPERATORS = {ast.Eq: "=", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
 ORDERINGS: dict[str, Callable[[Any, Any], Any]] = {
     "<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge,
 }  # fmt: skip
@@ -42,15 +37,10 @@ MOST_NESTED = 100  # parentheses within each other, and negations
 KEYWORDS = ("and", "or", "not", "in")
 CONSTANTS: dict[str, Value] = {"true": True, "false": False, "null": None}
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
-_TOKEN = re.compile(
-    r"""\s*(?:
-        (?P<text>'(?:[^']|'')*'|"(?:[^"]|"")*")
-      | (?P<operator><=|>=|!=|<>|==|=|<|>)
-      | (?P<mark>[(),])
-      | (?P<word>[A-Za-z0-9_.+\-:/]+)
-    )""",
-    re.VERBOSE,
-)
+QUOTED = re.compile(r"""\s*('(?:[^']|'')*'|"(?:[^"]|"")*")""")
+OPERATOR = re.compile(r"\s*(<=|>=|!=|<>|==|=|<|>)")
+WORD = re.compile(r"\s*([A-Za-z0-9_.+\-:/]+)")
+OPEN, CLOSE, COMMA, END = (re.compile(rf"\s*({mark})") for mark in (r"\(", r"\)", ",", "$"))
 NAME = re.compile(r"[A-Za-z_]\w*(\.\w+)*", re.ASCII)
 _INTEGER = re.compile(r"[+-]?\d{1,18}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -74,98 +64,109 @@ def parse(text: str, compare: Compared) -> Any:
     `compare` gives the meaning of `name operator value`; the operator `in` takes a tuple. Raises
     ConfigurationError if the text breaks the grammar above.
     """
-    tokens, source, position = dict[int, re.Match[str]](), "", 0
-    while text[position:].strip():
-        match = _TOKEN.match(text, position)
-        if match is None:
-            raise _refused(text, position)
-        tokens[len(source)] = match
-        source += f"{_as_python(match)} "
-        position = match.end()
-    marks = [match[0].strip().lower() for match in tokens.values()]
-    open_marks = accumulate((mark == "(") - (mark == ")") for mark in marks)
-    nested = max(open_marks, default=0) + marks.count("not")
-    if nested > MOST_NESTED:
-        raise ConfigurationError(
-            f"--where: got {nested} parentheses and negations within each other, expected at most "
-            f"{MOST_NESTED}"
-        )
-    try:
-        tree = ast.parse(source, mode="eval").body
-    except SyntaxError as error:
-        before = [match for column, match in tokens.items() if column < (error.offset or 1)]
-        at_end = (error.offset or 1) > len(source.rstrip()) or not before
-        start = len(text) if at_end else before[-1].start(before[-1].lastgroup or 0)
-        raise _refused(text, start) from None
-    return _Meaning(text, tokens, compare).of(tree)
+    reader = _Reader(text, compare)
+    meaning = reader.condition()
+    reader.need(END)
+    return meaning
 
 
-def _as_python(token: re.Match[str]) -> str:
-    """Return what stands for a token in Python: itself, or `_` for a name or value."""
-    if token["operator"]:
-        return {"=": "==", "<>": "!="}.get(token["operator"], token["operator"])
-    word = (token["word"] or "").lower()
-    return token["mark"] or (word if word in KEYWORDS else "_")
+class _Reader:
+    """Reads a text by recursive descent, from `at` on; each rule returns its meaning."""
 
+    def __init__(self, text: str, compare: Compared) -> None:
+        self.text, self.compare = text, compare
+        self.at = self.depth = 0
 
-def _refused(text: str, start: int) -> ConfigurationError:
-    rest = text[start:].strip()
-    return ConfigurationError(
-        f"--where: cannot read {repr(rest[:20]) if rest else 'the end'} at character {start + 1};"
-        ' expected comparisons such as "seed<10 and identifier=ls"'
-    )
+    def condition(self) -> Any:
+        meaning = self.conjunction()
+        while self.keyword("or"):
+            meaning = meaning | self.conjunction()
+        return meaning
 
+    def conjunction(self) -> Any:
+        meaning = self.negation()
+        while self.keyword("and"):
+            meaning = meaning & self.negation()
+        return meaning
 
-class _Meaning:
-    """The meaning of a text that Python's parser has read; `tokens` are by their column in it."""
+    def negation(self) -> Any:
+        self.depth += 1
+        if self.depth > MOST_NESTED + 1:
+            raise ConfigurationError(
+                f"--where: got more than {MOST_NESTED} parentheses and negations within each other"
+            )
+        if self.keyword("not"):
+            meaning = ~self.negation()
+        elif self.take(OPEN):
+            meaning = self.condition()
+            self.need(CLOSE)
+        else:
+            meaning = self.comparison()
+        self.depth -= 1
+        return meaning
 
-    def __init__(self, text: str, tokens: Mapping[int, re.Match[str]], compare: Compared) -> None:
-        self.text, self.tokens, self.compare = text, tokens, compare
-
-    def of(self, node: ast.expr) -> Any:
-        """Return the meaning of a condition."""
-        match node:
-            case ast.BoolOp(op=joint, values=parts):
-                return reduce(
-                    op.and_ if isinstance(joint, ast.And) else op.or_, map(self.of, parts)
-                )
-            case ast.UnaryOp(operand=operand):
-                return ~self.of(operand)
-            case ast.Compare(left=ast.Name(), ops=[operator], comparators=[right]):
-                name = self.tokens[node.col_offset]["word"] or ""
-                if NAME.fullmatch(name):
-                    return self.comparison(name, operator, right)
-        raise self.refused(node)
-
-    def comparison(self, name: str, operator: ast.cmpop, right: ast.expr) -> Any:
-        """Return the meaning of `name operator right`."""
-        if isinstance(operator, ast.In | ast.NotIn):
-            several = right.elts if isinstance(right, ast.Tuple) else [right]
-            before = [token for at, token in self.tokens.items() if at < right.col_offset][-1]
-            if not several or (not isinstance(right, ast.Tuple) and before["mark"] != "("):
-                raise self.refused(right)
-            among = self.compare(name, "in", tuple(map(self.value, several)))
-            return among if isinstance(operator, ast.In) else ~among
-        sign, value = OPERATORS[type(operator)], self.value(right)
+    def comparison(self) -> Any:
+        name = self.word()
+        if not NAME.fullmatch(name):
+            raise self.refused(len(name))
+        negated = self.keyword("not")
+        if self.keyword("in"):
+            self.need(OPEN)
+            values = [self.value()]
+            while self.take(COMMA):
+                values.append(self.value())
+            self.need(CLOSE)
+            among = self.compare(name, "in", tuple(values))
+            return ~among if negated else among
+        sign = self.need(OPERATOR) if not negated else self.need(END)  # `not` goes before `in`
+        sign = {"==": "=", "<>": "!="}.get(sign, sign)
+        value = self.value()
         if sign in ORDERINGS and (value is None or isinstance(value, bool)):
             raise ConfigurationError(
                 f"--where: {name} {sign} {str(value).lower()} has no meaning; use = or !="
             )
         return self.compare(name, sign, value)
 
-    def value(self, node: ast.expr) -> Value:
-        """Return a value: a quoted text, or what an unquoted word looks like."""
-        if not isinstance(node, ast.Name):
-            raise self.refused(node)
-        token = self.tokens[node.col_offset]
-        quoted: str | None = token["text"]
-        if quoted:
+    def value(self) -> Value:
+        """A quoted text, or what an unquoted word looks like."""
+        if quoted := self.take(QUOTED):
             return quoted[1:-1].replace(2 * quoted[0], quoted[0])
-        return bare_value(token["word"])
+        return bare_value(self.word())
 
-    def refused(self, node: ast.expr) -> ConfigurationError:
-        token = self.tokens[node.col_offset]
-        return _refused(self.text, token.start(token.lastgroup or 0))
+    def word(self) -> str:
+        word = self.need(WORD)
+        if word.lower() in KEYWORDS:
+            raise self.refused(len(word))
+        return word
+
+    def keyword(self, name: str) -> bool:
+        match = WORD.match(self.text, self.at)
+        held = match is not None and match[1].lower() == name
+        if held and match is not None:
+            self.at = match.end()
+        return held
+
+    def take(self, pattern: re.Pattern[str]) -> str | None:
+        match = pattern.match(self.text, self.at)
+        if match is None:
+            return None
+        self.at = match.end()
+        return match[1]
+
+    def need(self, pattern: re.Pattern[str]) -> str:
+        found = self.take(pattern)
+        if found is None:
+            raise self.refused()
+        return found
+
+    def refused(self, back: int = 0) -> ConfigurationError:
+        """The error for what follows, or for the last `back` characters and what follows."""
+        rest = self.text[self.at - back :].strip()
+        place = len(self.text.rstrip()) - len(rest) + 1
+        return ConfigurationError(
+            f"--where: cannot read {repr(rest[:20]) if rest else 'the end'} at character {place};"
+            ' expected comparisons such as "seed<10 and identifier=ls"'
+        )
 
 
 def names_in(text: str | None) -> set[str]:
@@ -259,35 +260,23 @@ class ColumnNames:
         return clauses
 
     def _compare(self, name: str, operator: str, value: Value) -> sa.ColumnElement[bool]:
+        """Compare a column, or a key as the type of the value: one of another type is unequal."""
         self.check(name, "--where")
+        column = self.columns.get(name)
+        if isinstance(value, tuple) and column is not None:
+            # one IN expression: thousands of nested comparisons are too deep for SQL
+            plain = [_for_column(name, column, each) for each in value if each is not None]
+            among = sa.func.coalesce(column.in_(plain), sa.false()) if plain else sa.false()
+            return among | column.is_(None) if None in value else among
         if isinstance(value, tuple):
-            return self._among(name, value)
-        if name in self.columns:
-            column = self.columns[name]
+            return sa.or_(*(self._compare(name, "=", each) for each in dict.fromkeys(value)))
+        if column is not None:
             return _operate(column, operator, _for_column(name, column, value))
-        return self._compare_key(name, operator, value)
-
-    def _among(self, name: str, values: tuple[Value, ...]) -> sa.ColumnElement[bool]:
-        """Return one IN expression; thousands of nested comparisons are too deep for SQL."""
-        if name not in self.columns:
-            return sa.or_(*(self._compare_key(name, "=", value) for value in dict.fromkeys(values)))
-        column = self.columns[name]
-        plain = [_for_column(name, column, value) for value in values if value is not None]
-        parts: list[sa.ColumnElement[bool]] = []
-        parts += [sa.func.coalesce(column.in_(plain), sa.false())] if plain else []
-        parts += [column.is_(None)] if None in values else []
-        return sa.or_(*parts)
-
-    def _compare_key(self, key: str, operator: str, value: Value) -> sa.ColumnElement[bool]:
-        """Compare a key as the type of the value; a value of another type is unequal."""
-        text = self._key_text(key)
-        if value is None:
-            return text.is_(None) if operator == "=" else text.is_not(None)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return _operate(self._key_number(name), operator, float(value))
         if isinstance(value, bool):
-            return _operate(text, operator, str(value).lower())
-        if isinstance(value, int | float):
-            return _operate(self._key_number(key), operator, float(value))
-        return _operate(text, operator, value)
+            value = str(value).lower()
+        return _operate(self._key_text(name), operator, value)
 
     def _key_type(self, key: str) -> Expression:
         """Return the JSON type of a key as SQLite names it."""

@@ -17,6 +17,8 @@ from seatrial.runner.configuration.search_path import CONF, is_group, options
 
 # Launchers that need an extra, and the name of the extra.
 LAUNCHERS = {"submitit_slurm": "slurm", "ray": "ray"}
+# Launchers that come with those and do not store what they run.
+UNUSED = ("hydra/launcher=joblib", "hydra/launcher=submitit_local")
 EXPECTED = (HydraException, OmegaConfBaseException, SeatrialError)
 _NOT_FOUND = re.compile(r"Could not (?:find|load) '(?P<group>.*)/(?P<option>[^/']*)'")
 _NO_KEY = re.compile(r"Could not override '(?P<key>[^']*)'")
@@ -27,14 +29,11 @@ _NO_VARIABLE = re.compile(r"Environment variable '(?P<name>[^']*)' not found")
 _NOISE = re.compile(r"^\s*(See https?:|Set the environment variable|object_type=|full_key:)")
 
 
-def refuse_replaced(words: Iterable[str]) -> None:
-    """Raise ConfigurationError if a launcher of the command line is gone, with what replaces it.
-
-    Of everything else that is gone Hydra says that it is not found.
-    """
+def refuse_unused(words: Iterable[str]) -> None:
+    """Raise ConfigurationError if a word of the command line is a launcher that does not work."""
     for word in words:
-        if word.startswith("hydra/launcher=") and word in REPLACED:
-            raise ConfigurationError(f"{word} is gone: {REPLACED[word]}")
+        if word in UNUSED:
+            raise ConfigurationError(f"{word} is not supported, use hydra/launcher=processes")
 
 
 def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
@@ -85,7 +84,7 @@ def _missing_config(error: MissingConfigException) -> str:
     if (extra := LAUNCHERS.get(match["option"])) and match["group"] == "hydra/launcher":
         return f"{text} is not installed: pip install 'seatrial[{extra}]'"
     known = sorted(error.options or ()) or options(match["group"])
-    known = [name for name in known if f"{match['group']}={name}" not in REPLACED]
+    known = [name for name in known if f"{match['group']}={name}" not in UNUSED]
     close = get_close_matches(match["option"], known, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     return (

@@ -47,11 +47,6 @@ class Address:
         """`sqlite` or `postgresql`."""
         return "postgresql" if self.path is None else "sqlite"
 
-    @property
-    def sqlite(self) -> bool:
-        """Whether this is SQLite rather than PostgreSQL."""
-        return self.path is not None
-
     def __str__(self) -> str:
         """The file, or the URL without its password, for messages."""
         return str(self.path or self.url.set(drivername="postgresql"))

@@ -46,7 +46,7 @@ def repeated(address: Address, task: Callable[[], T]) -> T:
         LogbookError: The server did not come back in PATIENCE_S.
         DBAPIError: Any other error of the database.
     """
-    if address.sqlite:
+    if address.path is not None:
         return task()
     waits = Retrying(
         retry=retry_if_exception(is_outage),

@@ -225,7 +225,7 @@ class LogbookReader:
     def export(self, folder: Path) -> list[Path]:
         """Write every table to `folder` as Parquet and CSV; returns the paths."""
         with engines.explained(self.address), self._engine.connect() as connection:
-            if not self.address.sqlite:  # one snapshot; SQLite always has one
+            if self.address.path is None:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
             return tables_export.export(connection, folder)
 

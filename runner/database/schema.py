@@ -65,7 +65,7 @@ def prepare(address: Address, *, create: bool) -> None:
     engine = engines.writer(address, create=True)
     try:
         with engines.explained(address), engine.begin() as connection:
-            if not address.sqlite:
+            if address.path is None:
                 connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
             state = _condition(connection, address)  # another process may have been faster
             if state is SchemaState.EMPTY:

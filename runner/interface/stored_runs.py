@@ -67,7 +67,6 @@ class Logbook:
         limit: int = MAX_ROWS,
         where: str | None = None,
         sweep: int | str | None = None,
-        tag: str | None = None,
     ) -> "pd.DataFrame":
         """Return the runs, newest first, with their choices, status and duration.
 
@@ -77,7 +76,7 @@ class Logbook:
             Only runs of this status: finished, failed, diverged, running or interrupted.
         limit
             Largest number of runs.
-        where, sweep, tag
+        where, sweep
             Which runs, as for the command `runs`: `where="seed<10 and identifier=ls"`.
 
         Returns
@@ -85,7 +84,7 @@ class Logbook:
         pandas.DataFrame
             One row a run; its index `run_id` is the number of the run.
         """
-        return self._run_list(limit, status, where, sweep, tag).frame.set_index("run_id")
+        return self._run_list(limit, status, where, sweep).frame.set_index("run_id")
 
     def run(self, number: int) -> "Run":
         """Return a run by its number; raises LogbookError if there is no such run."""
@@ -94,11 +93,7 @@ class Logbook:
         return run
 
     def metrics(
-        self,
-        names: Names | None = None,
-        where: str | None = None,
-        sweep: int | str | None = None,
-        tag: str | None = None,
+        self, names: Names | None = None, where: str | None = None, sweep: int | str | None = None
     ) -> "pd.DataFrame":
         """Return the metrics of the runs, one row a number.
 
@@ -106,7 +101,7 @@ class Logbook:
         ----------
         names
             Only these metrics; all by default.
-        where, sweep, tag
+        where, sweep
             Which runs, as for the command `runs`; by default all.
 
         Returns
@@ -116,7 +111,7 @@ class Logbook:
         """
         chosen = split([names] if isinstance(names, str) else [*(names or ())])
         with self.opened() as results:
-            condition, _ = results.selected(where, self._chosen(sweep), tag)
+            condition, _ = results.selected(where, self._chosen(sweep))
             numbers = results.metrics(chosen or results.metric_names(), condition)
             labels = results.trials(condition)[[*GROUPS, "seed"]].astype({"seed": "int64"})
         frame = numbers.join(labels, on="run", how="inner")
@@ -223,11 +218,10 @@ class Logbook:
         status: str | None = None,
         where: str | None = None,
         sweep: int | str | None = None,
-        tag: str | None = None,
     ) -> Table:
         with self.opened() as results:
             chosen = self._chosen(sweep)
-            return Table(commands.runs(results, where, chosen, tag, status, limit))
+            return Table(commands.runs(results, where, chosen, status, limit))
 
     def _chosen(self, sweep: int | str | None) -> str:
         return str(sweep) if sweep is not None else self._sweep or "all"
@@ -348,7 +342,7 @@ class Run:
     def command(self) -> str:
         """The command of the shell that repeats the run."""
         with self.logbook.opened() as results:
-            return compare.runs.command_of(results, self.number)
+            return str(commands.show(results, self.number, command=True))
 
     def _facts(self, what: str, record: type[Any]) -> "pd.DataFrame":
         """Return stored records as a frame, which has its columns also without a row."""

@@ -98,7 +98,7 @@ def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
                 rows=factors[0], columns=columns, metric=[name], sweep=str(sweep_id)
             )
             try:
-                grid = comparison.table.comparison(results, comparison.table.request_of(options))
+                grid = comparison.table.comparison(results, options)
             except ConfigurationError:  # none of these runs has it, or they differ in too much
                 continue
             text = formats.render(

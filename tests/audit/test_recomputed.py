@@ -8,7 +8,7 @@ import pytest
 
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.frame import open_results
-from seatrial.runner.compare.table import comparison, request_of
+from seatrial.runner.compare.table import comparison
 from tests.audit.recomputed import frame, table
 from tests.runner.compare import stored
 
@@ -54,7 +54,7 @@ def test_every_cell_of_a_random_table_follows_from_the_raw_rows(seed: int, tmp_p
         metric=["e_pos_mae"], statistic=["median,n"], baseline=["identifier=none"], sweep="1"
     )
     with open_results(f"sqlite:///{tmp_path}/results.db") as results:
-        records = comparison(results, request_of(asked)).as_records()
+        records = comparison(results, asked).as_records()
     shown = {(r["identifier"], r["disturbance"]): r for r in records}
     assert len(expected) >= 10
     for cell in expected.to_dict("records"):

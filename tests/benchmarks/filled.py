@@ -36,7 +36,7 @@ def fill(folder: Path, runs: int) -> Path:
     with closing(sqlite3.connect(file, isolation_level=None)) as connection:
         connection.execute("PRAGMA synchronous = OFF")
         names, pattern = _row(connection, "run")
-        places = {name: names.index(name) for name in ("id", "fingerprint", "seed")}
+        places = {name: names.index(name) for name in ("id", "fingerprint", "experiment", "seed")}
         chosen = [names.index(name) for name in ("identifier", "disturbance")]
         connection.execute("BEGIN IMMEDIATE")
         for table in ("metric", "coefficient", "diagnostic", "series", "run"):
@@ -69,6 +69,8 @@ def _run(
 ) -> list[object]:
     row = list(pattern)
     row[places["id"]], row[places["fingerprint"]] = run, f"{run:064x}"
+    combination = run % (len(IDENTIFIERS) * len(DISTURBANCES))
+    row[places["experiment"]] = f"{combination:064x}"  # what its seeds have in common
     row[places["seed"]] = run // (len(IDENTIFIERS) * len(DISTURBANCES))
     row[chosen[0]], row[chosen[1]] = identifier_of(run), disturbance_of(run)
     return row

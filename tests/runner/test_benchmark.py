@@ -7,8 +7,7 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.commands import benchmark
 from seatrial.runner.compare.benchmark.boards import boards
-from seatrial.runner.compare.benchmark.cells import cells, entrants_of, lacking
-from seatrial.runner.compare.benchmark.task import GROUP, located, task_of
+from seatrial.runner.compare.benchmark.task import GROUP, cells, lacking, located, task_of
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.leaderboard import grids
 from seatrial.runner.configuration import search_path
@@ -50,10 +49,10 @@ def test_the_cells_of_tasks_compose(measured: bool) -> None:
         task = task_of(name)
         if bool(task.files) == measured:
             assert {file.state for file in located(task)} <= {"found"}
-            for label, options in entrants_of(task).items():
+            for label, options in task.entrants.items():
                 if options not in seen or not seen:
                     seen.add(options)
-                    cell = next(cells(name, task, entrants_of(task, [label])))
+                    cell = next(cells(task, [label]))
                     assert composed(*cell.options).seed == 0
     assert seen
 
@@ -93,9 +92,10 @@ def test_missing_and_damaged_files_are_named_and_their_cases_left_out(
     small(tmp_path, FILES)
     (tmp_path / "a.csv").write_text("abc")
     task = task_of("small")
-    assert [lack.case for lack in lacking(task)] == ["one"]
-    assert [file.state for file in located(task)] == ["found", "missing"]
-    assert {cell.case for cell in cells("small", task, {"ls": ("identifier=ls",)})} == {"two"}
+    files = located(task)
+    assert [*lacking(task, files)] == ["one"]
+    assert [file.state for file in files] == ["found", "missing"]
+    assert {cell.case for cell in cells(task, ["ls"])} == {"two"}
     (tmp_path / "b.csv").write_text("abd")
     assert [file.state for file in located(task)] == ["found", "damaged"]
 
@@ -109,9 +109,10 @@ def test_a_folder_is_the_files_that_are_listed_of_it(
     (tmp_path / "run").mkdir()
     (tmp_path / "a.csv").write_text("abc")
     task = task_of("small")
-    assert [lack.files[0].name for lack in lacking(task)] == ["run/b.csv", "run/b.csv"]
+    absent = lacking(task, located(task)).values()
+    assert [file.name for files in absent for file in files] == ["run/b.csv", "run/b.csv"]
     (tmp_path / "run" / "b.csv").write_text("abc")
-    (cell, _) = cells("small", task, {"ls": ("identifier=ls",)})
+    (cell, _) = cells(task, ["ls"])
     assert f'excitation.test=["{tmp_path / "run"}"]' in cell.options
 
 

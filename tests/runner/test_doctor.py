@@ -34,13 +34,9 @@ def test_this_environment_has_no_problem(
     said = lines(capsys)
     names = {requirement.partition(">")[0] for requirement in DECLARED["dependencies"]}
     assert names <= said.keys()
-    assert {f"extra {name}" for name in doctor.EXTRAS} <= said.keys()
+    extras = DECLARED["optional-dependencies"].keys() - {*doctor.OF_PROJECT}
+    assert {f"extra {name}" for name in extras} <= said.keys()
     assert not list(tmp_path.iterdir())  # it looks, and makes nothing
-
-
-def test_every_extra_of_users_is_known() -> None:
-    own = {"test", "bench", "check", "docs"}  # for work on the project
-    assert set(doctor.EXTRAS) == DECLARED["optional-dependencies"].keys() - own
 
 
 @pytest.mark.parametrize("broken", ["version", "package", "cache", "data", "database", "file"])

@@ -8,129 +8,88 @@ its entrants have run.
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import sqlalchemy as sa
 
-from seatrial.runner.compare.benchmark.cells import BenchmarkTrial, cells, entrants_of
-from seatrial.runner.compare.benchmark.manoeuvre_scores import Measure, measures
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.benchmark.scores import (
     AT_REST,
+    POSITION,
     REFERENCES,
     Score,
     chance,
-    position_score,
-    restart_score,
     score,
+    score_after,
 )
-from seatrial.runner.compare.benchmark.task import GROUP, Task, task_of
+from seatrial.runner.compare.benchmark.task import GROUP, Task, cells, task_of
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.ranking import SIGNIFICANCE, Ranking, ranking
-from seatrial.runner.compare.statistics import Sample, holm
+from seatrial.runner.compare.statistics import holm
 from seatrial.runner.configuration import search_path
 from seatrial.runner.database.tables import DiagnosticRow
 from seatrial.runner.database.tables import RunRow as RunTable
+from seatrial.runner.export.manoeuvre_tracks import COMPARED, DIAGNOSTIC
 from seatrial.runner.record.rows import Coefficient, Series
 from seatrial.runner.record.vocabulary import DOFS, ENDINGS, TRAINING_TIME
 
 LABELS = ("results_dir=", "sweep.", "hydra", "database")  # options that change no result
+ORDERED = ("helm", "change of heading")  # of a sheet: no result
 SPELLING = re.compile(r"[\s'\"]+")
 CELL = ["task", "case", "seed"]  # what is the same for all entrants of a cell
+ENTRY = (
+    *(*CELL, "entrant", "run", "status", "error", "duration_s", "training_s", "parameters"),
+    *("score", "judged", "measures"),
+)
 
 
-@dataclass(frozen=True)
-class BenchmarkRun:
-    """A cell with its newest run; times in seconds, NaN if they are not stored."""
+class Measure(NamedTuple):
+    """A quantity of the manoeuvre of one test file; NaN for what is not reached."""
 
-    cell: BenchmarkTrial
-    run: int
-    status: str
-    duration_s: float = 0.0
-    training_s: float = 0.0
-    error: str = ""
-    parameters: int = 0  # that differ from the nominal ones
-    score: Score | None = None  # of the free run; None: without a prediction
-    judged: Score | None = None  # the score that ranks
-    measures: tuple[Measure, ...] = ()
+    file: int
+    quantity: str
+    unit: str  # L: ship lengths
+    measured: float
+    predicted: float
 
     @property
-    def loss(self) -> float:
-        """Error of the position, or mean NRMSE of the velocities; inf if they diverge."""
-        return math.inf if self.judged is None else self.judged.loss
-
-
-@dataclass(frozen=True, eq=False)
-class Ranked:
-    """Entrants, their losses (n_cases, n_entrants), and their ranks; None without a case."""
-
-    names: list[str]
-    losses: Sample
-
-    @classmethod
-    def over(cls, frame: pd.DataFrame, cell: Sequence[str] = CELL) -> "Ranked":
-        """Rank entrants over the cells that all have run, by the median of the losses of a cell."""
-        names = list(dict.fromkeys(frame["entrant"]))
-        if not names:
-            return cls([], np.zeros((0, 0)))
-        losses = frame.groupby([*cell, "entrant"], sort=False)["loss"].median().unstack()
-        return cls(names, losses[names].dropna().to_numpy())
-
-    @cached_property
-    def ranks(self) -> Ranking | None:
-        """Mean ranks and tests of the pairs."""
-        return ranking(self.losses) if self.losses.size else None
-
-    def order(self) -> list[str]:
-        """The entrants from the best to the worst."""
-        places = self.ranks.order() if self.ranks else range(len(self.names))
-        return [self.names[i] for i in places]
-
-    @property
-    def tested(self) -> bool:
-        """Whether there are enough cases to tell entrants apart at all, after Holm's correction."""
-        cases, count = self.losses.shape
-        return bool(count > 1 and 0.5 ** (cases - 1) * (count * (count - 1) // 2) < SIGNIFICANCE)
-
-    def best(self) -> list[str]:
-        """The first entrant, and those not significantly different from it; none if not tested."""
-        best = self.ranks.best() if self.ranks and self.tested else set[int]()
-        return [name for name in self.order() if self.names.index(name) in best]
-
-    def mean_rank(self, name: str) -> float:
-        """Mean rank of an entrant, 1 is best; NaN without a case."""
-        return float(self.ranks.mean_ranks[self.names.index(name)]) if self.ranks else np.nan
+    def error(self) -> float:
+        """Error over the measured value; inf for what the model does not reach."""
+        error = abs(self.predicted - self.measured) / abs(self.measured)
+        return error if math.isfinite(error) else math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """A task with the entries that have been run, references included."""
+    """A task with the cells that have been run, references included: a row of `entries` each.
 
-    name: str
+    Columns are those of ENTRY and the loss: times in seconds, NaN if they are not stored; the
+    number of `parameters` that differ from the nominal ones; the `score` of the free run, and the
+    one that ranks (`judged`), None without a prediction; the `measures` of manoeuvres.
+    """
+
     task: Task
-    entries: list[BenchmarkRun]
+    entries: pd.DataFrame
 
     @cached_property
-    def frame(self) -> pd.DataFrame:
-        """The losses, one row an entry: task, case, seed, entrant and loss."""
-        rows = [
-            (e.cell.task, e.cell.case, e.cell.seed, e.cell.entrant, e.loss) for e in self.entries
-        ]
-        return pd.DataFrame(rows, columns=[*CELL, "entrant", "loss"])
+    def losses(self) -> pd.DataFrame:
+        """Losses by entrant (n_cells, n_entrants), of the cells that all of them have run."""
+        return losses_of(self.entries, CELL)
 
     @cached_property
-    def ranked(self) -> Ranked:
-        """The ranks over the cells that all entrants have run."""
-        return Ranked.over(self.frame)
+    def ranked(self) -> Ranking:
+        """The ranks over these cells."""
+        return ranking(self.losses)
 
     @cached_property
-    def contest(self) -> Ranked:
+    def contest(self) -> Ranking:
         """The ranks without the references, which know what is tested on."""
-        names = [name for name in self.ranked.names if name not in REFERENCES]
-        return Ranked(names, self.ranked.losses[:, [self.ranked.names.index(n) for n in names]])
+        return ranking(self.losses.drop(columns=list(REFERENCES), errors="ignore"))
 
     def rivals(self) -> list[str]:
         """The first entrant of the contest, and those not significantly worse, in order.
@@ -141,47 +100,52 @@ class Board:
         if self.contest.tested:
             return self.contest.best()
         first, *others = self.contest.order()
-        own = {
-            name: {(e.cell.case, e.cell.seed): e for e in self.of(name)}
-            for name in (first, *others)
-        }
-        common = [key for key in own[first] if all(key in entries for entries in own.values())]
-        values = holm([_chance([(own[first][key], own[n][key]) for key in common]) for n in others])
+        judged = {name: self.of(name).set_index(CELL)["judged"] for name in (first, *others)}
+        common = [cell for cell in judged[first].index if all(cell in j for j in judged.values())]
+        values = holm([chance(judged[first][common], judged[name][common]) for name in others])
         return [first, *(n for n, p in zip(others, values, strict=True) if p >= SIGNIFICANCE)]
+
+    def of(self, entrant: str) -> pd.DataFrame:
+        """The entries of an entrant."""
+        return self.entries[self.entries["entrant"] == entrant]
 
     def lost(self, entrant: str) -> int:
         """Number of the cells of an entrant that failed or diverged."""
-        return sum(math.isinf(entry.loss) for entry in self.of(entrant))
+        return int((self.of(entrant)["loss"] == math.inf).sum())
+
+    def scores(self, entrant: str, kind: str = "judged") -> list[Score]:
+        """The scores of an entrant, `judged` or `score`, of the cells that did not diverge."""
+        scores = self.of(entrant)[kind]
+        return [each for each in scores if each is not None and math.isfinite(each.loss)]
 
     def has_skill(self, entrant: str) -> bool:
         """Whether an entrant identifies something, and is better than every trivial rival."""
-        means = dict(zip(self.ranked.names, np.mean(self.ranked.losses, axis=0), strict=True))
-        trivial = [name for name in means if name in (*REFERENCES, "none")]
-        return entrant not in trivial and all(means[entrant] < means[name] for name in trivial)
-
-    def of(self, entrant: str) -> list[BenchmarkRun]:
-        """The entries of an entrant."""
-        return [entry for entry in self.entries if entry.cell.entrant == entrant]
+        means = self.losses.mean()
+        trivial = [name for name in means.index if name in (*REFERENCES, "none")]
+        return entrant not in trivial and bool((means[entrant] < means[trivial]).all())
 
     def leaders(self, count: int) -> list[str]:
         """The first entrants that identify something: no references, and not `none`."""
         return [name for name in self.contest.order() if name != "none"][:count]
 
 
+def losses_of(entries: pd.DataFrame, cell: Sequence[str]) -> pd.DataFrame:
+    """Median losses by entrant (n_cells, n_entrants), of the cells that all entrants have run."""
+    if entries.empty:
+        return pd.DataFrame()
+    losses = entries.groupby([*cell, "entrant"], sort=False)["loss"].median().unstack()
+    return losses[entries["entrant"].unique()].dropna()
+
+
 def boards(
     results: Queries, tasks: Sequence[str] = (), entrants: Sequence[str] = ()
 ) -> list[Board]:
     """Return the boards of the named tasks, by default all, with further entrants."""
-    found = []
-    for name in tasks or search_path.options(GROUP):
-        task = task_of(name)
-        named = {**task.entrants, **entrants_of(task, entrants)}
-        own = entries(results, task, cells(name, task, named))
-        found.append(Board(name, task, [*own, *references(results, task, own)]))
-    return found
+    known = [task_of(name) for name in tasks or search_path.options(GROUP)]
+    return [Board(task, _entries(results, task, [*task.entrants, *entrants])) for task in known]
 
 
-def overall(boards: Sequence[Board]) -> list[tuple[list[Board], Ranked]]:
+def overall(boards: Sequence[Board]) -> list[tuple[list[Board], Ranking]]:
     """Rank the entrants of tasks with the same ones, over the cases of these tasks together.
 
     The loss in a case is the median over its seeds, since repeated trials of one case are no
@@ -190,88 +154,94 @@ def overall(boards: Sequence[Board]) -> list[tuple[list[Board], Ranked]]:
     """
     groups: dict[frozenset[str], list[Board]] = defaultdict(list)
     for board in boards:
-        if board.entries:
-            groups[frozenset(board.ranked.names) - {AT_REST}].append(board)
-    several = [group for group in groups.values() if len(group) > 1]
-    frames = [pd.concat([board.frame for board in group]) for group in several]
-    return [
-        (group, Ranked.over(frame[frame["entrant"] != AT_REST], ["task", "case"]))
-        for group, frame in zip(several, frames, strict=True)
-    ]
+        if len(board.entries):
+            groups[frozenset(board.losses) - {AT_REST}].append(board)
+    ranks = []
+    for group in groups.values():
+        if len(group) > 1:
+            entries = pd.concat([board.entries for board in group], ignore_index=True)
+            entries = entries[entries["entrant"] != AT_REST]
+            ranks.append((group, ranking(losses_of(entries, ["task", "case"]))))
+    return ranks
 
 
-def _chance(pairs: Sequence[tuple[BenchmarkRun, BenchmarkRun]]) -> float:
-    """Return the p-value of equal losses of two entrants in the same cells."""
-    if any(math.isinf(one.loss) for pair in pairs for one in pair):
-        both = all(math.isinf(first.loss) == math.isinf(other.loss) for first, other in pairs)
-        return float(both)
-    first, other = zip(*((a.judged, b.judged) for a, b in pairs), strict=True)
-    return chance(first, other)
+def _entries(results: Queries, task: Task, entrants: Sequence[str]) -> pd.DataFrame:
+    """Return the cells that have been run, each with its newest run, and then the trivial rivals.
 
-
-def entries(results: Queries, task: Task, listed: Iterable[BenchmarkTrial]) -> list[BenchmarkRun]:
-    """Return the cells that have been run, each with its newest run and its scores."""
-    columns = (RunTable.id, RunTable.status, RunTable.overrides)
-    ends = (RunTable.started_at, RunTable.finished_at, RunTable.error)
-    ended = RunTable.status.in_(ENDINGS)
-    query = sa.select(*columns, *ends).where(ended).order_by(RunTable.id)
+    These have the cells in which some entrant has a prediction; one at rest has a position only.
+    """
+    r, d = RunTable, DiagnosticRow
+    query = sa.select(r.id, r.status, r.overrides, r.started_at, r.finished_at, r.error)
+    query = query.where(r.status.in_(ENDINGS)).order_by(r.id)
     newest = {_normal(row.overrides): row for row in results.reader.select(query)}
-    timed = sa.select(DiagnosticRow.run_id, DiagnosticRow.value)
-    timed = timed.where(DiagnosticRow.name == TRAINING_TIME)
-    training_s = {row.run_id: float(row.value) for row in results.reader.select(timed)}
-    found = []
-    for cell in listed:
+    timed = sa.select(d.run_id, d.value).where(d.name == TRAINING_TIME)
+    training_s = {row.run_id: row.value for row in results.reader.select(timed)}
+    own: list[dict[str, object]] = []
+    trivial: dict[tuple[str, int], list[dict[str, object]]] = {}
+    for cell in cells(task, entrants):
         row = newest.get(_normal(cell.options))
         if row is None:
             continue
-        run, end = row.id, row.finished_at
-        entry = BenchmarkRun(
-            cell, run, row.status, (end - row.started_at).total_seconds() if end else math.nan,
-            training_s.get(run, math.nan), row.error or "",
-            parameters(results.reader.coefficients(run)),
-        )  # fmt: skip
-        if row.status == FINISHED:
-            series = results.reader.series(run, "prediction")
-            entry = _scored(entry, series, "identified", task)
-            manoeuvre = task.cases[cell.case].manoeuvre
-            if manoeuvre is not None:
-                config = results.reader.run(run).config
-                recording = results.reader.series(run, "recording")
-                measured = tuple(measures(series, recording, config, manoeuvre))
-                entry = replace(entry, measures=measured)
-        found.append(entry)
-    return found
+        place: dict[str, object] = {**dict.fromkeys(ENTRY, 0), **cell._asdict()}
+        place |= {"run": row.id, "status": row.status, "error": "", "measures": ()}
+        end = row.finished_at
+        entry = place | {
+            "error": row.error or "",
+            "duration_s": (end - row.started_at).total_seconds() if end else math.nan,
+            "training_s": training_s.get(row.id, math.nan),
+            "parameters": parameters(results.reader.coefficients(row.id)),
+            **{"score": None, "judged": None},
+        }
+        own.append(entry)
+        if row.status != FINISHED:
+            continue
+        series = results.reader.series(row.id, "prediction")
+        entry |= _scores(series, "identified", task)
+        if task.cases[cell.case].manoeuvre is not None:
+            entry["measures"] = tuple(measures(results.reader.diagnostics(row.id)))
+        if (cell.case, cell.seed) not in trivial:
+            trivial[cell.case, cell.seed] = [
+                place | {"entrant": name} | _scores(series, name, task)
+                for name in REFERENCES
+                if name != AT_REST or task.score == "position"
+            ]
+    rows = [*own, *(row for of_cell in trivial.values() for row in of_cell)]
+    frame = pd.DataFrame(rows, columns=[*ENTRY], dtype=object)
+    losses = [math.inf if judged is None else judged.loss for judged in frame["judged"]]
+    return frame.assign(loss=np.array(losses, dtype=np.float64))
 
 
-def references(results: Queries, task: Task, own: Sequence[BenchmarkRun]) -> list[BenchmarkRun]:
-    """Return what the trivial rivals reach in the cells of `own`; one at rest has a position."""
-    names = [name for name in REFERENCES if name != AT_REST or task.score == "position"]
-    done: dict[tuple[str, int], BenchmarkRun] = {}
-    for entry in own:
-        if entry.score is not None:
-            done.setdefault((entry.cell.case, entry.cell.seed), entry)
-    found = []
-    for entry in done.values():
-        series = results.reader.series(entry.run, "prediction")
-        for name in names:
-            row = BenchmarkRun(replace(entry.cell, entrant=name), entry.run, entry.status)
-            found.append(_scored(row, series, name, task))
-    return found
-
-
-def _scored(entry: BenchmarkRun, series: Series, model: str, task: Task) -> BenchmarkRun:
-    """Return an entry with its score of the free run, and the one that the task ranks by."""
+def _scores(series: Series, model: str, task: Task) -> dict[str, object]:
+    """Return the score of the free run, and the one that the task ranks by."""
     judged = free_run = score(series, model, task.outputs, task.horizons_s)
-    if task.score == "position" and task.after_s is not None:
-        judged = position_score(series, model, task.after_s)
-    elif task.score == "restarts" and task.after_s is not None:
-        judged = restart_score(series, model, task.outputs, task.after_s)
-    return replace(entry, score=free_run, judged=judged)
+    if task.score != "free_run" and task.after_s is not None:
+        outputs = POSITION if task.score == "position" else task.outputs
+        judged = score_after(series, model, outputs, task.after_s)
+    return {"score": free_run, "judged": judged}
 
 
 def _normal(options: Iterable[str]) -> tuple[str, ...]:
     """Return the options that decide the results, in one spelling and order."""
     return tuple(sorted(SPELLING.sub("", text) for text in options if not text.startswith(LABELS)))
+
+
+def measures(rows: Iterable[Diagnostic]) -> Iterator[Measure]:
+    """Yield what a run has stored of the manoeuvres of its test files, measured and identified.
+
+    Compared are results with a value to which an error is relative, and not what was ordered.
+    """
+    values: dict[tuple[int | None, str, str], dict[int | None, float | None]] = {}
+    for row in rows:
+        if row.name.startswith(DIAGNOSTIC):
+            quantity = row.name.removeprefix(DIAGNOSTIC).replace("_", " ")
+            values.setdefault((row.i, quantity, row.unit), {})[row.j] = row.value
+    for (file, quantity, unit), own in values.items():
+        measured, predicted = (own.get(COMPARED.index(n)) for n in ("measured", "identified model"))
+        known = measured is not None and math.isfinite(measured) and measured != 0.0
+        lasting = unit in ("L", "deg") or quantity == "period P"
+        if measured is not None and known and lasting and quantity not in ORDERED:
+            reached = math.nan if predicted is None else predicted
+            yield Measure(file or 0, quantity, unit, measured, reached)
 
 
 def parameters(rows: Iterable[Coefficient]) -> int:

@@ -86,58 +86,65 @@ def score(
 
     `outputs` are degrees of freedom. A model without a prediction scores inf.
     """
-    measured, starts = _columns(series, outputs), series.columns["start"]
-    spread = np.std(measured, axis=0)
-    if model == MEAN_MOTION:
-        free = np.broadcast_to(measured.mean(axis=0), measured.shape)
-    elif model == PERSISTENCE:
-        free = measured[np.maximum.accumulate(np.where(starts, np.arange(len(starts)), 0))]
-    else:
-        free = _columns(series, [f"{name}_{model}" for name in outputs])
+    spread = np.std(_columns(series, outputs), axis=0)
     after = {}
     for seconds in horizons_s:
-        errors = (_after(series, model, outputs, measured, seconds) - measured) / spread
-        after[seconds] = _rms(errors[~np.isnan(errors[:, 0])])
+        ahead = _errors(series, model, outputs, seconds) / spread
+        after[seconds] = _rms(ahead[~np.isnan(ahead[:, 0])])
     band = None
     if model == "identified" and f"{outputs[0]}_{IDENTIFIED_STD}" in series.columns:
         band = _columns(series, [f"{name}_{IDENTIFIED_STD}" for name in outputs]) / spread
-    return Score((free - measured) / spread, starts, _period_s(series), after, band)
+    errors = _errors(series, model, outputs) / spread
+    return Score(errors, series.columns["start"], _period_s(series), after, band)
 
 
-def restart_score(series: Series, model: str, outputs: Sequence[str], seconds: float) -> Score:
-    """Score the velocities `seconds` after every measured state, in the series `prediction`.
+def score_after(series: Series, model: str, outputs: Sequence[str], seconds: float) -> Score:
+    """Score the predictions `seconds` after every measured state, in the series `prediction`.
 
-    A model without these predictions scores inf, as one does whose predictions diverge.
+    `outputs` are degrees of freedom, or POSITION, whose errors are distances [m]: of one output. A
+    model that lacks a prediction where some model has one scores inf.
     """
-    measured, reached = _columns(series, outputs), _reached(series, seconds)
-    errors = _after(series, model, outputs, measured, seconds) - measured
-    own = (errors / np.std(measured, axis=0))[reached]
-    return Score(own, _first(series, reached), _period_s(series))
-
-
-def position_score(series: Series, model: str, seconds: float) -> Score:
-    """Return the distances [m] after `seconds` in the series `prediction`, as errors of one output.
-
-    Its loss is their root mean square, inf without predictions.
-    PERSISTENCE holds the measured velocity in NED, MEAN_MOTION moves by the mean of the measured
-    displacements, AT_REST not at all; all where a prediction of some model ends, and one that
-    lacks any of them scores inf.
-    """
-    measured, reached = _columns(series, POSITION), _reached(series, seconds)
-    steps = max(round(seconds / _period_s(series)), 1)
-    before = np.roll(measured, steps, axis=0)
-    if model == PERSISTENCE:
-        u, v, psi = (series.columns[name] for name in ("surge", "sway", "psi"))
-        north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
-        ends = before + seconds * np.roll(np.column_stack([north, east]), steps, axis=0)
-    elif model == MEAN_MOTION:
-        ends = before + np.mean((measured - before)[reached], axis=0)
-    elif model == AT_REST:
-        ends = before
+    reached = _reached(series, seconds)
+    errors = _errors(series, model, outputs, seconds)
+    if outputs == POSITION:
+        errors = np.linalg.norm(errors, axis=1)[:, None]
     else:
-        ends = _columns(series, [f"{name}_{model}_{seconds:g}s" for name in POSITION])
-    distance = np.linalg.norm(ends - measured, axis=1)[reached, None]
-    return Score(distance, _first(series, reached), _period_s(series))
+        errors = errors / np.std(_columns(series, outputs), axis=0)
+    piece = np.cumsum(series.columns["start"])[reached]
+    starts = np.asarray(np.diff(piece, prepend=-1) != 0, dtype=np.float64)
+    return Score(errors[reached], starts, _period_s(series))
+
+
+def _errors(
+    series: Series, model: str, outputs: Sequence[str], seconds: float | None = None
+) -> Sample:
+    """Errors (N, n) of the free run, or of predictions from the state `seconds` before.
+
+    NaN where no prediction ends; those of the trivial rivals end where some model's do. PERSISTENCE
+    holds the velocity that was measured before, for a position in NED; MEAN_MOTION moves by the
+    mean of what was measured; AT_REST stays at the position before, and has no velocity.
+    """
+    measured, columns = _columns(series, outputs), series.columns
+    if model not in REFERENCES or (model == AT_REST and outputs != POSITION):
+        end = "" if seconds is None else f"_{seconds:g}s"
+        return _columns(series, [f"{name}_{model}{end}" for name in outputs]) - measured
+    if seconds is None:
+        rows = np.arange(len(measured))
+        before = measured[np.maximum.accumulate(np.where(columns["start"], rows, 0))]
+        reached, steps = np.full(len(measured), True), 0
+    else:
+        steps = max(round(seconds / _period_s(series)), 1)
+        before, reached = np.roll(measured, steps, axis=0), _reached(series, seconds)
+    predicted = before
+    if model == MEAN_MOTION and outputs != POSITION:
+        predicted = np.broadcast_to(measured.mean(axis=0), measured.shape)
+    elif model == MEAN_MOTION:
+        predicted = before + np.mean((measured - before)[reached], axis=0)
+    elif model == PERSISTENCE and outputs == POSITION and seconds is not None:
+        u, v, psi = (columns[name] for name in ("surge", "sway", "psi"))
+        north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+        predicted = before + seconds * np.roll(np.column_stack([north, east]), steps, axis=0)
+    return np.where(reached[:, None], predicted - measured, np.nan)
 
 
 def half_width(deviations: Sample, level: float = BAND_LEVEL) -> Sample:
@@ -166,32 +173,31 @@ def pooled(scores: Sequence[Score]) -> Sample:
 
 
 def interval(scores: Sequence[Score], seed: int = 0) -> tuple[float, float]:
-    """Return the 90 % interval of the mean of `pooled`, by a bootstrap of files and blocks.
-
-    (inf, inf) where a trial diverges.
-    """
-    if any(not np.isfinite(score.loss) for score in scores):
-        return np.inf, np.inf
+    """Return the 90 % interval of the mean of `pooled`, by a bootstrap of files and blocks."""
     pieces = [piece for score in scores for piece in score.pieces()]
     drawn = _drawn(pieces, scores[0].period_s, seed).mean(axis=1)
     low, high = np.quantile(drawn, [(1.0 - INTERVAL_LEVEL) / 2.0, (1.0 + INTERVAL_LEVEL) / 2.0])
     return float(low), float(high)
 
 
-def chance(first: Sequence[Score], other: Sequence[Score], seed: int = 0) -> float:
+def chance(first: Sequence[Score | None], other: Sequence[Score | None], seed: int = 0) -> float:
     """Return the p-value of equal pooled losses of two entrants, by a paired bootstrap.
 
     `first` and `other` are their scores of the same files: both are drawn at the same files and
-    blocks. 0 where only one of the two diverges, 1 where both do; NaN for scores that do not match.
+    blocks. None is that of a run that failed: where some scores are lost or diverge, 1 if they are
+    those of the same files for both, else 0. NaN for scores that do not match.
     """
-    lost = [any(not np.isfinite(score.loss) for score in scores) for scores in (first, other)]
-    if any(lost):
-        return float(all(lost))
-    pairs = list(zip(first, other, strict=False))
-    if len(first) != len(other) or any(a.errors.shape != b.errors.shape for a, b in pairs):
+    own, others = ([each for each in scores if each is not None] for scores in (first, other))
+    lost, lost_too = (
+        [each is None or not np.isfinite(each.loss) for each in scores] for scores in (first, other)
+    )
+    if any(lost) or any(lost_too):
+        return float(lost == lost_too)
+    if [each.errors.shape for each in own] != [each.errors.shape for each in others]:
         return np.nan
-    both = [np.hstack(own) for a, b in pairs for own in zip(a.pieces(), b.pieces(), strict=True)]
-    drawn = _drawn(both, first[0].period_s, seed)
+    pairs = zip(own, others, strict=True)
+    both = [np.hstack(two) for a, b in pairs for two in zip(a.pieces(), b.pieces(), strict=True)]
+    drawn = _drawn(both, own[0].period_s, seed)
     half = drawn.shape[1] // 2
     gain = drawn[:, half:].mean(axis=1) - drawn[:, :half].mean(axis=1)
     better = np.mean(gain > 0.0) + 0.5 * np.mean(gain == 0.0)
@@ -212,32 +218,10 @@ def _rms(errors: Sample) -> Sample:
     return np.where(np.isnan(values), np.inf, values)
 
 
-def _after(
-    series: Series, model: str, outputs: Sequence[str], measured: Sample, seconds: float
-) -> Sample:
-    """Predictions (N, n) from the state measured `seconds` before; NaN where none ends.
-
-    Those of PERSISTENCE and MEAN_MOTION end where some model's do.
-    """
-    if model not in (PERSISTENCE, MEAN_MOTION):
-        return _columns(series, [f"{name}_{model}_{seconds:g}s" for name in outputs])
-    steps = max(round(seconds / _period_s(series)), 1)
-    earlier = np.roll(measured, steps, axis=0)
-    values = earlier if model == PERSISTENCE else np.tile(measured.mean(axis=0), (len(measured), 1))
-    values[~_reached(series, seconds)] = np.nan
-    return values
-
-
 def _reached(series: Series, seconds: float) -> NDArray[np.bool_]:
     """Where (N,) the prediction of some model over this time ends."""
     ends = [values for name, values in series.columns.items() if name.endswith(f"_{seconds:g}s")]
     return np.any(np.isfinite(ends), axis=0) if ends else np.zeros(len(series.columns["t"]), bool)
-
-
-def _first(series: Series, reached: NDArray[np.bool_]) -> Sample:
-    """Which of the reached samples (n,) is the first one of its piece."""
-    piece = np.cumsum(series.columns["start"])[reached]
-    return np.asarray(np.diff(piece, prepend=-1) != 0, dtype=np.float64)
 
 
 def _columns(series: Series, names: Sequence[str]) -> Sample:

@@ -1,15 +1,16 @@
-"""A task of the benchmark: where its data come from, the files of each case, and what is scored.
+"""A task of the benchmark: where its data come from, its trials, and what is scored.
 
 A task is a file of `conf/benchmark`. It ships no data: it names their source, how to get them, and
 the SHA-256 of each file. A file is looked for in SEATRIAL_DATA, then in DATA_FOLDER.
 """
 
 import hashlib
+import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import yaml
 
@@ -22,9 +23,6 @@ GROUP = "benchmark"
 VARIABLE = "SEATRIAL_DATA"
 MAPS = search_path.CONF / GROUP / "maps"  # of columns
 DATA_FOLDER = Path("~/.local/share/seatrial")
-
-State = Literal["found", "damaged", "missing"]
-ScoreKind = Literal["free_run", "restarts", "position"]
 
 
 @dataclass(frozen=True)
@@ -47,11 +45,6 @@ class Case:
     seeds: int | None = None  # null: as many as the task has; 1 where nothing is random
     manoeuvre: Manoeuvre | None = None  # whose measures are compared, of each test file
 
-    @property
-    def files(self) -> tuple[str, ...]:
-        """All files of the case."""
-        return (*self.train, *self.test)
-
 
 @dataclass(frozen=True)
 class Task:
@@ -63,6 +56,7 @@ class Task:
     where free runs are chaotic. `entrants` are those of this task alone.
     """
 
+    name: str
     title: str
     trial: tuple[str, ...]
     cases: dict[str, Case]
@@ -73,7 +67,7 @@ class Task:
     test_map: str | None = None  # of the files that are tested on, where it is another one
     seeds: int = 1
     horizons_s: tuple[float, ...] = (1.0, 10.0, 60.0)
-    score: ScoreKind = "free_run"
+    score: Literal["free_run", "restarts", "position"] = "free_run"
     after_s: float | None = None  # one of `horizons_s`
     entrants: dict[str, tuple[str, ...]] = field(default_factory=dict)
     without: tuple[str, ...] = ()  # entrants that cannot take part
@@ -92,7 +86,7 @@ class Task:
         if not self.cases:
             raise ConfigurationError("cases: got none, expected at least one")
         for name, case in self.cases.items():
-            for path in case.files:
+            for path in (*case.train, *case.test):
                 if not self.parts(path):
                     raise ConfigurationError(f"cases.{name}: {path} has no SHA-256 under `files`")
 
@@ -101,13 +95,22 @@ class Task:
         return [file for file in self.files if file == path or file.startswith(f"{path}/")]
 
 
-@dataclass(frozen=True)
-class Located:
+class Cell(NamedTuple):
+    """One trial of the benchmark; `options` are all that its command gives."""
+
+    task: str
+    case: str
+    seed: int
+    entrant: str
+    options: tuple[str, ...]
+
+
+class Located(NamedTuple):
     """A file of a task: where it is, or where it is expected."""
 
     name: str
     path: Path
-    state: State
+    state: Literal["found", "damaged", "missing"]
 
 
 def task_of(name: str) -> Task:
@@ -126,7 +129,7 @@ def task_of(name: str) -> Task:
     if not isinstance(node, Mapping):
         raise ConfigurationError(f"{path}: got no mapping, expected the keys of a task")
     try:
-        task = options.part(Task, node)
+        task = options.part(Task, {**node, "name": name})
     except options.OptionError as error:
         raise ConfigurationError(error.at(f"{GROUP}/{name}")) from error
     assert isinstance(task, Task)
@@ -135,15 +138,60 @@ def task_of(name: str) -> Task:
 
 def located(task: Task) -> list[Located]:
     """Where the files of a task are, each verified by its SHA-256."""
-    return [_located(name, digest) for name, digest in task.files.items()]
-
-
-def _located(name: str, digest: str) -> Located:
     folders = [Path(text).expanduser() for text in (os.environ.get(VARIABLE), DATA_FOLDER) if text]
-    for folder in folders:
-        path = folder / name
-        if path.is_file():
-            with path.open("rb") as file:
-                same = hashlib.file_digest(file, "sha256").hexdigest() == digest
-            return Located(name, path, "found" if same else "damaged")
-    return Located(name, folders[0] / name, "missing")
+    files = []
+    for name, digest in task.files.items():
+        path = next((each / name for each in folders if (each / name).is_file()), None)
+        if path is None:
+            files.append(Located(name, folders[0] / name, "missing"))
+            continue
+        with path.open("rb") as file:
+            same = hashlib.file_digest(file, "sha256").hexdigest() == digest
+        files.append(Located(name, path, "found" if same else "damaged"))
+    return files
+
+
+def lacking(task: Task, files: Sequence[Located]) -> dict[str, list[Located]]:
+    """The cases whose files are missing or damaged, each with these files."""
+    wrong = [file for file in files if file.state != "found"]
+    lacks = {}
+    for label, case in task.cases.items():
+        own = [part for path in (*case.train, *case.test) for part in task.parts(path)]
+        if parts := [file for file in wrong if file.name in own]:
+            lacks[label] = parts
+    return lacks
+
+
+def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[Cell]:
+    """Yield the cells of a task, entrant by entrant, of those cases whose files are there.
+
+    An entrant that the task does not name is an option of the group `identifier`, such as one's
+    own; by default they are all of the task.
+    """
+    files = located(task)
+    absent, paths = lacking(task, files), {file.name: str(file.path) for file in files}
+    maps = {"map": task.map, "test_map": task.test_map}
+    mapped = [f"excitation.{key}={MAPS / file}" for key, file in maps.items() if file is not None]
+    for entrant in dict.fromkeys(entrants or task.entrants):
+        own = task.entrants.get(entrant, (f"identifier={entrant}",))
+        for label, case in task.cases.items():
+            if label in absent:
+                continue
+            given = [*task.trial, *mapped, *case.options]
+            for key, names in (("train", case.train), ("test", case.test)):
+                if names:
+                    of_case = [
+                        paths[part].removesuffix(part) + name
+                        for name in names
+                        for part in task.parts(name)[:1]
+                    ]
+                    if any(set(path) & set("'\"\\") for path in of_case):
+                        raise ConfigurationError(
+                            f"{of_case[0]}: got a quote or backslash in a path of data"
+                        )
+                    given.append(f"excitation.{key}={json.dumps(of_case)}")
+            given += [*own, f"horizons_s={list(task.horizons_s)}"]
+            for seed in range(case.seeds or task.seeds):
+                # The last option of a key counts: an entrant may replace one of the task.
+                last = {option.partition("=")[0]: option for option in (*given, f"seed={seed}")}
+                yield Cell(task.name, label, seed, entrant, tuple(last.values()))

@@ -39,7 +39,6 @@ def request_of(options: cli.PlotOptions) -> PlotRequest:
         log=options.log,
         where=options.where,
         sweep=options.sweep,
-        tag=options.tag,
         pool=cli.split(options.pool),
     )
 

@@ -1,12 +1,10 @@
 """Mean ranks of the benchmark's entrants, and which do not differ, as in Demsar (2006), Fig. 1."""
 
-from collections.abc import Sequence
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Chart
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.benchmark.boards import Ranked, boards, overall
+from seatrial.runner.compare.benchmark.boards import boards, overall
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import number_text
@@ -33,33 +31,31 @@ NOTE = (
 
 def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     """Draw one figure of each group of tasks with the same entrants, and one of each task."""
-    own = [board for board in boards(results) if board.ranked.ranks is not None]
+    own = [board for board in boards(results) if board.ranked.cases]
     if not own:
         raise ConfigurationError("plot critical_difference: no task of the benchmark has been run")
-    drawn = [
-        style.Drawing(f"critical_difference-{b.name}", chart(b.task.title, b.ranked)) for b in own
+    ranked = [([board], board.ranked) for board in own]
+    for group in overall(own):
+        ranked.insert(0, group)
+    return [
+        style.Drawing(
+            f"critical_difference-{'-'.join(board.task.name for board in group)}",
+            chart(", ".join(board.task.title for board in group), ranks),
+        )
+        for group, ranks in ranked
+        if ranks.cases
     ]
-    for group, every in overall(own):
-        if every.ranks is not None:
-            titles = ", ".join(board.task.title for board in group)
-            names = "-".join(board.name for board in group)
-            drawn.insert(0, style.Drawing(f"critical_difference-{names}", chart(titles, every)))
-    return drawn
 
 
-def chart(title: str, ranked: Ranked) -> Chart:
+def chart(title: str, ranks: Ranking) -> Chart:
     """Return the figure of the ranks of one set of cases."""
-    ranks = ranked.ranks
-    assert ranks is not None
-    names = [name.replace("_", " ") for name in ranked.names]
-    difference = critical_difference(len(names), len(ranked.losses))
-    lines = -(-len(names) // 2) + len(ranks.groups())
+    count = len(ranks.mean_ranks)
+    lines = -(-count // 2) + len(ranks.groups())
     figure, (axes,) = style.panels(1, 1, 7.0, ROW * lines + 2.2)
-    _axis(axes, len(names), difference)
-    below = _groups(axes, ranks)
-    _names(axes, names, ranks, below)
+    _axis(axes, count, critical_difference(count, ranks.cases))
+    _names(axes, ranks, _groups(axes, ranks))
     axes.set_axis_off()
-    cases = f"{len(ranked.losses)} case{'s' if len(ranked.losses) != 1 else ''}"
+    cases = f"{ranks.cases} case{'s'[: ranks.cases != 1]}"
     title = f"{title}: mean ranks over {cases}"
     return style.drawing_of("critical_difference", figure, [axes], title, [NOTE]).figure
 
@@ -93,18 +89,18 @@ def _groups(axes: Axes, ranks: Ranking) -> float:
     return height - 0.4
 
 
-def _names(axes: Axes, names: Sequence[str], ranks: Ranking, below: float) -> None:
+def _names(axes: Axes, ranks: Ranking, below: float) -> None:
     """The entrants, the better half at the left, each joined to its rank."""
-    order = ranks.order()
-    half = -(-len(order) // 2)
+    count = len(ranks.mean_ranks)
+    half = -(-count // 2)
     low, high = axes.get_xlim()
     inner = 0.1 * (high - low) * SIDE
-    for place, i in enumerate(order):
+    for place, (name, rank) in enumerate(ranks.mean_ranks.items()):
         left = place < half
-        height = below - (place if left else len(order) - 1 - place)
-        rank, edge = float(ranks.mean_ranks[i]), 1.0 - inner if left else len(order) + inner
+        height = below - (place if left else count - 1 - place)
+        edge, shown = 1.0 - inner if left else count + inner, str(name).replace("_", " ")
         axes.plot([rank, rank, edge], [0.0, height, height], color=style.REFERENCE, linewidth=0.8)
-        text = f"{names[i]}  {rank:.2f}" if left else f"{rank:.2f}  {names[i]}"
+        text = f"{shown}  {rank:.2f}" if left else f"{rank:.2f}  {shown}"
         side = -0.3 * inner if left else 0.3 * inner
         axes.text(edge + side, height, text, ha="right" if left else "left", va="center")
     axes.set_ylim(below - half + 0.4, 3.6)

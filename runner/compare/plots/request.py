@@ -47,8 +47,7 @@ class PlotRequest:
     band: float | None = None  # [%] level of the bands about a prediction
     log: bool | None = None  # None: by the range of the values
     where: str | None = None
-    sweep: str | None = None  # a number, a name or `all`; by default the newest one
-    tag: str | None = None  # only sweeps with it
+    sweep: str | None = None  # a number, a name, a tag or `all`; by default the newest one
     pool: Sequence[str] = ()  # factors that a group may average over
 
     def shown(self, has: Callable[[str], bool]) -> list[str]:
@@ -58,7 +57,7 @@ class PlotRequest:
     def condition(self, results: Queries) -> Condition:
         """Return the condition that its runs meet."""
         if self.run is None:
-            return results.selected(self.where, self.sweep, self.tag)[0]
+            return results.selected(self.where, self.sweep)[0]
         return replace(results.where(self.where), run=self.run)
 
     def trials(self, results: Queries, factors: Sequence[str], planned: bool) -> pd.DataFrame:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.runner.compare.benchmark.cells import cells
-from seatrial.runner.compare.benchmark.task import task_of
+from seatrial.runner.compare.benchmark.task import cells, task_of
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
@@ -377,7 +376,7 @@ def fill_benchmark(logbook: LogbookWriter) -> None:
     task, rng = task_of("ferry_simulated"), np.random.default_rng(0)
     sweep = logbook.begin_sweep("benchmark_ferry_simulated", "seatrial benchmark", [], 3)
     for error, name in enumerate(("ls", "auto", "none")):
-        cell = next(cells("ferry_simulated", task, {name: (f"identifier={name}",)}))
+        cell = next(cells(task, [name]))
         motion = rng.standard_normal((200, 3))
         columns = {"t": 0.1 * np.arange(200), "start": 1.0 * (np.arange(200) == 0)}
         columns |= dict(zip(task.outputs, motion.T, strict=True))

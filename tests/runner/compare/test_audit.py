@@ -191,7 +191,7 @@ def test_the_command_line_selects_and_changes_nothing(program: Program, tmp_path
 
     assert runs_of() == ["1-4"]
     assert runs_of("--sweep", "second") == ["3-4"]
-    assert runs_of("--tag", "old", "--where", "seed=1") == ["2"]
+    assert runs_of("--sweep", "old", "--where", "seed=1") == ["2"]
     assert runs_of("--where", "disturbance=first") == ["1-2"]
     shown = program("audit", "--database", file, "--format", "md", "--sweep", "1")[1]
     assert "| check | runs | what | remedy |" in shown

@@ -140,6 +140,8 @@ REFUSED = (
     (["serve"], "serve is gone: use seatrial-results site"),
     (["scrub"], "scrub is gone: passwords are not stored"),
     (["runs", "-f", "csv-plain"], "csv-plain is gone: use csv"),
+    (["stats", "1"], "stats is gone: use show RUN"),
+    (["runs", "--tag", "x"], "--tag is gone: use --sweep"),
     (["manoeuvres", "1", "--execution", "full"], "--execution full is gone: use --execution half"),
 )
 

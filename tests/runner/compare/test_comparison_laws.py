@@ -9,7 +9,7 @@ import pytest
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.grid import TextTable
-from seatrial.runner.compare.table import comparison, request_of
+from seatrial.runner.compare.table import comparison
 from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 
@@ -40,7 +40,7 @@ def fill(logbook: LogbookWriter) -> Callable[[Values], None]:
 
 
 def table(results: Queries, **options: object) -> TextTable:
-    return comparison(results, request_of(TableOptions(metric=["e_pos_mae"], **options)))  # type: ignore[arg-type]
+    return comparison(results, TableOptions(metric=["e_pos_mae"], **options))  # type: ignore[arg-type]
 
 
 def record(grid: TextTable, **levels: str) -> Mapping[str, object]:
@@ -74,7 +74,7 @@ def test_a_number_that_a_method_cannot_have_loses_nothing(
         rows += [stored.force_mse(3.0)] * (identifier == "ls")
         stored.finish(logbook, stored.start(identifier, "noise"), rows)
     asked = TableOptions(metric=["force_mse"])
-    grid = comparison(results, request_of(asked))
+    grid = comparison(results, asked)
     (lacking,) = [r for r in grid.as_records() if r["identifier"] == "dsr"]
     assert (lacking["not_applicable"], lacking["without_value"]) == (1, 0)
     assert best(table(results)) == {"dsr"}

@@ -5,8 +5,6 @@ import json
 import shlex
 import shutil
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
@@ -63,23 +61,6 @@ def test_a_failure_that_was_made_good_is_not_repeated(program: Program, tmp_path
     assert "nothing to retry" in err
 
 
-def test_retry_execute_starts_the_commands_and_tells_of_failures(
-    program: Program, plain: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    started: list[list[str]] = []
-
-    def start(command: list[str], check: bool) -> subprocess.CompletedProcess[str]:
-        assert not check
-        started.append(command)
-        return subprocess.CompletedProcess(command, returncode=len(started) - 1)
-
-    monkeypatch.setattr(commands.subprocess, "run", start)
-    code, _, err = program("retry", *database(plain), "--status", "failed,diverged", "--execute")
-    assert code == 1
-    assert [command[:3] for command in started] == [[sys.executable, "-m", "seatrial.runner"]] * 2
-    assert "1 of 2 finished" in err
-
-
 def test_ages() -> None:
     for text, hours in (("30d", 720.0), ("12h", 12.0), ("2w", 336.0), ("90m", 1.5)):
         assert commands.age(text) == timedelta(hours=hours)
@@ -108,9 +89,9 @@ def test_prune_shows_and_deletes_only_with_yes(program: Program, voyage_copy: Pa
 def test_prune_by_age_and_status(program: Program, copy: Path) -> None:
     _change(copy, "UPDATE run SET started_at = '2020-01-01 00:00:00.000000' WHERE id = 14")
     _, out, _ = program("prune", *database(copy), "--older-than", "30d", "--format", "json")
-    assert [run["id"] for run in json.loads(out)] == [14]
+    assert [run["run_id"] for run in json.loads(out)] == [14]
     _, out, _ = program("prune", *database(copy), "--status", "failed,diverged", "--format", "json")
-    assert [run["id"] for run in json.loads(out)] == [14, 15]
+    assert [run["run_id"] for run in json.loads(out)] == [14, 15]
     arguments = ["--older-than", "30d", "--status", "diverged"]
     assert "0 runs" in program("prune", *database(copy), *arguments, "--yes")[1]
     assert _count(copy, "run") == 17

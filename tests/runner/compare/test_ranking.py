@@ -1,6 +1,9 @@
 """Ranks of entrants: published ranks, the level of the tests, and intervals by the bootstrap."""
 
+from collections.abc import Sequence
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from seatrial.runner.compare.ranking import Ranking, block_bootstrap, critical_difference, ranking
@@ -15,10 +18,18 @@ DEMSAR = """0.763 0.768 0.771 0.798  0.599 0.591 0.590 0.569  0.954 0.971 0.968 
     0.972 0.981 0.9751 0.975  0.957 0.978 0.946 0.970"""
 
 
+def ranked(losses: Sequence[Sequence[float]] | np.ndarray) -> Ranking:
+    """The ranks of entrants a, b, ... by their losses (n_cases, n_entrants)."""
+    table = np.array(losses)
+    return ranking(pd.DataFrame(table, columns=[*"abcd"[: table.shape[1]]]))
+
+
 def test_mean_ranks_are_the_published_ones() -> None:
     losses = -np.array(DEMSAR.split(), dtype=float).reshape(14, 4)
     expected = [3.143, 2.000, 2.893, 1.964]
-    np.testing.assert_allclose(ranking(losses).mean_ranks, expected, atol=5e-4)
+    ranks = ranked(losses).mean_ranks
+    assert [*ranks.index] == [*"dbca"]
+    np.testing.assert_allclose(ranks[[*"abcd"]], expected, atol=5e-4)
 
 
 @pytest.mark.parametrize(("level", "printed"), [(0.05, 1.25), (0.10, 1.12)])
@@ -44,7 +55,7 @@ def test_equal_entrants_are_told_apart_at_most_as_often_as_the_level_says() -> N
     rng = np.random.default_rng(1)
     wrong = 0
     for _ in range(200):
-        result = ranking(rng.standard_normal((20, 4)))
+        result = ranked(rng.standard_normal((20, 4)))
         wrong += any(p < 0.05 for p in result.p_values.values())
     assert wrong <= 0.05 * 200 + 3 * np.sqrt(200 * 0.05 * 0.95)
 
@@ -54,34 +65,34 @@ def test_a_better_entrant_is_first_and_alone_and_one_without_results_is_last() -
     losses = 1.0 + 0.1 * rng.standard_normal((30, 4))
     losses[:, 2] -= 0.5
     losses[:, 0] = np.inf
-    result = ranking(losses)
-    assert result.order()[0] == 2
-    assert result.order()[-1] == 0
-    assert result.best() == {2}
-    assert sorted(map(sorted, result.groups())) == [[1, 3]]
+    result = ranked(losses)
+    assert (result.order()[0], result.order()[-1]) == ("c", "a")
+    assert result.best() == ["c"]
+    assert sorted(map(sorted, result.groups())) == [["b", "d"]]
 
 
 def test_of_a_group_no_two_differ_not_only_neighbours() -> None:
-    chain = Ranking(np.array([1.0, 2.0, 3.0]), {(0, 1): 0.5, (1, 2): 0.5, (0, 2): 0.01})
-    assert chain.groups() == [[0, 1], [1, 2]]
+    p_values = {frozenset("ab"): 0.5, frozenset("bc"): 0.5, frozenset("ac"): 0.01}
+    chain = Ranking(pd.Series({"a": 1.0, "b": 2.0, "c": 3.0}), p_values, 9)
+    assert chain.groups() == [["a", "b"], ["b", "c"]]
 
 
 def test_cases_in_which_entrants_are_equal_count_for_both() -> None:
     """Six wins tell them apart, six wins of 26 do not."""
     wins, draws = [[1.0, 2.0]] * 6, [[1.0, 1.0]] * 20
-    assert ranking(np.array(wins)).best() == {0}
-    assert ranking(np.array(wins + draws)).best() == {0, 1}
+    assert ranked(wins).best() == ["a"]
+    assert ranked(wins + draws).best() == ["a", "b"]
 
 
 def test_losses_that_differ_by_rounding_share_their_rank() -> None:
-    result = ranking(np.array([[1.0, 1.0 + 1e-9, 2.0], [3.0 + 1e-9, 3.0, np.inf]] * 8))
-    np.testing.assert_array_equal(result.mean_ranks, [1.5, 1.5, 3.0])
-    assert result.best() == {0, 1}
+    result = ranked([[1.0, 1.0 + 1e-9, 2.0], [3.0 + 1e-9, 3.0, np.inf]] * 8)
+    assert dict(result.mean_ranks) == {"a": 1.5, "b": 1.5, "c": 3.0}
+    assert result.best() == ["a", "b"]
 
 
 def test_no_number_is_refused() -> None:
     with pytest.raises(ValueError, match="got NaN, expected numbers"):
-        ranking(np.array([[1.0, np.nan]]))
+        ranked([[1.0, np.nan]])
 
 
 def test_blocks_keep_the_dependence_of_neighbouring_errors() -> None:

@@ -8,20 +8,21 @@ from typing import Any
 import pytest
 from sqlalchemy import event
 
+from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.frame import Queries
-from seatrial.runner.compare.table import TableRequest, comparison
+from seatrial.runner.compare.table import comparison
 from seatrial.runner.database import LogbookWriter
 from tests.runner.database.samples import make_results, make_start
 
 ASKED: dict[str, Callable[[LogbookWriter], object]] = {
     "a table of a metric": lambda logbook: comparison(
-        Queries(logbook), TableRequest(("force_mse",), dofs=("surge",), stages=("validation",))
+        Queries(logbook), TableOptions(dof=["surge"], stage=["validation"])
     ),
     "a table of a coefficient": lambda logbook: comparison(
-        Queries(logbook), TableRequest(("term1",), of_coefficients=True)
+        Queries(logbook), TableOptions(coefficient=["term1"])
     ),
     "a table of some runs": lambda logbook: comparison(
-        Queries(logbook), TableRequest(("force_mse",), where="identifier=ls")
+        Queries(logbook), TableOptions(where="identifier=ls")
     ),
     "the metrics of a run": lambda logbook: logbook.metrics(2),
     "the diagnostics of a run": lambda logbook: logbook.diagnostics(2),

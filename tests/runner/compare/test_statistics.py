@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.statistics import checked, confidence_interval, paired_test, summary
@@ -30,16 +29,6 @@ def test_t_interval_is_that_of_the_table() -> None:
     # t(0.975, 3 degrees of freedom) = 3.182446; standard error sqrt(8/3)/2
     half = 3.182446 * math.sqrt(8.0 / 3.0) / 2.0
     assert confidence_interval(SAMPLE) == pytest.approx((4.0 - half, 4.0 + half), rel=1e-6)
-
-
-def test_bootstrap_interval_repeats_and_agrees_with_scipy() -> None:
-    sample = np.random.default_rng(3).normal(10.0, 2.0, 40)
-    ours = confidence_interval(sample, "bootstrap")
-    assert ours == confidence_interval(sample, "bootstrap")
-    theirs = stats.bootstrap(
-        (sample,), np.mean, method="percentile", rng=np.random.default_rng(1)
-    ).confidence_interval
-    assert ours == pytest.approx((theirs.low, theirs.high), abs=0.05)
 
 
 def test_paired_test_by_hand() -> None:

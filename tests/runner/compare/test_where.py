@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.frame import Queries, open_results
-from seatrial.runner.compare.table import TableRequest, comparison
+from seatrial.runner.compare.table import comparison
 from seatrial.runner.compare.where import parse
 from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
@@ -103,9 +104,7 @@ def test_conditions_mean_the_same_on_postgresql(postgres: Postgres, tmp_path: Pa
         stored.fill_plain(logbook)
     with open_results(url, tmp_path) as results:
         found = {text: _selected(results, text) for text, _ in SELECTIONS}
-        shown = comparison(
-            results, TableRequest(["force_mse"], rows=("identifier.force",), pool=("identifier",))
-        )
+        shown = comparison(results, TableOptions("identifier.force", pool=["identifier"]))
     assert found == dict(SELECTIONS)
     assert [row[1].text for row in shown.rows] == ["filtered", "filtered"]  # surge and yaw
 

@@ -47,7 +47,7 @@ def change(url: str, *statements: object) -> None:
     """Execute statements on the database, which may break foreign keys."""
     writer = engine.writer(parse(url))
     with writer.connect() as connection:
-        if parse(url).sqlite:
+        if parse(url).path:
             raw = connection.connection.dbapi_connection
             raw.execute("PRAGMA foreign_keys = OFF")  # type: ignore[union-attr]
         for one in statements:

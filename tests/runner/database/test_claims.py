@@ -43,7 +43,7 @@ def test_a_run_without_a_heartbeat_is_interrupted_and_done_again(
     logbook: LogbookWriter, url: str, elsewhere: int, silent: bool
 ) -> None:
     # The tests' PostgreSQL has just started, which gives younger beats a minute: test_outage.py.
-    age_s = liveness.STALE_AFTER_S * (1.0 if parse(url).sqlite else 3.0) + 5.0
+    age_s = liveness.STALE_AFTER_S * (1.0 if parse(url).path else 3.0) + 5.0
     pretend(url, elsewhere, heartbeat_at=ago(age_s) if silent else None)
     assert logbook.run(elsewhere).summary.status == "interrupted"
     begun = logbook.begin_run(make_start(1))
