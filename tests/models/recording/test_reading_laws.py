@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording import column_map as maps
 from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.reader import Reading, Signals
 from seatrial.models.recording.sampling import sampling
@@ -188,7 +187,8 @@ def test_course_and_speed_over_ground_with_a_heading_are_a_body_velocity(tmp_pat
     ahead = 2.0 + 0.2 * np.sin(0.3 * T)
     north, east = ahead * np.cos(PSI), ahead * np.sin(PSI) + 0.5
     columns = ColumnMap(
-        "t", position={"yaw": Column("hdg", unit="deg")}, geodetic=maps.Geodetic("lat", "lon"),
+        "t", position={"yaw": Column("hdg", unit="deg")},
+        geodetic={"latitude": "lat", "longitude": "lon"},
         ground={"speed": Column("sog", unit="knot"), "course": Column("cog", unit="deg")},
         water={"speed": "stw_kn"},
     )  # fmt: skip
