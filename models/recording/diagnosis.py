@@ -284,7 +284,7 @@ class _Case:
         for kind, axes, text, frames, sense in FRAMES if turns else ():
             if sense and heading is None:
                 continue
-            change = dict[str, Any]()
+            change: dict[str, Any] = {}
             change |= {f"columns.frames.{key}": value for key, value in frames.items()}
             if sense and heading:
                 change |= _change({"position.yaw": replace(heading, **sense)})  # type: ignore[arg-type]
@@ -450,6 +450,6 @@ def _unit(now: str, option: str, ratio: float) -> tuple[str, float]:
     return (unit, ratios[unit]) if near else ("", 1.0)
 
 
-def _change(specs: Mapping[str, Column]) -> Change:
+def _change(specs: Mapping[str, Column]) -> dict[str, Any]:
     """The change of a map that puts columns at options."""
     return {f"columns.{option}": spec.written for option, spec in specs.items()}
