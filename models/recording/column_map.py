@@ -8,15 +8,15 @@ from typing import Literal
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.recording.units import SI
 
 KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
 QUATERNION = ("w", "x", "y", "z")
-NAMES = {  # of the columns of a kind, of which inputs, commands and loads have any
-    **dict.fromkeys(KINDS, DOFS), "air": ("surge", "sway"), "ground": ("speed", "course"),
-    "water": ("speed",), "orientation": QUATERNION,
-}  # fmt: skip
-PARTS = {"geodetic": ("latitude", "longitude", "altitude"), "wind": ("speed", "direction")}
-WHOLE = ("air", "ground", "orientation")  # which need each of their columns
+NAMES = {kind: tuple(names) for kind, names in SI.items() if kind != "current"}
+NAMES["orientation"] = QUATERNION
+OWN = ("inputs", "commands", "loads")  # kinds whose columns have the names that the user gives
+NEEDED = {kind: NAMES[kind] for kind in ("orientation", "wind", "air", "ground")}
+NEEDED["geodetic"] = ("latitude", "longitude")
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Column:
 
     def __post_init__(self) -> None:
         if not self.name:
-            raise ConfigurationError(f"column: got {self.column!r}, expected the name of a column")
+            raise ConfigurationError(f"got {self.column!r}, expected the name of a column")
         if self.full is not None and self.full == self.neutral:
             raise ConfigurationError(
                 f"column {self.name}: neutral and full are {self.full:g}, expected two numbers"
@@ -62,8 +62,7 @@ class Column:
     @property
     def written(self) -> object:
         """The column as it is written in a map."""
-        own = {f.name: getattr(self, f.name) for f in fields(self)}
-        own = {f.name: own[f.name] for f in fields(self) if own[f.name] != f.default}
+        own = {f.name: value for f in fields(self) if (value := getattr(self, f.name)) != f.default}
         return own if len(own) > 1 else self.column
 
 
@@ -85,32 +84,6 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Geodetic:
-    """Columns of latitude, longitude [deg] and altitude [m] on WGS 84, instead of a position.
-
-    `origin` (latitude, longitude, altitude) null is the first sample.
-    """
-
-    latitude: str | Column
-    longitude: str | Column
-    altitude: str | Column | None = None
-    origin: tuple[float, float, float] | None = None
-
-
-@dataclass(frozen=True)
-class WindColumns:
-    """Columns of a measured wind: its speed, and the direction from which it comes, clockwise.
-
-    A `true` wind is over ground and counts from north. An `apparent` one is as seen on board and
-    counts from the bow.
-    """
-
-    speed: str | Column
-    direction: str | Column
-    kind: Literal["true", "apparent"] = "true"
-
-
-@dataclass(frozen=True)
 class ColumnMap:
     """Names of a file's columns, by degree of freedom; a leading minus changes the sign.
 
@@ -119,12 +92,14 @@ class ColumnMap:
     if recorded, time [s], orientation as the quaternion (w, x, y, z) of the body, also by part.
     A `Column` states another unit or sense. Velocities that are not mapped are differentiated from
     the pose, those in surge and sway may come from the speed and course over `ground`; the speed
-    through the `water` beside them gives the current. `air` is the velocity of the air in surge and
-    sway, instead of the `wind`. `inputs` and `commands` of the inputs of a vessel are by their
-    names. `lever_arm_m` is where the sensor of position and velocity is in body axes, `delay_s` by
-    how much a source, or the columns of a kind, are behind. `loads` are measured on devices [N], by
-    names such as `propeller.thrust`. `froude_scale` is the length of what was recorded over that of
-    the vessel, to which all columns are scaled by Froude's law.
+    through the `water` beside them gives the current. `geodetic` are latitude, longitude [deg] and
+    altitude [m] on WGS 84 instead of a position. The `wind` has a speed and the direction from
+    which it comes, clockwise from north; of the `kind` apparent, as seen on board, from the bow.
+    `air` is the velocity of the air in surge and sway, instead of the wind. `inputs` and
+    `commands` of a vessel are by their names. `lever_arm_m` is where the sensor of position and
+    velocity is in body axes, `delay_s` by how much a source, or the columns of a kind, are behind.
+    `loads` are measured on devices [N], by names such as `propeller.thrust`. `froude_scale` is the
+    length of what was recorded over that of the vessel, to which all columns are scaled.
     """
 
     time: str | Column
@@ -136,34 +111,32 @@ class ColumnMap:
     orientation: tuple[str, str, str, str] | dict[str, str] | None = None
     inputs: Columns = field(default_factory=dict)
     commands: Columns = field(default_factory=dict)
-    geodetic: Geodetic | None = None
+    geodetic: Columns | None = None
     frames: Frames = field(default_factory=Frames)
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     delay_s: dict[str, float] = field(default_factory=dict)
     loads: Columns = field(default_factory=dict)
     froude_scale: Positive = 1.0
-    wind: WindColumns | None = None
+    wind: Columns | None = None
     air: Columns = field(default_factory=dict)
     ground: Columns = field(default_factory=dict)
     water: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if (wind := self._group("wind").get("kind", "true")) not in ("true", "apparent"):
+            raise ConfigurationError(f"columns.wind.kind: got {wind}, expected true or apparent")
         for kind, names in NAMES.items():
-            given = self._group(kind)
-            if wrong := [name for name in given if name not in names]:
+            given = self._group(kind).keys() - ({"kind"} if kind == "wind" else set())
+            if wrong := sorted(given - set(names)):
                 raise ConfigurationError(
                     f"columns.{kind}: got {wrong[0]!r}, expected some of {', '.join(names)}"
                 )
-            if given and kind in WHOLE and len(given) < len(names):
+            if given and not given >= set(needed := NEEDED.get(kind, ())):
                 raise ConfigurationError(
-                    f"columns.{kind}: got {', '.join(given)}, expected {', '.join(names)}"
+                    f"columns.{kind}: got {', '.join(sorted(given))}, expected {', '.join(needed)}"
                 )
-            for name, column in given.items():
-                if column in ("", "-"):
-                    raise ConfigurationError(
-                        f"columns.{kind}.{name}: got {column!r}, expected the name of a column"
-                    )
+        assert self.specs is not None  # names that are empty are refused
 
     def _group(self, kind: str) -> Mapping[str, str | Column]:
         group = getattr(self, kind) or {}
@@ -178,8 +151,8 @@ class ColumnMap:
     def posed(self) -> tuple[str, ...]:
         """Degrees of freedom whose position or angle is mapped."""
         known = set(self.position) | (set(DOFS[3:]) if self.orientation else set())
-        if self.geodetic is not None:
-            known |= set(DOFS[: 3 if self.geodetic.altitude else 2])
+        if self.geodetic:
+            known |= set(DOFS[: len(self.geodetic)])
         return tuple(dof for dof in DOFS if dof in known)
 
     @property
@@ -190,19 +163,17 @@ class ColumnMap:
 
     @cached_property
     def specs(self) -> Mapping[str, Column]:
-        """Every column by option, such as `velocity.surge` or `quaternion.w`, but the time."""
-        kinds = (*KINDS, "inputs", "commands", "loads", "air")
-        groups = {kind: self._group(kind) for kind in kinds}
-        groups["quaternion"] = self._group("orientation")
-        for kind, names in PARTS.items():
-            parts = getattr(self, kind)
-            groups[kind] = {name: c for name in names if (c := getattr(parts, name, None))}
-        groups |= {kind: self._group(kind) for kind in ("ground", "water")}
-        return {
-            f"{kind}.{name}": spec if isinstance(spec, Column) else Column(spec)
-            for kind, members in groups.items()
-            for name, spec in members.items()
-        }
+        """Every column by option, such as `velocity.surge` or `orientation.w`, but the time."""
+        result = {}
+        for kind in (*KINDS, *OWN, "air", "orientation", "geodetic", "wind", "ground", "water"):
+            for name, spec in self._group(kind).items():
+                if (option := f"{kind}.{name}") == "wind.kind":
+                    continue
+                try:
+                    result[option] = spec if isinstance(spec, Column) else Column(spec)
+                except ConfigurationError as error:
+                    raise ConfigurationError(f"columns.{option}: {error}") from error
+        return result
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a degree of freedom lacks a column that it needs.

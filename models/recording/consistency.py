@@ -1,9 +1,6 @@
-"""Whether pose, velocity and acceleration of a recording belong together.
+"""Whether pose and velocity of a recording belong together: eta_dot = J(eta) nu.
 
-    eta_dot = J(eta) nu,    nu_dot = d nu / dt
-
-The derivative of the pose in body axes is compared with the recorded velocity per axis, and the
-derivative of the velocity with the recorded acceleration.
+The derivative of the pose in body axes is compared with the recorded velocity per axis.
 
 Velocities are R(attitude)' p_dot, angular ones those of the rotation, so that angles may jump. All
 signals are low-passed forward and backward, so that their phases stay, and the ends of each piece,
@@ -20,18 +17,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, pairwise
-from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording.preprocessing import central_difference
+from seatrial.models.recording.preprocessing import central_difference, in_body
 from seatrial.models.recording.recording import MIN_PIECE, Recording, piecewise
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import frame_of_angles, turned
+from seatrial.models.vessel.kinematics import turned
 
 BANDS = (0.25, 0.1, 0.04)  # of the Nyquist frequency: cut-offs of the low-pass, widest first
 MIN_INDEPENDENT = 30  # independent samples that a correlation needs
@@ -51,12 +47,11 @@ ALMOST_ONE = 0.999  # correlations above it are equal
 
 @dataclass(frozen=True)
 class Agreement:
-    """Agreement of a recorded velocity or acceleration with the derivative of what it changes.
+    """Agreement of a recorded velocity with the derivative of the pose.
 
     `scale` times the recorded values is the derivative.
     """
 
-    kind: str  # velocity | acceleration
     dof: str
     correlation: float  # of the sign of the scale
     scale: float
@@ -89,18 +84,13 @@ class Consistency:
     `swaps` are pairs of axes that agree better if their velocities are exchanged.
     """
 
-    axes: tuple[Agreement, ...]  # velocities, then accelerations
+    axes: tuple[Agreement, ...]
     swaps: tuple[tuple[str, str], ...]
     lag_s: float
     shared_lag_s: float  # of all axes; what exceeds it is the delay of a filter
     lag_error_s: float
     band: float  # cut-off, of the Nyquist frequency
     cutoff_hz: float
-
-    @property
-    def velocities(self) -> tuple[Agreement, ...]:
-        """The axes of the velocities."""
-        return tuple(axis for axis in self.axes if axis.kind == "velocity")
 
     @property
     def quality(self) -> float:
@@ -114,85 +104,24 @@ class Consistency:
         return tuple(a for a in self.axes if a.excited and a.correlation < LEAST_TRUSTED)
 
 
-class Compared(NamedTuple):
-    """Recorded signals (N, k) beside those that the pose or the velocity implies."""
-
-    axes: tuple[tuple[str, str], ...]  # velocity or acceleration, and the degree of freedom
-    observed: Array
-    expected: Array
-    noise: Array  # (2, k) standard deviations of the noise of what they were computed from
-
-
-class Filtered(NamedTuple):
-    """Both signals (n, k) below a cut-off, without the ends of pieces, and where pieces join."""
-
-    band: float
-    cutoff_hz: float
-    observed: Array
-    expected: Array
-    joints: list[int]
-
-
-def compared(
-    recording: Recording, measured: Sequence[str], recorded: Sequence[str] | None
-) -> Compared:
-    """Every recorded velocity and acceleration beside the derivative of what it changes.
-
-    Velocities that are not `recorded` (None: all are) were differentiated from the pose and agree
-    by construction. Linear ones are left out if the path cannot be turned into body axes.
-    """
-    dofs, period, edges = recording.dofs, recording.period_s, recording.edges
-    turns, path = set(PLANAR) <= set(dofs), np.zeros((len(recording), 6))
-    for i, dof in enumerate(dofs):
-        if dof in DOFS[:3]:
-            path[:, DOFS.index(dof)] = recording.eta[:, i]
-    path[:, 3:] = piecewise(turned, edges, recording.attitude)
-    path = piecewise(without_jumps, edges, path)
-    rate = piecewise(partial(central_difference, period_s=period), edges, path)
-    if turns:
-        frame = np.empty((3, 3, len(rate)))
-        frame_of_angles(recording.attitude.T, frame)
-        rate[:, :3] = np.einsum("jin,nj->ni", frame, rate[:, :3])
-    noise = noise_floor(path, recording.piece_starts, period).deviation
-    noise[:3] = np.max(noise[:3])  # the axes are turned into each other
-    own = noise_floor(recording.nu, recording.piece_starts, period).deviation
-    level = turns or not np.any(recording.attitude)
-    rows = [
-        (("velocity", dof), recording.nu[:, i], rate[:, (k := DOFS.index(dof))], own[i], noise[k])
-        for i, dof in enumerate(dofs)
-        if (recorded is None or dof in recorded) and (level or dof not in DOFS[:3])
-    ]
-    change = piecewise(partial(central_difference, period_s=period), edges, recording.nu)
-    rows += [(("acceleration", dof), recording.nu_dot[:, i], change[:, i], 0.0, own[i])
-             for i, dof in enumerate(dofs) if dof in measured]  # fmt: skip
-    signals = np.array([row[1:3] for row in rows]).reshape(-1, 2, len(recording))
-    observed, expected = (np.ascontiguousarray(signals[:, i].T) for i in (0, 1))
-    both = np.array([row[3:] for row in rows]).reshape(-1, 2).T
-    return Compared(tuple(row[0] for row in rows), observed, expected, both)
-
-
 def consistency(
-    recording: Recording,
-    measured: Sequence[str] = (),
-    recorded: Sequence[str] | None = None,
-    band: float | None = None,
+    recording: Recording, recorded: Sequence[str] | None = None, band: float | None = None
 ) -> Consistency:
-    """Compare the pose, the velocity and the acceleration of a recording.
+    """Compare the pose and the velocity of a recording.
 
     Args:
         recording: the recording.
-        measured: axes whose acceleration is recorded, not differentiated.
-        recorded: axes whose velocity is recorded, not differentiated; None: all.
+        recorded: axes whose velocity is recorded, not differentiated from the pose, with which it
+            would agree by construction; None: all.
         band: cut-off of the low-pass, of the Nyquist frequency; None: where they agree best.
     """
-    known, period = compared(recording, measured, recorded), recording.period_s
-    groups = [
-        [i for i, (kind, dof) in enumerate(known.axes) if kind == "velocity" and dof in dofs]
-        for dofs in (DOFS[:3], DOFS[3:])
-    ]
-    groups = [group for group in groups if group]
-    signals = _filtered(recording, known, groups, (band,) if band else BANDS)
-    band, cutoff, observed, expected, joints = signals
+    dofs, signals, noise = _compared(recording, recorded)
+    groups = [[i for i, dof in enumerate(dofs) if dof in DOFS[k : k + 3]] for k in (0, 3)]
+    groups, period = [group for group in groups if group], recording.period_s
+    band, observed, expected, joints = _filtered(
+        recording, signals, groups, (band,) if band else BANDS
+    )
+    cutoff = band * 0.5 / period
     count = 2.0 * cutoff * period * len(recording)  # independent samples of a signal below it
     rho = correlations(observed, expected)
     # Fisher's z of their size, and its standard error
@@ -204,31 +133,61 @@ def consistency(
         return bool(np.var(values) > max(EXCITED_VARIANCE * noise, CONSTANT_VARIANCE))
 
     axes = []
-    for i, (kind, dof) in enumerate(known.axes):
-        x, y, (own, other) = observed[:, i], expected[:, i], known.noise[:, i]
+    for i, dof in enumerate(dofs):
+        x, y, (own, other) = observed[:, i], expected[:, i], noise[:, i]
         moves, r = exceeds(x, own), float(rho[i, i])
         excited = moves and exceeds(y, other, (2.0 * np.pi * cutoff) ** 2 / 3.0)
         sure = bool(z[i, i] > CERTAIN * error)
-        axes.append(Agreement(kind, dof, r, scale_of(x, y, r), moves, excited, sure))
-    swaps = [
-        (axes[i].dof, axes[j].dof)
-        for group in groups for i, j in combinations(group, 2)
-        if _exchanged(z, [axis.moves for axis in axes], i, j, error)
-    ]  # fmt: skip
+        axes.append(Agreement(dof, r, scale_of(x, y, r), moves, excited, sure))
+    swaps = []  # pairs whose z rises by CERTAIN for each axis that moves, and falls for none
+    for i, j in (pair for group in groups for pair in combinations(group, 2)):
+        better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if axes[a].moves]
+        if better and min(better) > 0.0 and sum(better) > CERTAIN * error * len(better):
+            swaps.append((dofs[i], dofs[j]))
     used = [i for group in groups for i in group if axes[i].excited]
     lags = _lags(observed[:, used], expected[:, used], joints, period, cutoff, count)
     return Consistency(tuple(axes), tuple(swaps), *lags, band, cutoff)
 
 
+def _compared(
+    recording: Recording, recorded: Sequence[str] | None
+) -> tuple[list[str], Array, Array]:
+    """Axes; their velocities beside those of the pose (2, N, k); noise of either source (2, k).
+
+    Linear ones are left out if the path cannot be turned into body axes.
+    """
+    dofs, period, edges = recording.dofs, recording.period_s, recording.edges
+    turns, path = set(PLANAR) <= set(dofs), np.zeros((len(recording), 6))
+    for i, dof in enumerate(dofs):
+        if dof in DOFS[:3]:
+            path[:, DOFS.index(dof)] = recording.eta[:, i]
+    path[:, 3:] = piecewise(turned, edges, recording.attitude)
+    path = piecewise(without_jumps, edges, path)
+    rate = piecewise(partial(central_difference, period_s=period), edges, path)
+    if turns:
+        rate[:, :3] = in_body(recording.attitude, rate[:, :3])
+    noise = noise_floor(path, recording.piece_starts, period).deviation
+    noise[:3] = np.max(noise[:3])  # the axes are turned into each other
+    level = turns or not np.any(recording.attitude)
+    used = [
+        i for i, dof in enumerate(dofs)
+        if (recorded is None or dof in recorded) and (level or dof not in DOFS[:3])
+    ]  # fmt: skip
+    index = [DOFS.index(dofs[i]) for i in used]
+    signals = np.stack([recording.nu[:, used], rate[:, index]])
+    noise = np.stack([recording.noise.deviation[used], noise[index]])
+    return [dofs[i] for i in used], signals, noise
+
+
 def _filtered(
-    recording: Recording, known: Compared, groups: Sequence[Sequence[int]], bands: Sequence[float]
-) -> Filtered:
-    """Signals below the widest band in which velocities and rates agree best, in any order.
+    recording: Recording, signals: Array, groups: Sequence[Sequence[int]], bands: Sequence[float]
+) -> tuple[float, Array, Array, list[int]]:
+    """The widest band in which velocities and rates agree best; both; where pieces join.
 
     They begin and end half a period of its cut-off away from the ends of pieces. Bands with fewer
     than `MIN_INDEPENDENT` independent samples are left out.
     """
-    best, result, both = -1.0, None, np.hstack([known.observed, known.expected])
+    best, result, both = -1.0, None, np.hstack(list(signals))
     for band in bands:
         if result is not None and band * len(recording) < MIN_INDEPENDENT:
             break
@@ -244,7 +203,7 @@ def _filtered(
         rho = np.abs(correlations(observed, expected))
         score = sum(float(np.mean(np.max(rho[np.ix_(g, g)], axis=1))) for g in groups)
         if result is None or score > best + AS_GOOD:
-            best, result = score, Filtered(band, cutoff, observed, expected, joints)
+            best, result = score, (band, observed, expected, joints)
     assert result is not None
     return result
 
@@ -300,16 +259,6 @@ def scale_of(observed: Array, expected: Array, correlation: float) -> float:
     if not size > 0.0 or not np.std(expected) > 0.0:
         return 1.0
     return float(np.copysign(np.std(expected) / size, correlation))
-
-
-def _exchanged(z: Array, moving: Sequence[bool], i: int, j: int, error: float) -> bool:
-    """Whether two axes agree significantly better with the derivatives of each other.
-
-    z (k, k) is Fisher's z of velocities with derivatives, `error` its standard error: the sum over
-    the axes that move must rise by `CERTAIN` of them for each, and none may fall.
-    """
-    better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if moving[a]]
-    return bool(better) and min(better) > 0.0 and sum(better) > CERTAIN * error * len(better)
 
 
 def lag(

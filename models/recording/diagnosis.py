@@ -34,7 +34,8 @@ from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import original_rate, sampling
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import seconds
-from seatrial.models.recording.units import factor, targets_of
+from seatrial.models.recording.units import BEARINGS, factor, targets_of
+from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
 UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filter or sensor
@@ -50,31 +51,29 @@ UNITS = {  # that people record, by that of SI
     "m/s": ("m/s", "knot", "km/h", "ft/s", "cm/s", "mm/s"),
     "rad/s": ("rad/s", "deg/s", "rpm", "mrad/s", "deg/min"),
     "m": ("m", "mm", "cm", "ft", "km"), "rad": ("rad", "deg"),
-    "m/s^2": ("m/s^2", "g_0", "cm/s^2", "mm/s^2"), "rad/s^2": ("rad/s^2", "deg/s^2"),
     "s": ("s", "ms", "us", "ns", "min"),
 }  # fmt: skip
 # Readings that no correlation tells apart: kind of the problem, its axes, what is wrong, and the
-# options of the map that read the file so.
-GUESSES: tuple[tuple[str, Sequence[str], str, Mapping[str, str]], ...] = (
+# frames and the sense of the heading that read the file so.
+FRAMES: tuple[tuple[str, Sequence[str], str, dict[str, str], dict[str, str]], ...] = (
     ("earth", LINEAR, "the velocities are along the axes of the earth, not of the body",
-     {"frames.velocity": "earth"}),
+     {"velocity": "earth"}, {}),
     ("frame", LINEAR, "the positions are east, north, up, not north, east, down",
-     {"frames.position": "ENU"}),
+     {"position": "ENU"}, {}),
     ("frame", FLIPPED, "the velocities are forward, left, up, not forward, right, down, or the "
-     "pose is of east, north, up", {"frames.body": "FLU"}),
+     "pose is of east, north, up", {"body": "FLU"}, {}),
     ("heading", YAW, "the attitude is of ENU: the heading counts from east, anticlockwise",
-     {"frames.attitude": "ENU"}),
+     {"attitude": "ENU"}, {}),
     ("frame", DOFS, "the positions are east, north, up, and the attitude is of ENU",
-     {"frames.position": "ENU", "frames.attitude": "ENU"}),
+     {"position": "ENU", "attitude": "ENU"}, {}),
     ("earth", LINEAR, "the velocities are along the axes of the earth, and all is east, north, up",
-     {"frames.velocity": "earth", "frames.position": "ENU"}),
-    ("heading", YAW, "the heading counts anticlockwise",
-     {"position.yaw.positive": "anticlockwise"}),
-    ("heading", YAW, "the heading counts clockwise", {"position.yaw.positive": "clockwise"}),
+     {"velocity": "earth", "position": "ENU"}, {}),
+    ("heading", YAW, "the heading counts anticlockwise", {}, {"positive": "anticlockwise"}),
+    ("heading", YAW, "the heading counts clockwise", {}, {"positive": "clockwise"}),
     ("frame", YAW, "the heading counts anticlockwise, and the positions are east, north, up",
-     {"position.yaw.positive": "anticlockwise", "frames.position": "ENU"}),
-    ("heading", YAW, "the heading counts from east, anticlockwise",
-     {"position.yaw.zero": "east", "position.yaw.positive": "anticlockwise"}),
+     {"position": "ENU"}, {"positive": "anticlockwise"}),
+    ("heading", YAW, "the heading counts from east, anticlockwise", {},
+     {"zero": "east", "positive": "anticlockwise"}),
 )  # fmt: skip
 Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.surge, and values
 
@@ -93,13 +92,15 @@ class RecordingDefect:
     @property
     def fix(self) -> str:
         """The change as it is written in a configuration."""
-        return ", ".join(
-            f"excitation.{path}: {{{', '.join(f'{key}: {item}' for key, item in value.items())}}}"
-            if isinstance(value, Mapping)
-            else f"excitation.{path}={value:g}" if isinstance(value, float)
-            else f"excitation.{path}={value}"
-            for path, value in self.change.items()
-        )  # fmt: skip
+        parts = []
+        for path, value in self.change.items():
+            if isinstance(value, Mapping):
+                keys = ", ".join(f"{key}: {item}" for key, item in value.items())
+                parts.append(f"excitation.{path}: {{{keys}}}")
+            else:
+                text = f"{value:g}" if isinstance(value, float) else value
+                parts.append(f"excitation.{path}={text}")
+        return ", ".join(parts)
 
     def __str__(self) -> str:
         axes = f"{', '.join(self.axes)}: " if self.axes else ""
@@ -163,7 +164,7 @@ class _State(NamedTuple):
         columns = self.file.columns
         replaced = (LINEAR if columns.geodetic else (), ANGLES if columns.orientation else ())
         options = {f"position.{dof}" for dofs in replaced for dof in dofs}
-        kinds = ("position", "velocity", "acceleration")
+        kinds = ("position", "velocity", "ground", "wind")
         return {option: spec for option, spec in columns.specs.items()
                 if option.partition(".")[0] in kinds and option not in options}  # fmt: skip
 
@@ -194,23 +195,24 @@ class _Case:
                 break
             problems.append(best[0])
             state = self._compared(best[1].file, best[1].recording)  # where it agrees best
-        questions = tuple(d.message for d in told if d.kind == "question")
+        questions = [d.message for d in told if d.kind == "question"]
         told = [defect for defect in told if defect.kind != "question"]
         problems += [replace(defect, change={}) for defect in told]
         named = {dof for defect in told for dof in defect.axes}
         problems += [
-            RecordingDefect("unknown", (axis.dof,), f"the {axis.kind} and the derivative have a "
+            RecordingDefect("unknown", (axis.dof,), "the velocity and the derivative have a "
                             f"correlation of {axis.correlation:.2f}", value=axis.correlation)
             for axis in state.result.untrusted if axis.dof not in named
         ]  # fmt: skip
         delay = sum(p.value or 0.0 for p in problems if p.kind == "clock" and p.change)
         result = replace(plain, lag_s=state.result.lag_s + delay)
-        good = {a.dof for a in state.result.velocities if a.correlation > SURE and not a.off}
+        good = {a.dof for a in state.result.axes if a.correlation > SURE and not a.off}
         sure = {f"position.{dof}" for dof in good}
         sure |= {"position.yaw"} if good & set(LINEAR) else set()
         doubtful = doubts(self.sources, state.file.columns).items()
-        questions = (*(line for option, line in doubtful if option not in sure), *questions)
-        return Examination(result, tuple(problems), self.recording, questions, self._not_compared())
+        questions = [*(line for option, line in doubtful if option not in sure), *questions]
+        missing = tuple(self._not_compared())
+        return Examination(result, tuple(problems), self.recording, tuple(questions), missing)
 
     def _with(self, file: RecordedFile, band: float | None = None) -> _State:
         """The recording read with other options; of a long one even blocks of its time."""
@@ -224,8 +226,7 @@ class _Case:
     def _compared(
         self, file: RecordedFile, recording: Recording, band: float | None = None
     ) -> _State:
-        measured = [dof for dof in self.known if dof in file.columns.acceleration]
-        return _State(file, recording, consistency(recording, measured, file.columns.moving, band))
+        return _State(file, recording, consistency(recording, file.columns.moving, band))
 
     def _tried(
         self, state: _State, defect: RecordingDefect, band: float | None = None
@@ -238,7 +239,7 @@ class _Case:
     @cached_property
     def excerpt(self) -> dict[str, Source] | None:
         """Even blocks of the time of long sources; None if they are short."""
-        clocks = {}
+        clocks = dict[str, Array]()
         for name, source in self.sources.items():
             with suppress(*FAULTS):
                 clocks[name] = seconds(source, clock_of(source, self.file.columns))
@@ -275,27 +276,34 @@ class _Case:
 
     def _guesses(self, state: _State) -> Iterator[RecordingDefect]:
         """Changes that no correlation tells, unless all agrees: frames, headings, and degrees."""
-        specs, compared = state.specs, [axis.dof for axis in state.result.velocities]
+        specs, compared = state.specs, [axis.dof for axis in state.result.axes]
         if state.result.quality > 1.0 - AS_GOOD:
             return
         turns = set(PLANAR) <= set(self.known)
-        for kind, axes, text, options in GUESSES if turns else ():
-            if change := _options(state, options):
+        heading = specs.get("position.yaw")
+        for kind, axes, text, frames, sense in FRAMES if turns else ():
+            if sense and heading is None:
+                continue
+            change: dict[str, Any] = {}
+            change |= {f"columns.frames.{key}": value for key, value in frames.items()}
+            if sense and heading:
+                change |= _change({"position.yaw": replace(heading, **sense)})  # type: ignore[arg-type]
+            if changed(state.file, change).columns != state.file.columns:
                 yield RecordingDefect(kind, tuple(d for d in axes if d in compared), text, change)
         for off in (90.0, 180.0, -90.0) if turns else ():
-            heading = {"heading_deg": (state.file.heading_deg - off + 179.0) % 360.0 - 179.0}
+            degrees = (state.file.heading_deg - off + 179.0) % 360.0 - 179.0
             text = f"the heading is {-off:g} degrees off the positions"
-            yield RecordingDefect("heading", YAW, text, heading, off)
+            yield RecordingDefect("heading", YAW, text, {"heading_deg": degrees}, off)
         known = readings(self.sources, self.file.columns)
-        angles = [
-            dof for dof in ANGLES
-            if (spec := specs.get(option := f"position.{dof}")) is not None and spec.unit is None
-            and option in known and known[option].known_from == SI_ASSUMED
-        ]  # fmt: skip
-        for group in (angles, [dof for dof in angles if dof != "yaw"], angles[-1:]):
-            new = {f"position.{d}": replace(specs[f"position.{d}"], unit="deg") for d in group}
+        angles = [option for option in BEARINGS
+                  if option in specs and specs[option].unit is None
+                  and option in known and known[option].known_from == SI_ASSUMED]  # fmt: skip
+        yaw = [option for option in angles if option == "position.yaw"]
+        for group in (angles, [option for option in angles if option not in yaw], yaw):
+            new = {option: replace(specs[option], unit="deg") for option in group}
+            axes = tuple(dof for dof in ANGLES if f"position.{dof}" in group)
             text = "the angles of the pose are in degrees"
-            yield RecordingDefect("scale", tuple(group), text, _change(new), 180.0 / np.pi)
+            yield RecordingDefect("scale", axes, text, _change(new), 180.0 / np.pi)
 
     def _scales(self, state: _State) -> Iterator[RecordingDefect]:
         """Velocities, poses or times in another unit; axes in the same unit are named together.
@@ -305,11 +313,10 @@ class _Case:
         """
         columns, specs, text = state.file.columns, state.specs, "the derivative of the pose is"
         axes = [axis for axis in state.result.axes if axis.certain]
-        speeds = [axis for axis in axes if axis.kind == "velocity"]
-        scale = float(np.median([abs(axis.scale) for axis in speeds])) if speeds else 1.0
-        same = all(1.0 / SAME_SCALE < abs(a.scale) / scale < SAME_SCALE and a.off for a in speeds)
-        if same and len({axis.dof in ANGLES for axis in speeds}) == 2:
-            time, dofs = columns.clock, tuple(axis.dof for axis in speeds)
+        scale = float(np.median([abs(axis.scale) for axis in axes])) if axes else 1.0
+        same = all(1.0 / SAME_SCALE < abs(a.scale) / scale < SAME_SCALE and a.off for a in axes)
+        if same and len({axis.dof in ANGLES for axis in axes}) == 2:
+            time, dofs = columns.clock, tuple(axis.dof for axis in axes)
             text = f"{text} {scale:.3g} times the velocity on every axis"
             unit, value = _unit(time.unit or "s", "time", scale)
             change = {"columns.time": replace(time, unit=unit).written}
@@ -318,55 +325,54 @@ class _Case:
                    else RecordingDefect("question", (), question))  # fmt: skip
             return
         known = readings(self.sources, columns)
-        groups = defaultdict[tuple[str, str, float], list[str]](list)
+        groups = defaultdict[tuple[str, float], dict[str, str]](dict)  # option by axis
         for axis in (axis for axis in axes if axis.off):
-            size, own = abs(axis.scale), f"{axis.kind}.{axis.dof}"
-            ratios = {own: size} | ({f"position.{axis.dof}": 1.0 / size} if axis in speeds else {})
-            units = {
-                option: _unit(known[option].unit or targets_of(option)[0], option, ratio)
-                for option, ratio in ratios.items() if option in specs
-            }  # fmt: skip
-            if option := next((option for option, (unit, _) in units.items() if unit), None):
-                unit, value = units[option]
-                key = option.partition(".")[0], unit, value if option == own else 1.0 / value
-                groups[key].append(axis.dof)
-            elif own in specs and axis in speeds and not 1.0 / UNNAMED < size < UNNAMED:
-                pose = "attitude" if axis.dof in ANGLES else "position"
-                line = f"{specs[own].name} is {1.0 / size:.2f} of d({pose})/dt: which unit?"
-                yield RecordingDefect("question", (), line)
-        for (kind, unit, value), group in groups.items():
-            new = {f"{kind}.{dof}": replace(specs[f"{kind}.{dof}"], unit=unit) for dof in group}
-            pair = ("velocity", kind) if kind == "acceleration" else ("pose", "velocity")
-            text = f"the derivative of the {pair[0]} is {value:.3g} times the {pair[1]}"
-            yield RecordingDefect("scale", tuple(group), text, _change(new), value)
+            size, own = abs(axis.scale), f"velocity.{axis.dof}"
+            own = "ground.speed" if columns.ground and axis.dof in LINEAR[:2] else own
+            for option, ratio in ((own, size), (f"position.{axis.dof}", 1.0 / size)):
+                if option in specs:
+                    now = known[option].unit or targets_of(option)[0]
+                    unit, value = _unit(now, option, ratio)
+                    if unit:
+                        key = unit, value if option == own else 1.0 / value
+                        groups[key][axis.dof] = option
+                        break
+            else:
+                if own in specs and not 1.0 / UNNAMED < size < UNNAMED:
+                    pose = "attitude" if axis.dof in ANGLES else "position"
+                    line = f"{specs[own].name} is {1.0 / size:.2f} of d({pose})/dt: which unit?"
+                    yield RecordingDefect("question", (), line)
+        for (unit, value), options in groups.items():
+            change = _change({o: replace(specs[o], unit=unit) for o in options.values()})
+            line = f"{text} {value:.3g} times the velocity"
+            yield RecordingDefect("scale", tuple(options), line, change, value)
 
-    def _not_compared(self) -> tuple[str, ...]:
+    def _not_compared(self) -> Iterator[str]:
         """Which quantity is missing for a comparison, and where."""
         poses, speeds = set(self.file.columns.posed), set(self.file.columns.moving)
         linear = [dof for dof in self.known if dof in LINEAR and dof in speeds]
         there = "pose and velocity cannot be compared there"
         flat = (f"the path cannot be turned into body axes and compared in {' and '.join(linear)}"
                 if linear and poses & set(ANGLES) else "")  # fmt: skip
-        rows = (
+        for what, lacking, why in (
             ("velocity", [dof for dof in self.known if dof not in speeds], there),
             ("pose", [dof for dof in DOFS if dof in speeds - poses], there),
             ("pose or force", [d for d in PLANAR if d not in self.known] if flat else [], flat),
-        )
-        return tuple(f"no {what} in {' and '.join(lacking)} is recorded: {why}"
-                     for what, lacking, why in rows if lacking)  # fmt: skip
+        ):
+            if lacking:
+                yield f"no {what} in {' and '.join(lacking)} is recorded: {why}"
 
     def _slower(self, state: _State) -> RecordingDefect | None:
         """Whether all columns of motion of a source were interpolated from slower ones.
 
         There is no problem if the recording is read at the original rate.
         """
-        groups = defaultdict[str, dict[tuple[str, bool], list[Any]]](dict)
-        known = readings(self.sources, state.file.columns)
-        for option in state.specs:
+        groups = defaultdict[str, dict[tuple[str, bool], list[Array]]](dict)
+        for option, reading in readings(self.sources, state.file.columns).items():
             kind, _, dof = option.partition(".")
-            if (reading := known.get(option)) and kind != "acceleration":
+            if option in state.specs and kind in ("position", "velocity"):
                 parts = groups[reading.source.name].setdefault((kind, dof in ANGLES), [])
-                parts.append(reading.source.numbers(reading.name, gaps=True))
+                parts.append(reading.values)
         for name, parts_of in groups.items():
             source = self.sources[name]
             t = seconds(source, clock_of(source, self.file.columns))
@@ -392,7 +398,7 @@ def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
     for option, reading in readings(sources, columns).items():
         (kind, _, key), name = option.partition("."), reading.column.removeprefix("-")
         with suppress(RecordingError):
-            values = reading.source.numbers(reading.name, gaps=True)
+            values = reading.values
             if reading.known_from != SI_ASSUMED or np.all(np.isnan(values)):
                 continue
             named, bearing = quantity(reading.name), targets_of(option) == ("rad",)
@@ -421,9 +427,10 @@ def _told(state: _State) -> Iterator[RecordingDefect]:
         change = _change(new) if len(new) == 2 else {}
         yield RecordingDefect("swap", group, "the velocities are exchanged", change)
     for axis in (axis for axis in result.axes if axis.certain and axis.correlation < 0.0):
-        option = f"{axis.kind}.{axis.dof}"
-        spec, text = specs.get(option), f"the {axis.kind} has the wrong sign"
+        option = f"velocity.{axis.dof}"
+        spec = specs.get(option)
         other = {option: replace(spec, column=f"-{spec.column}".removeprefix("--"))} if spec else {}
+        text = "the velocity has the wrong sign"
         yield RecordingDefect("sign", (axis.dof,), text, _change(other), -1.0)
     lag, period = result.lag_s, state.recording.period_s
     apart = abs(lag) >= max(SAMPLES_APART * period, CERTAIN * result.lag_error_s)
@@ -443,21 +450,6 @@ def _unit(now: str, option: str, ratio: float) -> tuple[str, float]:
     return (unit, ratios[unit]) if near else ("", 1.0)
 
 
-def _change(specs: Mapping[str, Column]) -> Change:
+def _change(specs: Mapping[str, Column]) -> dict[str, Any]:
     """The change of a map that puts columns at options."""
     return {f"columns.{option}": spec.written for option, spec in specs.items()}
-
-
-def _options(state: _State, options: Mapping[str, str]) -> Change:
-    """Options of a guess as a change; empty if they hold already, or there is no such column."""
-    specs, change = state.specs, dict[str, Any]()
-    for path, value in options.items():
-        option, _, key = path.rpartition(".")
-        if option == "frames":
-            change[f"columns.{path}"] = value
-        elif option not in specs:
-            return {}
-        else:
-            specs[option] = replace(specs[option], **{key: value})  # type: ignore[arg-type]
-            change[f"columns.{option}"] = specs[option].written
-    return {} if changed(state.file, change).columns == state.file.columns else change

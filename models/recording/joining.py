@@ -1,4 +1,4 @@
-"""Channels of their own clocks on one: the one that they share, else a uniform grid."""
+"""Channels of their own clocks on one uniform grid."""
 
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
@@ -6,8 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.recording import GAP, UNIFORMITY, piece_edges
-from seatrial.models.recording.source import Source
+from seatrial.models.recording.recording import piece_edges
 from seatrial.models.recording.times import is_later
 from seatrial.models.vessel.basis import Array
 
@@ -17,17 +16,6 @@ TIME_ROUNDING = 1e-6  # of a sample time
 AtGap = Literal["refuse", "split"]
 
 
-class ColumnReading(NamedTuple):
-    """With which unit and sign a column was read, where they are known from, and its source."""
-
-    option: str
-    column: str  # as the map has it
-    unit: str
-    known_from: str
-    source: Source
-    name: str  # in the source
-
-
 class Channel(NamedTuple):
     """A signal on its own clock: a state is interpolated, a command held until the next."""
 
@@ -35,17 +23,14 @@ class Channel(NamedTuple):
     values: Array  # (N,)
     held: bool = False
     name: str = ""  # for messages
-    reading: ColumnReading | None = None
 
     def gaps(self, t: Array, longest_s: float) -> Array:
         """The time [s] without a sample at times t (n,), where longer than `longest_s`; else 0."""
         before = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, None)
-        if self.held:
-            length = t - self.t[before]
-        else:
-            after = np.minimum(before + 1, len(self.t) - 1)
-            on_sample = (t == self.t[before]) | (t == self.t[after])
-            length = np.where(on_sample, 0.0, self.t[after] - self.t[before])
+        after = np.minimum(before + 1, len(self.t) - 1)
+        on_sample = (t == self.t[before]) | (t == self.t[after])
+        length = np.where(on_sample, 0.0, self.t[after] - self.t[before])
+        length = t - self.t[before] if self.held else length
         return np.asarray(np.where(length > longest_s * (1.0 + TIME_ROUNDING), length, 0.0))
 
     def at(self, t: Array, rate_hz: float) -> Array:
@@ -68,43 +53,6 @@ class Channel(NamedTuple):
                 f"({same} times repeat, {back} go back): left out"
             )
         return self._replace(t=t[later], values=values[later])
-
-
-def shared_clock(channels: Mapping[str, Channel], clock: str, at_gap: AtGap) -> Array | None:
-    """The times of channels of one source, which must be complete and rise by equal steps.
-
-    Args:
-        channels: all columns of one source, by option.
-        clock: the name of its column of time.
-        at_gap: `split` allows longer steps at gaps.
-
-    Returns:
-        Times (N,) [s]; None, for `split`, if the channels can only be joined.
-
-    Raises:
-        RecordingError: with line and column, for `refuse`.
-    """
-    t, _, _, _, first = next(iter(channels.values()))
-    assert first is not None
-    if len(t) < 2:
-        raise RecordingError(f"{first.source.path}: got {len(t)} samples, expected at least 2")
-    steps = np.diff(t)
-    period = float(np.median(steps))
-    even = np.abs(steps - period) <= UNIFORMITY * abs(period)
-    even |= (at_gap == "split") & (steps > GAP * period)
-    grid = "excitation.resample_hz=RATE puts the columns on a uniform grid"
-    # rows that are wrong, the column that is, and what it should hold
-    wrong = [
-        (np.isnan(c.values), c.reading.name if c.reading else "", f"a finite number; {grid}")
-        for c in channels.values()
-    ]
-    wrong.append((np.isnan(t), clock, "a finite number"))
-    wrong.append((np.append(False, steps <= 0.0), clock, f"time to increase; {grid}"))
-    wrong.append((np.append(False, ~even), clock, f"steps of {period:.6g} s; {grid}"))
-    row = next((row for row in wrong if np.any(row[0])), None)
-    if row is not None and at_gap != "split":
-        raise first.source.refused(int(np.argmax(row[0])), *row[1:])
-    return t if row is None else None
 
 
 def join_channels(
@@ -171,13 +119,9 @@ def join_channels(
 
 def left_in_gaps(t: Array, channels: Mapping[str, Channel], longest_s: float) -> list[str]:
     """What of the time that all channels cover is not among the times t (n,), if anything."""
-    end = min(float(c.t[-1]) for c in channels.values())
-    whole = end - max(float(c.t[0]) for c in channels.values())
+    whole = min(float(c.t[-1]) for c in channels.values())
+    whole -= max(float(c.t[0]) for c in channels.values())
     period = float(np.median(np.diff(t)))
     lost, pieces = whole - len(t) * period, len(piece_edges(t, period)) - 1
-    if pieces < 2 and lost < 2.0 * period:
-        return []
-    return [
-        f"{lost:.3g} of {whole:.4g} s are in gaps of more than {longest_s:g} s: left out, "
-        f"{pieces} pieces remain"
-    ]
+    told = f"{lost:.3g} of {whole:.4g} s are in gaps of more than {longest_s:g} s: left out"
+    return [f"{told}, {pieces} pieces remain"] if pieces > 1 or lost >= 2.0 * period else []

@@ -59,6 +59,11 @@ def central_difference(values: Array, period_s: float) -> Array:
     return np.asarray(np.gradient(values, period_s, axis=0, edge_order=2))
 
 
+def in_body(attitude: Array, values: Array) -> Array:
+    """Vectors (N, 3) along the axes of the earth in those of the body, attitude (N, 3) [rad]."""
+    return np.asarray(np.einsum("nji,nj->ni", pose_jacobian(attitude)[:, :3, :3], values))
+
+
 def without_sign_flips(quaternions: Array) -> Array:
     """The same rotations, shape (N, 4), with signs such that q . q_next >= 0.
 

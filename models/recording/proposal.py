@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
@@ -10,7 +10,6 @@ from textwrap import shorten
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
@@ -18,27 +17,23 @@ from seatrial.models.recording.column_map import QUATERNION, Column
 from seatrial.models.recording.quantities import WORDS, Quantity, kinds_of, quantity
 from seatrial.models.recording.reader import stated_unit
 from seatrial.models.recording.source import Source
-from seatrial.models.recording.times import clocks, find_time, seconds
-from seatrial.models.recording.units import factor, target_of, targets_of, unit_in_title, words_of
+from seatrial.models.recording.times import clocks, find_time
+from seatrial.models.recording.units import (
+    BEARINGS,
+    factor,
+    target_of,
+    targets_of,
+    unit_in_title,
+    words_of,
+)  # fmt: skip
 from seatrial.models.vessel.basis import Array
 
 SYMBOLS = {"eta": "x y z phi theta psi", "nu": "u v w p q r", "tau": "x y z k m n"}  # of matrices
 NUMBERED = re.compile(r"(.*?)[\[(_.]?(\d)[\])]?")
 PART = re.compile(r"(.*?)([wxyz]|\d)[\])]?")
 SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
-BEARINGS = ("position.roll", "position.pitch", "position.yaw", "ground.course", "wind.direction")
 MIN_SAMPLES = 30  # of a record that is preferred to others
 UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
-METRES = 111_195.0  # of a degree of latitude
-LEAST_STEPS = 50  # of a path that is compared with a heading
-FACTOR_TOLERANCE = 0.1  # deviation of a factor from that of a unit
-TOGETHER = 0.7  # least concentration of course less heading
-STEP_S = 5.0  # [s] of a path whose length is compared with a speed
-BETTER = 0.5  # of what is left of it in the other unit
-LEAST = 1e-9
-SPEEDS = ("m/s", "knot", "km/h")
-BY_PATH = {"position.yaw": ("rad", "deg"), "ground.speed": SPEEDS}  # units that a path tells
-Path = tuple[Array, NDArray[np.complex128]]  # times [s] and positions along two axes, (N,)
 UNKNOWN = Quantity("", strange=99)
 AXES_OF = {  # where a map states the axes or reference of a column
     **dict.fromkeys(("velocity.surge", "velocity.sway"), ("frames", "velocity", "earth")),
@@ -93,12 +88,18 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     every, texts = _candidates([sources[name] for name in times], len(sources) > 1)
     chosen = _motion([c for c in every if c.moves])
     asked = _actions(every, wanted, chosen)
-    units = _units(chosen, times)
     clock, line = _clock(chosen, times, sources)
     sure, columns = [line], defaultdict[str, dict[str, object]](dict)
+    stated = {o: stated_unit(c.source, c.name, targets_of(o)) for o, c in chosen.items()}
     for option, c in chosen.items():
         kind, _, name = option.partition(".")
-        unit, origin = units.get(option, ("", ""))
+        unit, origin = stated[option] or ("", "")
+        for other, told in () if unit or kind == "inputs" else stated.items():  # beside it
+            bearings = option in BEARINGS and other in BEARINGS
+            alike = targets_of(other) == targets_of(option) and other.startswith(f"{kind}.")
+            if told and chosen[other].source is c.source and (bearings or alike):
+                unit, origin = told[0], f"as {chosen[other].name}"
+                break
         sure.append(f"{option}: {c.full}" + (f" in {unit} ({origin})" if unit else ""))
         target = target_of(unit, targets_of(option)) or ""
         written = unit and origin != "the file" and factor(unit, target) != 1.0
@@ -108,9 +109,16 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
             columns[group][key] = frame
         if c.frame == "magnetic":
             asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
-    used = {c.full: c for c in chosen.values()}
     left = {"no column of time": [name for name in sources if name not in times]}
     left |= {"not numbers": texts, "do not move": [], "look like inputs, not mapped": []}
+    lines = _left_out(left, every, {c.full for c in chosen.values()})
+    return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), tuple(lines))
+
+
+def _left_out(
+    left: dict[str, list[str]], every: Sequence[_Candidate], used: set[str]
+) -> Iterator[str]:
+    """Lines of what is not in the map, by reason; those of `left` are known."""
     for c in every:
         reason = "look like inputs, not mapped" if c.option.startswith("inputs") else "not used"
         if c.full not in used:
@@ -118,11 +126,10 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
         elif missing := np.isnan(c.values).sum():
             reason = "without a value in some rows, though mapped"
             left.setdefault(reason, []).append(f"{c.full} ({missing} of {len(c.values)})")
-    lines = []
     for why, columns_left in left.items():  # the elements of an array as one
         text = ", ".join(dict.fromkeys(re.sub(r"\[\d+\]$", "[...]", n) for n in columns_left))
-        lines += [shorten(f"{why}: {text}", 600, placeholder=" ...")] if columns_left else []
-    return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), tuple(lines))
+        if columns_left:
+            yield shorten(f"{why}: {text}", 600, placeholder=" ...")
 
 
 def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate], list[str]]:
@@ -214,7 +221,7 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
 
     x, latitude, yaw = first("position.surge"), first("geodetic.latitude"), first("position.yaw")
     order = [c.source.name for c in candidates]
-    across = [c.source for c in candidates if c.option == "position.sway" and c.moves]
+    across = [c.source for c in candidates if c.option == "position.sway"]
     if across or latitude:  # a path has two coordinates, of one instrument
         ahead = (c for c in candidates if c.option == "position.surge")
         x = next((c for c in ahead if c.source in across), None)
@@ -239,28 +246,23 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
         candidates = [c for c in candidates
                       if c.option not in linear or (c.frame == "earth") == earth]  # fmt: skip
         take("velocity", DOFS[:3], moving, only=True)
-        take("acceleration", DOFS, moving, only=True)
     elif yaw and first("ground.speed") and first("ground.course"):
         take("ground", ("speed", "course"), first("ground.speed"))
     take("velocity", DOFS[3:], moving or yaw)
     if moving or "ground.speed" in chosen:
         take("water", ("speed",), None)
-    chosen |= _wind(candidates)
+    speeds, angles = ([c for c in candidates if c.option == f"wind.{name}"]
+                      for name in ("speed", "direction"))  # fmt: skip
+    winds = [  # of one kind, or at least of one source; the true one rather than the apparent one
+        ((v.frame != a.frame, a.frame != "true"), v, a)
+        for v, a in product(speeds, angles) if v.frame == a.frame or v.source is a.source
+    ]  # fmt: skip
+    if winds:
+        _, *pair = min(winds, key=lambda row: row[0])
+        chosen |= zip(("wind.speed", "wind.direction"), pair, strict=True)
     if acting := first(*(f"force.{dof}" for dof in DOFS)):
         take("force", DOFS, acting, only=True)
     return chosen
-
-
-def _wind(candidates: Sequence[_Candidate]) -> Chosen:
-    """The speed and direction of the wind, of one kind or at least of one source."""
-    speeds, angles = ([c for c in candidates if c.option == f"wind.{name}"]
-                      for name in ("speed", "direction"))  # fmt: skip
-    pairs = [p for p in product(speeds, angles)
-             if p[0].frame == p[1].frame or p[0].source is p[1].source]  # fmt: skip
-    if not pairs:
-        return {}
-    best = min(pairs, key=lambda p: (p[0].frame != p[1].frame, p[1].frame != "true"))
-    return dict(zip(("wind.speed", "wind.direction"), best, strict=True))
 
 
 def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen) -> list[str]:
@@ -302,70 +304,6 @@ def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen)
             asked.append(f"which column is the input {name} of the vessel? ({some}): "
                          f"inputs: {{{name}: COLUMN}}")  # fmt: skip
     return asked
-
-
-def _units(chosen: Chosen, times: Mapping[str, Column]) -> dict[str, tuple[str, str]]:
-    """Units that are known and where from: the header, the title, the motion, those beside."""
-    known = dict[str, tuple[str, str]]()
-    for option, c in chosen.items():
-        if told := stated_unit(c.source, c.name, targets_of(option)):
-            known[option] = told
-    path = _path(chosen, times)
-    for option in (option for option in BY_PATH if path and option in chosen.keys() - known.keys()):
-        c = chosen[option]
-        t = seconds(c.source, times[c.source.name])
-        valid = np.isfinite(t) & np.isfinite(c.values)
-        if path and (unit := _unit_by_path(path, t[valid], c.values[valid], BY_PATH[option])):
-            known[option] = unit, "by the motion"
-    for option, c in chosen.items():
-        kind, targets = option.partition(".")[0], targets_of(option)
-        like = [o for o in known if o.partition(".")[0] == kind and targets_of(o) == targets]
-        like = [o for o in BEARINGS if o in known] if option in BEARINGS else like
-        beside = next((o for o in like if chosen[o].source is c.source), None)
-        if beside and kind != "inputs":
-            known.setdefault(option, (known[beside][0], f"as {chosen[beside].name}"))
-    return known
-
-
-def _unit_by_path(path: Path, t: Array, values: Array, units: Sequence[str]) -> str | None:
-    """The unit of a heading that keeps with the course, or of a speed that makes the path.
-
-    Args:
-        path: times [s] and positions, the second axis imaginary, (N,)
-        t: of the values [s], shape (M,)
-        values: angles or speeds, shape (M,)
-        units: those that are tried; None is returned where none, or no single one, fits.
-    """
-    every = round(STEP_S / max(float(np.median(np.diff(path[0]))), LEAST))
-    every = max(1, min(every, len(path[0]) // LEAST_STEPS))  # short steps are noise
-    times, step = path[0][::every], np.diff(path[1][::every])
-    if units == SPEEDS:
-        size = np.sum(np.abs(step)) / (float(np.sum(values[1:] * np.diff(t))) + LEAST)
-        near = (u for u in units if abs(size / factor(u, "m/s") - 1.0) < FACTOR_TOLERANCE)
-        return next(near, None)
-    middle = np.searchsorted(t, 0.5 * (times[1:] + times[:-1])).clip(0, len(t) - 1)
-    step /= max(float(np.sum(np.abs(step))), LEAST)
-    turns = {u: np.exp(1j * factor(u, "rad") * values[middle]) for u in units}
-    kept = {u: float(max(abs(z @ step), abs(z.conj() @ step))) for u, z in turns.items()}
-    unit = max(kept, key=lambda name: kept[name])
-    clear = len(step) > LEAST_STEPS // 2 and 1.0 - kept[unit] < BETTER * (1.0 - min(kept.values()))
-    return unit if clear and kept[unit] > TOGETHER else None
-
-
-def _path(chosen: Chosen, times: Mapping[str, Column]) -> Path | None:
-    """Times [s] and positions along two axes [m]; None: not recorded in one source."""
-    pairs = (("position.surge", "position.sway"), ("geodetic.latitude", "geodetic.longitude"))
-    known = [(chosen[a], chosen[b]) for a, b in pairs if a in chosen and b in chosen]
-    x, y = next((pair for pair in known if pair[0].source is pair[1].source), (None, None))
-    if x is None or y is None:
-        return None
-    t = seconds(x.source, times[x.source.name])
-    scale = (1.0, 1.0)
-    if x.option.startswith("geodetic"):
-        scale = METRES, METRES * float(np.cos(np.radians(np.nanmedian(x.values))))
-    z = x.values * scale[0] + 1j * y.values * scale[1]
-    there = np.isfinite(t) & np.isfinite(z)
-    return (t[there], z[there]) if np.sum(there) > 2 else None
 
 
 def _clock(

@@ -106,9 +106,7 @@ def quantity(title: str, source: str = "", unit: str | None = None) -> Quantity 
         units = TITLES.get("_".join(words[end:]), ())
         result = _matched(list(_split(words[:end])), around) if units or words[end:] == [] else None
         stated = unit or next(iter(units), None)
-        if (
-            result and stated and target_of(stated, (stated,)) is not None
-        ):  # perhaps of its rate or integral
+        if result and stated and target_of(stated, (stated,)):  # perhaps of its rate or integral
             kind, _, name = result.option.partition(".")
             kind = {"position": "velocity", "velocity": "position"}.get(kind, kind)
             options = (o for o in (result.option, f"{kind}.{name}")

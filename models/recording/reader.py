@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Ge
@@ -20,16 +20,20 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording import units
 from seatrial.models.recording.column_map import KINDS, QUATERNION, Column, ColumnMap, Frames
-from seatrial.models.recording.joining import (
-    AtGap,
-    Channel,
-    ColumnReading,
-    join_channels,
-    left_in_gaps,
-    shared_clock,
-)
-from seatrial.models.recording.preprocessing import interpolated, outliers, without_sign_flips
-from seatrial.models.recording.recording import MIN_PIECE, piece_edges, piecewise
+from seatrial.models.recording.joining import AtGap, Channel, join_channels, left_in_gaps
+from seatrial.models.recording.preprocessing import (
+    in_body,
+    interpolated,
+    outliers,
+    without_sign_flips,
+)  # fmt: skip
+from seatrial.models.recording.recording import (
+    GAP,
+    MIN_PIECE,
+    UNIFORMITY,
+    piece_edges,
+    piecewise,
+)  # fmt: skip
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, seconds
@@ -50,7 +54,7 @@ BRIDGED = 2.5  # sample times that joining fills at any rate
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
 EXCHANGED = {"surge": "sway", "sway": "surge"}  # of east, north, up
-MOTION, COMPOSED = ("position", "velocity"), ("quaternion", "geodetic", "ground", "water")
+MOTION, COMPOSED = ("position", "velocity"), ("orientation", "geodetic", "ground", "water")
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
 # Numbers that loggers write where there is none, if nothing else is near.
 SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
@@ -69,8 +73,24 @@ class Outliers:
         check_ranges(self)
 
 
+class ColumnReading(NamedTuple):
+    """With which unit and sign a column was read, where they are known from, and its source."""
+
+    option: str
+    column: str  # as the map has it
+    unit: str
+    known_from: str
+    source: Source
+    name: str  # in the source
+
+    @property
+    def values(self) -> Array:
+        """The numbers of the column as recorded, shape (N,); NaN where missing."""
+        return self.source.numbers(self.name, gaps=True)
+
+
 @dataclass(frozen=True, eq=False)
-class Signals:
+class ReadSignals:
     """Signals by option, such as `velocity.surge`, on one clock, in SI units and our frames."""
 
     t: Array  # (N,) [s]
@@ -91,7 +111,7 @@ class Reading:
     heading_deg: float = 0.0  # of the frame of the positions in that of the attitude
     outliers: Outliers = field(default_factory=Outliers)
 
-    def signals(self, path: Path, sources: Sources, dofs: Sequence[str]) -> Signals:
+    def signals(self, path: Path, sources: Sources, dofs: Sequence[str]) -> ReadSignals:
         """The signals that a vessel with some degrees of freedom needs.
 
         Args:
@@ -112,24 +132,23 @@ class Reading:
             named = str(path) in str(error)
             raise error if named else RecordingError(f"{path}: {error}") from error
 
-    def _signals(self, sources: Sources, dofs: Sequence[str]) -> Signals:
+    def _signals(self, sources: Sources, dofs: Sequence[str]) -> ReadSignals:
         notes = [line for source in sources.values() for line in source.left_out]
-        channels = _unit_quaternions(self._channels(sources, dofs, notes))
-        readings = {option: c.reading for option, c in channels.items() if c.reading is not None}
-        recorded = {r.column.removeprefix("-"): channels[o].values for o, r in readings.items()}
+        read = readings(sources, self.columns, wanted(self.columns, dofs))
+        channels = self._channels(sources, read, notes)
+        recorded = {r.column.removeprefix("-"): channels[o].values for o, r in read.items()}
         for option, channel in channels.items() if self.outliers.replace else ():
             valid, values = ~np.isnan(channel.values), channel.values.copy()
             wrong = outliers(values[valid], self.outliers.window, self.outliers.deviations)
             values[valid] = interpolated(channel.t[valid], values[valid], wrong)
             channels[option] = channel._replace(values=values)
-        t, first = None, next(iter(readings.values())).source
-        alone = all(reading.source is first for reading in readings.values())
-        if alone and self.resample_hz is None and not self.columns.delay_s:
-            t = shared_clock(channels, clock_of(first, self.columns).name, self.at_gap)
+        alone = len({reading.source.name for reading in read.values()}) == 1
+        t, rate, longest = None, self.resample_hz, self.max_gap_s
+        if alone and rate is None and not self.columns.delay_s:
+            t = _shared_clock(channels, read, self.columns, self.at_gap)
         if t is None:
             channels = {option: c.cleaned(notes) for option, c in channels.items()}
         known = {option: channel.values for option, channel in channels.items()}
-        rate, longest = self.resample_hz, self.max_gap_s
         if rate is None:
             rate = _rate(channels)
             longest = max(longest, BRIDGED / rate)
@@ -137,39 +156,37 @@ class Reading:
             t, known = join_channels(channels, rate, longest, self.at_gap)
         notes += left_in_gaps(t, channels, longest)
         known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
-        return Signals(t, known, recorded, tuple(readings.values()), tuple(dict.fromkeys(notes)))
+        return ReadSignals(t, known, recorded, tuple(read.values()), tuple(dict.fromkeys(notes)))
 
     def _channels(
-        self, sources: Sources, dofs: Sequence[str], notes: list[str]
+        self, sources: Sources, read: Mapping[str, ColumnReading], notes: list[str]
     ) -> dict[str, Channel]:
         """The columns in SI units on their clocks, by option."""
-        used = wanted(self.columns, dofs)
-        if not used:
+        if not read:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
         scale, clocks = self.columns.froude_scale, dict[str, Array]()
         pace, start = units.froude_factor("s", scale), first_time(sources, self.columns)
         channels = {}
-        for option, needed in used.items():
-            try:
-                reading = reading_of(sources, option, self.columns)
-            except RecordingError:
-                if needed:
-                    raise
-                continue
+        for option, reading in read.items():
             spec, source = self.columns.specs[option], reading.source
             if source.name not in clocks:
                 clock = clock_of(source, self.columns)
                 clocks[source.name] = seconds(source, clock)
                 notes += [line] if (line := disagreement(source, clock)) else []
             kind, delays = option.partition(".")[0], self.columns.delay_s
-            values = source.numbers(reading.name, gaps=True)
-            values = _without_sentinels(values, reading.name, notes)
             t = clocks[source.name] - start - delays.get(source.name, delays.get(kind, 0.0))
-            channels[option] = Channel(
-                pace * t, _in_si(values, option, spec, reading.unit, scale), kind in HELD_SIGNALS,
-                f"column {spec.name}", reading,
-            )  # fmt: skip
-        return channels
+            values = _without_sentinels(reading.values, reading.name, notes)
+            if spec.full is not None:
+                values = (values - spec.neutral) / (spec.full - spec.neutral)
+            values = values * spec.sign * units.si_factor(option, reading.unit, scale)
+            if units.targets_of(option) == ("rad",):  # without jumps
+                valid = ~np.isnan(values)
+                values[valid] = unroll(values[valid])
+                values = -values if spec.positive == "anticlockwise" else values
+                values = values + 0.5 * np.pi if spec.zero == "east" else values
+            held, title = kind in HELD_SIGNALS, f"column {spec.name}"
+            channels[option] = Channel(pace * t, values, held, title)
+        return _unit_quaternions(channels)
 
 
 def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, bool]:
@@ -178,22 +195,21 @@ def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, bool]:
     The attitude is used where it is recorded, also by a vessel that does not turn.
     """
     arm = any(columns.lever_arm_m)
-    turned = columns.frames != Frames() or arm or columns.geodetic is not None
-    turned = turned or bool(columns.ground) or any(dof not in columns.moving for dof in dofs)
+    turned = columns.frames != Frames() or arm or bool(columns.geodetic or columns.ground)
+    turned = turned or any(dof not in columns.moving for dof in dofs)
     used = dict[str, bool]()
     for option in columns.specs:
         kind, _, dof = option.partition(".")
         angle = dof in DOFS[3:]
         if kind in KINDS:
-            linear = not angle and kind in ("position", "velocity")
-            required = dof in dofs or (turned and linear) or (arm and angle and kind == "velocity")
-            wished = required or (angle and kind == "position")
-            if kind == "position" and (columns.orientation if angle else columns.geodetic):
-                wished = False  # which replaces it
+            needed = dof in dofs or (turned and not angle and kind in MOTION)
+            needed |= arm and angle and kind == "velocity"
+            replaced = kind == "position" and (columns.orientation if angle else columns.geodetic)
+            wished = not replaced and (needed or (angle and kind == "position"))
         else:
-            required = kind != "quaternion" or turned or any(dof in DOFS[3:] for dof in dofs)
+            needed = kind != "orientation" or turned or any(dof in DOFS[3:] for dof in dofs)
             wished = kind not in IN_THE_PLANE or set(PLANAR) <= set(dofs)
-        used |= {option: required} if wished else {}
+        used |= {option: needed} if wished else {}
     return used
 
 
@@ -222,36 +238,43 @@ def first_time(sources: Sources, columns: ColumnMap) -> float:
     return start if start > EPOCH_S else 0.0
 
 
-def reading_of(sources: Sources, option: str, columns: ColumnMap) -> ColumnReading:
-    """The column of an option, its unit, and where that is known from: the first that tells it.
+def readings(
+    sources: Sources, columns: ColumnMap, used: Mapping[str, bool] | None = None
+) -> dict[str, ColumnReading]:
+    """How each mapped column is read, by option; the first that tells its unit counts.
 
-    Raises RecordingError if there is no such column.
+    Args:
+        sources: the recording.
+        columns: its map.
+        used: the options that are read, and whether each is needed; None: those that are there.
+
+    Raises RecordingError if a needed column does not exist.
     """
-    spec = columns.specs[option]
-    source, name = column(sources, spec.name)
-    targets, kind = units.targets_of(option), option.partition(".")[0]
-    unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
-    if spec.unit is not None or spec.full is not None or not targets:
-        unit, origin = spec.unit or "", "the map"
-    elif known := stated_unit(source, name, targets):
-        unit, origin = known
-    elif kind in KINDS:
-        for other, beside in columns.specs.items():  # of the same quantity, by the same source
-            plain = source.find(beside.name.rpartition(":")[2])
-            same = other.partition(".")[0] == kind and units.targets_of(other) == targets
-            told = stated_unit(source, plain, targets) if plain and plain != name and same else None
-            if told:
-                unit, origin = told[0], f"{beside.name} beside it"
-                break
-    return ColumnReading(option, spec.column, unit, origin, source, name)
-
-
-def readings(sources: Sources, columns: ColumnMap) -> dict[str, ColumnReading]:
-    """How each mapped column that the sources have is read, by option."""
     result = {}
-    for option in columns.specs:
-        with suppress(RecordingError):
-            result[option] = reading_of(sources, option, columns)
+    used = dict.fromkeys(columns.specs, False) if used is None else used
+    for option, needed in used.items():
+        spec, targets = columns.specs[option], units.targets_of(option)
+        kind = option.partition(".")[0]
+        try:
+            source, name = column(sources, spec.name)
+        except RecordingError:
+            if needed:
+                raise
+            continue
+        unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
+        if spec.unit is not None or spec.full is not None or not targets:
+            unit, origin = spec.unit or "", "the map"
+        elif known := stated_unit(source, name, targets):
+            unit, origin = known
+        elif kind in KINDS:
+            for other, beside in columns.specs.items():  # of the same quantity, by the same source
+                plain = source.find(beside.name.rpartition(":")[2]) or name
+                same = other.partition(".")[0] == kind and units.targets_of(other) == targets
+                told = stated_unit(source, plain, targets) if same and plain != name else None
+                if told:
+                    unit, origin = told[0], f"{beside.name} beside it"
+                    break
+        result[option] = ColumnReading(option, spec.column, unit, origin, source, name)
     return result
 
 
@@ -264,20 +287,33 @@ def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str,
     return (titled, "the title") if titled else None
 
 
-def _in_si(values: Array, option: str, spec: Column, unit: str, scale: float) -> Array:
-    """A column in SI units, of the size of the vessel, with its sense and without jumps of angles.
+def _shared_clock(
+    channels: Mapping[str, Channel], read: Mapping[str, ColumnReading], columns: ColumnMap,
+    at_gap: AtGap,
+) -> Array | None:  # fmt: skip
+    """The times (N,) [s] of channels of one source, which must be complete and rise by equal steps.
 
-    By Froude's law, of a ship that is `scale` times as long as the vessel.
+    `split` allows longer steps at gaps; the result is then None if the channels can only be joined.
+    Raises RecordingError, with line and column, for `refuse`.
     """
-    if spec.full is not None:
-        values = (values - spec.neutral) / (spec.full - spec.neutral)
-    values = values * spec.sign * units.si_factor(option, unit, scale)
-    if units.targets_of(option) == ("rad",):
-        valid = ~np.isnan(values)
-        values[valid] = unroll(values[valid])
-        values = -values if spec.positive == "anticlockwise" else values
-        values = values + 0.5 * np.pi if spec.zero == "east" else values
-    return values
+    t, source = next(iter(channels.values())).t, next(iter(read.values())).source
+    if len(t) < 2:
+        raise RecordingError(f"{source.path}: got {len(t)} samples, expected at least 2")
+    steps, clock = np.diff(t), clock_of(source, columns).name
+    period = float(np.median(steps))
+    even = np.abs(steps - period) <= UNIFORMITY * abs(period)
+    even |= (at_gap == "split") & (steps > GAP * period)
+    grid = "; excitation.resample_hz=RATE puts the columns on a uniform grid"
+    # rows that are wrong, the column that is, and what it should hold
+    wrong = [(np.isnan(c.values), read[o].name, f"a finite number{grid}")
+             for o, c in channels.items()]  # fmt: skip
+    wrong.append((np.isnan(t), clock, "a finite number"))
+    wrong.append((np.append(False, steps <= 0.0), clock, f"time to increase{grid}"))
+    wrong.append((np.append(False, ~even), clock, f"steps of {period:.6g} s{grid}"))
+    row = next((row for row in wrong if np.any(row[0])), None)
+    if row is not None and at_gap != "split":
+        raise source.refused(int(np.argmax(row[0])), *row[1:])
+    return t if row is None else None
 
 
 def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
@@ -285,15 +321,14 @@ def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
     for sentinel in (sign * size for size in SENTINELS for sign in (1.0, -1.0)):
         wrong = values == sentinel
         if np.any(wrong) and not np.any(np.abs(values[~wrong] - sentinel) < 0.5 * abs(sentinel)):
-            count = int(np.sum(wrong))
-            notes.append(f"column {name}: {count} cells are {sentinel:g}: missing values")
+            notes.append(f"column {name}: {np.sum(wrong)} cells are {sentinel:g}: missing values")
             values = np.where(wrong, np.nan, values)
     return values
 
 
 def _rate(channels: Mapping[str, Channel]) -> float:
     """The sample rate [Hz] of the slowest velocity, or position, rounded to few digits."""
-    for kinds in ("velocity", ("position", "geodetic", "quaternion"), ""):
+    for kinds in ("velocity", ("position", "geodetic", "orientation"), ""):
         own = [c.t for option, c in channels.items() if option.startswith(kinds) and len(c.t) > 1]
         if own:
             break
@@ -303,7 +338,7 @@ def _rate(channels: Mapping[str, Channel]) -> float:
 
 def _unit_quaternions(channels: dict[str, Channel]) -> dict[str, Channel]:
     """Channels with quaternions of length one, without sign flips."""
-    names = [f"quaternion.{part}" for part in QUATERNION]
+    names = [f"orientation.{part}" for part in QUATERNION]
     if not set(names) <= set(channels):
         return channels
     quaternions = np.column_stack([channels[name].values for name in names])
@@ -319,7 +354,7 @@ def _unit_quaternions(channels: dict[str, Channel]) -> dict[str, Channel]:
     quaternions[~valid] = np.nan
     quaternions[valid] = without_sign_flips(quaternions[valid] / lengths[valid, None])
     new = zip(names, quaternions.T, strict=True)
-    return {**channels, **{name: channels[name]._replace(values=v) for name, v in new}}
+    return channels | {name: channels[name]._replace(values=values) for name, values in new}
 
 
 def _in_our_frames(
@@ -331,10 +366,10 @@ def _in_our_frames(
     pose, nu = (np.column_stack([known.get(f"{kind}.{dof}", zero) for dof in DOFS])
                 for kind in MOTION)  # fmt: skip
     attitude = _attitude(known, frames, len(t), heading)
-    posed |= set(DOFS[3:]) if "quaternion.w" in known else set()
-    if columns.geodetic is not None:
-        pose[:, :3] = _path(known, columns)
-        posed |= set(DOFS[: 3 if columns.geodetic.altitude else 2])
+    posed |= set(DOFS[3:]) if "orientation.w" in known else set()
+    if columns.geodetic:
+        pose[:, :3] = _path(known)
+        posed |= set(DOFS[: len(columns.geodetic)])
     elif frames.position == "ENU":
         pose[:, :3], posed = _from_enu(pose[:, :3]), {EXCHANGED.get(dof, dof) for dof in posed}
     pose[:, 3:] = attitude
@@ -342,7 +377,7 @@ def _in_our_frames(
     if frames.velocity == "earth":  # angular velocities are of the body
         if frames.position == "ENU":
             nu[:, :3], moving = _from_enu(nu[:, :3]), {EXCHANGED.get(dof, dof) for dof in moving}
-        nu[:, :3] = _in_body(attitude, nu[:, :3])
+        nu[:, :3] = in_body(attitude, nu[:, :3])
     elif frames.body == "FLU":
         nu[:, [DOFS.index(dof) for dof in FLIPPED]] *= -1.0
     if "ground.speed" in known:
@@ -374,34 +409,28 @@ def _from_enu(values: Array) -> Array:
 
 def _attitude(known: Mapping[str, Array], frames: Frames, n: int, heading: float) -> Array:
     """(phi, theta, psi) [rad] in NED, shape (N, 3), unrolled; psi counts from `heading`."""
-    if "quaternion.w" in known:
-        attitude = euler_zyx(np.column_stack([known[f"quaternion.{p}"] for p in QUATERNION]))
+    if "orientation.w" in known:
+        attitude = euler_zyx(np.column_stack([known[f"orientation.{p}"] for p in QUATERNION]))
     else:
         zero = np.zeros(n)
         attitude = np.column_stack([known.get(f"position.{dof}", zero) for dof in DOFS[3:]])
     if frames.attitude == "ENU":
         attitude = attitude * [1.0, -1.0, -1.0] + [0.0, 0.0, 0.5 * np.pi]
-    if "quaternion.w" in known or "position.yaw" in known:
+    if "orientation.w" in known or "position.yaw" in known:
         attitude = unroll(attitude - [0.0, 0.0, heading])
     return np.asarray(attitude)
 
 
-def _path(known: Mapping[str, Array], columns: ColumnMap) -> Array:
-    """North, east and down [m] of the origin, shape (N, 3), on WGS 84."""
-    assert columns.geodetic is not None
+def _path(known: Mapping[str, Array]) -> Array:
+    """North, east and down [m] of the first sample, shape (N, 3), on WGS 84."""
     latitude, longitude = known["geodetic.latitude"], known["geodetic.longitude"]
     altitude = known.get("geodetic.altitude", np.zeros(len(latitude)))
-    origin = columns.geodetic.origin or (latitude[0], longitude[0], altitude[0])
     if np.max(np.abs(latitude)) > 90.0 or np.max(np.abs(longitude)) > 360.0:
         raise RecordingError(
             f"columns.geodetic: got {latitude[0]:g}, {longitude[0]:g}, expected degrees"
         )
+    origin = latitude[0], longitude[0], altitude[0]
     return np.column_stack(pymap3d.geodetic2ned(latitude, longitude, altitude, *origin))
-
-
-def _in_body(attitude: Array, values: Array) -> Array:
-    """Vectors (N, 3) along the axes of the earth in those of the body."""
-    return np.asarray(np.einsum("nji,nj->ni", pose_jacobian(attitude)[:, :3, :3], values))
 
 
 def _differentiated(t: Array, pose: Array, attitude: Array) -> Array:
@@ -426,5 +455,5 @@ def _differentiated(t: Array, pose: Array, attitude: Array) -> Array:
         return rate
 
     nu = piecewise(rates, edges, pose, attitude)
-    nu[:, :3] = _in_body(attitude, nu[:, :3])
+    nu[:, :3] = in_body(attitude, nu[:, :3])
     return nu

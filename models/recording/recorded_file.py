@@ -18,7 +18,7 @@ from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.preprocessing import central_difference, outliers
-from seatrial.models.recording.reader import Reading, Signals, Sources, clock_of, first_time
+from seatrial.models.recording.reader import Reading, ReadSignals, Sources, clock_of, first_time
 from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
 from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
 from seatrial.models.recording.times import seconds
@@ -101,7 +101,7 @@ class RecordedFile(Reading):
     trust: bool = False  # also what does not agree
     map: str | None = None  # file of the columns; its content is in the other options
     test_map: str | None = None  # that of the files of `test`; its content is in `tested`
-    _read: dict[tuple[object, ...], Signals] = field(
+    _read: dict[tuple[object, ...], ReadSignals] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
@@ -204,7 +204,7 @@ class RecordedFile(Reading):
     def _of_file(
         self, path: Path, dofs: Sequence[str], sources: Sources | None = None
     ) -> Recording:
-        """The recording of one file."""
+        """The recording of one file, with accelerations where they are not recorded."""
         signals = self._signals_of(path, dofs, sources)
         rows = self._window(path, signals.t)
         t, values = signals.t[rows], {o: x[rows] for o, x in signals.values.items()}
@@ -219,24 +219,23 @@ class RecordedFile(Reading):
                 f"excitation.columns.velocity: no column for {', '.join(missing)}, nor a position "
                 "to differentiate"
             )
-        tau, period = of("force", dofs), recordings.sample_time(signals.t)
+        period = recordings.sample_time(signals.t)
         rate = recordings.piecewise(
             partial(central_difference, period_s=period), recordings.piece_edges(signals.t, period),
             np.column_stack([signals.values[f"velocity.{dof}"] for dof in dofs]),
-        )  # fmt: skip
-        for i, dof in enumerate(dofs):
-            rate[:, i] = signals.values.get(f"acceleration.{dof}", rate[:, i])
+        )[rows]  # fmt: skip
         attitude = np.column_stack([values.get(f"position.{dof}", 0.0 * t) for dof in DOFS[3:]])
         attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
-        pose = dict(zip(DOFS[3:], attitude.T, strict=True))
-        for dof in set(dofs) - set(pose):
-            speed = values[f"velocity.{dof}"]
+        eta = np.empty_like(nu)
+        for i, dof in enumerate(dofs):
+            rate[:, i] = values.get(f"acceleration.{dof}", rate[:, i])
             way = values.get(f"position.{dof}")  # else the way made good
-            pose[dof] = cumulative_trapezoid(speed, t, initial=0.0) if way is None else way
+            way = cumulative_trapezoid(nu[:, i], t, initial=0.0) if way is None else way
+            eta[:, i] = way if dof in DOFS[:3] else attitude[:, DOFS.index(dof) - 3]
+        tau = of("force", dofs)
         inputs, loads = tuple(self.columns.inputs), tuple(self.columns.loads)
         return Recording(
-            tuple(dofs), t, np.column_stack([pose[dof] for dof in dofs]), nu,
-            rate[rows], np.zeros_like(nu) if tau is None else tau,
+            tuple(dofs), t, eta, nu, rate, np.zeros_like(nu) if tau is None else tau,
             attitude, tau_actual=of("actual_force", dofs), wind=self._air(values, attitude),
             inputs=of("inputs", inputs), commands=of("commands", tuple(self.columns.commands)),
             input_names=inputs, loads=of("loads", loads), load_names=loads,
@@ -244,7 +243,7 @@ class RecordedFile(Reading):
 
     def _signals_of(
         self, path: Path, dofs: Sequence[str], sources: Sources | None = None
-    ) -> Signals:
+    ) -> ReadSignals:
         """The used columns of a file in SI units and our frames; read once."""
         key = (path, *dofs)
         if key not in self._read:
@@ -252,7 +251,7 @@ class RecordedFile(Reading):
             self._read[key] = self.signals(path, known, dofs)
         return self._read[key]
 
-    def account(self, dofs: Sequence[str]) -> Sequence[Signals]:
+    def account(self, dofs: Sequence[str]) -> Sequence[ReadSignals]:
         """How each file was read: units with their origin, and what was left out."""
         return [reader._signals_of(path, dofs) for path, reader in self.readers.items()]
 
@@ -288,11 +287,12 @@ class RecordedFile(Reading):
             if self.test and number < training:
                 train[rows] = True
                 continue
-            parts = None if self.test else half(len(rows), self.train_fraction)
-            train[rows] = False if parts is None else parts.train
             late = t[rows] >= t[rows[0]] + self.initial_s
-            test[rows] = late & (True if parts is None else parts.test)
-            if (left := np.count_nonzero(test[rows])) < LEAST_SAMPLES:
+            if not self.test:
+                train[rows], own = half(len(rows), self.train_fraction)
+                late &= own
+            test[rows] = late
+            if (left := np.count_nonzero(late)) < LEAST_SAMPLES:
                 raise ConfigurationError(
                     f"excitation.initial_s: got {self.initial_s:g} s, which leaves {left} samples "
                     f"for testing of {path}, {np.ptp(t[rows]):g} s long; expected at least 2"
@@ -321,9 +321,9 @@ class RecordedFile(Reading):
         start = -np.inf if self.start_s is None else self.start_s
         end = np.inf if self.end_s is None else self.end_s
         window = (start < t) & (t < end)
-        if np.count_nonzero(window) < LEAST_SAMPLES:
+        if (count := np.count_nonzero(window)) < LEAST_SAMPLES:
             raise RecordingError(
-                f"{path}: got {np.count_nonzero(window)} samples with {start:g} < t < {end:g} s, "
+                f"{path}: got {count} samples with {start:g} < t < {end:g} s, "
                 f"expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
             )
         return window
@@ -332,10 +332,10 @@ class RecordedFile(Reading):
         """Velocity of the air over ground in body axes [m/s], (n, 2); None if not recorded."""
         if "air.surge" in values:
             return np.column_stack([values["air.surge"], values["air.sway"]])
-        if self.columns.wind is None or "wind.speed" not in values:
+        if "wind.speed" not in values:
             return None
         speed, angle = values["wind.speed"], values["wind.direction"]
-        apparent = self.columns.wind.kind == "apparent"
+        apparent = (self.columns.wind or {}).get("kind") == "apparent"
         angle = angle if apparent else angle - attitude[:, 2]
         air = -speed[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
         if apparent:

@@ -70,16 +70,14 @@ def original_rate(values: Array, rate_hz: float) -> float | None:
     """
     if len(values) < MIN_SAMPLES or np.any(np.isnan(values)):
         return None
-    size = np.std(np.diff(values, axis=0), axis=0)
-    moving = size > 0.0
+    steps = np.diff(values, axis=0)
+    moving = np.std(steps, axis=0) > 0.0
     if not np.any(moving):
         return None
-    bends = np.abs(np.diff(values[:, moving], 2, axis=0)) > STRAIGHT_LINE * size[moving]
-    bent = np.any(bends, axis=1)
-    steps = np.any(np.diff(values[:, moving], axis=0) != 0.0, axis=1)
-    held = 1.0 - float(np.mean(steps))
-    if held > MADE_UP:
-        return rate_hz * float(np.mean(steps))
+    steps = steps[:, moving]
+    bent = np.any(np.abs(np.diff(steps, axis=0)) > STRAIGHT_LINE * np.std(steps, axis=0), axis=1)
+    if (stepping := float(np.mean(np.any(steps != 0.0, axis=1)))) < 1.0 - MADE_UP:
+        return rate_hz * stepping
     if 1.0 - float(np.mean(bent)) <= MADE_UP:
         return _rate_of_images(values[:, moving], rate_hz)
     # A sample between two of the new ones bends the line at both of them.

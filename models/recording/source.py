@@ -209,17 +209,15 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
     """
     searched, title = list(sources.values()), name
     place = os.path.commonpath([source.path for source in searched])
-    holders = [(source, plain) for source in searched if (plain := source.find(name))]
-    if not holders and ":" in name:
+    if ":" in name and not any(source.find(name) for source in searched):
         wanted, _, title = name.rpartition(":")
         ending = f"/{wanted.lstrip('/')}"
         searched = [source for source in searched if f"/{source.name}".endswith(ending)]
         searched = [sources[wanted]] if wanted in sources else searched
         if not searched:
-            raise RecordingError(
-                f"{place}: no source {wanted!r}, expected it among {_listing(sources)}"
-            )
-        holders = [(source, plain) for source in searched if (plain := source.find(title))]
+            known = _listing(sources)
+            raise RecordingError(f"{place}: no source {wanted!r}, expected it among {known}")
+    holders = [(source, plain) for source in searched if (plain := source.find(title))]
     if len(holders) == 1:
         return holders[0]
     if holders:
@@ -306,24 +304,25 @@ def _sources(
         raise ConfigurationError(
             f"excitation.format: got {options.format!r}, expected one of {', '.join(FORMATS)}"
         )
-    file = path
-    try:
-        if not path.is_dir() and not path.is_file():
-            problem = "is not a regular file" if path.exists() else "there is no such file"
-            shown = str(path).replace("\0", "\\0")
-            raise RecordingError(f"{shown}: {problem}, expected a recording")
-        if path.is_file() or ((path / BAG).is_file() and options.format in (None, "rosbag")):
-            return {source.name: source for source in _read(path, options)}
-        sources: dict[str, Source] = {}
-        for file, name in _files(path, options).items():
-            for source in _read(file, options):
-                full = name if source.name == file.stem else f"{name}/{source.name}"
-                sources[full] = replace(source, name=full)
-        return sources
-    except OSError as error:
-        raise RecordingError(
-            f"{file}: cannot be read ({error.strerror or error}), expected a recording"
-        ) from error
+    if not path.is_dir() and not path.is_file():
+        problem = "is not a regular file" if path.exists() else "there is no such file"
+        shown = str(path).replace("\0", "\\0")
+        raise RecordingError(f"{shown}: {problem}, expected a recording")
+    bag = (path / BAG).is_file() and options.format in (None, "rosbag")
+    files = {path: ""} if bag or path.is_file() else _files(path, options)
+    sources: dict[str, Source] = {}
+    for file, name in files.items():
+        try:
+            known = _read(file, options)
+        except OSError as error:
+            raise RecordingError(
+                f"{file}: cannot be read ({error.strerror or error}), expected a recording"
+            ) from error
+        for source in known:
+            own = "" if name and source.name == file.stem else source.name
+            full = "/".join(filter(None, (name, own)))
+            sources[full] = replace(source, name=full)
+    return sources
 
 
 def _read(path: Path, options: ReadOptions) -> list[Source]:

@@ -25,6 +25,8 @@ SI = {
     "current": {"north": "m/s", "east": "m/s"}, "air": {"surge": "m/s", "sway": "m/s"},
     "geodetic": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
 }  # fmt: skip
+BEARINGS = tuple(f"{kind}.{name}" for kind in ("position", "ground", "wind")
+                 for name, unit in SI[kind].items() if unit == "rad")  # fmt: skip
 # As instruments write them, where pint means something else or nothing.
 SPELLINGS = {
     "kn": "knot", "kt": "knot", "kts": "knot", "knots": "knot", "°": "deg", "°/s": "deg/s",

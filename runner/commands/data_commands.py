@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 import yaml
@@ -15,21 +15,12 @@ from seatrial.models.recording.reader import FAULTS
 from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.runner.commands.benchmark import get
 from seatrial.runner.commands.data_convert import File, MapFile, convert
-from seatrial.runner.commands.recording_report import Report, report
+from seatrial.runner.commands.recording_report import recording_page, report
 from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.configuration.recording_map import options_of, own_map, read_map, reader_of
 from seatrial.runner.sweeps import in_process
-
-if TYPE_CHECKING:  # slow to import
-    from seatrial.runner.commands import recording_page
-else:
-    import lazy_loader
-
-    recording_page = lazy_loader.load(
-        "seatrial.runner.commands.recording_page", suppress_warning=True
-    )
 
 app = typer.Typer(
     name="seatrial data", no_args_is_help=True, pretty_exceptions_enable=False,
@@ -63,8 +54,11 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
     node = read_map(map_file) if map_file else own_map(file)
     known = report(reader_of(file, node or options_of(drafted(file).map)))
     if html is not None:
-        write_page(recording_page.recording_page(known), html)
-    _show(known)
+        write_page(recording_page(known), html)
+    tables = [f"{render(table, OutputFormat.RICH)}\n" for table in known.tables]
+    left_out = [f"left out: {line}" for line in known.left_out]
+    for text in (*known.verdict, "", *tables, *left_out, *(f"next: {a}" for a in known.advice)):
+        typer.echo(text)
 
 
 @app.command("map")
@@ -118,10 +112,3 @@ def drafted(file: Path, wanted: Sequence[str] = ()) -> Proposal:
     lines = [line for source in sources.values() for line in source.left_out]
     return Proposal(node, (*draft.sure, *map(str, mended)), (*draft.questions, *asked),
                     (*lines, *draft.left_out))  # fmt: skip
-
-
-def _show(known: Report) -> None:
-    tables = [f"{render(table, OutputFormat.RICH)}\n" for table in known.tables]
-    left_out = [f"left out: {line}" for line in known.left_out]
-    for text in (*known.verdict, "", *tables, *left_out, *(f"next: {a}" for a in known.advice)):
-        typer.echo(text)

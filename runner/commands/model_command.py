@@ -7,19 +7,19 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 import yaml
-from rich.console import Console
-from rich.table import Table as Grid
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.notation import PLANAR, VELOCITY_UNIT
-from seatrial.models.recording.reader import Signals
+from seatrial.models.recording.reader import ReadSignals
 from seatrial.models.vessel import scales
 from seatrial.runner import export
 from seatrial.runner.commands import init
 from seatrial.runner.commands.data_commands import Force, VesselName, map_columns
 from seatrial.runner.commands.data_convert import File, MapFile
 from seatrial.runner.compare.cli import run_typer
+from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.frame import open_results
+from seatrial.runner.compare.grid import grid_of
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 from seatrial.runner.sweeps import in_process
 
@@ -83,7 +83,7 @@ def model(
 
 
 def _drafted_vessel(
-    name: str, length: float, mass: float | None, read: "list[Signals] | Any", force: bool
+    name: str, length: float, mass: float | None, read: "list[ReadSignals] | Any", force: bool
 ) -> str:
     """Write a vessel of some dimensions, with the inputs that the log holds; returns its path."""
     path = Path("conf", "vessel", f"{name}.yaml")
@@ -138,14 +138,12 @@ def _report(reader: Any, run: int) -> None:
     for row in reader.diagnostics(run):
         if row.name.startswith("recording_") and row.name != "recording_column":
             typer.echo(f"recording: {row.label}")
-    errors = {
-        (row.dof, row.model): row.value
-        for row in reader.metrics(run)
-        if row.name == METRIC and row.stage == "validation" and row.value is not None
-    }
-    grid = Grid("axis", "unit", *MODELS, "", box=None, title=f"run {run}: {TITLE}")
+    rows = [row for row in reader.metrics(run) if row.name == METRIC and row.stage == "validation"]
+    errors = {(row.dof, row.model): row.value for row in rows if row.value is not None}
+    lines = []
     for dof in dict.fromkeys(dof for dof, _ in errors):
         values = [errors.get((dof, each), np.inf) for each in MODELS]
         skill = "" if values[-1] < values[0] else "no better than the mean motion"
-        grid.add_row(dof, VELOCITY_UNIT[dof], *(f"{value:.4g}" for value in values), skill)
-    Console(highlight=False).print(grid)
+        lines.append((dof, VELOCITY_UNIT[dof], *values, skill))
+    table = grid_of(f"run {run}: {TITLE}", ("axis", "unit", *MODELS, "remark"), lines, 2)
+    typer.echo(render(table, OutputFormat.RICH))

@@ -1,22 +1,30 @@
-"""What `seatrial data check` reports of a recording."""
+"""What `seatrial data check` reports of a recording, in the terminal and on a page with figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, velocities_of
 from seatrial.models.recording.diagnosis import Examination, examine
-from seatrial.models.recording.preprocessing import outliers
-from seatrial.models.recording.reader import BRIDGED, FAULTS, Signals, clock_of, readings
+from seatrial.models.recording.preprocessing import outliers, quality_checks
+from seatrial.models.recording.reader import BRIDGED, FAULTS, ReadSignals, clock_of, readings
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import Sampling, sampling
 from seatrial.models.recording.smoothing import noise_floor
 from seatrial.models.recording.times import seconds
 from seatrial.models.recording.units import targets_of
+from seatrial.models.vessel.basis import Array
+from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import TextTable, grid_of
+from seatrial.runner.compare.page import Section, bullets, page, picture
+
+if TYPE_CHECKING:  # slow to import
+    from matplotlib.figure import Figure
 
 MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
 MOST_OUTLIERS = 0.02  # share of the samples of a velocity
@@ -26,7 +34,7 @@ SAMPLING = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]"
             "repeated times")  # fmt: skip
 RANGES = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
 COLUMNS = ("quantity", "column", "unit", "known from")
-AXES = ("axis", "compared", "correlation", "scale", "excited")
+AXES = ("axis", "correlation", "scale", "excited")
 
 
 @dataclass(frozen=True)
@@ -49,7 +57,7 @@ def report(file: RecordedFile) -> Report:
             samplings[name] = sampling(seconds(source, clock_of(source, columns)))
     turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
-    known, signals = None, list[Signals]()
+    known, signals = None, list[ReadSignals]()
     why = "it cannot be read in the axes that are to be compared"
     try:
         known = examine(file, dofs)
@@ -68,19 +76,17 @@ def report(file: RecordedFile) -> Report:
     if known is not None:
         result, lag = known.result, round(known.result.lag_s, 3) + 0.0
         title = f"Pose and velocity, below {result.cutoff_hz:.2g} Hz; the velocities are"
-        axes = [(axis.dof, axis.kind, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
+        axes = [(axis.dof, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
                  "yes" if axis.excited else "no") for axis in result.axes]  # fmt: skip
-        tables.append(grid_of(f"{title} {lag:+.3f} s behind", AXES, axes, 2))
+        tables.append(grid_of(f"{title} {lag:+.3f} s behind", AXES, axes))
         tables += [grid_of("Ranges", RANGES, _ranges(part), 2) for part in signals]
     left_out = dict.fromkeys(line for part in signals for line in part.left_out)
     used = {reading.source.name for reading in readings(sources, columns).values()}
     slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
     advice = list(_advice(slow, known.recording if known else None))
     if known:
-        advice += [
-            f"{axis.dof} hardly moves: add manoeuvres that excite it"
-            for axis in known.result.velocities if not axis.excited
-        ]  # fmt: skip
+        advice += [f"{axis.dof} hardly moves: add manoeuvres that excite it"
+                   for axis in known.result.axes if not axis.excited]  # fmt: skip
         advice = advice or [f"ready for a trial: seatrial vessel=NAME excitation=recording "
                             f"excitation.path={file.path} excitation.map=MAP.yaml"]  # fmt: skip
     verdict = [f"problem: {why}"] if known is None else _verdict(known, signals)
@@ -88,7 +94,7 @@ def report(file: RecordedFile) -> Report:
     return Report(str(file.path), tuple(verdict), filled, tuple(left_out), tuple(advice), known)
 
 
-def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
+def _verdict(known: Examination, signals: Sequence[ReadSignals]) -> list[str]:
     """Problems and questions, or that there is none; outliers count, too; and the current."""
     lines = [f"problem: {problem}" for problem in known.problems]
     counts = {name: count for part in signals for name, count in _outliers(part).items() if count}
@@ -96,7 +102,7 @@ def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
     if max(counts.values(), default=0) > MOST_OUTLIERS * len(known.recording):
         lines.append(f"problem: outliers: {names}; excitation.outliers.replace=true")
     lines += [f"question: {line}" for line in known.questions]
-    if not lines and any(axis.excited for axis in known.result.velocities):
+    if not lines and any(axis.excited for axis in known.result.axes):
         few = f"; few outliers: {names}" if names else ""
         lines = [f"no problem: pose and velocity are consistent{few}"]
     for values in (part.values for part in signals if "current.north" in part.values):
@@ -107,7 +113,7 @@ def _verdict(known: Examination, signals: Sequence[Signals]) -> list[str]:
     return [*lines, *(f"not compared: {line}" for line in known.not_compared)]
 
 
-def _ranges(signals: Signals) -> list[tuple[str | int, ...]]:
+def _ranges(signals: ReadSignals) -> list[tuple[str | int, ...]]:
     """Range, noise and outliers of every signal, in SI units and our frames."""
     period, starts = float(np.median(np.diff(signals.t))), np.zeros(len(signals.t), dtype=np.bool_)
     starts[piece_edges(signals.t, period)[:-1]] = True
@@ -120,7 +126,7 @@ def _ranges(signals: Signals) -> list[tuple[str | int, ...]]:
     return rows
 
 
-def _outliers(signals: Signals) -> dict[str, int]:
+def _outliers(signals: ReadSignals) -> dict[str, int]:
     """The number of outliers of each velocity."""
     return {option: int(np.sum(outliers(values))) for option, values in signals.values.items()
             if option.startswith("velocity.")}  # fmt: skip
@@ -144,3 +150,52 @@ def _advice(samplings: Mapping[str, Sampling], recording: Recording | None) -> I
         yield f"{kept:.0f} of {length:.0f} s are kept, the rest is in gaps: {bridged} {name}"
     if length < SHORT_S:
         yield f"the recording lasts {length:.0f} s: run several minutes"
+
+
+def recording_page(known: Report) -> str:
+    """The report as one HTML file."""
+    from seatrial.runner.compare.plots import style  # slow to import
+
+    told = {"Result": known.verdict, "What was left out": known.left_out,
+            "What to do next": known.advice}  # fmt: skip
+    parts = [(title, bullets(lines)) for title, lines in told.items() if lines]
+    parts += [(sheet.title, html_table(replace(sheet, title=""))) for sheet in known.tables]
+    with style.drawn():
+        sheets = {} if known.examination is None else figures(known.examination)
+        drawn = enumerate(sheets.items())
+        parts += [(text, picture(sheet, text, f"f{i}-")) for i, (text, sheet) in drawn]
+    sections = [Section(title, f"s{i}", [block]) for i, (title, block) in enumerate(parts)]
+    return page(f"Recording {known.path}", [], sections)
+
+
+def figures(known: Examination) -> dict[str, "Figure"]:
+    """Velocities beside those of the pose, and errors of both checks of Hoyer (2021), 5.4.4.
+
+    Velocities are below the cut-off. Integrated velocity less position shows drift, differentiated
+    position less velocity wrong signs, frames and time stamps. Nothing is drawn across a gap.
+    """
+    from seatrial.runner.compare.plots import style
+
+    recording, result = known.recording, dict[str, "Figure"]()
+    velocities, errors = list[tuple[str, Array]](), list[tuple[str, Array]]()
+    for check in quality_checks(recording):
+        if check.check == "differentiated_position":
+            both = np.column_stack([check.calculated, check.measured])
+            name = f"{velocities_of([check.dof])[0]} [{check.unit}]"
+            velocities.append((name, recording.lowpassed(both, known.result.cutoff_hz)))
+        errors.append((f"error of {check.dof} [{check.unit}]", -check.error[:, None]))
+    t = recording.t - recording.t[0]
+    for title, panels, columns in (
+        ("Velocities, from the pose and recorded", velocities, 1),
+        ("Integrated velocity less position, rate of position less velocity", errors, 2),
+    ):
+        rows = len(panels) // columns
+        result[title], every = style.panels(rows, columns, 6.5 / columns, 1.5, share_x=True)
+        for axes, (label, values) in zip(every, panels, strict=True):
+            for a, b in pairwise(recording.edges):
+                for colour, value in zip((1, 0), values.T, strict=False):
+                    axes.plot(t[a:b], value[a:b], color=style.PALETTE[colour], linewidth=1.0)
+            axes.set_ylabel(label)
+        for axes in every[-columns:]:
+            axes.set_xlabel("Time [s]")
+    return result

@@ -70,7 +70,7 @@ def diagnostics(file: RecordedFile, dofs: Sequence[str]) -> list[Diagnostic]:
         log.warning("recording: %s", problem)
     axes = [
         Diagnostic(f"consistency_{name}", axis.dof, value)
-        for axis in result.velocities
+        for axis in result.axes
         for name, value in (("correlation", axis.correlation), ("scale", axis.scale))
     ]
     problems = [

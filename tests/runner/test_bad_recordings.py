@@ -7,7 +7,6 @@ import json
 import struct
 import subprocess
 import sys
-import zlib
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -39,17 +38,6 @@ for path in sys.argv[1:]:
     most = 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", status)[1])
     print(json.dumps([path, code, said.getvalue(), most]), flush=True)
 """
-
-
-def compressed_mat(size: int) -> bytes:
-    """A v5 file with one compressed element of zeros."""
-    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x100) + b"IM"
-    packer = zlib.compressobj(9)
-    packed = packer.compress(struct.pack("<II", 14, size))
-    for _ in range(size // 2**24):
-        packed += packer.compress(bytes(2**24))
-    packed += packer.flush()
-    return head + struct.pack("<II", 15, len(packed)) + packed
 
 
 def good_files(folder: Path) -> dict[str, bytes]:
@@ -124,8 +112,6 @@ def bad_files(folder: Path) -> list[Path]:
         "cells.csv": b"," * 10**6 + b"\n" + b"1," * 10**6,
         "cell.csv": TABLE.encode() + b"1" * 10**7,
         "quoted.csv": TABLE.encode() + b'"' + b"a,b\n" * 10**6,
-        "numbers.dat": b"1 " * 40_000_000,
-        "bomb.mat": compressed_mat(2**31),
     }
     paths = [folder / name for name in files]
     for path, content in zip(paths, files.values(), strict=True):
@@ -137,14 +123,6 @@ def bad_files(folder: Path) -> list[Path]:
         for _ in range(100):
             writer.write_table(many)
     paths += [folder / "huge.csv", folder / "bomb.parquet"]
-    if find_spec("h5py"):
-        import h5py
-
-        with h5py.File(folder / "bomb.mat73.mat", "w") as stored:
-            stored.create_dataset(
-                "t", shape=(10**10,), dtype="f8", chunks=(10**5,), compression="gzip"
-            )
-        paths.append(folder / "bomb.mat73.mat")
     return paths
 
 

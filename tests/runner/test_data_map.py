@@ -10,7 +10,7 @@ import yaml
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.diagnosis import examine
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.commands import data_commands, recording_page
+from seatrial.runner.commands import data_commands, recording_report
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 
 KNOT, DEG = 3600.0 / 1852.0, 180.0 / np.pi
@@ -52,7 +52,7 @@ def test_units_and_signs_that_the_check_tried_are_in_the_map(
     assert node["velocity"] == {**knots, "yaw": {"column": "-r", "unit": "deg/s"}}
     assert node["position"] == {"surge": "x", "sway": "y", "yaw": {"column": "psi", "unit": "deg"}}
     assert "left out: do not move: note" in said
-    assert "sure: position.yaw: psi in deg" in said
+    assert "{column: psi, unit: deg}" in said
 
 
 def test_a_map_is_not_written_over_and_has_the_inputs_of_a_vessel(
@@ -112,9 +112,9 @@ def test_the_current_is_named_and_nothing_is_drawn_across_a_gap(
     assert known is not None
     recording = known.recording
     assert len(recording.pieces()) == 2
-    velocities, errors, track = recording_page.figures(known).values()
-    assert [len(sheet.axes) for sheet in (velocities, errors, track)] == [3, 6, 1]
+    velocities, errors = recording_report.figures(known).values()
+    assert [len(sheet.axes) for sheet in (velocities, errors)] == [3, 6]
     pieces = [len(piece) for piece in recording.pieces()]
-    for axes in (*velocities.axes, *errors.axes, *track.axes):
+    for axes in (*velocities.axes, *errors.axes):
         drawn = [len(np.asarray(line.get_xdata())) for line in axes.lines]
         assert sorted(set(drawn)) == sorted(pieces)

@@ -215,7 +215,6 @@ def read_ulog(path: Path, options: ReadOptions) -> Contents:
 
     with path.open("rb") as file:  # pyulog leaves a bad file open
         topics = ULog(file).data_list
-    check_size(path, sum(len(column) for topic in topics for column in topic.data.values()))
     return [
         Source(
             f"{topic.name}/{topic.multi_id}" if topic.multi_id else topic.name,

@@ -11,7 +11,7 @@ from pynmea2 import NMEASentence, TalkerSentence
 
 from seatrial.models.recording.formats.messages import Key, Messages
 from seatrial.models.recording.formats.text import column_of_cells, decoded
-from seatrial.models.recording.source import Contents, ReadOptions, Source, check_size
+from seatrial.models.recording.source import Contents, ReadOptions, Source
 
 DAY = 86400.0  # [s]
 SENTENCE = re.compile(
@@ -42,7 +42,6 @@ def read(path: Path, options: ReadOptions) -> Contents:
     """The sentences of a log that have a time, each type by each talker."""
     data, said = decoded(path, options.text.encoding)
     lines = data.decode().splitlines()
-    check_size(path, 8 * len(lines))
     messages, units = Messages(path), defaultdict[Key, dict[str, str]](dict)
     stamps, lost = defaultdict[Key, list[str]](list), Counter[str]()
     days = (_day(raw) for *_, raw, _ in _sentences(lines, Counter()))

@@ -1,23 +1,17 @@
 """Tables and arrays: Excel, a source a sheet, Parquet, MATLAB 5 and 7.3 (HDF5), and netCDF."""
 
-import csv
-import io
 import re
-import struct
-import zlib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from datetime import date, time
 from importlib.util import find_spec
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
+import pandas as pd
 import scipy
-from pyarrow import compute as pc
 from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
@@ -32,68 +26,41 @@ from seatrial.models.recording.source import (
     table_source,
 )
 
-COMPRESSED = 15  # type of an element of a v5 file
 HDF5 = b"\x89HDF\r\n\x1a\n"
 NUMERIC = ("double", "single", "logical", "cell", "struct", "char")  # and int8 ... uint64
 
 
 def read_excel(path: Path, options: ReadOptions) -> Contents:
     """The sheets of a workbook, read like the text that their cells would be."""
-    import openpyxl
-
     sources, left_out = [], []
     text = replace(options.text, separator=",", decimal=".", encoding=None, comment=None)
-    book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-    for sheet in book.worksheets:
-        check_size(path, (sheet.max_row or 0) * (sheet.max_column or 0))
-        written = io.StringIO()
-        writer = csv.writer(written, lineterminator="\n")
-        for row in sheet.iter_rows(max_col=sheet.max_column, values_only=True):
-            cells = [c.isoformat() if isinstance(c, date | time) else c for c in row]
-            cells = [int(c) if isinstance(c, bool) else c for c in cells]
-            writer.writerow([] if all(c is None for c in cells) else cells)
+    book = pd.read_excel(path, sheet_name=None, header=None, keep_default_na=False)
+    for name, sheet in book.items():
         try:
-            sources.append(table(path, written.getvalue().encode(), text, sheet.title))
+            cells = sheet.to_csv(header=False, index=False).encode()
+            sources.append(table(path, cells, text, name))
         except RecordingError as error:
-            left_out.append(f"sheet {sheet.title}: {str(error).removeprefix(f'{path}: ')}")
-    book.close()
+            left_out.append(f"sheet {name}: {str(error).removeprefix(f'{path}: ')}")
     return sources, left_out
 
 
 def read_parquet(path: Path, options: ReadOptions) -> Contents:
     """The columns of a Parquet file, date-times as text, units from the metadata of fields."""
     with parquet.ParquetFile(path) as file:
-        groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
         check_size(path, file.metadata.num_rows * file.metadata.num_columns)
-        check_size(path, sum(group.total_byte_size for group in groups) // 16)  # of long texts
         stored = file.read(use_threads=False)
-    columns: list[Values] = []
-    titles, units, left_out = [], [], []
-    for field, column in zip(stored.schema, stored.columns, strict=True):
-        values = _column(column)
-        if values is None:
-            left_out.append(f"column {field.name}: of type {field.type}, no numbers and no text")
-        else:
-            columns.append(values)
-            # pandas writes an index without a name so
-            titles.append("index" if field.name == "__index_level_0__" else field.name)
-            units.append((field.metadata or {}).get(b"unit", b"").decode())
-    return [table_source(path.stem, path, titles, columns, units)], left_out
+    frame = stored.to_pandas(ignore_metadata=True)
+    titles = ["index" if name == "__index_level_0__" else name for name in stored.column_names]
+    units = [(field.metadata or {}).get(b"unit", b"").decode() for field in stored.schema]
+    columns = [_column(frame.iloc[:, i]) for i in range(len(titles))]
+    return [table_source(path.stem, path, titles, columns, units)], []
 
 
-def _column(column: pa.ChunkedArray) -> Values | None:
-    """A column as numbers, NaN for null, or as text; None if it is neither, shape (N,)."""
-    if pa.types.is_dictionary(column.type):
-        column = column.cast(column.type.value_type)
-    kind = column.type
-    if pa.types.is_temporal(kind) or pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        cells = pc.fill_null(column.cast("string"), "").combine_chunks()
-        return column_of_cells(cells)[0]
-    if pa.types.is_boolean(kind):
-        column = column.cast("int8")
-    if pa.types.is_primitive(kind) or pa.types.is_null(kind) or pa.types.is_decimal(kind):
-        return np.array(pc.cast(column, "float64", safe=False).to_numpy(), dtype=np.float64)
-    return None
+def _column(values: "pd.Series[Any]") -> Values:
+    """A column as numbers, NaN for null, or as text, shape (N,)."""
+    if pd.api.types.is_numeric_dtype(values):
+        return np.asarray(values.to_numpy(np.float64, na_value=np.nan))
+    return column_of_cells(values.astype(str).mask(values.isna(), "").to_list())[0]
 
 
 def read_matlab(path: Path, options: ReadOptions) -> Contents:
@@ -109,22 +76,8 @@ def read_matlab(path: Path, options: ReadOptions) -> Contents:
         import h5py
 
         with h5py.File(path, "r") as stored:
-            sizes: list[int] = []
-            stored.visititems(lambda _, item: sizes.append(getattr(item, "size", 0) or 0))
-            check_size(path, sum(sizes))
             variables = {n: _plain(v, stored) for n, v in stored.items() if n[0] != "#"}
     else:
-        with path.open("rb") as file:  # how large its compressed variables say they are
-            order = "<" if file.read(128)[126:] == b"IM" else ">"
-            total, end = 0, 128
-            while len(tag := file.read(8)) == 8:
-                kind, length = struct.unpack(f"{order}2I", tag)
-                end += 8 + length
-                if kind == COMPRESSED:
-                    start = zlib.decompressobj().decompress(file.read(min(length, 1024)), 8)
-                    total += struct.unpack(f"{order}2I", start)[1]
-                file.seek(end)
-        check_size(path, total // 8)
         read = scipy.io.loadmat(path, struct_as_record=False, squeeze_me=True)
         for name, value in read.items():
             if isinstance(value, scipy.io.matlab.MatlabOpaque):  # its own name is lost
@@ -142,13 +95,10 @@ def read_netcdf(path: Path, options: ReadOptions) -> Contents:
     leaves: list[tuple[str, str, object]] = []
     units: dict[str, str] = {}
     with xr.open_dataset(path, decode_timedelta=False) as stored:
-        check_size(path, sum(variable.size for variable in stored.variables.values()))
         for key, variable in stored.variables.items():
             values = np.atleast_1d(variable.values)
             if values.dtype.kind in "MOSU":  # date-times, also of other calendars, and text
-                texts = values.astype("datetime64[us]" if values.dtype.kind == "M" else "U")
-                values = texts.astype("U").astype(object)
-                values[values == "NaT"] = ""
+                values = _column(pd.Series(values.ravel()))
             elif unit := str(variable.attrs.get("units", "")):  # by UDUNITS: m s-1, degrees_north
                 unit = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", unit)
                 units[str(key)] = re.sub(r"^degrees?_?(north|east|[NE])?$", "deg", unit)
@@ -169,7 +119,6 @@ def _sources(
     """
     groups: dict[tuple[str, int], dict[str, Values]] = defaultdict(dict)
     lost: dict[str, list[str]] = defaultdict(list)
-    check_size(path, sum(value.size for *_, value in leaves if isinstance(value, np.ndarray)))
     for top, name, value in leaves:
         values = np.squeeze(value) if isinstance(value, np.ndarray) else np.zeros(())
         text = values.dtype == np.object_

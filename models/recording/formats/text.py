@@ -37,8 +37,7 @@ MAX_NUMBER = 1e30  # larger numbers are not measurements, and their squares coul
 FEW = 0.5  # share of cells, or rows, below which those that do not fit are left out
 MOST_WORDS = 5  # different cells of a column that are named
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-LONGEST_LINE = 10**6  # bytes
-TABLES, TITLED = re.compile(rb"(?<=\n)(?=\r?\n)"), re.compile(rb"\s*[^#\s]")
+TITLED = re.compile(rb"\s*[^#\s]")
 WHITE = re.compile(rb"[ \t\v\f]+")
 DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4}|\d\d?:\d\d", re.ASCII)
 SIZES = {"1", "2", "4", "8"}  # bytes of the columns of a glider, in a line below the units
@@ -50,12 +49,10 @@ def read(path: Path, options: ReadOptions) -> Contents:
     data, left_out = decoded(path, options.text.encoding)
     parts = {b"": data}
     if re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE):  # tables of InfluxDB
-        parts, first = {}, 0
-        for part in TABLES.split(data):
+        parts = {}
+        for part in re.split(rb"\n\r?\n", data):
             header = next((line for line in part.split(b"\n") if TITLED.match(line)), b"")
-            before = parts.get(header, b"")  # empty lines in place of other tables: lines keep
-            parts[header] = before + b"\n" * (first - before.count(b"\n")) + part  # their numbers
-            first += part.count(b"\n")
+            parts[header] = parts.get(header, b"") + b"\n" + part
         parts.pop(b"", None)
     sources = [s for part in parts.values() for s in _wide(table(path, part, options.text))]
     names = Counter(source.name for source in sources)
@@ -95,7 +92,7 @@ def decoded(path: Path, encoding: str | None) -> tuple[bytes, tuple[str, ...]]:
 
 def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -> Source:
     """The columns of a text as a source; raises RecordingError if it is not a table."""
-    data, commented, separator, white = _plain(path, data, text)
+    data, commented, separator, white = _plain(data, text)
     head = list(islice(_rows(path, data, separator), SAMPLE_LINES))
     usual = Counter(len(row) for _, row in head).most_common(1)[0][0] if head else 0
     if usual > 1 and not any(row[-1].strip() for _, row in head if len(row) == usual):
@@ -127,7 +124,7 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     units = titles[1] if len(titles) > 1 and len(titles[1]) == width else [""] * width
     top = head[before - 1][0] if before else 0  # lines above the first sample
     check_size(path, (data.count(b"\n") + 1) * width)
-    columns, reasons, texts = list[Values](), list[str](), 0
+    columns, reasons = list[Values](), list[str]()
     header_row = [cell.strip() for cell in titles[0]] if titles else [""] * width
     cells, said = _cells(path, data, separator, header_row, top, before)
     for place, column in enumerate(cells):
@@ -140,8 +137,6 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
             units[place], reason = "deg", "degrees and minutes, read as degrees"
         columns.append(values)
         reasons.append(reason)
-        texts += len(set(map(id, values))) if values.dtype == np.object_ else 0
-        check_size(path, 8 * texts)  # different texts take more memory than numbers
 
     def cell(row: int, place: int) -> tuple[str, str]:
         rows = islice(_rows(path, data, separator), before, None)
@@ -152,7 +147,7 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     return table_source(name or path.stem, path, names, columns, units, reasons, said, cell)
 
 
-def _plain(path: Path, data: bytes, text: TextOptions) -> tuple[bytes, str, str, bool]:
+def _plain(data: bytes, text: TextOptions) -> tuple[bytes, str, str, bool]:
     """The text without comments, the last of them, the separator, and whether that is white."""
     data = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data)
     commented = ""  # the last comment before the table, which may hold its titles
@@ -166,12 +161,8 @@ def _plain(path: Path, data: bytes, text: TextOptions) -> tuple[bytes, str, str,
     separator = text.separator or _separator(data)
     if separator != " ":
         return data, commented, separator, False
-    lines = data.split(b"\n")
-    if (longest := max(map(len, lines))) > LONGEST_LINE:
-        raise RecordingError(
-            f"{path}: got a line of {longest} bytes, expected at most {LONGEST_LINE}"
-        )
-    return b"\n".join(WHITE.sub(b"\t", line.strip()) for line in lines), commented, "\t", True
+    lines = (WHITE.sub(b"\t", line.strip()) for line in data.split(b"\n"))
+    return b"\n".join(lines), commented, "\t", True
 
 
 def _rows(path: Path, data: bytes, separator: str) -> Iterator[tuple[int, list[str]]]:
@@ -311,37 +302,27 @@ def _wide(source: Source) -> list[Source]:
     if not set(INFLUX) <= set(source.columns):
         return [source]
     frame = pd.DataFrame(source.columns)
-    texts = {name for name, values in source.columns.items() if values.dtype == np.object_}
-    others = [name for name in frame if name not in INFLUX]
-    tags = [
-        name
-        for name in others
-        if name in texts and name not in ("_start", "_stop", "result")
-        and (name == "_measurement" or frame[name].nunique() > 1)
-    ]  # fmt: skip
+    texts = [name for name, values in source.columns.items() if values.dtype == np.object_]
+    tags = [name for name in texts if name not in (*INFLUX, "_start", "_stop", "result")
+            and (name == "_measurement" or frame[name].nunique() > 1)]  # fmt: skip
     if "_time" in texts:
         times = pd.to_datetime(frame["_time"], format="ISO8601", utc=True, errors="coerce")
         frame["_time"] = (times - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
-    lost = ", ".join(name for name in others if name not in tags)
-    counts = {
-        f"{int(frame['_time'].isna().sum())} values have no time": frame["_time"].isna().any(),
-        f"{int(frame.duplicated([*tags, *INFLUX[:2]]).sum())} values at times that repeat":
-            frame.duplicated([*tags, *INFLUX[:2]]).any(),
-        f"columns {lost}: not of the values of this long table": lost,
-    }  # fmt: skip
-    left_out = [*source.left_out, *(line for line, there in counts.items() if there)]
+    lost = ", ".join(name for name in frame if name not in (*tags, *INFLUX))
+    again = int(frame.duplicated([*tags, *INFLUX[:2]]).sum())
+    counts = {"values have no time": int(frame["_time"].isna().sum()),
+              "values at times that repeat": again}  # fmt: skip
+    left_out = [*source.left_out, *(f"{n} {line}" for line, n in counts.items() if n)]
+    left_out += [f"columns {lost}: not of the values of this long table"] if lost else []
     result = []
     for key, rows in frame.groupby(tags) if tags else [((), frame)]:
-        wide = rows.drop_duplicates(list(INFLUX[:2]))
-        wide = wide.pivot(index="_time", columns="_field", values="_value")
+        wide = rows.drop_duplicates(list(INFLUX[:2])).pivot(
+            index="_time", columns="_field", values="_value"
+        )
         columns: dict[str, Values] = {"_time": wide.index.to_numpy()}
         for name, values in wide.items():
-            columns[str(name)], reason = values.to_numpy(), ""
-            if "_value" in texts:
-                columns[str(name)], reason = column_of_cells(
-                    values.fillna("").astype(str).to_list()
-                )
-            left_out += [f"{name}: {reason}"] if reason else []
+            cells = values.fillna("").astype(str).to_list() if "_value" in texts else None
+            columns[str(name)] = column_of_cells(cells)[0] if cells else values.to_numpy()
         name = "/".join(map(str, key if isinstance(key, tuple) else (key,))) or source.name
         result.append(Source(name, source.path, columns, {"_time": "s"}))
     return [replace(result[0], left_out=tuple(left_out)), *result[1:]]

@@ -171,7 +171,7 @@ def motion(n: int = 4000, period: float = 0.1) -> Recording:
 
 def test_exact_motion_agrees_to_one() -> None:
     result = consistency(motion())
-    for axis in result.velocities:
+    for axis in result.axes:
         assert axis.excited
         assert axis.correlation > 0.9999
         assert axis.scale == pytest.approx(1.0, abs=2e-3)
@@ -244,7 +244,7 @@ def test_heading_is_the_same_wrapped_or_over_several_turns(tmp_path: Path) -> No
         path = log(tmp_path / "log.csv", psi=values, r=12.0 * motion().nu[:, 2])
         found = examined(path, position={"yaw": "psi"}, velocity={"yaw": "r"})
         assert found.problems == ()
-        results.append(found.result.velocities[0])
+        results.append(found.result.axes[0])
     assert results[0].correlation == pytest.approx(results[1].correlation, abs=1e-12)
     assert results[0].scale == pytest.approx(results[1].scale, abs=1e-12)
     assert results[0].scale == pytest.approx(1.0, abs=5e-3)
@@ -294,7 +294,7 @@ def test_what_nothing_mends_has_no_change(tmp_path: Path) -> None:
 def test_only_recorded_velocities_are_compared(tmp_path: Path) -> None:
     """Without sway velocity there is no delay, and nothing is said of the heading."""
     known = examined(log(tmp_path / "log.csv"), velocity={"surge": "u", "yaw": "r"})
-    assert [axis.dof for axis in known.result.velocities] == ["surge", "yaw"]
+    assert [axis.dof for axis in known.result.axes] == ["surge", "yaw"]
     assert known.problems == ()
     (line,) = known.not_compared
     assert line.startswith("no velocity in sway is recorded")
@@ -315,8 +315,8 @@ def test_an_attitude_that_is_lost_for_a_moment_is_left_out() -> None:
     wrong = known.attitude.copy()
     wrong[1000:1003], wrong[1003:1010] = [1.0, 0.4, 2.0], [-2.0, 0.9, -1.0]
     result = consistency(replace(known, attitude=wrong))
-    assert all(axis.correlation > 0.97 for axis in result.velocities)
-    assert result.velocities[2].scale == pytest.approx(1.0, abs=0.02)
+    assert all(axis.correlation > 0.97 for axis in result.axes)
+    assert result.axes[2].scale == pytest.approx(1.0, abs=0.02)
 
 
 def test_roll_rate_agrees_through_a_steep_dive() -> None:
@@ -333,7 +333,7 @@ def test_roll_rate_agrees_through_a_steep_dive() -> None:
     noisy = attitude + np.random.default_rng(2).normal(scale=2e-3, size=(n, 3)) * [1.0, 1.0, 0.0]
     zero = np.zeros((n, 3))
     known = consistency(Recording(ALL[3:], t, noisy, turning, zero, zero, noisy))
-    assert all(axis.excited and axis.correlation > 0.98 for axis in known.velocities)
+    assert all(axis.excited and axis.correlation > 0.98 for axis in known.axes)
 
 
 def test_a_smooth_motion_of_few_frequencies_is_not_called_interpolated() -> None:

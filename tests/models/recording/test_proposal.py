@@ -10,13 +10,12 @@ import yaml
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.diagnosis import doubts
-from seatrial.models.recording.proposal import SPEEDS, Proposal, _unit_by_path, propose
+from seatrial.models.recording.proposal import Proposal, propose
 from seatrial.models.recording.source import Source, TextArray
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.configuration.recording_map import options_of, reader_of
 
 DEG = "57.29578"
-PERIOD = 0.1
 LOGGERS = yaml.safe_load(Path(__file__).with_name("loggers.yaml").read_text(encoding="utf-8"))
 
 
@@ -149,55 +148,3 @@ def test_cells_that_are_missing_are_counted() -> None:
     proposal = propose(sources)
     assert proposal.map["position"] == {"surge": "x", "sway": "y", "yaw": "psi"}
     assert any("x (3 of 3000)" in line for line in proposal.left_out)
-
-
-def _zigzag(sway: float = -1.5) -> dict[str, Array]:
-    """A ship of first order in a zig-zag: T r' + r = K delta, and v = `sway` r."""
-    t = PERIOD * np.arange(3000)
-    delta = np.radians(10.0) * np.clip(8.0 * np.sin(0.08 * t), -1.0, 1.0)
-    r = np.zeros_like(t)
-    for k in range(len(t) - 1):
-        r[k + 1] = r[k] + PERIOD * (0.12 * delta[k] - r[k]) / 6.0
-    psi = np.concatenate([[0.0], np.cumsum(0.5 * PERIOD * (r[1:] + r[:-1]))]) + 0.4
-    u, v = 2.0 + 0.0 * t - 5.0 * r**2, sway * r
-    rates = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
-    x, y = (np.concatenate([[0.0], np.cumsum(0.5 * PERIOD * (d[1:] + d[:-1]))]) for d in rates)
-    return {"t": t, "x": x, "y": y, "psi": psi, "u": u, "v": v, "r": r, "delta": delta,
-            "n": np.full_like(t, 3.0), "dx": rates[0], "dy": rates[1]}  # fmt: skip
-
-
-@pytest.mark.parametrize("unit", ["rad", "deg"])
-@pytest.mark.parametrize("turned", [False, True])
-def test_the_unit_of_a_heading_by_the_course(unit: str, turned: bool) -> None:
-    """Also where it counts the other way, and not where the path says nothing of it."""
-    known = _zigzag()
-    heading = known["psi"] * (180.0 / np.pi if unit == "deg" else 1.0) * (-1.0 if turned else 1.0)
-    path = (known["t"], known["x"] + 1j * known["y"])
-    assert _unit_by_path(path, known["t"], heading, ("rad", "deg")) == unit
-    noise = 0.3 * np.random.default_rng(2).standard_normal((2, len(heading)))
-    assert (
-        _unit_by_path(
-            (path[0], path[1] + noise[0] + 1j * noise[1]), path[0], heading, ("rad", "deg")
-        )
-        == unit
-    )
-    still = (known["t"], np.zeros_like(path[1]))
-    assert _unit_by_path(still, known["t"], heading, ("rad", "deg")) is None
-
-
-def test_the_unit_of_the_heading_of_a_long_recording() -> None:
-    """Many turns in every hundredth of it."""
-    t = 0.05 * np.arange(200_000)
-    psi = np.cumsum(0.05 * 0.06 * np.sin(0.05 * t))
-    x, y = np.cumsum(0.1 * np.cos(psi)), np.cumsum(0.1 * np.sin(psi))
-    assert _unit_by_path((t, x + 1j * y), t, np.degrees(psi), ("rad", "deg")) == "deg"
-    assert _unit_by_path((t, x + 1j * y), t, 2.0 * 3.6 + 0.0 * t, SPEEDS) == "km/h"
-
-
-@pytest.mark.parametrize(("unit", "size"), [("m/s", 1.0), ("knot", 1.943844), ("km/h", 3.6)])
-def test_the_unit_of_a_speed_by_the_path(unit: str, size: float) -> None:
-    known = _zigzag()
-    path = (known["t"], known["x"] + 1j * known["y"])
-    speed = np.hypot(known["dx"], known["dy"])
-    assert _unit_by_path(path, known["t"], size * speed, SPEEDS) == unit
-    assert _unit_by_path(path, known["t"], 2.9 * speed, SPEEDS) is None

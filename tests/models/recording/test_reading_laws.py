@@ -8,9 +8,8 @@ import pandas as pd
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording import column_map as maps
 from seatrial.models.recording.column_map import Column, ColumnMap
-from seatrial.models.recording.reader import Reading, Signals
+from seatrial.models.recording.reader import Reading, ReadSignals
 from seatrial.models.recording.sampling import sampling
 from seatrial.models.recording.source import ReadOptions, Source, read_sources
 from seatrial.models.recording.times import disagreement, find_time, seconds
@@ -26,7 +25,7 @@ PLANAR = ("surge", "sway", "yaw")
 STAMPS = pd.Timestamp("2024-05-07 10:00:00") + pd.to_timedelta(T, unit="s")
 
 
-def read(folder: Path, reading: Reading, **table: Any) -> Signals:
+def read(folder: Path, reading: Reading, **table: Any) -> ReadSignals:
     path = folder / "log.csv"
     pd.DataFrame(table).to_csv(path, index=False)
     sources = read_sources(path, ReadOptions())
@@ -74,7 +73,7 @@ def test_a_time_of_day_passes_midnight_and_a_date_may_stand_beside_it(tmp_path: 
         assert column is not None
         t = seconds(source, column)
         np.testing.assert_allclose(t - t[0], T, atol=1e-5)
-    assert column.date == "Date"
+    assert find_time(source) == Column("Time", date="Date")
     back = source_of(tmp_path, {"Time": ["10:00:01", "10:00:00", "10:00:02"], "x": [0, 1, 2]})
     assert np.ptp(seconds(back, Column("Time"))) == 2.0  # a clock that is set back is no midnight
 
@@ -188,7 +187,8 @@ def test_course_and_speed_over_ground_with_a_heading_are_a_body_velocity(tmp_pat
     ahead = 2.0 + 0.2 * np.sin(0.3 * T)
     north, east = ahead * np.cos(PSI), ahead * np.sin(PSI) + 0.5
     columns = ColumnMap(
-        "t", position={"yaw": Column("hdg", unit="deg")}, geodetic=maps.Geodetic("lat", "lon"),
+        "t", position={"yaw": Column("hdg", unit="deg")},
+        geodetic={"latitude": "lat", "longitude": "lon"},
         ground={"speed": Column("sog", unit="knot"), "course": Column("cog", unit="deg")},
         water={"speed": "stw_kn"},
     )  # fmt: skip
