@@ -100,20 +100,20 @@ def test_a_search_goes_on_where_it_was_stopped(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     space = (SPACE[0], "seed=0,1")
-    words = (*SEARCH, *space, "search.prune=false", "search.startup=3", "search.trials=6")
+    words = (*SEARCH, *space, "search.prune=false", "search.startup=3", "search.trials=4")
     whole = Fake(monkeypatch)
     assert seatrial(*words, "results_dir=whole").code == 0
     part = Fake(monkeypatch)
-    for stop in (1, 7):
+    for stop in (1, 5):
         part.stop_after = stop
         assert seatrial(*words).code == 130
     part.stop_after = math.inf
     assert seatrial(*words).code == 0
     assert part.ran == whole.ran  # the same trials in the same order, none of them twice
     assert set(Counter(kp for kp, _ in part.ran).values()) == {2}  # nothing is pruned
-    longer = seatrial(*words[:-1], "search.trials=7")
+    longer = seatrial(*words[:-1], "search.trials=5")
     assert part.ran[: len(whole.ran)] == whole.ran
-    assert "7 candidates" in longer.out
+    assert "5 candidates" in longer.out
 
 
 def test_a_search_stops_if_results_cannot_be_stored(
@@ -159,10 +159,10 @@ def test_a_search_that_finds_nothing_feasible(seatrial: Command, fake: Fake) -> 
 
 def test_several_objectives_have_a_front(seatrial: Command, fake: Fake) -> None:
     """A lower gain turns less, so the front is the gains up to the optimum."""
-    words = ("search.metric=e_pos_mae,e_psi_mae:heading", "search.trials=12")
+    words = ("search.metric=e_pos_mae,e_psi_mae:heading", "search.trials=8")
     answer = seatrial(*SEARCH, *SPACE, *words, "search.batch=4")
     assert answer.code == 0, answer
-    assert "12 complete, 0 pruned" in answer.out
+    assert "8 complete, 0 pruned" in answer.out
     gains = sorted({kp for kp, _ in fake.ran})
     nearest = min(gains, key=lambda kp: error(kp, 0))
     best = sorted(map(float, re.findall(r"\n  .*controller.kp=\[([\d.]+)", answer.out)))

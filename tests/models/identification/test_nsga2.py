@@ -30,6 +30,8 @@ LINEAR = {"surge.u_dot": [10.0, 120.0], "surge.u": [1.0, 40.0]}
 QUADRATIC = LINEAR | {"surge.|u|u": [0.0, 10.0]}
 THESIS = {"integrator": "euler", "polish": None}
 
+FORCES = ["triple_ramp", pytest.param("many_sine", marks=pytest.mark.nightly)]
+
 
 def relative(identified, truth):
     return identified.model.theta[:, 0] / truth.theta[:, 0] - 1.0
@@ -47,7 +49,7 @@ def front_of(found, m):
     return points, values_of(found, "pareto_objective").reshape(len(points), -1)
 
 
-@pytest.mark.parametrize("tau", ["triple_ramp", "many_sine"])
+@pytest.mark.parametrize("tau", FORCES)
 def test_linear_surge_with_a_population_of_100(identifier, make, signal, tau):
     truth = make.surge(60.0, 20.0)
     problem = make.problem(truth, truth, signal(tau))
@@ -71,7 +73,7 @@ def test_quadratic_surge_with_a_population_of_1000(identifier, make, signal, tau
     assert np.max(np.abs(errors)) < 0.01
 
 
-@pytest.mark.parametrize("tau", ["triple_ramp", "many_sine"])
+@pytest.mark.parametrize("tau", FORCES)
 def test_small_population_and_polish(identifier, make, signal, tau):
     """Population 40, 20 generations, polish: within 1e-6 on 10 of 10."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
