@@ -1,7 +1,6 @@
 """Times of a recording: numbers of any unit, seconds with nanoseconds, dates and times of day."""
 
 import re
-import warnings
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -89,37 +88,41 @@ def _of_texts(source: Source, name: str, column: Column) -> Array:
         times = pd.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy(copy=True)
         times += DAY_S * np.cumsum(np.diff(times, prepend=times[:1]) < -0.5 * DAY_S)
     else:
-        guess, days = pd.tseries.api.guess_datetime_format, (True, False)
-        with warnings.catch_warnings():  # that one of them does not fit
-            warnings.simplefilter("ignore")
-            guesses = [guess(first, dayfirst=day) for day in days if NUMBERED.match(first)]
-        forms = [column.format] if column.format else [*dict.fromkeys(filter(None, guesses))]
-        known = [_of_dates(texts, form) for form in forms or ["ISO8601"]]
-        fits = [int(np.sum(~np.isnan(times))) for times in known]
-        if len(forms) > 1 and fits[0] == fits[1] and "." not in forms[0][:3]:
-            raise RecordingError(
-                f"{source.path}, column {name}: got {first!r}, is the day or the month first? "
-                f"columns.time: {{column: {name}, format: '{forms[0]}'}}"
-            )
-        times = known[int(np.argmax(fits))]
+        form = column.format or (
+            _format(source, name, texts) if NUMBERED.match(first) else "ISO8601"
+        )
+        written = texts.str.replace("/", "-") if form == "ISO8601" else texts
+        stamps = pd.to_datetime(written, format=form, utc=True, errors="coerce")
+        if form.endswith(".%f"):  # some may be without a fraction
+            whole = form.removesuffix(".%f")
+            stamps = stamps.fillna(pd.to_datetime(texts, format=whole, utc=True, errors="coerce"))
+        times = stamps.astype("datetime64[ns, UTC]").astype(np.int64).to_numpy() * 1e-9
+        times[stamps.isna().to_numpy()] = np.nan
     wrong = np.isnan(times) & texts.notna().to_numpy()
     if np.sum(wrong) >= 0.5 * np.sum(texts.notna()):  # few others stand for no time
+        row = int(np.argmax(wrong))
         expected = f"a date and time such as {column.format or '2025-04-11T11:51:09.416Z'}"
-        expected += "" if column.format else ", or its format: '%d/%m/%y %H:%M' in the map"
-        raise source.refused(int(np.argmax(wrong)), name, expected)
+        raise source.refused(row, name, expected)
     return np.asarray(times, dtype=np.float64)
 
 
-def _of_dates(texts: "pd.Series[str]", form: str) -> Array:
-    """Dates of one form, with a fraction of a second or without, as seconds since 1970, (N,)."""
-    if form == "ISO8601":
-        texts, others = texts.str.replace("/", "-"), [form]
-    else:
-        others = [form, form.removesuffix(".%f") if form.endswith(".%f") else f"{form}.%f"]
-    stamps = [pd.to_datetime(texts, format=each, utc=True, errors="coerce") for each in others]
-    known = stamps[0].fillna(stamps[-1])
-    times = known.astype("datetime64[ns, UTC]").astype(np.int64).to_numpy() * 1e-9
-    return np.where(known.isna(), np.nan, times)
+def _format(source: Source, name: str, texts: "pd.Series[str]") -> str:
+    """How dates with the year last are written: the one order of day and month that fits all."""
+    text = str(texts.dropna().iloc[0])
+    clock = re.sub(r"\d{1,2}:\d{2}:\d{2}\.\d+", "%H:%M:%S.%f", NUMBERED.sub("", text, count=1))
+    clock = re.sub(r"\d{1,2}:\d{2}", "%H:%M", re.sub(r"\d{1,2}:\d{2}:\d{2}", "%H:%M:%S", clock))
+    if clock[-2:].upper() in ("AM", "PM"):
+        clock = clock[:-2].replace("%H", "%I") + "%p"
+    parts = texts.dropna().str.extract(NUMBERED)
+    sign, year = str(parts[1].iloc[0]), "%Y" if len(str(parts[3].iloc[0])) == 4 else "%y"
+    first, second = (parts[k].astype(float).max() for k in (0, 2))
+    if first <= 12 and second <= 12 and sign != ".":
+        raise RecordingError(
+            f"{source.path}, column {name}: got {text!r}, is the day or the month first? "
+            f"columns.time: {{column: {name}, format: '%d{sign}%m{sign}{year}{clock}'}}"
+        )
+    day_first = first > 12 or (sign == "." and second <= 12)
+    return sign.join(("%d", "%m", year) if day_first else ("%m", "%d", year)) + clock
 
 
 def is_later(t: Array) -> NDArray[np.bool_]:
