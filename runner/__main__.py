@@ -18,6 +18,8 @@ SourcesRegistry     (tests/runner/test_yaml_files.py); so _get_header_dict and
                     _normalize_file_name of the source are called.
 get_sanitized_cfg,  What `--cfg` prints has the numbers that options take from the vessel
 Hydra               (tests/runner/test_vessel_options.py).
+get_mode            Hydra composes everything once more for hydra.mode, which only experiments and
+                    a user's own files can set (tests/runner/test_experiments.py).
 SlurmInfoWatcher,   submitit asks the queue of Slurm instead of its accounting, by the command of
 SlurmJob            _make_command (tests/runner/test_slurm.py).
 _get_node, _is_none, OmegaConf's values that are missing or interpolations are looked at as they
@@ -94,7 +96,8 @@ seatrial {version}: sea trials for models and controllers of marine vessels
 # What a first word may be meant as that is neither an option nor a command.
 MEANT = {"run": "{trial} option=value ...", "help": "{trial} --help", "list": "{results} runs"}
 VARIANT = "--variant"  # options that change together in a sweep
-SANITIZED = Hydra.get_sanitized_cfg
+SANITIZED, MODE = Hydra.get_sanitized_cfg, Hydra.get_mode
+SET_MODE = ("experiment", "hydra", "--config")  # beginnings of words with which it can be set
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 # What the first word may ask for beside trials and sweeps; called with the other words.
@@ -140,6 +143,7 @@ def _main(stop: StopSignals) -> int:
         with _raising():
             register(overrides)
             Hydra.get_sanitized_cfg = _shown_config  # type: ignore[method-assign, assignment]
+            Hydra.get_mode = _mode  # type: ignore[method-assign]
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
     except (Exception, KeyboardInterrupt) as error:
         # What a signal has interrupted may fail by any exception.
@@ -179,6 +183,12 @@ def _shown_config(hydra: Hydra, config: DictConfig, kind: str) -> DictConfig:
     """
     shown = SANITIZED(hydra, config, kind)
     return with_numbers(shown) if {"--cfg", "-c"} & set(sys.argv) else shown
+
+
+def _mode(hydra: Hydra, config_name: str | None, overrides: list[str]) -> object:
+    """Return hydra.mode; None, as by default, without a composition if nothing can have set it."""
+    is_set = any(word.lstrip("+~").startswith(SET_MODE) for word in sys.argv[1:])
+    return MODE(hydra, config_name, overrides) if is_set else None
 
 
 def _complain(line: str, code: int) -> int:
