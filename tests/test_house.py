@@ -1,5 +1,7 @@
 """The sources stay in order: no circles of imports, no function too long to read."""
 
+import ast
+from collections import Counter
 from importlib import import_module
 from pathlib import Path
 
@@ -41,6 +43,13 @@ def test_no_function_is_too_long(house: House) -> None:
 
 def test_no_function_but_a_kernel_has_too_many_arguments(house: House) -> None:
     assert [str(function) for function in house.too_many_arguments()] == []
+
+
+def test_a_class_has_a_name_of_its_own(house: House) -> None:
+    """The Python interface calls a vessel and a recording what the models call them."""
+    nodes = (node for tree in house.trees.values() for node in tree.body)
+    names = Counter(node.name for node in nodes if isinstance(node, ast.ClassDef))
+    assert {name for name, count in names.items() if count > 1} == {"Vessel", "Recording"}
 
 
 @pytest.mark.parametrize("package", ["", ".runner.database", ".runner.compare", ".runner.export"])

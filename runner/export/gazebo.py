@@ -33,7 +33,7 @@ SPEEDS = {INDEX[name]: k for k, name in enumerate(VELOCITIES)}
 RATES = {INDEX[name]: k for k, name in enumerate(ACCELERATIONS)}
 
 
-class Plugin(NamedTuple):
+class HydrodynamicsPlugin(NamedTuple):
     """A plugin: its library, its name, whether it couples axes, and the sign of its parameters."""
 
     filename: str
@@ -43,8 +43,10 @@ class Plugin(NamedTuple):
 
 
 PLUGINS = {
-    "gazebo": Plugin("gz-sim-hydrodynamics-system", "gz::sim::systems::Hydrodynamics", True, -1.0),
-    "vrx": Plugin("libSimpleHydrodynamics.so", "vrx::SimpleHydrodynamics", False, 1.0),
+    "gazebo": HydrodynamicsPlugin(
+        "gz-sim-hydrodynamics-system", "gz::sim::systems::Hydrodynamics", True, -1.0
+    ),
+    "vrx": HydrodynamicsPlugin("libSimpleHydrodynamics.so", "vrx::SimpleHydrodynamics", False, 1.0),
 }
 
 
@@ -69,7 +71,7 @@ class Lost(NamedTuple):
         return f"{self.name}: {np.sqrt(np.mean(self.force * self.force)):.3g}"
 
 
-def parameter(plugin: Plugin, term: Term, axis: int) -> tuple[str, float] | None:
+def parameter(plugin: HydrodynamicsPlugin, term: Term, axis: int) -> tuple[str, float] | None:
     """Name and factor of the parameter for a coefficient of a term in an axis; None: there is none.
 
     The factor is that from the force per term, as in the table, in axes forward, starboard, down.

@@ -95,7 +95,7 @@ class Task:
         return [file for file in self.files if file == path or file.startswith(f"{path}/")]
 
 
-class Cell(NamedTuple):
+class BenchmarkTrial(NamedTuple):
     """One trial of the benchmark; `options` are all that its command gives."""
 
     task: str
@@ -162,7 +162,7 @@ def lacking(task: Task, files: Sequence[Located]) -> dict[str, list[Located]]:
     return lacks
 
 
-def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[Cell]:
+def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[BenchmarkTrial]:
     """Yield the cells of a task, entrant by entrant, of those cases whose files are there.
 
     An entrant that the task does not name is an option of the group `identifier`, such as one's
@@ -194,4 +194,4 @@ def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[Cell]:
             for seed in range(case.seeds or task.seeds):
                 # The last option of a key counts: an entrant may replace one of the task.
                 last = {option.partition("=")[0]: option for option in (*given, f"seed={seed}")}
-                yield Cell(task.name, label, seed, entrant, tuple(last.values()))
+                yield BenchmarkTrial(task.name, label, seed, entrant, tuple(last.values()))
