@@ -187,7 +187,7 @@ def _shown_config(hydra: Hydra, config: DictConfig, kind: str) -> DictConfig:
 
 def _mode(hydra: Hydra, config_name: str | None, overrides: list[str]) -> object:
     """Return hydra.mode; None, as by default, without a composition if nothing can have set it."""
-    is_set = any(word.lstrip("+~").startswith(SET_MODE) for word in sys.argv[1:])
+    is_set = any(word.lstrip("+~").startswith(SET_MODE) for word in (*sys.argv[1:], *overrides))
     return MODE(hydra, config_name, overrides) if is_set else None
 
 

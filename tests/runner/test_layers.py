@@ -88,27 +88,19 @@ def test_the_rules_see_a_breach() -> None:
     assert len(SOURCES) > 100
 
 
-def _is_stored(node: ast.Attribute) -> bool:
-    return isinstance(node.ctx, ast.Store)
-
-
 def test_private_parts_of_other_packages_are_listed_with_their_tests() -> None:
     listed = ast.get_docstring(ast.parse((ROOT / "runner" / "__main__.py").read_text())) or ""
     private = re.compile(r"hydra\._internal|submitit|joblib\.externals|loky")
     used = {
         name.rpartition(".")[2] for path in SOURCES for name in imports(path) if private.match(name)
     }
-    trees = {path: ast.parse(path.read_text()) for path in SOURCES}
-    nodes = [node for tree in trees.values() for node in ast.walk(tree)]
-    own = {getattr(node, key, None) for node in nodes for key in ("name", "arg", "id")} | {
-        node.attr for node in nodes if isinstance(node, ast.Attribute) and _is_stored(node)
-    }
-    attributes = {
-        node.attr
-        for path, tree in trees.items() if "runner" in path.parts
-        for node in ast.walk(tree) if isinstance(node, ast.Attribute)
-    }  # fmt: skip
-    used |= {name for name in attributes - own if re.match("_[a-z]", name)}
+    own = {name for path in SOURCES for name in re.findall(r"(?<![.\w])_\w+", path.read_text())}
+    attributes = set[str]()
+    for path in (ROOT / "runner").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Attribute) and re.match("_[a-z]", node.attr):
+                (own if isinstance(node.ctx, ast.Store) else attributes).add(node.attr)
+    used |= attributes - own
     used -= {"_asdict", "_replace", "_exit"}  # documented
     assert used == used & set(re.findall(r"\w+", listed)) != set()
     tests = re.findall(r"tests/\S+\.py", listed)
