@@ -143,7 +143,7 @@ def _main(stop: StopSignals) -> int:
         with _raising():
             register(overrides)
             Hydra.get_sanitized_cfg = _shown_config  # type: ignore[method-assign, assignment]
-            Hydra.get_mode = _mode  # type: ignore[method-assign]
+            Hydra.get_mode = _mode  # type: ignore[method-assign, assignment]
             hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
     except (Exception, KeyboardInterrupt) as error:
         # What a signal has interrupted may fail by any exception.
