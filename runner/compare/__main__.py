@@ -38,7 +38,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except SeatrialError as error:
         message = str(error)
         for text in (*map(" ".join, pairwise(words)), *words):
-            if replaced := REPLACED.get(f"{app.info.name} {text}"):
+            replaced = REPLACED.get(f"{app.info.name} {text}")
+            if replaced and text.split()[-1] in message:  # which is about this word
                 message = f"{text} is gone: {replaced}"
                 break
         if message:  # else the help was printed

@@ -142,6 +142,8 @@ REFUSED = (
     (["runs", "-f", "csv-plain"], "csv-plain is gone: use csv"),
     (["stats", "1"], "stats is gone: use show RUN"),
     (["runs", "--tag", "x"], "--tag is gone: use --sweep"),
+    (["table", "--interval", "bootstrap"], "--interval is gone: intervals are those of Student"),
+    (["plot", "bars", "--metric", "speed", "--output", "stats"], "no finished run has speed"),
     (["manoeuvres", "1", "--execution", "full"], "--execution full is gone: use --execution half"),
 )
 
