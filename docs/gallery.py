@@ -48,7 +48,7 @@ SWEEPS: Mapping[str, str] = {
     " integration_step_s=1 'disturbance=[noise,process]' identifier=dsr identifier.bootstrap=null"
     " controller=none evaluation=none",
     "positioning": "-m experiment=positioning controller=lqi,mpc_integral,mpc_condensed seed=0",
-    "mix": f"vessel=modulus_ship excitation=mix excitation.length_s=60 controller=none"
+    "mix": f"vessel=modulus_ship excitation=optimal_design excitation.length_s=60 controller=none"
     f" evaluation=none identifier=iv {_ROUTE}",
     "zigzag": "vessel=kvlcc2 excitation=rudder_zigzag identifier=none controller=none"
     " evaluation=none",

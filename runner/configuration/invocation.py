@@ -21,6 +21,7 @@ REPLACED: Mapping[str, str] = {
     "seatrial-results scrub": "passwords are not stored, so there are none to remove",
     "seatrial-results --csv-plain": "CSV files always hold texts as they are",
     "seatrial-results csv-plain": "use csv, which holds texts as they are",
+    "excitation=mix": "use excitation=optimal_design",
     "excitation.believed": "use excitation.nominal",
     "excitation.differentiation": "velocities are differentiated from the pose by central"
     " differences",
@@ -56,8 +57,11 @@ REPLACED: Mapping[str, str] = {
         f"{group}={name}": f"in a checkout, use --config-dir docs/published {group}={name}"
         for group, names in (
             ("identifier", "grid linearised prediction_times"),
-            ("experiment", "bargouth_section_4_2 bargouth_section_4_3 hoyer_figure_7_20"
-             " hoyer_figure_7_21 hoyer_table_7_6"),
+            (
+                "experiment",
+                "bargouth_section_4_2 bargouth_section_4_3 hoyer_figure_7_20"
+                " hoyer_figure_7_21 hoyer_table_7_6",
+            ),
         )
         for name in names.split()
     },

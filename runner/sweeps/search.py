@@ -201,10 +201,8 @@ class SearchSweeper(sweeps.SeatrialSweeper):
             )
         own, words = self._config, sweeps.texts(self.params)
         variants = self.session.variants or self.variants
-        if len(variants) > 1:
-            raise ConfigurationError(
-                f"hydra/sweeper=optuna: got {len(variants)} variants, expected at most one"
-            )
+        if (count := len(variants)) > 1:
+            raise ConfigurationError(f"hydra/sweeper=optuna: got {count} variants, expected one")
         for variant in variants:
             words += sweeps.texts(variant) if isinstance(variant, Mapping) else variant
         parser = OverridesParser.create(config_loader=self._loader.hydra)
@@ -253,13 +251,12 @@ class SearchSweeper(sweeps.SeatrialSweeper):
         asked = self._study.ask(self._space.distributions)
         overrides = self._space.overrides(asked.params)
         plans = sweeps.planned(self._composer, [[*overrides, seed] for seed in self._space.seeds])
-        refused = [plan for plan in plans if isinstance(plan, Refusal)]
-        if refused and asked.number == 0:
-            raise ConfigurationError(str(refused[0]))
-        for refusal in refused[:1]:
+        for refusal in [plan for plan in plans if isinstance(plan, Refusal)][:1]:
+            if asked.number == 0:
+                raise ConfigurationError(str(refusal))
             log.warning("refused: %s", refusal)
         ready = [plan for plan in plans if isinstance(plan, PlannedTrial)]
-        return Attempt(asked, ready, "infeasible" if refused else "complete")
+        return Attempt(asked, ready, "infeasible" if len(ready) < len(plans) else "complete")
 
     def _search(self, first: Attempt, begun: sweeps.SweepUnderway) -> list[Attempt]:
         """Run batches of candidates until all are done.
@@ -285,18 +282,16 @@ class SearchSweeper(sweeps.SeatrialSweeper):
                     raise SeatrialError(f"lost: {lost[0]}")
                 ended = known(plans)
                 for one in running:
-                    runs = [ended.get(one.plans[seed].fingerprint) for seed in step]
-                    ids = [run.run_id if run and run.status == "finished" else None for run in runs]
-                    stored = [logbook.metrics(id_) if id_ else [] for id_ in ids]
-                    one.runs += [{astuple(m)[:4]: m.value for m in metrics} for metrics in stored]
-                    places = [each.place for each in self._objectives]
-                    lacking = [place for place in places if place not in one.runs[-1]]
-                    if one is first and ids[-1] and lacking:
-                        *place, name = lacking[0]
-                        raise ConfigurationError(
-                            f"search.metric: run {ids[-1]} has no {name} ({', '.join(place)}), "
-                            "expected one that every trial stores"
-                        )
+                    for run in [ended.get(one.plans[seed].fingerprint) for seed in step]:
+                        id_ = run.run_id if run and run.status == "finished" else None
+                        metrics = logbook.metrics(id_) if id_ else []
+                        one.runs.append({astuple(each)[:4]: each.value for each in metrics})
+                        for *place, name in [each.place for each in self._objectives]:
+                            if one is first and metrics and (*place, name) not in one.runs[-1]:
+                                raise ConfigurationError(
+                                    f"search.metric: run {id_} has no {name} "
+                                    f"({', '.join(place)}), expected one that every trial stores"
+                                )
                     one.losses = [each.loss(each.over_runs(one.runs)) for each in self._objectives]
                     if not all(map(math.isfinite, one.losses)):
                         one.state = "infeasible"

@@ -12,7 +12,7 @@ import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.excitation.information import Persistence
-from seatrial.models.excitation.mix import Mix
+from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.planning.planner import PlannedPath
 from seatrial.models.recording.preprocessing import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
@@ -55,13 +55,13 @@ ROLES = {"none": 0.0, "training": 1.0, "testing": 2.0}
 
 def mix_results(mix: object, excited: "ExcitationData") -> Results:
     """Return the counts of a mix of manoeuvres and its plan; empty for any other excitation."""
-    if not isinstance(mix, Mix):
+    if not isinstance(mix, OptimalDesign):
         return Results()
     results = Results(diagnostics=_count_diagnostics(mix))
     return results if mix.plan is None else results + _plan_results(mix, mix.plan, excited)
 
 
-def _count_diagnostics(mix: Mix) -> list[Diagnostic]:
+def _count_diagnostics(mix: OptimalDesign) -> list[Diagnostic]:
     """Return the count of every candidate, and how close the counts are to the optimum."""
     counts, design = mix.counts, mix.information
     log_det = design.log_det(np.array(list(counts.values()), dtype=np.float64))
@@ -83,7 +83,7 @@ def _count_diagnostics(mix: Mix) -> list[Diagnostic]:
     return diagnostics
 
 
-def _plan_results(mix: Mix, plan: PlannedPath, excited: "ExcitationData") -> Results:
+def _plan_results(mix: OptimalDesign, plan: PlannedPath, excited: "ExcitationData") -> Results:
     """Return the planned poses, the waters, and how closely the vessel followed the plan.
 
     The series `plan` has the manoeuvre between each pose and the next, the series `waters` the

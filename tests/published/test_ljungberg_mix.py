@@ -33,7 +33,7 @@ VALIDATION = 99  # seed of a sixth sub-experiment of each
 def low_wind() -> Any:
     """The modulus ship, measured with noise, in a wind that varies about a low mean."""
     return composed(
-        "vessel=modulus_ship", "excitation=mix", "identifier=iv", "controller=none",
+        "vessel=modulus_ship", "excitation=optimal_design", "identifier=iv", "controller=none",
         "disturbance=rough", "disturbance.waves=null", "disturbance.current=null",
         f"disturbance.wind.speed_m_s={LOW_WIND_M_S}",
     )  # fmt: skip

@@ -22,7 +22,7 @@ TOO_LARGE = {
     "excitation=prbs excitation.signal.shortest_s=1e-12": (
         "excitation.signal.shortest_s must be at least 0.001", "got 1e-12",
     ),
-    f"excitation=mix excitation.sub_experiments={BILLION}": (
+    f"excitation=optimal_design excitation.sub_experiments={BILLION}": (
         "excitation.sub_experiments must be at most 1000000", "got 1000000000",
     ),
     "controller=mpc_standard controller.horizon=1000000": ("controller.horizon must be at ", ""),

@@ -32,7 +32,7 @@ VESSELS = {
 }  # fmt: skip
 STEERED = ("kvlcc2", "mariner")  # commanded by inputs
 FLOATING = ("wind", "wind_current", "wind_current_process", "waves", "rough")  # of what floats
-PLANE = ("waypoints", "prbs_waypoints", "four_corner", "mix")  # excitations in the plane
+PLANE = ("waypoints", "prbs_waypoints", "four_corner", "optimal_design")  # excitations in the plane
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
 HELM = (  # by inputs, beside rudder_*
     *("spiral", "reverse_spiral", "williamson", "crash_stop"),

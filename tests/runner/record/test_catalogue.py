@@ -28,7 +28,7 @@ POSITIONING = (  # set-points, limits, wind, and an allocation that cannot give 
     "evaluation.duration_s=600", "disturbance=wind",
 )  # fmt: skip
 MIX = (
-    "vessel=modulus_ship", "excitation=mix", "excitation.length_s=60", "identifier=iv",
+    "vessel=modulus_ship", "excitation=optimal_design", "excitation.length_s=60", "identifier=iv",
     "controller=none",
 )  # fmt: skip
 SURGE_STEPS = ("evaluation=setpoints", "evaluation.duration_s=200", "controller=pid_ff")

@@ -129,7 +129,7 @@ def phases_of(
 
 
 @dataclass(frozen=True)
-class Mix(Mission):
+class OptimalDesign(Mission):
     """`sub_experiments` of the candidates, each `length_s` x `time_scale` long.
 
     `design`: optimal, by the nominal model of `vessel`, or random, drawn with `draw_seed` from a
@@ -278,7 +278,7 @@ class Mix(Mission):
         """Raise ConfigurationError unless the vessel is planar and the mix can be designed."""
         if tuple(dofs) != PLANAR:
             raise ConfigurationError(
-                f"excitation=mix needs a vessel in {', '.join(PLANAR)}, got one in "
+                f"excitation=optimal_design needs a vessel in {', '.join(PLANAR)}, got one in "
                 f"{', '.join(dofs)}"
             )
         for name, candidate in self.candidates.items():

@@ -8,7 +8,7 @@ from seatrial.runner.trials import trial as trials
 from tests.trials import composed
 
 SHORT = (
-    "vessel=modulus_ship", "excitation=mix", "excitation.length_s=60", "identifier=iv",
+    "vessel=modulus_ship", "excitation=optimal_design", "excitation.length_s=60", "identifier=iv",
     "controller=none",
 )  # fmt: skip
 ROUTE = (

@@ -8,7 +8,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.information import log_det
-from seatrial.models.excitation.mix import Mix
+from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.loop import sail
@@ -26,7 +26,7 @@ PERIOD_S = 0.1
 # bring 26 kg to it in v^2 / (2 a) at most.
 RUN_UP = 0.5**2 / (2.0 * (3.0 - 1.25) / 26.0)
 BASIN = (
-    "vessel=modulus_ship", "excitation=mix", "controller=none", "excitation.length_s=60",
+    "vessel=modulus_ship", "excitation=optimal_design", "controller=none", "excitation.length_s=60",
     "excitation.route.area=[[0,0],[60,0],[60,40],[0,40]]",
     "excitation.route.obstacles=[[[15,10],[30,10],[30,20],[15,20]],"
     "[[40,25],[45,22],[48,30],[41,33]]]",
@@ -36,15 +36,17 @@ BASIN = (
 
 @cache
 def trial(*overrides: str) -> Any:
-    return composed("vessel=modulus_ship", "excitation=mix", "controller=none", *overrides)
+    return composed(
+        "vessel=modulus_ship", "excitation=optimal_design", "controller=none", *overrides
+    )
 
 
-def mix(*overrides: str) -> Mix:
-    found: Mix = trial(*overrides).excitation
+def mix(*overrides: str) -> OptimalDesign:
+    found: OptimalDesign = trial(*overrides).excitation
     return found
 
 
-def voyage(design: Mix, plant: Plant) -> Voyage:
+def voyage(design: OptimalDesign, plant: Plant) -> Voyage:
     """The mix, sailed by a vessel in calm water."""
     n = len(design.schedule)
     still, rng = np.zeros((n, 3)), np.random.default_rng(0)
@@ -58,7 +60,7 @@ def voyage(design: Mix, plant: Plant) -> Voyage:
     )  # fmt: skip
 
 
-def sailed(design: Mix) -> Recording:
+def sailed(design: OptimalDesign) -> Recording:
     """The recording of a mix by the nominal model."""
     found = voyage(design, design.information.plant)
     return recording_of(found, found.weather)
@@ -163,7 +165,11 @@ def test_the_nominal_model_may_be_wrong() -> None:
 )  # fmt: skip
 def test_what_cannot_work_is_refused_in_one_line(overrides: list[str], message: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
-        check(composed("vessel=modulus_ship", "excitation=mix", "controller=none", *overrides))
+        check(
+            composed(
+                "vessel=modulus_ship", "excitation=optimal_design", "controller=none", *overrides
+            )
+        )
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
