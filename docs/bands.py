@@ -169,9 +169,7 @@ def scored(identified: Identified, problem: Problem, length_m: float | None) -> 
     return Scored(counts[0], counts[1], measured(identified, problem, length_m))
 
 
-def measured(
-    identified: Identified, problem: Problem, length_m: float | None
-) -> tuple[int, int]:
+def measured(identified: Identified, problem: Problem, length_m: float | None) -> tuple[int, int]:
     """Measures of recorded manoeuvres in their intervals, and all that have one."""
     values: dict[tuple[str, int | None], dict[str, float]] = {}
     for row in manoeuvres(problem, identified, length_m):

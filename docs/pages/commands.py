@@ -10,7 +10,7 @@ import typer.main
 from typer.core import TyperArgument
 
 from docs.pages.markdown import code, prose, table
-from seatrial.runner.commands import benchmark, data_commands, init
+from seatrial.runner.commands import benchmark, data_commands, init, model_command
 from seatrial.runner.compare import commands as _commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app
 
@@ -20,13 +20,15 @@ COMMON = ("help", "install_completion", "show_completion")
 
 
 def commands(program: str) -> str:
-    """The sections of `results`, `data`, `benchmark` or `init`."""
+    """The sections of `results`, `data`, `model`, `benchmark` or `init`."""
     if program == "init":
         return "\n".join(_subjects())
-    tree = {"results": app, "data": data_commands.app, "benchmark": benchmark.app}[program]
+    trees = {"results": app, "data": data_commands.app}
+    trees |= {"model": model_command.app, "benchmark": benchmark.app}
+    tree = trees[program]
     command: Command = typer.main.get_command(tree)
-    if program == "benchmark":
-        return _section("seatrial benchmark", command, None)
+    if program in ("model", "benchmark"):
+        return _section(f"seatrial {program}", command, None)
     context = command.context_class(command, info_name=tree.info.name)
     return "\n".join(
         _section(f"{tree.info.name} {name}", one, context)

@@ -19,13 +19,13 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.free_run import Course, course_of, free_run
 from seatrial.models.identification.residual import evaluated
+from seatrial.models.identification.validation import DIVERGED_MULTIPLE
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_body, in_ned
 from seatrial.models.vessel.plant_table import Flags
 from seatrial.models.vessel.table import Vessel
 
-DIVERGED_MULTIPLE = 20.0  # of the largest measured velocity: beyond it a simulation has diverged
 STEP_S = 0.1  # longest integration step
 
 

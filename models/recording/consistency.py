@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.preprocessing import central_difference, in_body
 from seatrial.models.recording.recording import MIN_PIECE, Recording, piecewise
+from seatrial.models.recording.sampling import STRAIGHT_LINE
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import turned
@@ -41,7 +42,6 @@ EXCITED_VARIANCE = 10.0  # variance of an excited signal, in that of its noise b
 CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
 BLOCK, REGULAR = 100, 80  # samples among which jumps are looked for, and those that are none
 JUMP = 10.0  # times the largest second difference of these
-STRAIGHT_LINE = 1e-6  # of the typical step: smaller second differences are those of a straight line
 ALMOST_ONE = 0.999  # correlations above it are equal
 
 

@@ -27,13 +27,8 @@ from seatrial.models.recording.preprocessing import (
     outliers,
     without_sign_flips,
 )  # fmt: skip
-from seatrial.models.recording.recording import (
-    GAP,
-    MIN_PIECE,
-    UNIFORMITY,
-    piece_edges,
-    piecewise,
-)  # fmt: skip
+from seatrial.models.recording.recording import MIN_PIECE, UNIFORMITY, piece_edges, piecewise
+from seatrial.models.recording.sampling import GAP
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, seconds

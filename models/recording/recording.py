@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.recording.sampling import GAP
 from seatrial.models.recording.smoothing import NoiseFloor, lowpass, noise_floor
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 
-GAP = 1.5  # in sample times; a longer time step is a gap
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 BETWEEN = 10  # sample times between two recordings that are joined
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side

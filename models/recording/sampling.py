@@ -15,7 +15,7 @@ import scipy
 from seatrial.models.recording.times import is_later
 from seatrial.models.vessel.basis import Array
 
-GAP = 1.5  # in sample times
+GAP = 1.5  # in sample times; a longer time step is a gap
 STRAIGHT_LINE = 1e-6  # of the typical second difference: smaller ones are those of a straight line
 MADE_UP = 0.3  # share of samples on straight lines, or held, that makes a file a resampled one
 MIN_SAMPLES = 20  # samples for an original rate

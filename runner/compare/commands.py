@@ -81,7 +81,8 @@ def show(
     """Show everything stored about one run: metrics, coefficients, configuration, provenance."""
     detail = results.reader.run(run)
     if command:
-        return compare.runs.repeat_command(detail.overrides, results.reader.address, rerun=True)
+        words, address = detail.overrides, results.reader.address
+        return compare.runs.repeat_command(words, address, rerun=True, typed=detail.command)
     if traceback:
         return (detail.traceback or f"run {run} is {detail.summary.status}: no traceback").rstrip()
     return [compare.runs.headline(results, run), *compare.runs.run_details(results, run)]
@@ -342,12 +343,11 @@ def retry(
     statuses = split(status) or ("failed", "interrupted")
     compare.runs.check_statuses(statuses, LOST)
     lost = compare.runs.runs_of(results, results.where(where), statuses)
+    details = [results.reader.run(run.run_id) for run in reversed(lost) if not run.superseded]
+    address = results.reader.address
     lines = [
-        compare.runs.repeat_command(
-            results.reader.run(run.run_id).overrides, results.reader.address, rerun=False
-        )
-        for run in reversed(lost)
-        if not run.superseded
+        compare.runs.repeat_command(run.overrides, address, rerun=False, typed=run.command)
+        for run in details
     ]
     if not lines:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)

@@ -29,6 +29,7 @@ import pandas as pd
 import sqlalchemy as sa
 from numpy.typing import NDArray
 
+from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.where import (
     EVERY_RUN,
@@ -60,7 +61,6 @@ from seatrial.runner.record.vocabulary import GROUPS, NOT_STARTED, OF_FILE, STAT
 METRIC_FACTORS = ("metric", "stage", "model", "dof", "file")  # of the number, not of its run
 POOLED = "pooled"  # the file of a number that is of all files
 BELOW_TRUE_MODEL = "below_true_model"
-INTERVAL_OF_ESTIMATE = "interval_of_estimate"  # a diagnostic; 0: intervals are of the coefficient
 DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, if 1 or more
 LIMITED = tuple(f"limited_share_{horizon}" for horizon in HORIZONS)  # above 0: it diverged
 HELD_FREE_RUN = "held_free_run"

@@ -14,7 +14,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import Queries, flat
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line, unit_text
 from seatrial.runner.compare.where import Condition
-from seatrial.runner.configuration.invocation import trial_program
+from seatrial.runner.configuration.invocation import config_folder, quoted, trial_program
 from seatrial.runner.database.engine import Address, file_url
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.database.views import run_overview
@@ -239,10 +239,13 @@ def _properties(results: Queries, run_id: int) -> list[list[Scalar]]:
     ]
 
 
-def repeat_command(overrides: Sequence[str], address: Address, rerun: bool) -> str:
+def repeat_command(
+    overrides: Sequence[str], address: Address, rerun: bool, typed: str | None = None
+) -> str:
     """Return the shell command, on one line, that repeats a trial into the same logbook.
 
-    The address of a PostgreSQL logbook that holds a password is in SEATRIAL_DATABASE.
+    Its folder of options is that of the command line that started it (`typed`). The address of a
+    PostgreSQL logbook that holds a password is in SEATRIAL_DATABASE.
     """
     words = [
         word for word in overrides if not DATABASE.match(word) and not word.startswith("rerun=")
@@ -251,26 +254,18 @@ def repeat_command(overrides: Sequence[str], address: Address, rerun: bool) -> s
         here, file = Path.cwd(), address.path.resolve()
         folder = file.parent.relative_to(here) if file.parent.is_relative_to(here) else file.parent
         words = [word for word in words if not word.startswith("results_dir=")]
-        words += [] if folder == Path("results") else [f"results_dir={_quoted(str(folder))}"]
+        words += [] if folder == Path("results") else [f"results_dir={quoted(str(folder))}"]
         if file.name != "results.db":
-            words.append(f"database.url={_quoted(file_url(folder / file.name))}")
+            words.append(f"database.url={quoted(file_url(folder / file.name))}")
     elif address.url.password:
         words.append("database=postgresql")
     else:
-        words.append(f"database.url={_quoted(str(address))}")
+        words.append(f"database.url={quoted(str(address))}")
     if any(word.startswith("experiment=") for word in words):
         words.append("hydra.mode=RUN")  # an experiment may define a sweep
     if rerun:
         words.append("rerun=true")
-    return f"{trial_program()} {shlex.join(words)}".rstrip()
-
-
-def _quoted(text: str) -> str:
-    """Return a value as Hydra parses it: quoted if it has special characters."""
-    if all(letter.isalnum() or letter in "/._-:" for letter in text):
-        return text
-    escaped = text.replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{escaped}'"
+    return f"{trial_program()} {shlex.join([*config_folder(typed or ''), *words])}".rstrip()
 
 
 def plain(value: object) -> Scalar:

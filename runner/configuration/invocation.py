@@ -3,8 +3,10 @@
 Every command that is printed for the user begins with one of these names.
 """
 
+import re
 import shlex
 import sys
+from argparse import ArgumentParser
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -120,6 +122,24 @@ def results_program() -> str:
 def typed_command(typed: Sequence[str]) -> str:
     """Quote a command line, as in `sys.orig_argv`, for a shell."""
     return shlex.join([Path(typed[1]).stem, *typed[2:]] if by_script(typed) else typed)
+
+
+def config_folder(typed: str) -> list[str]:
+    """Return the words of a typed command line that name its folder of options."""
+    parser = ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--config-dir", "-cd")
+    folder = parser.parse_known_args(shlex.split(typed))[0].config_dir
+    return ["--config-dir", folder] if folder else []
+
+
+def quoted(text: str) -> str:
+    """Return a text as the grammar of overrides reads it, in quotes where it needs them."""
+    plain = re.fullmatch(r"[A-Za-z_/.][\w/.:+-]*", text, re.ASCII)
+    if plain and text.lower() not in ("null", "true", "false", "nan", "inf"):
+        return text
+    escaped = re.sub(r"(\\*)'", r"\1\1\\'", text)  # backslashes count before a quote only
+    trailing = escaped[len(escaped.rstrip("\\")) :]
+    return f"'{escaped}{trailing}'"
 
 
 def import_from_working_folder() -> None:

@@ -23,12 +23,12 @@ from seatrial.models.simulation.manoeuvre_sheet import measured_sheet as measure
 from seatrial.models.simulation.manoeuvre_sheet import sheet as sheet
 from seatrial.models.simulation.manoeuvre_sheet import track_of as track_of
 from seatrial.runner.configuration.recording_map import read_map, reader_of
+from seatrial.runner.configuration.vessel_options import HELM
 from seatrial.runner.database.reader import LogbookReader
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, metric_of_measure
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import Config
 
-HELM = "delta"
 NEEDED = ("t", "x", "y", "psi", "u", "v")
 MANOEUVRES = get_args(Manoeuvre)
 BOUNDS = (MEASURE_LOW, MEASURE_HIGH)

@@ -1,6 +1,5 @@
 """Options given in Python as overrides of the command line: `identifier__basis="physical"`."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
@@ -10,12 +9,10 @@ from typing import Any, TypeVar, cast, get_type_hints
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database
 from seatrial.runner.compare.cli import Several, split
+from seatrial.runner.configuration.invocation import quoted
 from seatrial.runner.record.vocabulary import GROUPS
 
 NESTED = "__"  # in the name of an argument, for the dot of an option
-# Text that the grammar of overrides reads as itself, without quotes.
-_PLAIN = re.compile(r"[A-Za-z_/.][\w/.:+-]*", re.ASCII)
-_WORDS = ("null", "true", "false", "nan", "inf")  # that it reads as something else
 Names = str | Sequence[str]
 T = TypeVar("T")
 
@@ -63,7 +60,7 @@ def text_of(value: object) -> str:
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, str | Path):
-        return _quoted(str(value))
+        return quoted(str(value))
     if isinstance(value, Mapping):
         return "{" + ",".join(f"{key}:{text_of(item)}" for key, item in value.items()) + "}"
     if isinstance(value, Iterable):
@@ -73,22 +70,14 @@ def text_of(value: object) -> str:
     )
 
 
-def _quoted(text: str) -> str:
-    if _PLAIN.fullmatch(text) and text.lower() not in _WORDS:
-        return text
-    escaped = re.sub(r"(\\*)'", r"\1\1\\'", text)  # backslashes count before a quote only
-    trailing = escaped[len(escaped.rstrip("\\")) :]
-    return f"'{escaped}{trailing}'"
-
-
 def place_of(path: str | Path | None) -> list[str]:
     """Return the overrides for a logbook, given by its file or address; None: the default one."""
     if path is None:
         return []
     url = database.engine.url_of(path)
     file = Path(path) if url != str(path) else database.engine.parse(url).path
-    series = [] if file is None else [f"results_dir={_quoted(str(file.parent))}"]
-    return [*series, f"database.url={_quoted(url)}"]
+    series = [] if file is None else [f"results_dir={quoted(str(file.parent))}"]
+    return [*series, f"database.url={quoted(url)}"]
 
 
 def command_options(command: str, kind: type[T], given: Mapping[str, Any]) -> T:

@@ -12,7 +12,8 @@ from seatrial.models.notation import DOFS, accelerations_of, poses_of, velocitie
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.models.recording.recording import GAP, UNIFORMITY, attitude_of, blocks, half
+from seatrial.models.recording.recording import UNIFORMITY, attitude_of, blocks, half
+from seatrial.models.recording.sampling import GAP
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner.compare.grid import grid_of

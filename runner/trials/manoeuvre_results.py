@@ -45,12 +45,12 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.runner.configuration.config import Trial
+from seatrial.runner.configuration.vessel_options import HELM
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, metric_of_measure
 from seatrial.runner.record.rows import Metric, Results, metric
 from seatrial.runner.trials.closed_loop import Streams, prepare
 
 log = logging.getLogger(__name__)
-HELM = "delta"
 DRAWS = 100  # models of an interval
 MIN_DRAWS = 20  # of them that carry the manoeuvre out
 UNABLE = (ConfigurationError, Diverged, IdentificationError, RecordingError)

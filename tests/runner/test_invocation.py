@@ -35,6 +35,9 @@ def test_the_programs_are_named_as_they_were_started(
     address = engine.parse(f"sqlite:///{tmp_path}/results/results.db")
     again = repeat_command(["seed=1"], address, rerun=True)
     assert again == f"{trials} seed=1 rerun=true"
+    typed = f"{trials} -m --config-dir 'my options' seed=1,2"
+    again = repeat_command(["seed=1"], address, rerun=False, typed=typed)
+    assert again == f"{trials} --config-dir 'my options' seed=1"
     assert compare("show", DEFAULT_DATABASE, "1") == f"{results} show 1"
 
 
