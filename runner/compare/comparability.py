@@ -170,7 +170,7 @@ def by_seed(frame: pd.DataFrame) -> pd.DataFrame:
     spread = own[every].drop(columns="replicate").merge(seeds, how="left", on="cell")
     spread = spread.fillna({"replicate": EVERY_SEED})
     own = pd.concat([own[~every], spread]).drop_duplicates(["cell", "level", "replicate"])
-    means = own.groupby(["cell", "replicate"], sort=False)["value"].agg(["mean", "size"])
+    means = own.groupby(["cell", "replicate"])["value"].agg(["mean", "size"])
     means = means.reset_index().rename(columns={"mean": "value"})
     several = means.groupby("cell")["replicate"].transform("size") > 1
     nested = several & means["cell"].map(alone)

@@ -274,3 +274,22 @@ def test_a_steered_vessel_responds_with_heading_and_inputs(
     assert np.max(helm.lines[0].get_ydata()) == pytest.approx(35.0)
     limits = [line.get_ydata()[0] for line in helm.lines if line.get_label() == "limit"]
     assert limits == pytest.approx([-35.0, 35.0])
+
+
+def test_the_order_in_which_runs_ended_moves_no_point(tmp_path: Path) -> None:
+    """Workers finish in any order; every seed keeps its place beside the bar."""
+
+    def places(folder: str, seeds: list[int]) -> list[Any]:
+        (tmp_path / folder).mkdir()
+        with stored.logbook_at(tmp_path / folder) as logbook:
+            for seed in seeds:
+                begin = stored.start("ls", "noise", seed)
+                stored.finish(logbook, begin, [stored.tracking(1.0 + seed**2)], drawn=["noise"])
+        url = f"sqlite:///{tmp_path}/{folder}/results.db"
+        with open_results(url) as results, drawn():
+            (drawing,) = drawings_of("bars")(results, PlotRequest(metric="e_pos_mae"))
+            return [line.get_xydata() for line in drawing.figure.axes[0].lines]
+
+    orders = [*range(12)], [7, *range(7), *range(8, 12)]
+    for one, other in zip(places("a", orders[0]), places("b", orders[1]), strict=True):
+        np.testing.assert_array_equal(one, other)
