@@ -74,6 +74,7 @@ def test_init_writes_an_identifier_and_a_test_that_pass(tmp_path: Path) -> None:
     assert found == pytest.approx(true, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_controller_in_python_runs_beside_a_compiled_one(tmp_path: Path) -> None:
     folder = written(tmp_path)
     done = call(folder, "seatrial.runner", "-m", *SHORT, "controller=pd_python,pid_ff")
@@ -110,6 +111,7 @@ def test_a_metric_and_a_figure_appear_in_tables_and_plots(tmp_path: Path) -> Non
     assert [Path(path).name for path in files.split()] == ["speeds.png", "speeds.svg"]
 
 
+@pytest.mark.slow
 def test_a_plug_in_that_cannot_be_imported_costs_one_line(tmp_path: Path) -> None:
     folder = written(tmp_path)
     (folder / "broken.py").write_text("import no_such_module\nFIGURE = Figure(name)\n")

@@ -36,6 +36,7 @@ def complaints(node: Any, name: str = "") -> list[str]:
     return [error.message for error in validator(name).iter_errors(node)]
 
 
+@pytest.mark.slow
 def test_it_is_a_schema_that_takes_every_file_of_the_configuration() -> None:
     Draft202012Validator.check_schema(schema())
     found = []

@@ -189,6 +189,7 @@ def check_failed(answer: Answer, line: str) -> None:
     assert "Traceback" not in answer.err
 
 
+@pytest.mark.slow
 def test_a_failing_part_fails_its_trial_in_one_line(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
@@ -199,6 +200,7 @@ def test_a_failing_part_fails_its_trial_in_one_line(
             check_failed(answer, f"{module}.{line}")
 
 
+@pytest.mark.slow
 def test_a_part_that_fails_at_sea_fails_its_trial_in_one_line(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:

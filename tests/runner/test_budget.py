@@ -71,6 +71,7 @@ def test_a_measured_file_is_checked_by_its_size(tmp_path: Path) -> None:
         budget.check(trial)
 
 
+@pytest.mark.slow
 def test_trials_are_counted_before_they_are_listed(seatrial: Command) -> None:
     seatrial.pretend()
     begin = time.process_time()

@@ -56,6 +56,7 @@ IN_A_SWEEP = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_wrong_argument_is_refused(seatrial: Command, subtests: pytest.Subtests) -> None:
     fake = seatrial.pretend()
     for argument, message in REFUSED.items():
@@ -190,6 +191,7 @@ runpy.run_module("seatrial.runner", run_name="__main__")
 """
 
 
+@pytest.mark.slow
 def test_it_runs_without_the_packages_of_its_extras() -> None:
     """As pip install seatrial has it: what the extras bring is neither needed nor looked for."""
     with (ROOT / "pyproject.toml").open("rb") as file:

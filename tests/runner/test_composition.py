@@ -106,6 +106,7 @@ def test_jobs_that_share_are_those_of_hydra(
         assert shared(composer, job) == by_hydra(master, job), job
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "jobs",
     [

@@ -83,6 +83,7 @@ def test_a_broken_logbook_ends_the_display_not_the_sweep(
         wait(lambda: told(caplog, "the progress is no longer shown: "))
 
 
+@pytest.mark.slow
 def test_a_line_on_a_terminal(tmp_path: Path) -> None:
     """A sweep of two trials of no evaluation, with a terminal as its standard error."""
     master, slave = pty.openpty()

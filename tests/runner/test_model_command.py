@@ -39,6 +39,7 @@ def log_of_a_boat(path: Path, **changes: object) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_log_becomes_a_model_that_sails(seatrial: Command) -> None:
     log_of_a_boat(seatrial.folder / "boat.csv")
     answer = seatrial("model", "boat.csv", "--length", "6", "--mass", "4000")
@@ -86,6 +87,7 @@ def test_what_cannot_be_done_is_one_line(
     assert answer.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_one_bad_recording_does_not_stop_a_sweep(seatrial: Command) -> None:
     """Contents that cannot be trusted fail their run; a path that is not there refuses all."""
     log_of_a_boat(seatrial.folder / "good.csv")

@@ -96,6 +96,7 @@ def test_it_finds_the_known_optimum_and_prunes(
     assert "4 finished (4 already in the logbook)" in again.out
 
 
+@pytest.mark.slow
 def test_a_search_goes_on_where_it_was_stopped(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,6 +117,7 @@ def test_a_search_goes_on_where_it_was_stopped(
     assert "5 candidates" in longer.out
 
 
+@pytest.mark.slow
 def test_a_search_stops_if_results_cannot_be_stored(
     seatrial: Command, fake: Fake, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -157,6 +159,7 @@ def test_a_search_that_finds_nothing_feasible(seatrial: Command, fake: Fake) -> 
     assert "Traceback" not in answer.out + answer.err
 
 
+@pytest.mark.slow
 def test_several_objectives_have_a_front(seatrial: Command, fake: Fake) -> None:
     """A lower gain turns less, so the front is the gains up to the optimum."""
     words = ("search.metric=e_pos_mae,e_psi_mae:heading", "search.trials=8")

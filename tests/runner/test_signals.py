@@ -36,6 +36,7 @@ class Whenever(set[int]):
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", CODES)
 def test_a_trial_that_is_stopped_is_interrupted(seatrial: Command, number: signal.Signals) -> None:
     fake = seatrial.pretend()

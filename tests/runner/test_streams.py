@@ -46,6 +46,7 @@ def numbers(run: int) -> Mapping[tuple[str, ...], object]:
     return metrics | found
 
 
+@pytest.mark.slow
 def test_streams_that_are_drawn_and_their_replicates(seatrial: Command) -> None:
     for sweep in (
         ("-m", *SHORT, "disturbance=calm,noise,wind", "seed=0,1"),

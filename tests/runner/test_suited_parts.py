@@ -32,6 +32,7 @@ def names(*overrides: str) -> dict[str, str]:
     return {group: chosen[group] for group in DEFAULTS}
 
 
+@pytest.mark.slow
 def test_every_vessel_can_be_run_without_further_options() -> None:
     for vessel in sorted(path.stem for path in (CONF / "vessel").glob("*.yaml")):
         trial = job.prepare(composed([f"vessel={vessel}"]))

@@ -53,6 +53,7 @@ MORE = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", ["mpc_standard", *MORE])
 def test_every_controller_tracks_with_derived_weights(
     controller: str, own: Path, seatrial: Command

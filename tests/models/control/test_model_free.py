@@ -60,6 +60,7 @@ def ratios(controller: str, seeds: range, *options: str) -> Array:
     return np.array(rows)
 
 
+@pytest.mark.slow
 def test_a_model_from_data_controls_nearly_as_well() -> None:
     assert np.all(ratios("mpc_integral", range(1)) <= 1.5)
 
@@ -70,6 +71,7 @@ def test_over_ten_seeds(controller: str) -> None:
     assert np.all(np.median(ratios(controller, range(10)), axis=0) <= 1.5)
 
 
+@pytest.mark.slow
 def test_the_source_s_options_fail_at_its_noise_and_it_shows() -> None:
     """L = J = 2: no sampled continuous motion, and a vessel that is lost by hundreds of metres."""
     results = run("controller=lqi", FULL_NOISE, *AS_PRINTED)

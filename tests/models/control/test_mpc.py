@@ -25,6 +25,7 @@ from tests.models.control.sailing import (
 KINDS = ("standard", "reduced", "condensed", "integral")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_compiled_step_is_the_problem_in_python(kind: str) -> None:
     """Where no limit is met the linear law and the quadratic program command the same."""

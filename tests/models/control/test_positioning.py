@@ -42,6 +42,7 @@ INTEGRAL = ("controller=mpc_integral",)
 WITHOUT = ("controller=mpc_integral", "controller.preview=none")
 
 
+@pytest.mark.slow
 def test_a_preview_halves_the_error_and_is_the_gain() -> None:
     rows = {"lqi": LQI, "preview": INTEGRAL, "none": WITHOUT}
     mae = {name: np.mean(figures(*row)["error_mae"], axis=0) for name, row in rows.items()}

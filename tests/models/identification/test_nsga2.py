@@ -49,6 +49,7 @@ def front_of(found, m):
     return points, values_of(found, "pareto_objective").reshape(len(points), -1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tau", FORCES)
 def test_linear_surge_with_a_population_of_100(identifier, make, signal, tau):
     truth = make.surge(60.0, 20.0)
@@ -73,6 +74,7 @@ def test_quadratic_surge_with_a_population_of_1000(identifier, make, signal, tau
     assert np.max(np.abs(errors)) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tau", FORCES)
 def test_small_population_and_polish(identifier, make, signal, tau):
     """Population 40, 20 generations, polish: within 1e-6 on 10 of 10."""

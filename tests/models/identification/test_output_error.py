@@ -135,6 +135,7 @@ def starts(count):
     return [six(SIX * 4.0 ** rng.uniform(-1.0, 1.0, 18)) for _ in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", range(2))
 def test_eighteen_parameters_from_afar(identifier, make, shaken, start):
     problem = make.problem(six(SIX), starts(2)[start], shaken)

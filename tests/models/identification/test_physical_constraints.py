@@ -133,6 +133,7 @@ def noise_for_force(problem: Problem, rng: np.random.Generator) -> Problem:
     return replace(problem, training=replace(problem.training, tau_filtered=force))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ls", "robust", "output_error"])
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.nightly)])
 def test_a_table_fitted_to_noise_becomes_physical(calm, identifier, name: str, seed: int) -> None:

@@ -30,6 +30,7 @@ def test_the_calm_plant_is_recovered(calm, identifier) -> None:
     assert_recovered(found.model, calm.truth, 1e-3)
 
 
+@pytest.mark.slow
 def test_a_constant_force_is_chosen_and_recovered(constant, identifier) -> None:
     found = identifier("robust").identify(constant.problem, np.random.default_rng(0))
     assert chosen(found) == "[ned_force]"
@@ -40,6 +41,7 @@ def test_a_constant_force_is_chosen_and_recovered(constant, identifier) -> None:
         np.testing.assert_allclose(force, truth, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_wind_is_chosen_and_recovered(identifier) -> None:
     """Wind areas to a thousandth; damping to what a lap shows beside a wind of its own noise."""
     problem, truth = excited("disturbance=wind")

@@ -215,6 +215,7 @@ def test_a_degree_of_freedom_without_a_column() -> None:
         one.check(("surge", "yaw"))
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_a_damaged_file_is_refused_or_read_but_nothing_else(

@@ -87,7 +87,7 @@ def test_what_does_not_suit_is_refused_by_name(vessel: str) -> None:
 @pytest.mark.parametrize(
     ("vessel", "whole"),
     [
-        *((name, False) for name in FEW),
+        *(pytest.param(name, False, marks=pytest.mark.slow) for name in FEW),
         *(pytest.param(name, True, marks=pytest.mark.nightly) for name in VESSELS),
     ],
 )

@@ -53,6 +53,7 @@ def test_json_and_csv_give_the_names_back(program: Program, named: Path) -> None
     assert texts == [*NAMES]
 
 
+@pytest.mark.slow
 def test_odd_names_are_drawn_and_are_names_of_files(
     program: Program, named: Path, tmp_path: Path
 ) -> None:

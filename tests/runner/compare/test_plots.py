@@ -70,6 +70,7 @@ def test_every_kind_writes_its_files(
     assert b"CreationDate" not in content
 
 
+@pytest.mark.slow
 def test_a_figure_is_drawn_the_same_twice(voyages: Queries, tmp_path: Path) -> None:
     """To the byte, so that a committed figure changes with its data alone."""
     for kind in ("track", "bars"):

@@ -172,6 +172,7 @@ def test_the_comparison_and_python_refuse_it_too(capsys: pytest.CaptureFixture[s
         assert "s3cret" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_password_in_the_environment_works_and_goes_nowhere(
     seatrial: Command, postgres: Postgres, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -63,6 +63,7 @@ def test_who_writes_waits_for_the_server_and_goes_on(server: Postgres, results_d
         assert [run.metrics for run in logbook.runs()] == [30, 30]
 
 
+@pytest.mark.slow
 def test_a_server_that_stays_away_is_told_in_one_line(
     server: Postgres, results_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

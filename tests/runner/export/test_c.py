@@ -60,6 +60,7 @@ def agree(theirs: Theirs, largest: float = 1.0, step_s: float = 0.025) -> None:
     assert relative(theirs.sail(commands, step_s), track) < EQUAL
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "exported",
     [(SURGE, "identified"), (FERRY, "identified"), (FERRY, "plant"), (SHIP, "identified"),

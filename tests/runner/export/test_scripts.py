@@ -22,6 +22,7 @@ from tests.runner.export.compiled import Ours
 from tests.runner.export.conftest import BELUGA, DIAGONAL, FERRY, LINEAR, SHIP, SUPPLY
 from tests.runner.programs import rows
 
+pytestmark = pytest.mark.slow
 EQUAL = 1e-12
 WIND = np.array([4.0, -7.0])
 MODELS = [(1, "identified"), (FERRY, "plant"), (SHIP, "identified"), (SUPPLY, "plant"),

@@ -92,6 +92,7 @@ def test_there_are_eighteen_of_them() -> None:
     assert len(STEERED) == 18
 
 
+@pytest.mark.slow
 @SOME_AND_THE_OTHERS
 def test_their_c_sails_as_they_do(
     names: tuple[str, ...], tmp_path: Path, subtests: pytest.Subtests

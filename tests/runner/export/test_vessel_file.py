@@ -19,6 +19,7 @@ from tests.runner.export.conftest import BELUGA, FERRY, LINEAR, SUPPLY
 from tests.runner.programs import ended, rows
 from tests.runner.programs import program as process
 
+pytestmark = pytest.mark.slow
 COEFFICIENTS = "SELECT term, dof, value FROM coefficient WHERE run_id={} AND model='{}' ORDER BY id"
 
 

@@ -63,6 +63,7 @@ def test_it_fits_what_a_trial_fits(sweep: st.Sweep, recording: st.Recording) -> 
     assert len(predicted) == np.count_nonzero(~train)
 
 
+@pytest.mark.slow
 def test_a_search_is_over_blocks_of_time(recording: st.Recording) -> None:
     blocks = recording.blocks(6, gap_s=2.0)
     grid = {"basis": ["physical", "full"]}

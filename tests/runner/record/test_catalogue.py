@@ -48,6 +48,7 @@ def stored_by(*overrides: str) -> list[Metric]:
     return list(trials.run(composed(*overrides)).metrics)
 
 
+@pytest.mark.slow
 def test_what_trials_store_is_what_is_declared(tmp_path: Path) -> None:
     stored = [
         *stored_by(*FORCE_IN_THE_LAG),
