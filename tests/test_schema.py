@@ -48,6 +48,7 @@ def test_it_is_a_schema_that_takes_every_file_of_the_configuration() -> None:
     assert found == []
 
 
+@pytest.mark.slow
 def test_it_refuses_what_a_trial_refuses() -> None:
     changes: list[dict[str, Any]] = [
         {"seeds": 1},

@@ -143,6 +143,8 @@ def test_packs_beside_one_candidate(in_turn: Any) -> None:
     beside(
         in_turn, jit_errors, item="3a", peer_name="numba, one candidate at a time", rounds=15,
         note="the other is written for this model alone; errors agree to 1e-9; one core each",
+        why="one candidate stays in registers; a pack gains the vector width, less what its memory "
+        "costs",
     )  # fmt: skip
 
 

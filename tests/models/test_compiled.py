@@ -17,6 +17,7 @@ from seatrial import models
 from seatrial.models import compiled
 from seatrial.models.compiled import kernel
 
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 
 PACKAGE = {

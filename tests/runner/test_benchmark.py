@@ -62,6 +62,7 @@ def small(folder: Path, text: str = SMALL) -> None:
     (folder / "conf" / "benchmark" / "small.yaml").write_text(text)
 
 
+@pytest.mark.slow
 def test_an_entrant_that_cannot_take_part_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

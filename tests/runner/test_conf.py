@@ -45,6 +45,7 @@ def _environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_every_option_builds() -> None:
     """An option of each group at once; one that needs others, by itself.
 

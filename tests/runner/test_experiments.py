@@ -59,6 +59,7 @@ def test_an_experiment_with_a_sweep_needs_no_flag(seatrial: Command) -> None:
     assert sorted(run.identifier for run in runs) == ["ls", "ls", "surface_plsr"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "experiment", [marked(path) for path in EXPERIMENTS], ids=lambda path: path.stem
 )

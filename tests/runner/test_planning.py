@@ -47,6 +47,7 @@ def test_a_trial_is_planned_among_others_as_alone() -> None:
     assert len({plan for plan in plans if isinstance(plan, str)}) >= 3  # several are refused
 
 
+@pytest.mark.slow
 def test_the_replicates_of_an_experiment_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
 

@@ -118,6 +118,7 @@ def product(controller: str, identifier: str, *more: str) -> Any:
     return pytest.param(controller, identifier, *more, marks=pytest.mark.nightly)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("controller", "identifier"),
     [

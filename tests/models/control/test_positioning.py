@@ -52,6 +52,7 @@ def test_a_preview_halves_the_error_and_is_the_gain() -> None:
     assert mae["none"][0] / mae["lqi"][0] == pytest.approx(0.76 / 0.87, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", ["lqi", "mpc_integral"])
 def test_a_filter_as_wide_as_the_waves_spares_the_thrusters(controller: str) -> None:
     """In waves of half a metre, white noise to the filter, with the bias that makes up for it."""

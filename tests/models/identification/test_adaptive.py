@@ -54,6 +54,7 @@ def test_a_plant_that_changes_in_mid_mission_is_followed() -> None:
     assert mass[last, "surge", "u_dot"] == pytest.approx(0.8 * 2389.657, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_change_of_the_plant_is_met_by_every_deployment_and_no_excitation() -> None:
     changed = run("plant.change={at_s: 1, scale: 2.0}")
     same = run()

@@ -160,6 +160,7 @@ def test_no_skill_is_said(calm) -> None:
     assert not identified({"true": Given(0.5)}, calm.problem).warnings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["noise", "constant"])
 def test_no_axis_is_worse_than_the_nominal_model(lap, identifier, case: str) -> None:
     """With cheap candidates, among them one that is better in two axes alone."""

@@ -79,6 +79,7 @@ def excited(problem: Problem, truth: Vessel) -> np.ndarray:
     return np.std(phi, axis=0)[:, None] * np.abs(truth.theta) > EXCITED * force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("identifier", ["ls", "iv"])
 @pytest.mark.parametrize("vessel", RECORDINGS)
 def test_what_the_data_excite_is_found(vessel: str, identifier: str) -> None:

@@ -101,6 +101,7 @@ def test_least_squares_is_better_in_free_runs_after_refinement(lap, identifier, 
     assert runs[1] < 0.8 * runs[0]
 
 
+@pytest.mark.slow
 def test_short_segments_first_avoid_a_minimum_of_long_ones(identifier) -> None:
     """Beluga, 30 s from rest with a noisy attitude: from here whole segments end in a minimum."""
     problem, truth = excited(

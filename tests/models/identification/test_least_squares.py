@@ -27,6 +27,7 @@ def test_commanded_force_is_biased_by_the_thruster_lag(calm, identifier, rng) ->
     assert np.max(error) > 0.01
 
 
+@pytest.mark.slow
 def test_inertia_under_noise(lap, identifier, rng) -> None:
     ls = identifier("ls", lowpass_hz=0.5)
     truth = diagonal(lap("calm").truth)

@@ -115,6 +115,7 @@ def test_without_a_model_error_there_is_none(axes: int) -> None:
     assert np.all(deviation[:, n:] < 2e-3 * np.std(exact.training.nu, axis=0) + 1e-9)
 
 
+@pytest.mark.slow
 def test_bands_hold_a_vessel_of_another_structure() -> None:
     """Its damping is quadratic, the model's linear: what the data leave open is far too little."""
     options = (*SURGE, "excitation.amplitude={surge: 150.0}", "disturbance=noise")

@@ -41,6 +41,7 @@ def test_noise_free_surge_is_exact(identifier, make, signal, term, tau, integrat
         assert not np.any(np.isnan(found.std_error[truth.theta != 0.0]))
 
 
+@pytest.mark.slow
 def test_spread_of_noisy_estimates_is_the_predicted_one(identifier, make, signal):
     """Noise of 0.05 m and 0.05 m/s: within 1 % on 20 of 20 seeds, errors within a factor of 2."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)
@@ -229,6 +230,7 @@ def test_a_constant_force_is_free_where_it_is_asked_for_and_in_the_plane(
     assert {label for label in free.labels if "." not in label} == forces
 
 
+@pytest.mark.slow
 def test_covariance_is_that_of_the_estimates(identifier, make, signal):
     """Correlations over 40 noisy recordings."""
     truth = make.surge(60.0, 20.0, "|u|u", 2.0)

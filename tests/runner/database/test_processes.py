@@ -44,6 +44,7 @@ def test_a_trial_that_eight_processes_start_is_run_by_one(url: str, results_dir:
         assert len(set(reader.sql("SELECT DISTINCT note FROM run").rows)) > 1
 
 
+@pytest.mark.slow
 def test_a_killed_writer_leaves_a_whole_logbook(url: str, results_dir: Path) -> None:
     """Four kills at random moments: what was reported finished is whole, and the rest resumes."""
     LogbookWriter.open(url, results_dir=results_dir).close()

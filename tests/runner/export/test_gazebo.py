@@ -110,6 +110,7 @@ def test_what_is_lost_is_named_with_its_force(subtests: pytest.Subtests) -> None
             assert all(f"at the recording: {one}: " in text for one in names)
 
 
+@pytest.mark.slow
 def test_a_stored_run_gives_the_motion_of_its_recording(
     sailed: Path, tmp_path: Path, program: Program
 ) -> None:
