@@ -48,30 +48,22 @@ def run(
 ) -> Run:
     """Run one trial, as the command `seatrial` does; one that is stored already is not run again.
 
-    Parameters
-    ----------
-    *overrides
-        Options as on the command line, such as `"plant.scale=0.8"`.
-    vessel, disturbance, excitation, identifier, controller, evaluation
-        An option of the group; for the vessel also a path, `run:17`, a `Vessel` or a `Model`, for
-        the disturbance also a list. A mapping sets options inside the group.
-    database
-        File or address of the logbook; by default `results/results.db` in the working folder.
-    **options
-        Any other option; a double underscore stands for a dot: `identifier__basis="physical"`,
-        `seed=1`, `rerun=True`.
+    Args:
+        *overrides: options as on the command line, such as `"plant.scale=0.8"`.
+        vessel, disturbance, excitation, identifier, controller, evaluation: an option of the group;
+            for the vessel also a path, `run:17`, a `Vessel` or a `Model`, for the disturbance also
+            a list. A mapping sets options inside the group.
+        database: file or address of the logbook; by default `results/results.db` in the working
+            folder.
+        **options: any other option; a double underscore stands for a dot:
+            `identifier__basis="physical"`, `seed=1`, `rerun=True`.
 
-    Returns
-    -------
-    Run
+    Returns:
         The finished run, with its metrics, coefficients, model and series.
 
-    Raises
-    ------
-    RunFailed
-        The trial failed or diverged; the exception has the run.
-    SeatrialError
-        The trial cannot be run; the message is the line that the command prints.
+    Raises:
+        RunFailed: The trial failed or diverged; the exception has the run.
+        SeatrialError: The trial cannot be run; the message is the line that the command prints.
     """
     groups = (vessel, disturbance, excitation, identifier, controller, evaluation)
     _check(database, {"vessel": vessel, **options})
@@ -100,32 +92,23 @@ def sweep(
 ) -> Sweep:
     """Run many trials, as the command `seatrial -m` does; those that are stored are not run again.
 
-    Parameters
-    ----------
-    trials
-        Options with several values: `["identifier=ls,plsr", "seed=range(0,5)"]` are ten trials.
-        A mapping is a set of options that change together, like `--variant`.
-    launcher
-        basic (one after the other), processes (all cores), submitit_slurm, ...
-    name
-        Name of the sweep, for tables and lists.
-    database
-        File or address of the logbook; by default `results/results.db` in the working folder.
-    progress
-        Whether to show the progress on a terminal or in a notebook.
-    **options
-        Options of all trials, as for `run`; a Python range has several values: `seed=range(5)`.
+    Args:
+        trials: options with several values: `["identifier=ls,plsr", "seed=range(0,5)"]` are ten
+            trials. A mapping is a set of options that change together, like `--variant`.
+        launcher: basic (one after the other), processes (all cores), submitit_slurm, ...
+        name: name of the sweep, for tables and lists.
+        database: file or address of the logbook; by default `results/results.db` in the working
+            folder.
+        progress: whether to show the progress on a terminal or in a notebook.
+        **options: options of all trials, as for `run`; a Python range has several values:
+            `seed=range(5)`.
 
-    Returns
-    -------
-    Sweep
+    Returns:
         The runs: `runs()`, `metrics()`, `table()`, `plot()` are those of this sweep. Runs that
         failed or diverged are in it, with their status.
 
-    Raises
-    ------
-    SeatrialError
-        A trial cannot be run (then none was started), or the workers were lost.
+    Raises:
+        SeatrialError: A trial cannot be run (then none was started), or the workers were lost.
     """
     texts = [trial for trial in trials if isinstance(trial, str)]
     mappings = [trial for trial in trials if not isinstance(trial, str)]
@@ -151,23 +134,16 @@ def sweep(
 def open(path: str | Path = DEFAULT_DATABASE, results_dir: str | Path | None = None) -> Logbook:
     """Open a results database for reading.
 
-    Parameters
-    ----------
-    path
-        File of the database, or its address (`postgresql://...`); by default
-        `results/results.db`.
-    results_dir
-        Folder of the series files; by default that of the file, or `results`.
+    Args:
+        path: file of the database, or its address (`postgresql://...`); by default
+            `results/results.db`.
+        results_dir: folder of the series files; by default that of the file, or `results`.
 
-    Returns
-    -------
-    Logbook
+    Returns:
         The runs, with their tables, figures and models.
 
-    Raises
-    ------
-    LogbookError
-        There is no such database, or this version cannot read it.
+    Raises:
+        LogbookError: There is no such database, or this version cannot read it.
     """
     logbook = Logbook(path, None if results_dir is None else Path(results_dir))
     with logbook.opened():

@@ -43,28 +43,19 @@ class Recording(recordings.Recording):
     ) -> Self:
         """Read a measured CSV file, as `excitation=recording` does.
 
-        Parameters
-        ----------
-        path
-            The file, with one header line.
-        vessel
-            The vessel, whose degrees of freedom are read.
-        **options_
-            Options of `conf/excitation/recording.yaml`, such as `start_s=10.0` or
-            `columns={"time": "t", "velocity": {"surge": "u"}}`. The names of columns, their signs
-            and `heading_deg=180` are by default those of the Beluga recordings.
+        Args:
+            path: the file, with one header line.
+            vessel: the vessel, whose degrees of freedom are read.
+            **options_: options of `conf/excitation/recording.yaml`, such as `start_s=10.0` or
+                `columns={"time": "t", "velocity": {"surge": "u"}}`. The names of columns, their
+                signs and `heading_deg=180` are by default those of the Beluga recordings.
 
-        Returns
-        -------
-        Recording
+        Returns:
             The samples between `start_s` and `end_s`.
 
-        Raises
-        ------
-        RecordingError
-            The file cannot be read; the message names line and column.
-        ConfigurationError
-            An option or a column is wrong.
+        Raises:
+            RecordingError: The file cannot be read; the message names line and column.
+            ConfigurationError: An option or a column is wrong.
         """
         own = {f"excitation.{name}": value for name, value in options_.items()}
         words = [f"vessel={text_of(vessel)}", "excitation=recording", *overrides_of(own)]
@@ -78,26 +69,20 @@ class Recording(recordings.Recording):
     def from_frame(cls, frame: "pd.DataFrame", dofs: Sequence[str] | None = None) -> Self:
         """Make a recording of a frame with the columns of a stored series.
 
-        Parameters
-        ----------
-        frame
-            Time t [s] as the index or a column, or a DatetimeIndex; for surge, sway and yaw the
-            pose `x, y, psi` [m, rad], the body velocity `u, v, r` [m/s, rad/s] and the commanded
-            force `tau_surge, tau_sway, tau_yaw` [N, Nm]. If the acceleration `u_dot, v_dot, r_dot`
-            is missing, the velocity is differentiated. `tau_actual_surge, ...` is the acting force,
-            if measured.
-        dofs
-            Degrees of freedom; by default those whose velocity is there.
+        Args:
+            frame: time t [s] as the index or a column, or a DatetimeIndex; for surge, sway and yaw
+                the pose `x, y, psi` [m, rad], the body velocity `u, v, r` [m/s, rad/s] and the
+                commanded force `tau_surge, tau_sway, tau_yaw` [N, Nm]. If the acceleration `u_dot,
+                v_dot, r_dot` is missing, the velocity is differentiated. `tau_actual_surge, ...` is
+                the acting force, if measured.
+            dofs: degrees of freedom; by default those whose velocity is there.
 
-        Returns
-        -------
-        Recording
+        Returns:
             The samples of the frame.
 
-        Raises
-        ------
-        RecordingError
-            A column is missing, a number is not finite, or the time steps are not equal.
+        Raises:
+            RecordingError: A column is missing, a number is not finite, or the time steps are not
+                equal.
         """
         if isinstance(frame.index, pd.DatetimeIndex) and "t" not in frame and len(frame):
             seconds = (frame.index - frame.index[0]).total_seconds()
@@ -150,17 +135,12 @@ class Recording(recordings.Recording):
     def blocks(self, count: int, gap_s: float = 0.0) -> "list[Recording]":
         """Cut the recording into blocks of time, for a cross-validation.
 
-        Parameters
-        ----------
-        count
-            Number of blocks, of equal length.
-        gap_s
-            Time [s] that is left out at the end of every block but the last, so that a model is
-            not tested on samples next to those it was fitted to.
+        Args:
+            count: number of blocks, of equal length.
+            gap_s: time [s] that is left out at the end of every block but the last, so that a model
+                is not tested on samples next to those it was fitted to.
 
-        Returns
-        -------
-        list of Recording
+        Returns:
             The blocks, in the order of time.
         """
         gap = round(gap_s / self.period_s)

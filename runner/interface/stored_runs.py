@@ -39,12 +39,9 @@ else:
 class Logbook:
     """The runs of a results database.
 
-    Parameters
-    ----------
-    path
-        File of the database, or its address (`postgresql://...`).
-    results_dir
-        Folder of the series files; by default that of the file, or `results`.
+    Args:
+        path: file of the database, or its address (`postgresql://...`).
+        results_dir: folder of the series files; by default that of the file, or `results`.
     """
 
     def __init__(self, path: str | Path = DEFAULT_DATABASE, results_dir: Path | None = None):
@@ -70,18 +67,13 @@ class Logbook:
     ) -> "pd.DataFrame":
         """Return the runs, newest first, with their choices, status and duration.
 
-        Parameters
-        ----------
-        status
-            Only runs of this status: finished, failed, diverged, running or interrupted.
-        limit
-            Largest number of runs.
-        where, sweep
-            Which runs, as for the command `runs`: `where="seed<10 and identifier=ls"`.
+        Args:
+            status: only runs of this status: finished, failed, diverged, running or interrupted.
+            limit: largest number of runs.
+            where, sweep: which runs, as for the command `runs`: `where="seed<10 and
+                identifier=ls"`.
 
-        Returns
-        -------
-        pandas.DataFrame
+        Returns:
             One row a run; its index `run_id` is the number of the run.
         """
         return self._run_list(limit, status, where, sweep).frame.set_index("run_id")
@@ -97,16 +89,11 @@ class Logbook:
     ) -> "pd.DataFrame":
         """Return the metrics of the runs, one row a number.
 
-        Parameters
-        ----------
-        names
-            Only these metrics; all by default.
-        where, sweep
-            Which runs, as for the command `runs`; by default all.
+        Args:
+            names: only these metrics; all by default.
+            where, sweep: which runs, as for the command `runs`; by default all.
 
-        Returns
-        -------
-        pandas.DataFrame
+        Returns:
             Columns run_id, the choices of the run, seed, stage, model, dof, name, value and unit.
         """
         chosen = split([names] if isinstance(names, str) else [*(names or ())])
@@ -122,15 +109,12 @@ class Logbook:
     def table(self, **options: Any) -> Table:
         """Compare a metric or coefficients over seeds, as `seatrial-results table` does.
 
-        Parameters
-        ----------
-        **options
-            The options of the command, such as `metric="e_pos_mae"`, `rows="identifier"`,
-            `columns="disturbance"`, `baseline="identifier=none"`; several names as a list.
+        Args:
+            **options: the options of the command, such as `metric="e_pos_mae"`,
+                `rows="identifier"`, `columns="disturbance"`, `baseline="identifier=none"`; several
+                names as a list.
 
-        Returns
-        -------
-        Table
+        Returns:
             Shown by a notebook; its numbers are `table.frame`.
         """
         chosen = command_options("table", TableOptions, {"sweep": self._sweep, **options})
@@ -140,24 +124,18 @@ class Logbook:
     def plot(self, kind: str, ax: "Axes | None" = None, **options: Any) -> "Figure":
         """Draw a figure, as `seatrial-results plot` does.
 
-        Parameters
-        ----------
-        kind
-            Name of the figure: bars, track, errors, residual, coefficients, ...
-        ax
-            Axes of yours to draw into, for a figure with one panel.
-        **options
-            The options of the command, such as `run=17`, `metric="e_pos_mae"`, `dof="surge"`.
+        Args:
+            kind: name of the figure: bars, track, errors, residual, coefficients, ...
+            ax: axes of yours to draw into, for a figure with one panel.
+            **options: the options of the command, such as `run=17`, `metric="e_pos_mae"`,
+                `dof="surge"`.
 
-        Returns
-        -------
-        matplotlib.figure.Figure
+        Returns:
             The figure, or that of your axes.
 
-        Raises
-        ------
-        ConfigurationError
-            No run has the data, or there are several figures (`plots` returns them).
+        Raises:
+            ConfigurationError: No run has the data, or there are several figures (`plots` returns
+                them).
         """
         figures = self.plots(kind, ax, **options)
         if len(figures) > 1:
@@ -186,18 +164,13 @@ class Logbook:
     def series(self, run: int, kind: str = "recording") -> "pd.DataFrame":
         """Return a time series of a run.
 
-        Parameters
-        ----------
-        run
-            Number of the run.
-        kind
-            recording, residual, deployment_nominal, deployment_identified, ...
+        Args:
+            run: number of the run.
+            kind: recording, residual, deployment_nominal, deployment_identified, ...
 
-        Returns
-        -------
-        pandas.DataFrame
-            The columns of the series in SI units and radians, by time t [s] as the index; the
-            units are in `frame.attrs["units"]`.
+        Returns:
+            The columns of the series in SI units and radians, by time t [s] as the index; the units
+            are in `frame.attrs["units"]`.
         """
         with self.opened() as results:
             stored = results.reader.series(run, kind)
@@ -300,26 +273,17 @@ class Run:
     ) -> float:
         """Return one number.
 
-        Parameters
-        ----------
-        name
-            Name of the metric; `seatrial-results metrics` lists them.
-        dof
-            surge, sway, yaw, position, heading or all.
-        model
-            identified, nominal, plant or mean_motion.
-        stage
-            identification, validation or deployment, if several have the metric.
+        Args:
+            name: name of the metric; `seatrial-results metrics` lists them.
+            dof: surge, sway, yaw, position, heading or all.
+            model: identified, nominal, plant or mean_motion.
+            stage: identification, validation or deployment, if several have the metric.
 
-        Returns
-        -------
-        float
+        Returns:
             The value in the unit of the metric; NaN if it has none.
 
-        Raises
-        ------
-        ConfigurationError
-            The run has no such number, or several.
+        Raises:
+            ConfigurationError: The run has no such number, or several.
         """
         frame = self.metrics
         same = frame[frame["name"] == name]

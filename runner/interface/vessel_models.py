@@ -102,28 +102,19 @@ class Model:
     ) -> "pd.DataFrame":
         """Simulate the motion in calm water under commanded forces, through the thrusters.
 
-        Parameters
-        ----------
-        force
-            Commanded forces [N, Nm], held over each period: an array (N, n_dof), a frame or a
-            mapping with a column for each degree of freedom (`surge` or `tau_surge`). A column that
-            is missing is zero.
-        period_s
-            Time between two rows [s].
-        step_s
-            Longest integration step [s].
-        pose, velocity
-            At the start [m, rad] and [m/s, rad/s]; zero by default.
+        Args:
+            force: commanded forces [N, Nm], held over each period: an array (N, n_dof), a frame or
+                a mapping with a column for each degree of freedom (`surge` or `tau_surge`). A
+                column that is missing is zero.
+            period_s: time between two rows [s].
+            step_s: longest integration step [s].
+            pose, velocity: at the start [m, rad] and [m/s, rad/s]; zero by default.
 
-        Returns
-        -------
-        pandas.DataFrame
+        Returns:
             Pose, body velocity and command by time t [s], before the command of the row acts.
 
-        Raises
-        ------
-        Diverged
-            A velocity exceeds the limit of the vessel.
+        Raises:
+            Diverged: A velocity exceeds the limit of the vessel.
         """
         n_dof = len(self.dofs)
         forces = _commands(force, self.dofs)
@@ -150,23 +141,16 @@ class Model:
     def predict(self, recording: "Recording", restart_s: float = 30.0) -> "pd.DataFrame":
         """Predict a recorded motion from the recorded force.
 
-        Parameters
-        ----------
-        recording
-            The recording; every piece without a gap begins at its measured state.
-        restart_s
-            Time [s] after which a prediction begins anew at the measured state.
+        Args:
+            recording: the recording; every piece without a gap begins at its measured state.
+            restart_s: time [s] after which a prediction begins anew at the measured state.
 
-        Returns
-        -------
-        pandas.DataFrame
+        Returns:
             Predicted pose and body velocity by time t [s].
 
-        Raises
-        ------
-        IdentificationError
-            The model cannot be simulated: its inertia is not positive definite, or a term needs
-            what is not predicted.
+        Raises:
+            IdentificationError: The model cannot be simulated: its inertia is not positive
+                definite, or a term needs what is not predicted.
         """
         lag = self.parameters.thruster
         known = recording.with_thruster(lag)
@@ -187,20 +171,13 @@ class Model:
     ) -> list[Path]:
         """Write the model of a run for another program, as `seatrial-results model` does.
 
-        Parameters
-        ----------
-        to
-            yaml, json, statespace, python-control, mss, pvs, gazebo, vrx, c or fmu.
-        output
-            Path of the (first) file; by default the name of the vessel and the run.
-        at
-            Operating point of a linear model, such as `"u=0.5"`.
-        force
-            Whether to replace files that exist.
+        Args:
+            to: yaml, json, statespace, python-control, mss, pvs, gazebo, vrx, c or fmu.
+            output: path of the (first) file; by default the name of the vessel and the run.
+            at: operating point of a linear model, such as `"u=0.5"`.
+            force: whether to replace files that exist.
 
-        Returns
-        -------
-        list of pathlib.Path
+        Returns:
             The files.
         """
         if self.stored is None:
@@ -227,13 +204,12 @@ class Model:
 class Vessel(Model):
     """A vessel with its nominal model, by name, from a file, or from numbers.
 
-    Parameters
-    ----------
-    choice
-        What the command line takes after `vessel=`: a name, the path of a YAML file or `run:17`.
-    **numbers
-        Without a choice, the options of a vessel: `name`, `dofs`, `inertia`, `derivatives`,
-        `force_limits` or `length_m`, ... It can be simulated; a trial takes a file.
+    Args:
+        choice: what the command line takes after `vessel=`: a name, the path of a YAML file or
+            `run:17`.
+        **numbers: without a choice, the options of a vessel: `name`, `dofs`, `inertia`,
+            `derivatives`, `force_limits` or `length_m`, ... It can be simulated; a trial takes a
+            file.
     """
 
     def __init__(self, choice: str | Path | None = None, **numbers: object) -> None:
