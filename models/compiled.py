@@ -41,7 +41,13 @@ from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 from numba.core.types import BaseNamedTuple, BaseTuple, NamedTuple, NamedUniTuple, Type
 
-from seatrial.models.source_digest import MODELS, cache_home, folder_digest, replace_file, source
+from seatrial.models.source_digest import (
+    MODELS_FOLDER,
+    cache_home,
+    folder_digest,
+    replace_file,
+    source,
+)
 
 numba_config: Any = config
 log = logging.getLogger(__name__)
@@ -61,7 +67,7 @@ def cache_folder() -> Path:
 
 
 def _folder_name() -> str:
-    return f"numba-{numba.__version__}-{folder_digest(MODELS)[:16]}"
+    return f"numba-{numba.__version__}-{folder_digest(MODELS_FOLDER)[:16]}"
 
 
 class _Cache(NullCache):
@@ -134,7 +140,7 @@ def _text_of(kind: Type) -> str:
 
 def _outside(file: Path) -> str:
     """A file outside of `models/` and its digest; empty for one of `models/`."""
-    return "" if file.is_relative_to(MODELS) else f"{file} {source(file).digest}"
+    return "" if file.is_relative_to(MODELS_FOLDER) else f"{file} {source(file).digest}"
 
 
 def _announce(name: str) -> None:

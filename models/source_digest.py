@@ -21,7 +21,7 @@ from dataclasses import astuple, dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 
-MODELS = Path(__file__).parent
+MODELS_FOLDER = Path(__file__).parent
 KEPT_FILE = "sources-2.json"  # increase the number when `_text` or `Source` changes
 MOST_KEPT = 2000  # in the cache file; the oldest are dropped
 TYPES_ONLY = ("TYPE_CHECKING", "typing.TYPE_CHECKING")

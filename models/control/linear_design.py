@@ -201,7 +201,7 @@ def closed_loop_radius(A: Array, B: Array, gain: Array) -> float:
     return spectral_radius(A + B @ gain)
 
 
-HEADINGS = 72  # number of headings checked if the heading is not known in advance
+CHECKED_HEADINGS = 72  # number of headings checked if the heading is not known in advance
 
 
 def largest_disturbance(plant: Vessel, weather: Weather, heading: Array) -> Array:
@@ -212,7 +212,7 @@ def largest_disturbance(plant: Vessel, weather: Weather, heading: Array) -> Arra
     """
     n = len(weather.force_ned)
     if plant.dofs == PLANAR and len(heading) < n:
-        turns = 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS
+        turns = 2.0 * np.pi * np.arange(CHECKED_HEADINGS) / CHECKED_HEADINGS
         forces = [largest_disturbance(plant, weather, np.full(n, psi)) for psi in turns]
         return np.asarray(np.max(forces, axis=0))
     psi = heading[:n] if plant.dofs == PLANAR else np.zeros(n)

@@ -33,8 +33,8 @@ OPTIMALITY_GAP = 1e-6  # at which the search for the optimum stops
 MOST_STEPS = 200_000
 ZERO_EIGENVALUE = 1e-12  # of an eigenvalue, relative to the largest, of scaled information
 MIN_WEIGHT = 0.2  # smallest relative weight of a term that belongs to a combination
-INSEPARABLE = 0.01  # of a singular value, relative to the largest
-LINE = 0.01  # smallest amplitude of a spectral line, relative to the largest
+LEAST_SINGULAR_VALUE = 0.01  # of a singular value, relative to the largest
+LEAST_LINE = 0.01  # smallest amplitude of a spectral line, relative to the largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +189,7 @@ def _of_dof(lines: int, model: Vessel, column: int, x: Array) -> Persistence:
     names = [term.name for term in terms]
     excited_names = [name for name, nonzero in zip(names, excited, strict=True) if nonzero]
     _, values, directions = np.linalg.svd(phi[:, excited] / size[excited], full_matrices=False)
-    rank = int(np.sum(values > INSEPARABLE * values[0])) if len(values) else 0
+    rank = int(np.sum(values > LEAST_SINGULAR_VALUE * values[0])) if len(values) else 0
     groups = [_members(direction, excited_names) for direction in directions[rank:][::-1]]
     return Persistence(
         dof=model.dofs[column],
@@ -222,4 +222,4 @@ def spectral_lines(force: Array) -> int:
         return 0
     inner = amplitude[1:-1]
     peak = (inner >= amplitude[:-2]) & (inner > amplitude[2:])
-    return int(np.sum(peak & (inner > LINE * np.max(amplitude))))
+    return int(np.sum(peak & (inner > LEAST_LINE * np.max(amplitude))))

@@ -39,7 +39,7 @@ from seatrial.models.vessel.table import Vessel
 
 WORTH_A_WARNING = 0.05  # of a nominal coefficient
 CONFIDENCE = 0.95  # that no loss is within the interval of its coefficient, of all together
-RESOLUTION = 1e-12  # of the eigenvalues of scaled columns
+EIGENVALUE_RESOLUTION = 1e-12  # of the eigenvalues of scaled columns
 PERIODOGRAMS = 8  # least number of them for a coherence
 EXPLAINED = 0.8  # of an acceleration's noise, if it was computed from the velocity
 
@@ -93,7 +93,7 @@ def attenuations(phi: Array, again: Array) -> Array:
         more = np.where(size > 0.0, again[part] / scale - own, 0.0)
         gram += own.T @ own
         noise += more.T @ more
-    inverse = np.linalg.pinv(gram, RESOLUTION, hermitian=True)
+    inverse = np.linalg.pinv(gram, EIGENVALUE_RESOLUTION, hermitian=True)
     return np.asarray(np.clip(np.sum(inverse * noise, axis=1), 0.0, 1.0))
 
 

@@ -43,11 +43,11 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 NO_MODEL_ERROR = "no_model_error"  # the diagnostic, whose label is the reason
-GROUPS = 5  # of files, or blocks, that are left out in turn
+LEFT_OUT_GROUPS = 5  # of files, or blocks, that are left out in turn
 KAPPA2 = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 FREEDOM = 4.0  # of Student's t
 LEVEL = 0.9  # at which k makes the deviations right
-DRAWS = 40  # runs by which deviations are found
+CALIBRATION_RUNS = 40  # runs by which deviations are found
 LEAST_DRAWS, MOST_STEPS = 10, 2_000_000  # for a long recording; samples of all runs
 LAMBDA = (1e-4, 10.0)
 TRIED = 0.1  # lambda of the runs that show what an acceleration does; the deviations are linear
@@ -140,7 +140,7 @@ def nearby_runs(model: Vessel, recording: Recording, thruster: SecondOrderLag | 
 
 
 def drawn_runs(
-    identified: Identified, runs: NearbyRuns, count: int = DRAWS
+    identified: Identified, runs: NearbyRuns, count: int = CALIBRATION_RUNS
 ) -> Iterator[Prediction]:
     """Draw predictions from the distribution, always by the same random numbers.
 
@@ -199,7 +199,7 @@ def bands(
     if error is None and identified.spread is None:
         return None
     runs = nearby_runs(identified.model, recording, thruster)
-    count = int(np.clip(MOST_STEPS // len(recording), LEAST_DRAWS, DRAWS))
+    count = int(np.clip(MOST_STEPS // len(recording), LEAST_DRAWS, CALIBRATION_RUNS))
     variance = runs.variance(drawn_runs(identified, runs, count))
     if error is not None:
         variance += (error.scale * error.noise) ** 2
@@ -272,16 +272,16 @@ def _calibrate(identifier: Identifier, problem: Problem, identified: Identified)
 def folded(training: Recording, carried: int = 0) -> tuple[Recording, NDArray[np.int64]]:
     """The first samples of each file or block, at most MOST_SAMPLES of all, and their folds (N,).
 
-    Folds are those of `carried` models that are known already. Else they are GROUPS of files by
+    Folds are those of `carried` models that are known already. Else they are groups of files by
     turns, so that none is all of the small motions or all of the large ones of a series, or blocks
     of a single recording.
     """
     part, fold = np.zeros(len(training), dtype=np.int64), np.zeros(len(training), dtype=np.int64)
-    for k, split in enumerate(training.folds(carried or GROUPS)):
+    for k, split in enumerate(training.folds(carried or LEFT_OUT_GROUPS)):
         part[split.test] = fold[split.test] = k
     if training.file is not None and training.file[0] != training.file[-1]:
         part = np.unique(training.file, return_inverse=True)[1]
-        fold = fold if carried else part % GROUPS
+        fold = fold if carried else part % LEFT_OUT_GROUPS
     number = np.arange(len(part)) - np.searchsorted(part, part)  # from the beginning of its part
     kept = number < MOST_SAMPLES // (part[-1] + 1)
     return training.part(kept), fold[kept]
@@ -323,7 +323,10 @@ def measured_noise(recording: Recording) -> Array:
 def _starts(runs: NearbyRuns, error: ModelError) -> Array:
     """Variance (N, 2 n_dof) by the noise of the starting states."""
     course = runs.own.course
-    normals = (np.random.default_rng(i).standard_normal(runs.shape_of_starts) for i in range(DRAWS))
+    normals = (
+        np.random.default_rng(i).standard_normal(runs.shape_of_starts)
+        for i in range(CALIBRATION_RUNS)
+    )
     return runs.variance(
         Prediction(runs.own.plant, course.with_offset(DEVIATION_SHARE * error.noise * each))
         for each in normals
@@ -333,7 +336,9 @@ def _starts(runs: NearbyRuns, error: ModelError) -> Array:
 def _accelerated(runs: NearbyRuns, error: ModelError) -> Array:
     """Variance (N, 2 n_dof) by the accelerations."""
     rho2, step_s = runs.rho2, runs.own.course.step_s
-    paths = (error.accelerations(rho2, step_s, np.random.default_rng(i)) for i in range(DRAWS))
+    paths = (
+        error.accelerations(rho2, step_s, np.random.default_rng(i)) for i in range(CALIBRATION_RUNS)
+    )
     return runs.variance(
         Prediction(runs.own.plant, runs.under(DEVIATION_SHARE * path)) for path in paths
     )
@@ -347,7 +352,9 @@ def _by_kappa2(identified: Identified, runs: NearbyRuns) -> Iterator[tuple[float
         return
     for kappa2 in KAPPA2:
         rng = np.random.default_rng(0)
-        models = (spread.draw(identified, rng, DEVIATION_SHARE, kappa2) for _ in range(DRAWS))
+        models = (
+            spread.draw(identified, rng, DEVIATION_SHARE, kappa2) for _ in range(CALIBRATION_RUNS)
+        )
         yield kappa2, runs.variance(predictable((model, course) for model in models))
 
 

@@ -18,7 +18,7 @@ from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.structured import entries_of, structure
 from seatrial.models.vessel.thruster import SecondOrderLag
 
-DRAWN = 100  # tables about one that was moved
+MOVED_TABLES = 100  # tables about one that was moved
 
 
 def finished(
@@ -56,7 +56,7 @@ def finished(
     elif options.interval_covers and spread is not None:
         points = [
             free.values + model.nearest((drawn - problem.nominal).on(terms).theta)[0]
-            for drawn in result.draws(DRAWN)
+            for drawn in result.draws(MOVED_TABLES)
         ]
         covariance = np.cov(np.array(points), rowvar=False)
         errors = free.std_error(covariance)[rows]

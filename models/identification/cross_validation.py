@@ -42,7 +42,7 @@ SEED = 0  # of estimates on blocks, so that the choice draws nothing from the tr
 SIMPLER = 0.04  # relative excess of the squared error that decides nothing
 NEGLIGIBLE_ERROR = 1e-6  # mean squared error, over the variance, that cannot be told from none
 FAR = 2.0  # times the squared error of another, which is no matter of chance
-MOTION = 2.0  # least standard deviation of a velocity that moves, over that of its noise
+LEAST_MOTION = 2.0  # least standard deviation of a velocity that moves, over that of its noise
 MIN_DEVIATION = 1e-9  # [m/s, rad/s] standard deviation below which nothing moved
 UNUSABLE = (IdentificationError, ConfigurationError, RecordingError)  # what an identifier may say
 
@@ -128,7 +128,7 @@ class CrossValidation:
     def axes(self) -> list[int]:
         """Degrees of freedom whose velocity moved by more than its noise."""
         training = self.problem.training
-        least = np.maximum(MOTION * training.noise.deviation, MIN_DEVIATION)
+        least = np.maximum(LEAST_MOTION * training.noise.deviation, MIN_DEVIATION)
         return np.flatnonzero(np.std(training.nu, axis=0) > least).tolist()
 
     @cached_property

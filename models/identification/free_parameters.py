@@ -31,7 +31,7 @@ from seatrial.models.vessel.devices.device import Device, with_parameters
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 from seatrial.models.weather.disturbance import ConstantForce
 
-ROUNDING = 1e-9  # of the largest coefficient: smaller entries are rounding errors
+ZERO_COEFFICIENT = 1e-9  # of the largest coefficient: smaller entries are rounding errors
 NED = ("north", "east")
 WINDAGE = ("surge.V_qu_q", "sway.V_qv_q", "yaw.u_qv_q")  # of a vessel in surge, sway and yaw
 Coriolis = Literal["tied", "free"]
@@ -267,7 +267,7 @@ def nonzero_labels(nominal: Vessel, tie: Coriolis) -> list[tuple[str, Term]]:
 
 def _nonzero(vessel: Vessel) -> tuple[tuple[str, Term], ...]:
     """Entries (degree of freedom, term) of a table above rounding, inertia first."""
-    scale = ROUNDING * np.max(np.abs(vessel.theta), initial=0.0)
+    scale = ZERO_COEFFICIENT * np.max(np.abs(vessel.theta), initial=0.0)
     inertial = [term for term in vessel.terms if term.name in ACCELERATIONS]
     rest = [term for term in vessel.terms if term.name not in ACCELERATIONS]
     return tuple(

@@ -34,15 +34,15 @@ from seatrial.models.identification.uncertainty import (
 from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.basis import Array, Term
 
-TOGETHER = 2048  # rows in a block
+BLOCK_ROWS = 2048  # rows in a block
 SINGULAR_RATIO = 1e-12
 # T (n_dof, 2, 2): coefficients of cos(psi) and sin(psi) by a force of 1 N to the north or east
 NED = np.stack([one.on(HEADING).theta for one in ned_forces(PLANAR).values()], -1).swapaxes(0, 1)
 
 
 def turns(n: int, together: int | None = None) -> list[slice]:
-    """Slices of n rows, `together` rows each (None: TOGETHER)."""
-    rows = together or TOGETHER
+    """Slices of n rows, `together` rows each (None: BLOCK_ROWS)."""
+    rows = together or BLOCK_ROWS
     return [slice(a, min(a + rows, n)) for a in range(0, n, rows)]
 
 

@@ -46,7 +46,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
-RESOLUTION = 1e-12  # smallest extent of a front, relative to the objectives' scale
+FRONT_RESOLUTION = 1e-12  # smallest extent of a front, relative to the objectives' scale
 CROSSOVER, ETA = 0.9, 15.0  # probability, and index of both operators: Hoyer (2021), Table 6.1
 RADIUS = 0.125  # of the neighbourhood in which trade-offs are compared, in normalised objectives
 KNEE_DEVIATIONS = 2.0  # standard deviations above the mean trade-off that make a knee
@@ -138,7 +138,7 @@ def search(
         before = front
         units, front = nondominated(algorithm.opt.get("X"), algorithm.opt.get("F"))
         if len(before):
-            changes.append(change(before, front, RESOLUTION * scale))
+            changes.append(change(before, front, FRONT_RESOLUTION * scale))
         recent = changes[-window:] if len(front) > 1 else []
         if np.any(np.all(front <= floor * scale, axis=1)):
             reason = "floor"

@@ -38,7 +38,7 @@ from seatrial.models.vessel.basis import N_VARIABLES, VARIABLES, Array, Term
 from seatrial.models.vessel.table import Vessel
 
 MAX_VELOCITIES = 150  # recorded velocities at which the damping must dissipate
-DRAWN = 100  # further ones, at each scale
+FURTHER_DRAWS = 100  # further ones, at each scale
 VELOCITY_SCALES = (0.3, 1.0, 2.0, 10.0)  # of the recorded ones; the last: no runaway beyond them
 MAX_CUTS = 60  # rounds of cutting planes
 RIGHTING = (("roll", "sin(phi)cos(theta)"), ("pitch", "sin(theta)"))  # restoring moments
@@ -97,7 +97,7 @@ def sampled_velocities(nu: Array, inertia: Array) -> Array:
     """
     step = max(len(nu) // MAX_VELOCITIES, 1)
     recorded = [scale * nu[::step] for scale in VELOCITY_SCALES]
-    drawn = largest_velocities(nu, inertia) * _spread(nu.shape[1], DRAWN)
+    drawn = largest_velocities(nu, inertia) * _spread(nu.shape[1], FURTHER_DRAWS)
     return np.vstack([*recorded, *(scale * drawn for scale in VELOCITY_SCALES[1:])])
 
 

@@ -57,7 +57,7 @@ SETTLE_S = 10.0  # after this time the unknown initial state of the lag has no e
 FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
 SETTLING_PERIODS = 0.5  # periods of the cut-off after which a filter has forgotten where it began
-TOGETHER = 8192  # samples that are evaluated together
+BLOCK_SAMPLES = 8192  # samples that are evaluated together
 FEW_VALUES = 2**17  # values that are filtered together
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
 Refinement = Literal["free_run", "none"]
@@ -336,7 +336,7 @@ def evaluated(filtered: Recording, *functions: Callable[[Recording], Array]) -> 
 
     The variables of a part fit into the cache. Each column is contiguous, as filters need it.
     """
-    n, edges = len(filtered), np.arange(0, len(filtered) - 1, TOGETHER).tolist()
+    n, edges = len(filtered), np.arange(0, len(filtered) - 1, BLOCK_SAMPLES).tolist()
     results: list[Array] = []
     for a, b in pairwise([*edges, n]):
         values = [function(filtered.part(slice(a, b))) for function in functions]

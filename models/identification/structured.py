@@ -23,7 +23,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 
 WEIGHTING_ROUNDS = 4  # of reweighting
-ROUNDING = 1e-9  # of the force, below which a residual is rounding
+ZERO_FORCE = 1e-9  # of the force, below which a residual is rounding
 MAX_CORRELATION = 0.999  # of a correlation
 
 
@@ -52,7 +52,7 @@ def inflation(rest: Array) -> float:
 
 def noise_scale(rest: Array, force: Array) -> Array:
     """Root mean square of residuals (N, n_dof), above what is rounding of the force; (n_dof,)."""
-    floor = ROUNDING * np.std(force, axis=0) + np.finfo(float).tiny
+    floor = ZERO_FORCE * np.std(force, axis=0) + np.finfo(float).tiny
     return np.asarray(np.maximum(np.sqrt(np.mean(rest**2, axis=0)), floor))
 
 
@@ -93,7 +93,7 @@ class Structure(NamedTuple):
         change = self.free.change(table)
         away = table - self.free.slopes @ change
         broken = self.constraints.violated(change) if self.constraints else ()
-        if np.any(np.abs(away) > ROUNDING * np.max(np.abs(table), initial=0.0)):
+        if np.any(np.abs(away) > ZERO_FORCE * np.max(np.abs(table), initial=0.0)):
             broken = ("symmetry", *broken)
         if self.constraints is None or not broken:
             return change, ()

@@ -42,7 +42,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 
 PARSIMONY = 1.1  # largest MSE of the parsimonious order, relative to the least at the minimum
-RESOLUTION = 1e-12  # rounding of an MSE from moments, relative to the output's mean square
+MSE_RESOLUTION = 1e-12  # rounding of an MSE from moments, relative to the output's mean square
 MIN_COUNT = 2
 
 
@@ -118,7 +118,7 @@ def choose(pairs: list[Pair], moment: Array, beta: Array, selection: Rule) -> Ch
     empty_mse = left_out_mse(pairs, lambda _, left: mean_squares(left, np.zeros((1 + n, 1))))[0]
     if empty_mse <= np.nanmin(mse):
         return Choice(0, np.zeros(0, dtype=np.int64), mse, np.zeros(0))
-    best, count = least(mse, RESOLUTION * empty_mse)
+    best, count = least(mse, MSE_RESOLUTION * empty_mse)
     places = [(best, count)]
     if selection == "local_minima":
         places += [place for place in local_minima(mse) if place[0] < best]

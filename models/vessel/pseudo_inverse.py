@@ -19,7 +19,7 @@ from seatrial.models.vessel.basis import Array, Codes
 HALVINGS = 40  # of the interval that contains the scale of an unreachable force
 ZERO_PIVOT = 1e-12  # of a pivot, relative to the largest entry
 NEWTON_STEPS = 40
-ROUNDING = 1e-13  # of a force, relative to that of all thrusters at their limit
+ZERO_THRUST = 1e-13  # of a force, relative to that of all thrusters at their limit
 RIDGE = 1e-9  # added to the diagonal, relative to it, as saturated thrusters do not respond
 
 
@@ -121,7 +121,7 @@ def _residual(table: PseudoInverse, tau: Array, scale: float) -> bool:
         for c in range(table.u.shape[0]):
             rest -= table.T[i, c] * table.u[c]
         table.G[i, -1] = rest
-        nonzero = nonzero or abs(rest) > ROUNDING * table.reach[i]
+        nonzero = nonzero or abs(rest) > ZERO_THRUST * table.reach[i]
     return nonzero
 
 
@@ -146,7 +146,7 @@ def _newton_step(table: PseudoInverse, tau: Array, scale: float, value: float) -
         increased = -_respond(table)
         for i in range(n):
             increased += scale * tau[i] * table.multiplier[i]
-        if increased >= value + 1e-4 * length * slope - ROUNDING * abs(value):
+        if increased >= value + 1e-4 * length * slope - ZERO_THRUST * abs(value):
             return increased
         length *= 0.5
         for i in range(n):

@@ -39,7 +39,7 @@ FRAMES = {".html": 120, ".gif": 120, ".mp4": 300}  # at most
 FRAMES_PER_S, INCHES, DPI = 15, 5.0, 100
 STERN = -0.5  # [L]
 BLADE = 0.16  # length of a rudder [L], longer than a real one, to be seen
-LONGEST = {"thrust": 0.8, "moment": 0.6}  # length of a line at the limit [L]
+ARROW_LENGTHS = {"thrust": 0.8, "moment": 0.6}  # length of a line at the limit [L]
 COLOURS = {"thrust": style.PALETTE[2], "moment": style.PALETTE[3], "rudder": style.REFERENCE}
 DRIVES = ("drive", "n", "delta")  # options of a device that name its input
 NEAR = 1.1  # half the width of the enlarged picture [L]
@@ -225,10 +225,10 @@ def _forces(series: Series, series_of: Sequence[Series], length: float) -> Itera
     }
     zero = np.zeros(len(series.columns["t"]))
     surge, sway, yaw = (np.asarray(series.columns.get(name, zero)) for name in largest)
-    size = LONGEST["thrust"] * length / max(largest["tau_surge"], largest["tau_sway"])
+    size = ARROW_LENGTHS["thrust"] * length / max(largest["tau_surge"], largest["tau_sway"])
     yield DeviceLine("force", "thrust", _points(zero, zero), _points(size * surge, size * sway))
     if "tau_yaw" in series.columns:
-        bow, side = 0.5 * length, LONGEST["moment"] * length / largest["tau_yaw"] * yaw
+        bow, side = 0.5 * length, ARROW_LENGTHS["moment"] * length / largest["tau_yaw"] * yaw
         yield DeviceLine("moment", "moment", _points(zero + bow, zero), _points(zero + bow, side))
 
 
@@ -254,7 +254,7 @@ def _inputs(series: Series, vessel: Config, length: float) -> Iterator[DeviceLin
         angle = np.asarray(series.columns.get(str(device.get("alpha")), fixed))
         x = scale * float(device["x_m"]) if "x_m" in device else STERN * length
         start = _points(zero + x, zero + scale * float(device.get("y_m") or 0.0))
-        size = LONGEST["thrust"] * length / high * value
+        size = ARROW_LENGTHS["thrust"] * length / high * value
         yield DeviceLine(
             name, "thrust", start, start + _points(size * np.cos(angle), size * np.sin(angle))
         )

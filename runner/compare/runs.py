@@ -19,7 +19,7 @@ from seatrial.runner.database.engine import Address, file_url
 from seatrial.runner.database.records import RunSummary
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.record.catalogue import METRICS
-from seatrial.runner.record.vocabulary import GROUPS, STATUSES
+from seatrial.runner.record.vocabulary import GROUPS, SAILED, STATUSES
 
 RUN_COLUMNS = (
     *("run_id", "status", *GROUPS, "seed", "sweep", "tags", "attempt", "superseded"),
@@ -41,7 +41,6 @@ EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "sp
 INSEPARABLE = "inseparable_terms"
 STATISTIC = "statistic_"  # of a column of a recording
 STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
-MODELS = ("nominal", "identified")  # that the headline compares
 DATABASE = re.compile(r"[+~]*database(\.url)?=")
 SHOWN_BYTES = 16
 
@@ -128,7 +127,7 @@ def headline(results: Queries, run_id: int) -> TextTable:
     numbers = {(row.name, row.dof, row.model): row for row in results.reader.metrics(run_id)}
     rows: list[list[Scalar]] = []
     for metric in METRICS:
-        pair = [numbers.get((metric.name, metric.headline, model)) for model in MODELS]
+        pair = [numbers.get((metric.name, metric.headline, model)) for model in SAILED]
         if metric.headline and any(pair):
             unit = next(row.unit for row in pair if row)
             values = [row.value if row else None for row in pair]
@@ -137,7 +136,7 @@ def headline(results: Queries, run_id: int) -> TextTable:
     title = f"run {run_id}, {summary.status}: {choices}, seed {summary.seed}"
     notes = [summary.error] if summary.error else []
     notes += [text for text, _ in results.warnings(Condition(run=run_id))]
-    return grid_of(title, ("metric", "dof", "unit", *MODELS), rows, 3, notes)
+    return grid_of(title, ("metric", "dof", "unit", *SAILED), rows, 3, notes)
 
 
 def run_details(results: Queries, run_id: int) -> list[TextTable]:

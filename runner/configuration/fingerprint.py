@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.source_digest import MODELS, files_digest, folder_digest, imported_files
+from seatrial.models.source_digest import MODELS_FOLDER, files_digest, folder_digest, imported_files
 from seatrial.runner.configuration.plugins import targets
 from seatrial.runner.configuration.search_path import located
 from seatrial.runner.record.vocabulary import NOT_COMPARED
@@ -103,7 +103,7 @@ def canonical(value: object) -> str:
     )
 
 
-def source_digest(models_folder: Path = MODELS, runner_folder: Path = RUNNER) -> str:
+def source_digest(models_folder: Path = MODELS_FOLDER, runner_folder: Path = RUNNER) -> str:
     """Return the SHA-256 of the syntax trees of the project's code that computes results."""
     runner_files = computing_files(runner_folder)
     digests = (folder_digest(models_folder), files_digest(runner_folder, runner_files))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from seatrial.models.symbols import ENTRY, evaluate
 
-LONGEST = 60  # characters of an operand that is not assigned to a variable
+LONGEST_OPERAND = 60  # characters of an operand that is not assigned to a variable
 ATOM, SIGN, PRODUCT, SUM, COMPARISON = range(5)  # how loosely the parts of a text are bound
 OPERATORS = {
     "add": ("+", SUM), "subtract": ("-", SUM), "multiply": ("*", PRODUCT), "divide": ("/", PRODUCT),
@@ -64,7 +64,7 @@ def statements(language: Language, **outputs: Collection[Any]) -> list[str]:
             name, index = operands
             return Text(language.entry.format(name, index + language.first))
         found = _spelled(language, operation, [*map(_text, operands)])
-        if uses == 1 and len(found.text) <= LONGEST:
+        if uses == 1 and len(found.text) <= LONGEST_OPERAND:
             return found
         variable = f"t{len(lines) + 1}"
         lines.append(language.variable.format(variable, found.text))

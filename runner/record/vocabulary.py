@@ -17,6 +17,7 @@ GROUPS = ("vessel", "disturbance", "excitation", "identifier", "controller", "ev
 NOT_COMPARED = ("results_dir", "database", "rerun", "dry_run", "limits", "sweep")
 
 Stage = Literal["identification", "validation", "deployment"]  # of a trial, as its metrics name it
+SAILED = ("nominal", "identified")  # models that controllers know, before and after
 MODELS = ("mean_motion", "nominal", "identified", "plant", "residual")
 
 # Independent random streams of a trial, in the order in which its seed spawns them.

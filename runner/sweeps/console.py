@@ -23,7 +23,7 @@ from seatrial.runner import database
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.record.vocabulary import COMBINED, ENDINGS
+from seatrial.runner.record.vocabulary import COMBINED, ENDINGS, SAILED
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -42,8 +42,7 @@ else:  # slow to import, and used at the end of a sweep
 
 # The metrics that are printed after a trial, at most so many lines, and of which models.
 SHOWN = ("e_pos_mae", "e_psi_mae", "velocity_rmse_restarts")
-LONGEST = 5
-COMPARED = ("nominal", "identified")
+LONGEST_LIST = 5
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
 
 
@@ -150,12 +149,12 @@ def result_of(run: int | None, url: str) -> list[str]:
         metrics = logbook.metrics(run)
     values = {(row.name, row.dof, row.model): row for row in metrics if row.name in SHOWN}
     pairs = dict.fromkeys((name, dof) for name, dof, model in values if model == "identified")
-    rows: list[tuple[str, ...]] = [("", *COMPARED)]
-    for name, dof in sorted(pairs, key=lambda pair: SHOWN.index(pair[0]))[:LONGEST]:
+    rows: list[tuple[str, ...]] = [("", *SAILED)]
+    for name, dof in sorted(pairs, key=lambda pair: SHOWN.index(pair[0]))[:LONGEST_LIST]:
         definition = definition_of(name)
         unit = values[name, dof, "identified"].unit
         where = "" if dof in COMBINED else f", {dof}"
-        found = [values.get((name, dof, model)) for model in COMPARED]
+        found = [values.get((name, dof, model)) for model in SAILED]
         numbers = ["-" if row is None or row.value is None else f"{row.value:.4g}" for row in found]
         rows.append((f"{definition.label}{where} [{unit}]", *numbers))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -51,7 +51,7 @@ from seatrial.runner.record.rows import Metric, Results, metric
 from seatrial.runner.trials.closed_loop import Streams, prepare
 
 log = logging.getLogger(__name__)
-DRAWS = 100  # models of an interval
+INTERVAL_DRAWS = 100  # models of an interval
 MIN_DRAWS = 20  # of them that carry the manoeuvre out
 UNABLE = (ConfigurationError, Diverged, IdentificationError, RecordingError)
 KINDS: tuple[Manoeuvre, ...] = get_args(Manoeuvre)
@@ -119,7 +119,7 @@ def _intervals(
     error, accelerations = identified.model_error, None
     rho2 = squared_accelerations(identified.model, own.nu, own.attitude, own.inputs, None)
     tracks = []
-    for i, model in enumerate(identified.draws(DRAWS, DEVIATION_SHARE)):
+    for i, model in enumerate(identified.draws(INTERVAL_DRAWS, DEVIATION_SHARE)):
         if error is not None:
             drawn = error.accelerations(rho2, own.period_s, np.random.default_rng(i))
             accelerations = DEVIATION_SHARE * drawn
@@ -184,7 +184,9 @@ def _of_file(
     bounds: dict[str, tuple[float, float]] = {}
     if tracks[1]:
         near = nearby_runs(identified.model, part, problem.thruster)
-        drawn = [each for run in drawn_runs(identified, near, DRAWS) if (each := track(run))]
+        drawn = [
+            each for run in drawn_runs(identified, near, INTERVAL_DRAWS) if (each := track(run))
+        ]
         bounds = intervals(tracks[1], drawn, kind, turn_deg)
     found = []
     for entry in measured.entries:

@@ -24,8 +24,8 @@ from seatrial.runner.trials.closed_loop import SimulatedMission, Streams, prepar
 from seatrial.runner.trials.deployment_metrics import tracking_metrics
 
 LOW, HIGH = "tracking_low", "tracking_high"  # diagnostics: a 90 % interval of a tracking error
-LEVELS = (0.05, 0.95)
-DRAWS = 40
+QUANTILES = (0.05, 0.95)
+TRACKING_DRAWS = 40
 ERRORS = ("e_pos_mae", "e_psi_mae")
 
 
@@ -45,12 +45,12 @@ def tracking_intervals(
     for row in _drawn(trial, seeds, identified, mission, own):
         if row.name in ERRORS and row.value is not None:
             values.setdefault((row.name, row.dof, row.unit), []).append(row.value)
-    if any(len(each) < 0.9 * DRAWS for each in values.values()) or not values:
+    if any(len(each) < 0.9 * TRACKING_DRAWS for each in values.values()) or not values:
         return [_refused("more than a tenth of the drawn plants diverge")]
     return [
         Diagnostic(name, dof, float(bound), unit, label=error)
         for (error, dof, unit), each in values.items()
-        for name, bound in zip((LOW, HIGH), np.quantile(each, LEVELS), strict=True)
+        for name, bound in zip((LOW, HIGH), np.quantile(each, QUANTILES), strict=True)
     ]
 
 
@@ -66,7 +66,7 @@ def _drawn(
     attitude = attitude_of(own.voyage.dofs, log.eta)
     wind = wind_in_body(own.voyage)
     rho2 = squared_accelerations(identified.model, log.nu, attitude, log.tau_actual, wind)
-    for i, plant in enumerate(identified.draws(DRAWS)):
+    for i, plant in enumerate(identified.draws(TRACKING_DRAWS)):
         try:
             prepared = prepare(trial, seeds, identified.model, mission, deployed=True, true=plant)
             if error is not None:

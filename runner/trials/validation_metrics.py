@@ -25,9 +25,8 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.record.catalogue import PER_FILE, QUANTITIES
 from seatrial.runner.record.rows import Metric, metric, per_dof
-from seatrial.runner.record.vocabulary import OF_FILE
+from seatrial.runner.record.vocabulary import OF_FILE, SAILED
 
-MODELS = ("nominal", "identified")
 BY_CHANCE = 0.5  # of the motion, by which free runs from equal states may differ
 
 
@@ -47,10 +46,10 @@ def per_file(problem: Problem, identified: Identified) -> list[Diagnostic]:
         diagnostics += [
             Diagnostic(
                 f"{OF_FILE}{row.name}", row.dof, row.value, row.unit, i,
-                MODELS.index(row.model), f"{name}, {row.model} model",
+                SAILED.index(row.model), f"{name}, {row.model} model",
             )
             for row in rows
-            if row.name in PER_FILE and row.model in MODELS
+            if row.name in PER_FILE and row.model in SAILED
         ]  # fmt: skip
     return diagnostics
 

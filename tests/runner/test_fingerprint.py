@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from seatrial.models.source_digest import MODELS
+from seatrial.models.source_digest import MODELS_FOLDER
 from seatrial.runner.configuration.fingerprint import (
     PACKAGE,
     RUNNER,
@@ -94,13 +94,13 @@ def test_not_a_number_has_no_fingerprint() -> None:
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
     """The sources, to be changed."""
-    for folder in (MODELS, RUNNER):
+    for folder in (MODELS_FOLDER, RUNNER):
         shutil.copytree(folder, tmp_path / folder.name, ignore=shutil.ignore_patterns("*.pyc"))
     return tmp_path
 
 
 def digest(checkout: Path) -> str:
-    return source_digest(checkout / MODELS.name, checkout / RUNNER.name)
+    return source_digest(checkout / MODELS_FOLDER.name, checkout / RUNNER.name)
 
 
 def append(path: Path, text: str) -> None:
@@ -108,7 +108,7 @@ def append(path: Path, text: str) -> None:
 
 
 def test_a_comment_or_a_docstring_in_the_sources_does_not_matter(checkout: Path) -> None:
-    for folder in (MODELS, RUNNER):
+    for folder in (MODELS_FOLDER, RUNNER):
         for path in (checkout / folder.name).rglob("*.py"):
             first, rest = path.read_text().split('"""', 1)
             path.write_text(f'{first}"""Another word. {rest}\n\n# and a comment\n')
@@ -132,10 +132,10 @@ def test_every_file_that_computes_matters(checkout: Path) -> None:
     assert loaded >= {RUNNER / "trials" / name for name in computing}
     copies = [checkout / RUNNER.name / path.relative_to(RUNNER) for path in loaded]
     seen = {digest(checkout)}
-    for path in [*copies, *(checkout / MODELS.name).rglob("*.py")]:
+    for path in [*copies, *(checkout / MODELS_FOLDER.name).rglob("*.py")]:
         append(path, "\nADDED = 1\n")
         seen.add(digest(checkout))
-    assert len(seen) == 1 + len(copies) + len(list(MODELS.rglob("*.py")))
+    assert len(seen) == 1 + len(copies) + len(list(MODELS_FOLDER.rglob("*.py")))
 
 
 def test_what_shows_launches_and_stores_does_not_matter(checkout: Path) -> None:

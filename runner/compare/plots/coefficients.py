@@ -39,7 +39,7 @@ LOOKS: dict[
 }
 OF_SEEDS = "intervals: of the mean over seeds (t) where they differ, else of the fit"
 NORMAL_95 = 1.959963984540054
-LINE = 0.145  # height of the line of an estimate [inch]; a text of 8 points fits
+LINE_INCH = 0.145  # height of the line of an estimate [inch]; a text of 8 points fits
 WIDEST = 4.0  # limit of the axis, in multiples of the reference; arrows mark values beyond it
 MOST_NAMED = 8  # terms of a note
 NARROWEST = 0.02  # smallest half-range of the axis; hides the rounding errors of an exact fit
@@ -74,7 +74,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     groups = ordered(estimates["group"])
     lowest = max(int(own.groupby("term").size().clip(lower=2).sum()) for own in shown.values())
     width = max(3.9, 5.5 / len(shown))
-    figure, axes = style.panels(1, len(shown), width, 2.2 + LINE * lowest)
+    figure, axes = style.panels(1, len(shown), width, 2.2 + LINE_INCH * lowest)
     for panel, dof in zip(axes, [dof for dof in dofs if dof in shown], strict=True):
         _panel(panel, shown[dof], groups)
         panel.set_title(dof, loc="left")

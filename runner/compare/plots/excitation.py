@@ -47,7 +47,7 @@ INPUT_UNITS = {
     **dict.fromkeys(("n",), ("1/s", 1.0)),
 }
 REPORT = ("regressor_rank", "regressor_unknowns", "spectral_lines")
-GROUPS = "inseparable_terms"
+INSEPARABLE_TERMS = "inseparable_terms"
 SINGULAR, ORDER = "singular_value", "selected_order"
 REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"
 MATTERS = 0.1  # smallest amplitude that matters, relative to the largest, both smoothed
@@ -55,7 +55,7 @@ DEPTH = 1e-3  # smallest amplitude shown, likewise
 FORCE, ACTING = style.PALETTE[0], style.PALETTE[1]
 NORTH, EAST = "wind_north", "wind_east"
 CALM_M_S = 1e-6  # below it wind has no direction
-ROUNDING = 1e-9  # of the mean, a deviation that is none
+ZERO_DEVIATION = 1e-9  # of the mean, a deviation that is none
 NARROWEST_DEG = 10.0  # smallest half-range of the direction
 SMALL: dict[str, Any] = {"loc": "left", "fontsize": 8.5, "fontweight": "normal"}  # titles of panels
 
@@ -116,7 +116,7 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
     excited = excited or [signal for signal in signals if np.any(signal.commanded)]
     if not excited:
         raise ConfigurationError(f"plot excitation: run {run.id} has no force in these DOFs")
-    names = (*REPORT, GROUPS, SINGULAR, ORDER, REAL, IMAGINARY)
+    names = (*REPORT, INSEPARABLE_TERMS, SINGULAR, ORDER, REAL, IMAGINARY)
     diagnostics = diagnostics_of(results, run, names)
     values = {name: own.set_index("i")["value"] for name, own in diagnostics.groupby("name")}
     subspace = SINGULAR in values or REAL in values
@@ -145,7 +145,7 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
     notes += ["wind: means and deviations at the right, direction from north over east"] * (
         winds > 0
     )
-    alike = diagnostics[(diagnostics["name"] == GROUPS) & diagnostics["dof"].isin(dofs)]
+    alike = diagnostics[(diagnostics["name"] == INSEPARABLE_TERMS) & diagnostics["dof"].isin(dofs)]
     for dof, own in alike.groupby("dof", sort=False):
         terms = "; ".join(" ~ ".join(label.split()) for label in own["label"])
         notes.append(f"{dof}, not separable: {terms}")
@@ -255,7 +255,7 @@ def _statistics(values: Sample, unit: str, colour: str) -> tuple[float, str, str
     if not len(finite):
         return 0.0, "", colour
     mean, deviation = float(np.mean(finite)), float(np.std(finite))
-    deviation = 0.0 if deviation < ROUNDING * abs(mean) else deviation
+    deviation = 0.0 if deviation < ZERO_DEVIATION * abs(mean) else deviation
     return mean, f"{number_text(mean, 3)} ± {_amount(deviation, unit)}", colour
 
 

@@ -18,13 +18,17 @@ if TYPE_CHECKING:
 MM_PER_INCH = 25.4
 WIDTHS_MM = {"column": 86.0, "page": 178.0}  # of journals with two columns: 84-90, 174-190
 NARROWEST_MM, WIDEST_MM = 40.0, 1200.0
-POINTS = 8.0  # of all texts
+TEXT_POINTS = 8.0  # of all texts
 HIGHEST_INCH = 100.0
 LOWEST_INCH = 1.0  # height of the lowest panel, without its labels
 PANEL_INCH = 2.2  # width of the narrowest panel, with its labels
 RC: "dict[RcKeyType, object]" = {
-    **{"font.size": POINTS, "axes.titlesize": POINTS, "axes.labelsize": POINTS},
-    **{"legend.fontsize": POINTS, "xtick.labelsize": POINTS, "ytick.labelsize": POINTS},
+    **{"font.size": TEXT_POINTS, "axes.titlesize": TEXT_POINTS, "axes.labelsize": TEXT_POINTS},
+    **{
+        "legend.fontsize": TEXT_POINTS,
+        "xtick.labelsize": TEXT_POINTS,
+        "ytick.labelsize": TEXT_POINTS,
+    },
     "axes.linewidth": 0.6,
     "lines.linewidth": 1.0,
     "pdf.fonttype": 42,  # TrueType, as publishers ask for
@@ -50,7 +54,7 @@ def fit(chart: Figure) -> None:
     """Give all texts one size, turn names that overlap, heighten flat panels, wrap long labels."""
     for text in chart.findobj(Text):
         assert isinstance(text, Text)
-        text.set_fontsize(POINTS)
+        text.set_fontsize(TEXT_POINTS)
     _lay_out(chart)
     for axes in chart.axes:
         axes.xaxis.set_minor_formatter(NullFormatter())
@@ -97,4 +101,4 @@ def _lowest(axes: Axes) -> float:
     """The height that a panel needs [inch]; rows of names need a line each."""
     named = isinstance(axes.yaxis.get_major_formatter(), FixedFormatter)
     names = [text for text in axes.get_yticklabels() if named and text.get_text()]
-    return max(LOWEST_INCH, 1.5 * POINTS / 72.0 * len(names))
+    return max(LOWEST_INCH, 1.5 * TEXT_POINTS / 72.0 * len(names))

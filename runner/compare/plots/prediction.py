@@ -21,7 +21,7 @@ from seatrial.runner.compare.plots.request import PlotRequest, diagnostics_of, e
 from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
-from seatrial.runner.record.vocabulary import DOFS, IDENTIFIED_STD, POSES
+from seatrial.runner.record.vocabulary import DOFS, IDENTIFIED_STD, POSES, SAILED
 
 FIGURE = Figure(
     "prediction",
@@ -32,9 +32,8 @@ FIGURE = Figure(
     place=17,
 )
 
-MODELS = ("nominal", "identified")
 ROOM = 3.0  # standard deviations of the measured velocity around its range that are shown
-POINTS = 400  # of a line of several entrants
+LINE_POINTS = 400  # of a line of several entrants
 Line = tuple[str, Sample, str]  # label, values over time, colour
 
 
@@ -74,7 +73,7 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
             )  # fmt: skip
         lines = [
             (model, columns[f"{name}_{model}"], style.MODEL_COLOURS[model])
-            for model in MODELS
+            for model in SAILED
             if f"{name}_{model}" in columns
         ]
         _draw_motion(panel, series, name, lines)
@@ -115,7 +114,7 @@ def free_runs(
             for name, series in runs.items()
             if f"{dof}_identified" in series.columns
         ]
-        _draw_motion(panel, first, dof, predicted, max(len(first.columns["t"]) // POINTS, 1))
+        _draw_motion(panel, first, dof, predicted, max(len(first.columns["t"]) // LINE_POINTS, 1))
     axes[-1].set_xlabel(with_unit("Time", first.units["t"]))
     return style.drawing_of("velocities", figure, axes, title).figure
 

@@ -195,7 +195,7 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
         if handles:
             canvas.axes.legend([*handles.values()], [*handles])
         return
-    size = TITLE_SIZE if canvas.width_mm is None else paper.POINTS
+    size = TITLE_SIZE if canvas.width_mm is None else paper.TEXT_POINTS
     letters = TITLE_LETTERS_PER_INCH * TITLE_SIZE / size
     title = "\n".join(wrap(title, int(chart.get_figwidth() * letters)))
     if not handles:

@@ -16,7 +16,7 @@ TERMS = basis.terms(["u", "1", "v", "r", "uv", "cos(theta)"])
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(linear, "TOGETHER", 50)
+    monkeypatch.setattr(linear, "BLOCK_ROWS", 50)
     monkeypatch.setattr(linear, "PIECE", 90)
 
 

@@ -8,7 +8,7 @@ import pytest
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification import calibration
 from seatrial.models.identification.calibration import (
-    GROUPS,
+    LEFT_OUT_GROUPS,
     NO_MODEL_ERROR,
     bands,
     calibrated,
@@ -215,12 +215,12 @@ def test_files_of_a_series_are_left_out_by_turns_and_models_at_hand_by_their_own
     file = np.repeat(np.arange(12), n // 12)
     series = replace(own.training.part(slice(0, n)), file=file, file_names=tuple("abcdefghijkl"))
     training, fold = folded(series)
-    assert [set(fold[file == k]) for k in range(12)] == [{k % GROUPS} for k in range(12)]
+    assert [set(fold[file == k]) for k in range(12)] == [{k % LEFT_OUT_GROUPS} for k in range(12)]
     assert len(training) == n
     for k, split in enumerate(series.folds(3)):
         assert set(folded(series, 3)[1][split.test]) == {k}
     long = replace(series, file=np.zeros(n, dtype=np.int64))
-    assert list(np.unique(folded(long)[1])) == list(range(GROUPS))
+    assert list(np.unique(folded(long)[1])) == list(range(LEFT_OUT_GROUPS))
 
 
 def test_of_a_long_recording_the_beginning_of_each_block_is_used(
@@ -229,6 +229,6 @@ def test_of_a_long_recording_the_beginning_of_each_block_is_used(
     own, _ = excited(*SURGE, "disturbance=noise")
     monkeypatch.setattr(calibration, "MOST_SAMPLES", 500)
     training, fold = folded(own.training)
-    assert list(np.bincount(fold)) == [100] * GROUPS
-    begins = [float(own.training.t[split.test][0]) for split in own.training.folds(GROUPS)]
-    assert [float(training.t[fold == k][0]) for k in range(GROUPS)] == begins
+    assert list(np.bincount(fold)) == [100] * LEFT_OUT_GROUPS
+    begins = [float(own.training.t[split.test][0]) for split in own.training.folds(LEFT_OUT_GROUPS)]
+    assert [float(training.t[fold == k][0]) for k in range(LEFT_OUT_GROUPS)] == begins
