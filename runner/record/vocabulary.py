@@ -17,6 +17,8 @@ GROUPS = ("vessel", "disturbance", "excitation", "identifier", "controller", "ev
 NOT_COMPARED = ("results_dir", "database", "rerun", "dry_run", "limits", "sweep")
 
 Stage = Literal["identification", "validation", "deployment"]  # of a trial, as its metrics name it
+# Beginnings of options that change no result.
+NO_RESULT = ("results_dir=", "sweep.", "hydra", "database", "dry_run=", "rerun=")
 SAILED = ("nominal", "identified")  # models that controllers know, before and after
 MODELS = ("mean_motion", "nominal", "identified", "plant", "residual")
 

@@ -43,6 +43,7 @@ else:  # slow to import, and used at the end of a sweep
 # The metrics that are printed after a trial, at most so many lines, and of which models.
 SHOWN = ("e_pos_mae", "e_psi_mae", "velocity_rmse_restarts")
 LONGEST_LIST = 5
+WARNINGS = 5  # that are counted at the end of a sweep
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
 
 
@@ -79,6 +80,15 @@ def sweep_summary(
     table = ("table", url, "--rows", factors[0], *columns) if factors else ("runs", url)
     lines.append(f"compare: {compare(*table, *sweep)}")
     return lines
+
+
+def repeated_warnings(url: str, sweep_id: int) -> list[str]:
+    """Return the warnings that several runs of a sweep have stored, most frequent first."""
+    with comparison.frame.open_results(url) as results:
+        told = results.warnings(comparison.where.Condition(sweeps=(sweep_id,)))
+    repeated = sorted((one for one in told if one[1][1:]), key=lambda one: -len(one[1]))
+    lines = [f"  {len(runs)} runs: {text}" for text, runs in repeated[:WARNINGS]]
+    return lines + [f"  and {len(repeated) - WARNINGS} more"] * (len(repeated) > WARNINGS)
 
 
 def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
@@ -190,15 +200,18 @@ def _number(count: int, noun: str) -> str:
 class NewWarnings(logging.Filter):
     """Passes a warning the first time in a process: the runs of a sweep repeat each other's.
 
-    Every run stores its own, and `show` lists them.
+    Every run stores its own: `show` lists them, and a sweep ends with their counts. The attribute
+    `trial` of a record names the trial of a sweep that it is of.
     """
 
     _known: ClassVar[set[str]] = set()
+    trial: ClassVar[str] = ""  # of a sweep, which this process runs
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether to show a record."""
-        text = record.getMessage()
-        is_new = record.levelno != logging.WARNING or text not in self._known
+        text, is_warning = record.getMessage(), record.levelno == logging.WARNING
+        record.trial = f"[{self.trial}] " if is_warning and self.trial else ""
+        is_new = not is_warning or text not in self._known
         self._known.add(text)
         return is_new
 

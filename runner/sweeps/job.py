@@ -14,7 +14,7 @@ from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, bui
 from seatrial.runner.configuration.fingerprint import fingerprint
 from seatrial.runner.configuration.plugins import attributed
 from seatrial.runner.configuration.provenance import Provenance
-from seatrial.runner.record.vocabulary import GROUPS, Ending
+from seatrial.runner.record.vocabulary import GROUPS, NO_RESULT, Ending
 from seatrial.runner.trials.precompile import kinds
 
 if TYPE_CHECKING:  # what is slow to import
@@ -70,8 +70,8 @@ class Outcome:
 
 
 def shown(overrides: Sequence[str]) -> str:
-    """Name a trial by its overrides."""
-    texts = [text for text in overrides if not text.startswith("dry_run=")]
+    """Name a trial by its overrides, but for those that change no result."""
+    texts = [text for text in overrides if not text.startswith(NO_RESULT)]
     return " ".join(texts) or "the default trial"
 
 

@@ -154,6 +154,8 @@ class Session:
 
     def show_table(self, url: str, sweep_id: int, factors: Sequence[str]) -> None:
         """Print what came of a sweep."""
+        if told := console.repeated_warnings(url, sweep_id):
+            self.say(["warnings:", *told])
         if lines := console.sweep_table(url, sweep_id, factors):
             self.say(lines)
 
@@ -203,9 +205,12 @@ class SweepJob:
         """
         try:
             order = order_of(config, HydraConfig.get())
+            console.NewWarnings.trial = str(order)
             return self._perform(order)
         except (Exception, SystemExit) as error:
             return Outcome("bug", None, type(error).__name__, traceback.format_exc())
+        finally:
+            console.NewWarnings.trial = ""
 
     def _perform(self, order: Order) -> Outcome:
         try:

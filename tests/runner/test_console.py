@@ -130,7 +130,9 @@ def test_progress_lines_command_no_terminal_and_are_short(tmp_path: Path) -> Non
     assert "\n" not in line
 
 
-def test_runs_of_a_sweep_show_a_warning_once(capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_of_a_sweep_show_a_warning_once(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With the settings of the program, which Hydra applies again before every job."""
     settings = yaml.safe_load((CONF / "hydra" / "job_logging" / "seatrial.yaml").read_text())
     settings["handlers"]["console"]["stream"] = "ext://sys.stderr"
@@ -138,8 +140,9 @@ def test_runs_of_a_sweep_show_a_warning_once(capsys: pytest.CaptureFixture[str])
     before = root.handlers[:], root.level
     NewWarnings.forget()
     try:
-        for _ in range(2):
+        for seed in range(2):
             logging.config.dictConfig(settings)
+            monkeypatch.setattr(NewWarnings, "trial", f"identifier=ls seed={seed}")
             root.warning("excitation: %s", "v not excited")
             root.warning("excitation: %s", "r not excited")
             root.info("1 of 2 done")
@@ -147,7 +150,8 @@ def test_runs_of_a_sweep_show_a_warning_once(capsys: pytest.CaptureFixture[str])
         root.handlers[:], root.level = before
         NewWarnings.forget()
     lines = [line.partition(" ")[2] for line in capsys.readouterr().err.splitlines()]
-    assert lines == ["excitation: v not excited", "excitation: r not excited", *["1 of 2 done"] * 2]
+    first = "[identifier=ls seed=0] excitation:"
+    assert lines == [f"{first} v not excited", f"{first} r not excited", *["1 of 2 done"] * 2]
 
 
 def test_what_a_trial_came_to(tmp_path: Path) -> None:

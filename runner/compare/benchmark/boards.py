@@ -36,9 +36,8 @@ from seatrial.runner.database.tables import DiagnosticRow
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import COMPARED, DIAGNOSTIC
 from seatrial.runner.record.rows import Coefficient, Series
-from seatrial.runner.record.vocabulary import DOFS, ENDINGS, TRAINING_TIME
+from seatrial.runner.record.vocabulary import DOFS, ENDINGS, NO_RESULT, TRAINING_TIME
 
-LABELS = ("results_dir=", "sweep.", "hydra", "database")  # options that change no result
 ORDERED = ("helm", "change of heading")  # of a sheet: no result
 SPELLING = re.compile(r"[\s'\"]+")
 CELL = ["task", "case", "seed"]  # what is the same for all entrants of a cell
@@ -222,7 +221,9 @@ def _scores(series: Series, model: str, task: Task) -> dict[str, object]:
 
 def _normal(options: Iterable[str]) -> tuple[str, ...]:
     """Return the options that decide the results, in one spelling and order."""
-    return tuple(sorted(SPELLING.sub("", text) for text in options if not text.startswith(LABELS)))
+    return tuple(
+        sorted(SPELLING.sub("", text) for text in options if not text.startswith(NO_RESULT))
+    )
 
 
 def measures(rows: Iterable[Diagnostic]) -> Iterator[Measure]:
