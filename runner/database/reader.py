@@ -1,6 +1,6 @@
 """Queries of a logbook over a read-only connection."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from datetime import UTC, timedelta
 from pathlib import Path
@@ -38,7 +38,7 @@ from seatrial.runner.database.records import (
 )
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.record.rows import Coefficient, Metric, Series
-from seatrial.runner.record.vocabulary import LOST
+from seatrial.runner.record.vocabulary import ENDINGS, LOST
 
 if TYPE_CHECKING:
     from seatrial.runner.database import export as tables_export
@@ -193,7 +193,14 @@ class LogbookReader:
         members = union_all(started, reused).subquery("member")
         view = run_overview.c
         trials = self.select(
-            select(view.run_id, view.fingerprint, view.status, run.process, members.c.reused)
+            select(
+                view.run_id,
+                view.fingerprint,
+                view.status,
+                view.duration_s,
+                run.process,
+                members.c.reused,
+            )
             .join_from(members, run_overview, view.run_id == members.c.id)
             .join(run, run.id == members.c.id)
             .order_by(view.attempt)
@@ -201,6 +208,20 @@ class LogbookReader:
         last = {trial.fingerprint: trial for trial in trials}.values()  # the last attempt at each
         statuses = {trial.run_id: _status(trial) for trial in last}
         lost = [run_id for run_id, status in statuses.items() if status in LOST]
+        row = tables.PlannedRow
+        choices = {
+            plan.fingerprint: " ".join(plan.choices.values())
+            for plan in self.select(
+                select(row.fingerprint, row.choices).where(row.sweep_id == sweep_id)
+            )
+        }
+        spent_s = defaultdict[str, list[float]](list)
+        ended = [trial for trial in last if statuses[trial.run_id] in ENDINGS]
+        for trial in ended:
+            spent_s[choices.get(trial.fingerprint, "")].append(trial.duration_s or 0.0)
+        left = Counter(choices.values())
+        left[""] += max(sweeps[0].planned - len(choices), 0)
+        left.subtract(choices.get(trial.fingerprint, "") for trial in ended)
         return SweepStatus(
             sweep_id=sweep_id,
             name=sweeps[0].name,
@@ -209,6 +230,8 @@ class LogbookReader:
             reused=sum(trial.reused for trial in last),
             failed=self.runs(run.id.in_(lost)) if lost else [],
             finished_at=sweeps[0].finished_at,
+            left=left,
+            spent_s=spent_s,
         )
 
     def orphans(self) -> list[Path]:

@@ -118,6 +118,9 @@ class SweepStatus:
     reused: int  # trials that another sweep has finished or is running
     failed: list[RunSummary]  # failed, diverged and interrupted ones
     finished_at: datetime | None
+    # By the choices of trials, where they are known; a search plans as it goes.
+    left: Mapping[str, int] = field(default_factory=dict)  # trials to be run
+    spent_s: Mapping[str, Sequence[float]] = field(default_factory=dict)  # by those that have ended
 
 
 @dataclass(frozen=True)

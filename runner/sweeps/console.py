@@ -10,10 +10,11 @@ import shutil
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from statistics import fmean
 from threading import Event, Thread
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
@@ -303,7 +304,7 @@ def duration(seconds: float) -> str:
 
 def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
     reported: set[int] = set()
-    began_s, before = time.monotonic(), -1  # trials that were done when it began
+    began_s, before_s = time.monotonic(), -1.0  # of the trials that were done when it began
     try:
         with database.LogbookReader.read(url) as logbook:
             wait = 0.0
@@ -313,8 +314,10 @@ def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
                 counts = Counter(status.counts)
                 done = sum(counts[name] for name in ENDINGS)
                 failed, planned = counts["failed"] + counts["diverged"], status.planned
-                before = done if before < 0 else before
-                left_s = time_left(planned - done, done - before, start_s - began_s)
+                spent_s = sum(map(sum, status.spent_s.values()))
+                before_s = spent_s if before_s < 0.0 else before_s
+                pace = (spent_s - before_s) / max(start_s - began_s, POLL_S)
+                left_s = time_left(status.left, status.spent_s, pace)
                 view.show(Standing(done, planned, counts["running"], failed, left_s))
                 for run in status.failed:
                     if run.run_id not in reported and run.status != "interrupted":
@@ -325,9 +328,23 @@ def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
         log.warning("the progress is no longer shown: %s", error)
 
 
-def time_left(left: int, done: int, seconds: float) -> float | None:
-    """Return the time [s] for the trials that are left, at the rate of those done in `seconds`."""
-    return left * seconds / done if done else None
+def time_left(
+    left: Mapping[str, int], spent_s: Mapping[str, Sequence[float]], pace: float
+) -> float | None:
+    """Return the time [s] for the trials that are left; None while nothing is known of it.
+
+    A trial takes as long as those of the same choices did, or else as all did.
+
+    Args:
+        left: number of trials by their choices.
+        spent_s: durations of the trials that have ended, by their choices.
+        pace: how many seconds of trials are done in a second, by all workers.
+    """
+    known = {choices: fmean(each) for choices, each in spent_s.items() if each}
+    if not known or not pace > 0.0:
+        return None
+    usual = fmean(one for each in spent_s.values() for one in each)
+    return sum(n * known.get(choices, usual) for choices, n in left.items()) / pace
 
 
 class LiveLine:

@@ -25,10 +25,12 @@ from tests.runner.programs import wait
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_time_left_is_at_the_rate_of_what_is_done() -> None:
-    assert time_left(left=8, done=0, seconds=50.0) is None
-    assert time_left(left=5, done=3, seconds=60.0) == pytest.approx(100.0)
-    assert time_left(left=0, done=8, seconds=60.0) == 0.0
+def test_the_time_left_is_that_of_trials_of_the_same_choices() -> None:
+    assert time_left({"auto": 8}, {}, 0.0) is None
+    done = {"none": [0.2, 0.2, 0.2], "auto": [6.0, 6.0]}
+    assert time_left({"none": 10, "auto": 5}, done, 2.0) == pytest.approx(16.0)  # two workers
+    assert time_left({"plsr": 4}, done, 1.0) == pytest.approx(4 * 12.6 / 5)  # as all did
+    assert time_left({"none": 0, "auto": 0}, done, 1.0) == 0.0
 
 
 def test_plain_lines_only_when_there_is_news(
