@@ -67,7 +67,7 @@ from seatrial.runner.sweeps.stop_signals import StopSignals
 from seatrial.runner.sweeps.sweep import Session
 
 if TYPE_CHECKING:  # what is slow to import, or seldom used
-    from seatrial.runner.commands import benchmark, data_commands, doctor, model_command
+    from seatrial.runner.commands import benchmark, data_commands, doctor, fits, model_command
     from seatrial.runner.compare import __main__ as results
 else:
     import lazy_loader
@@ -81,6 +81,7 @@ else:
     )
     results = lazy_loader.load("seatrial.runner.compare.__main__", suppress_warning=True)
     doctor = lazy_loader.load("seatrial.runner.commands.doctor", suppress_warning=True)
+    fits = lazy_loader.load("seatrial.runner.commands.fits", suppress_warning=True)
 
 WELCOME = """\
 seatrial {version}: sea trials for models and controllers of marine vessels
@@ -106,6 +107,7 @@ COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
     "benchmark": lambda words: benchmark.main(words),
     "data": lambda words: data_commands.main(words),
     "doctor": lambda words: doctor.main(words),
+    "fits": lambda words: fits.main(words),
     "model": lambda words: model_command.main(words),
     "init": lambda words: init.run(words),
 }

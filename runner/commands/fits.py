@@ -1,0 +1,98 @@
+"""`seatrial fits`: which excitations, identifiers, controllers and evaluations a vessel can have.
+
+Every option of these groups is checked as the one choice of a trial, by the checks of any trial;
+what it leaves open is chosen by the vessel. Vessels that can have the same are shown together.
+"""
+
+import shutil
+import sys
+import textwrap
+from collections import defaultdict
+from collections.abc import Sequence
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.runner.configuration.search_path import is_group, options
+from seatrial.runner.sweeps import in_process
+
+CHOSEN = ("excitation", "identifier", "controller", "evaluation")
+USAGE = """\
+usage: seatrial fits [vessel=NAME,...] [GROUP=OPTION ...]
+
+which excitations, identifiers, controllers and evaluations vessels can have, each as the one choice
+of a trial beside those that are given, and why not; of all vessels in about ten minutes"""
+Fit = dict[str, str]  # why an option of a group does not fit, by its name; empty: it does
+
+
+class _Listing(in_process.Call):
+    """Keeps the trials of a dry run."""
+
+    def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
+        self.refused = {trial: note for state, trial, note in trials if state == "refused"}
+
+
+def main(words: Sequence[str]) -> int:
+    """Run `seatrial fits` with the words that follow it; returns the exit code.
+
+    Raises ConfigurationError for a word that is no choice of a group.
+    """
+    if {"-h", "--help"} & set(words):
+        print(USAGE)
+        return 0
+    for word in words:
+        if not is_group(word.partition("=")[0]) or "=" not in word:
+            raise ConfigurationError(f"fits: got {word!r}, expected vessel=NAME or GROUP=OPTION")
+    given = dict(word.split("=", 1) for word in words)
+    vessels = given.pop("vessel", "").split(",") if "vessel" in given else options("vessel")
+    fits = {}
+    for i, vessel in enumerate(vessels, 1):
+        if len(vessels) > 1:
+            print(f"{i} of {len(vessels)}: {vessel}", file=sys.stderr)
+        fits[vessel] = fits_of(vessel, given)
+    alike = defaultdict[object, list[str]](list)
+    for vessel, groups in fits.items():
+        fitting = {group: [name for name, why in fit.items() if not why]
+                   for group, fit in groups.items()}  # fmt: skip
+        alike[str(fitting)].append(vessel)
+    print("\n\n".join("\n".join(_lines(names, fits[names[0]])) for names in alike.values()))
+    return 0
+
+
+def fits_of(vessel: str, given: dict[str, str]) -> dict[str, Fit]:
+    """Return by group which options fit a vessel, beside the choices that are given.
+
+    Raises ConfigurationError if nothing does, for one reason.
+    """
+    fixed = [f"{group}={name}" for group, name in given.items()]
+    groups = {group: options(group) for group in CHOSEN if group not in given}
+    words = {
+        (group, name): [f"vessel={vessel}", *fixed, f"{group}={name}"]
+        for group, names in groups.items()
+        for name in names
+    }
+    listing = _Listing(["-m", "dry_run=true"])
+    listing.variants = [*words.values()]
+    in_process.run_sweep(listing, ["dry_run=true"])
+    fits = {group: Fit() for group in groups}
+    for (group, name), one in words.items():
+        reason = listing.refused.get(" ".join(one), "")
+        fits[group][name] = reason.removeprefix(f"{group}={name}").removeprefix(": ").strip()
+    if len(reasons := {why for fit in fits.values() for why in fit.values()}) == 1 and any(reasons):
+        raise ConfigurationError(reasons.pop())
+    return fits
+
+
+def _lines(vessels: Sequence[str], groups: dict[str, Fit]) -> list[str]:
+    """What vessels can have, and why not the rest, as lines of the terminal's width."""
+    width = min(shutil.get_terminal_size().columns, 100)
+    lines = textwrap.wrap(", ".join(vessels), width)
+    for group, fit in groups.items():
+        names = ", ".join(name for name, why in fit.items() if not why) or "-"
+        lines += textwrap.wrap(f"  {group:10s}  {names}", width, subsequent_indent=" " * 14)
+        lacking = defaultdict[str, list[str]](list)
+        for name, why in fit.items():
+            if why:
+                lacking[why.replace(vessels[0], "the vessel")].append(name)
+        for why, which in lacking.items():
+            text = f"not {', '.join(which)}: {why}"
+            lines += textwrap.wrap(text, width, initial_indent=" " * 14, subsequent_indent=" " * 18)
+    return lines

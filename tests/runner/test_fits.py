@@ -1,0 +1,26 @@
+"""`seatrial fits`: what a vessel can have is what is planned, with the reasons for the rest."""
+
+import re
+
+from tests.runner.command import Command
+
+WORDS = ("fits", "vessel=surge_linear", "excitation=prbs", "identifier=ls")
+
+
+def test_what_fits_is_planned_and_the_rest_has_a_reason(seatrial: Command) -> None:
+    answer = seatrial(*WORDS, "controller=none")
+    assert answer.code == 0, answer
+    text = re.sub(r"\s+", " ", answer.out)
+    fitting = text.partition("evaluation ")[2].partition(" not ")[0].split(", ")
+    assert {"none", "replay"} <= set(fitting)
+    assert "not operation: " in text
+    for name in fitting:
+        planned = seatrial(*WORDS[1:], "controller=none", f"evaluation={name}", "dry_run=true")
+        assert planned.out.startswith("new"), (name, planned)
+    assert list(seatrial.folder.iterdir()) == []
+
+
+def test_a_word_that_is_no_choice_is_one_line(seatrial: Command) -> None:
+    said = seatrial.refuses("fits", "kvlcc2")
+    assert said == "fits: got 'kvlcc2', expected vessel=NAME or GROUP=OPTION"
+    assert "vessel" in seatrial.refuses("fits", "vessel=tugg", "excitation=prbs")
