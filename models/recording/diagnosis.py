@@ -3,7 +3,7 @@
 Where pose and velocity do not belong together, changes of the map are tried: the recording is read
 again with each, and the one with which its axes agree best is taken, the simplest of those that are
 as good. That is repeated until nothing gains. The problems are the changes that were taken, and
-what the correlations tell but no change mends. What is no unit of the field is asked, not scaled.
+what the correlations tell but no change fixes. What is no unit of the field is asked, not scaled.
 """
 
 from collections import defaultdict
@@ -80,13 +80,13 @@ Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.su
 
 @dataclass(frozen=True)
 class RecordingDefect:
-    """What is wrong with some axes of a recording, and the change of options that mends it."""
+    """What is wrong with some axes of a recording, and the change of options that fixes it."""
 
     # scale | sign | swap | earth | frame | heading | clock | time | resampled | question | unknown
     kind: str
     axes: tuple[str, ...]
     message: str
-    change: Change = field(default_factory=dict)  # empty: none that was tried mends it
+    change: Change = field(default_factory=dict)  # empty: none that was tried fixes it
     value: float | None = None  # the factor, the lag [s], the angle [deg] or the rate [Hz]
 
     @property
@@ -104,7 +104,7 @@ class RecordingDefect:
 
     def __str__(self) -> str:
         axes = f"{', '.join(self.axes)}: " if self.axes else ""
-        return f"{axes}{self.message}; {self.fix or 'no change of the map that was tried mends it'}"
+        return f"{axes}{self.message}; {self.fix or 'no change of the map that was tried fixes it'}"
 
 
 @dataclass(frozen=True)
