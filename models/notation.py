@@ -4,6 +4,10 @@ A position is measured in metres along north, east and down, an angle in radians
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from seatrial.models.ranges import Positive
 
 DOFS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 PLANAR = ("surge", "sway", "yaw")
@@ -28,6 +32,16 @@ MEASURES = {
     **{f"{n} overshoot": "deg" for n in ("first", "second", "third", "fourth")},
     **{f"{n} overshoot, time": "s" for n in ("first", "second", "third", "fourth")},
 }  # fmt: skip
+Manoeuvre = Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"]
+
+
+@dataclass(frozen=True)
+class OrderedManoeuvre:
+    """What was ordered in a recorded manoeuvre; None: what its helm and heading tell."""
+
+    kind: Manoeuvre | None = None
+    helm_deg: Positive | None = None
+    turn_deg: Positive | None = None  # change of heading at which the helm of a zig-zag is put over
 
 
 def poses_of(dofs: Sequence[str]) -> tuple[str, ...]:

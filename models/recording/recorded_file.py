@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, OrderedManoeuvre
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
@@ -99,6 +99,7 @@ class RecordedFile(Reading):
     text: TextOptions = field(default_factory=TextOptions)
     messages: tuple[str, ...] = ()  # files of message definitions, for bags without them
     trust: bool = False  # also what does not agree
+    manoeuvre: OrderedManoeuvre = field(default_factory=OrderedManoeuvre)
     map: str | None = None  # file of the columns; its content is in the other options
     test_map: str | None = None  # that of the files of `test`; its content is in `tested`
     _read: dict[tuple[object, ...], ReadSignals] = field(

@@ -163,7 +163,8 @@ def sail(
         The voyage with its log.
 
     Raises:
-        ConfigurationError: the integration step is not positive or longer than the period.
+        ConfigurationError: the integration step is not positive or longer than the period, or
+            what is added is no command of the vessel.
         Diverged: a velocity exceeded its limit, with the time.
     """
     substeps = _substeps(period_s, step_s)
@@ -171,6 +172,8 @@ def sail(
     h = period_s / substeps
     positioning = plant.allocation if isinstance(plant.allocation, DeviceAllocation) else None
     log = _empty_log(n, n_dof, len(plant.inputs) or n_dof, positioning is not None)
+    if added is not None and added.shape != log.tau.shape:  # compiled code checks no bounds
+        raise ConfigurationError(f"added: got shape {added.shape}, expected {log.tau.shape}")
     reference = np.zeros((n_dof, 3))
     reference[:, 0] = start
     kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.notation import MEASURES
+from seatrial.models.notation import MEASURES, Manoeuvre, OrderedManoeuvre
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import (
     MIN_PLATEAUS,
@@ -32,7 +32,6 @@ from seatrial.models.simulation.manoeuvre_measures import (
 )
 from seatrial.models.vessel.basis import Array
 
-Manoeuvre = Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"]
 # Of the deviations of drawn models: at whole ones a model leaves the curved valley of the fit, and
 # the tactical diameters of KVLCC2 spread 1.6 times as far as estimates do.
 DEVIATION_SHARE = 0.25
@@ -44,6 +43,7 @@ INSTANTS: Mapping[Execution, str] = {
 DIAGNOSTIC = "recorded_manoeuvre_"
 COMPARED = ("measured", "nominal model", "identified model", "low", "high")
 FULL_HELM_DEG = 30.0
+UNSTATED = OrderedManoeuvre()
 NOISE_DRAWS, LEVEL = 60, 0.9
 MEASURED: Mapping[Manoeuvre, Callable[[Track, Execution], Measures]] = {
     "turn": turn,
@@ -175,32 +175,33 @@ def sheet(
     execution: Execution = "half",
     scale: float = 1.0,
     turn_deg: float | None = None,
-    ordered_deg: float | None = None,
+    ordered: OrderedManoeuvre = UNSTATED,
 ) -> Sheet:
     """Measures and criteria of a manoeuvre.
 
     Args:
         track: the motion.
-        manoeuvre: which one it is; None: by the helm and heading of the track.
+        manoeuvre: which one it is; None: what was ordered.
         execution: the instant that times and ways begin at.
         scale: length of the ship over that of the model.
         turn_deg: heading [deg] to which the initial turning of a zig-zag is measured; None: that
             of the orders.
-        ordered_deg: change of heading [deg] that a zig-zag orders; None: by its track.
+        ordered: what was ordered; its helm and change of heading decide on the limits.
 
     Raises:
         RecordingError: the helm does not move.
     """
-    kind = manoeuvre or manoeuvre_of(track)
+    kind = manoeuvre or ordered.kind or manoeuvre_of(track)
     measures = (
-        zigzag(track, execution, turn_deg, ordered_deg)
+        zigzag(track, execution, turn_deg, ordered.turn_deg)
         if kind == "zigzag"
         else MEASURED[kind](track, execution)
     )
     start = float(track.t[0]) if "spiral" in kind else float(executions(track, execution)[0])
     speed = track.at(track.speed, start)
     ratio = float(np.sqrt(scale) * track.length_m / speed) if speed > 0.0 else np.inf
-    limit = limits(kind, measures, ratio)
+    helm = ordered.helm_deg or measures.get("helm", np.nan)
+    limit = limits(kind, {**measures, "helm": helm}, ratio)
     entries = tuple(
         SheetEntry(name, value, MEASURES[name], limit.get(name)) for name, value in measures.items()
     )
@@ -213,7 +214,7 @@ def measured_sheet(
     execution: Execution = "half",
     scale: float = 1.0,
     turn_deg: float | None = None,
-    ordered_deg: float | None = None,
+    ordered: OrderedManoeuvre = UNSTATED,
 ) -> Sheet:
     """The sheet of a recorded track, whose noise is smoothed away, with 90 % intervals.
 
@@ -224,12 +225,11 @@ def measured_sheet(
     """
     noise, rng = noise_of(track), np.random.default_rng(0)
     smooth = smoothed(track, noise)
-    result = sheet(smooth, manoeuvre, execution, scale, turn_deg, ordered_deg)
+    result = sheet(smooth, manoeuvre, execution, scale, turn_deg, ordered)
 
     def again(other: Track) -> Measures:
         try:
-            ordered = result.turn_deg, ordered_deg
-            return sheet(other, result.manoeuvre, execution, scale, *ordered).values
+            return sheet(other, result.manoeuvre, execution, scale, result.turn_deg, ordered).values
         except RecordingError:  # of a helm that moves between two samples
             return {}
 

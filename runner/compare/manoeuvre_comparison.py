@@ -39,7 +39,7 @@ def run_sheet(
     if predicted and series == RECORDING:
         return comparison(predicted, f"Run {run}")
     recorded = stored(results.reader, run, series, helm, length_m)
-    result = measured_sheet(recorded.track, manoeuvre or recorded.manoeuvre, execution, scale)
+    result = measured_sheet(recorded.track, manoeuvre, execution, scale, ordered=recorded.ordered)
     return grid_of_sheet(result, f"Run {run}", recorded.predicted)
 
 
@@ -48,8 +48,9 @@ def file_sheet(
     helm: str | None, length_m: float | None, scale: float,
 ) -> TextTable:  # fmt: skip
     """Return the sheet of a recorded file."""
-    track = file_track(path, map_file, helm, length_m)
-    return grid_of_sheet(measured_sheet(track, manoeuvre, execution, scale), str(path))
+    track, ordered = file_track(path, map_file, helm, length_m)
+    result = measured_sheet(track, manoeuvre, execution, scale, ordered=ordered)
+    return grid_of_sheet(result, str(path))
 
 
 def newest_manoeuvres(

@@ -8,7 +8,8 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.models.notation import MEASURES, PLANAR
+from seatrial.models.notation import MEASURES, PLANAR, OrderedManoeuvre
+from seatrial.models.notation import Manoeuvre as Manoeuvre
 from seatrial.models.simulation.manoeuvre_measures import Execution as Execution
 from seatrial.models.simulation.manoeuvre_measures import Track as Track
 from seatrial.models.simulation.manoeuvre_measures import executions as executions
@@ -16,12 +17,12 @@ from seatrial.models.simulation.manoeuvre_measures import way_from as way_from
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED as COMPARED
 from seatrial.models.simulation.manoeuvre_sheet import DIAGNOSTIC as DIAGNOSTIC
 from seatrial.models.simulation.manoeuvre_sheet import INSTANTS as INSTANTS
-from seatrial.models.simulation.manoeuvre_sheet import Manoeuvre as Manoeuvre
 from seatrial.models.simulation.manoeuvre_sheet import Sheet as Sheet
 from seatrial.models.simulation.manoeuvre_sheet import SheetEntry as SheetEntry
 from seatrial.models.simulation.manoeuvre_sheet import measured_sheet as measured_sheet
 from seatrial.models.simulation.manoeuvre_sheet import sheet as sheet
 from seatrial.models.simulation.manoeuvre_sheet import track_of as track_of
+from seatrial.runner.configuration.config import build_as
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 from seatrial.runner.configuration.vessel_options import HELM
 from seatrial.runner.database.reader import LogbookReader
@@ -44,17 +45,17 @@ class PredictedMeasure(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A track, which manoeuvre it is if that is known, and what the identified model predicts."""
+    """A track, what was ordered as far as it is known, and what the identified model predicts."""
 
     track: Track
-    manoeuvre: Manoeuvre | None
+    ordered: OrderedManoeuvre
     predicted: Mapping[str, PredictedMeasure] = field(default_factory=dict)  # by quantity
 
 
 def file_track(
     path: Path, map_file: Path | None, helm: str | None, length_m: float | None
-) -> Track:
-    """The motion of a file; the map says which column is what.
+) -> tuple[Track, OrderedManoeuvre]:
+    """The motion of a file and what was ordered, by its map.
 
     Raises ConfigurationError without a map or a length, or for a map without the helm.
     """
@@ -68,7 +69,7 @@ def file_track(
         raise ConfigurationError(
             f"manoeuvres: {map_file}: got inputs {known}, expected the helm {name}, or --helm"
         )
-    return track_of(reader.read(PLANAR), name, length_m)
+    return track_of(reader.read(PLANAR), name, length_m), reader.manoeuvre
 
 
 def stored(
@@ -94,7 +95,7 @@ def stored(
         )
     track = track_of_series(reader.series(run, kind), str(name), length, f"run {run}")
     predicted = predicted_by(reader, run) if mission is config.get("excitation") else {}
-    return Recorded(track, manoeuvre_in(mission), predicted)
+    return Recorded(track, ordered_in(mission), predicted)
 
 
 def predicted_by(reader: LogbookReader, run: int) -> dict[str, PredictedMeasure]:
@@ -115,9 +116,12 @@ def mission_of(config: Config, kind: str) -> Config:
     return mission if isinstance(mission, Mapping) else {}
 
 
-def manoeuvre_in(mission: Config) -> Manoeuvre | None:
-    """The manoeuvre that the options of a mission name; None if it is none."""
-    return next((kind for kind in MANOEUVRES if kind == mission.get("manoeuvre")), None)
+def ordered_in(mission: Config) -> OrderedManoeuvre:
+    """The manoeuvre that the options of a mission name, or those of a recording state."""
+    known = mission.get("manoeuvre")
+    if isinstance(known, Mapping):
+        return build_as(OrderedManoeuvre, known, "excitation.manoeuvre")
+    return OrderedManoeuvre(next((kind for kind in MANOEUVRES if kind == known), None))
 
 
 def track_of_series(series: Series, helm: str, length_m: float, name: str) -> Track:

@@ -22,6 +22,7 @@ def check(trial: Trial) -> None:
     """Check a trial before it is run; raises ConfigurationError for an invalid combination."""
     budget.check(trial)
     excitation, dofs = trial.excitation, trial.vessel.dofs
+    _check_commands(trial)
     named(trial, "excitation", lambda: excitation.check(dofs))
     nominal, thruster = trial.vessel.nominal(), trial.vessel.thruster
     trial.identifier.check(nominal, thruster, isinstance(excitation, RecordedFile))
@@ -99,7 +100,6 @@ def _check_mission(trial: Trial, excitation: Mission) -> None:
         if isinstance(mission, Mission):
             _check_length(trial, group, mission)
     named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
-    _check_commands(trial)
     excitation.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
     evaluation = trial.evaluation
     if evaluation is not None:

@@ -27,14 +27,13 @@ from seatrial.models.identification.calibration import (
 )
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.validation import Prediction, prediction
-from seatrial.models.notation import MEASURES, PLANAR
+from seatrial.models.notation import MEASURES, PLANAR, Manoeuvre, OrderedManoeuvre
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import Track
 from seatrial.models.simulation.manoeuvre_sheet import (
     COMPARED,
     DEVIATION_SHARE,
     DIAGNOSTIC,
-    Manoeuvre,
     intervals,
     measured_sheet,
     sheet,
@@ -140,7 +139,7 @@ def _intervals(
 
 
 def manoeuvres(
-    problem: Problem, identified: Identified, length_m: float | None
+    problem: Problem, identified: Identified, length_m: float | None, ordered: OrderedManoeuvre
 ) -> list[Diagnostic]:
     """Measure the manoeuvre of each file that is tested on; none for a vessel without a rudder.
 
@@ -155,14 +154,20 @@ def manoeuvres(
     only = "" if tested.file is None else tested.file_names[int(tested.file[0])]
     for i, (name, part) in enumerate((tested.by_file() or {only: tested}).items()):
         try:
-            diagnostics += _of_file(i, name, part, problem, identified, length_m)
+            diagnostics += _of_file(i, name, part, problem, identified, length_m, ordered)
         except (RecordingError, ConfigurationError) as error:
             log.debug("%s: no manoeuvre: %s", name, error)
     return diagnostics
 
 
 def _of_file(
-    i: int, name: str, part: Recording, problem: Problem, identified: Identified, length_m: float
+    i: int,
+    name: str,
+    part: Recording,
+    problem: Problem,
+    identified: Identified,
+    length_m: float,
+    ordered: OrderedManoeuvre,
 ) -> list[Diagnostic]:
     """Return the measures of a file, of both models under its helm, and their bounds."""
 
@@ -172,7 +177,7 @@ def _of_file(
             return None
         return track_of(replace(part, eta=motion[:, :n], nu=motion[:, n:]), HELM, length_m)
 
-    measured = measured_sheet(track_of(part, HELM, length_m))
+    measured = measured_sheet(track_of(part, HELM, length_m), ordered=ordered)
     kind, turn_deg = measured.manoeuvre, measured.turn_deg
     tracks = list[Track | None]()
     for model in (problem.nominal, identified.model):
@@ -180,7 +185,10 @@ def _of_file(
             tracks.append(track(prediction(model, part, problem.thruster)))
         except IdentificationError:
             tracks.append(None)
-    own = [sheet(each, kind, turn_deg=turn_deg).values if each else {} for each in tracks]
+    own = [
+        sheet(each, kind, turn_deg=turn_deg, ordered=ordered).values if each else {}
+        for each in tracks
+    ]
     bounds: dict[str, tuple[float, float]] = {}
     if tracks[1]:
         near = nearby_runs(identified.model, part, problem.thruster)

@@ -202,9 +202,9 @@ def validate(
         *unknown,
         *validation_metrics.per_file(problem, identified),
     ]
-    if isinstance(trial.excitation, RecordedFile):
+    if isinstance(file := trial.excitation, RecordedFile):
         length_m = manoeuvre_results.length_of(trial)
-        diagnostics += manoeuvre_results.manoeuvres(problem, identified, length_m)
+        diagnostics += manoeuvre_results.manoeuvres(problem, identified, length_m, file.manoeuvre)
     return Results(
         [*metrics, *predicted.metrics, *own],
         diagnostics=diagnostics,

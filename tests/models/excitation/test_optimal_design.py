@@ -138,6 +138,11 @@ def test_the_nominal_model_may_be_wrong() -> None:
     assert mix().information.plant.vessel.theta == pytest.approx(nominal.theta)
 
 
+def test_a_vessel_that_takes_no_forces_is_refused_before_anything_is_sailed() -> None:
+    with pytest.raises(ConfigurationError, match="commands forces, but mariner is commanded by"):
+        check(composed("vessel=mariner", "excitation=optimal_design"))
+
+
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [

@@ -7,11 +7,14 @@ import pytest
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.controller import Controller, Model
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.setpoints import Step
 from seatrial.models.notation import PLANAR
-from seatrial.models.simulation.loop import Watch
-from seatrial.models.simulation.registry import CONTROLLERS
+from seatrial.models.simulation.loop import Watch, sail
+from seatrial.models.simulation.registry import CONTROLLERS, Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
+from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from tests.models.control.sailing import WINDAGE, appendix_k, lqi, ship, steady, voyage, weather
 
@@ -116,3 +119,15 @@ def test_stretches_do_not_change_what_is_sailed() -> None:
 
 def _plant() -> Vessel:
     return ship() + WINDAGE.table(PLANAR)
+
+
+def test_what_is_no_command_of_the_vessel_is_refused() -> None:
+    """Compiled code would write beyond the log."""
+    calm, idle = weather(10, 3), (Given(np.zeros((10, 3))), np.zeros(1))
+    guidance = (Timetable(np.zeros((10, 3))), np.zeros(1))
+    for shape in ((10, 2), (9, 3)):
+        with pytest.raises(ConfigurationError, match=f"added: got shape \\({shape[0]}, {shape[1]}"):
+            sail(
+                Plant(ship(), None, (20.0, 20.0, 1.0)), calm, guidance, Step().table(1.0), idle,
+                np.zeros(3), 1.0, 1.0, added=np.zeros(shape),
+            )  # fmt: skip

@@ -7,8 +7,9 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.excitation.helm import SteeredMission
+from seatrial.models.notation import Manoeuvre
 from seatrial.models.simulation.manoeuvre_measures import Track
-from seatrial.models.simulation.manoeuvre_sheet import Manoeuvre, measured_sheet, sheet, track_of
+from seatrial.models.simulation.manoeuvre_sheet import measured_sheet, sheet, track_of
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.runner.trials.manoeuvre_results import KINDS, length_of, sailed
 from tests.trials import composed

@@ -88,6 +88,23 @@ def test_a_file_has_the_sheet_of_the_run(
         assert values(out)[name]["value"] == pytest.approx(row["value"], rel=1e-3, abs=0.1)
 
 
+def test_what_the_map_says_was_ordered_decides_on_the_limits(
+    program: Program, circle: Path, mapped: Callable[[str], Path]
+) -> None:
+    """The helm of the file is at full; what was ordered had no limits."""
+    words = ("manoeuvres", str(circle), "--length", "10", "--format", "json", "--map")
+    code, out, err = program(*words, str(mapped(CIRCLE)))
+    assert code == 0, err
+    assert values(out)["advance"]["limit"] == 4.5
+    stated = f"{CIRCLE}manoeuvre: {{kind: turn, helm_deg: 20}}\n"
+    code, out, err = program(*words, str(mapped(stated)))
+    assert code == 0, err
+    assert values(out)["advance"]["limit"] is None
+    code, out, err = program(*words, str(mapped(f"{CIRCLE}manoeuvre: {{kind: loop}}\n")))
+    assert (code, out) == (2, "")
+    assert "excitation.manoeuvre.kind: got 'loop', expected one of turn, zigzag," in err
+
+
 @pytest.mark.data
 def test_a_measured_zigzag_of_a_full_ship(program: Program, mapped: Callable[[str], Path]) -> None:
     """MARIN's 10/10 of KVLCC2: 9.5 and 15.0 degrees are published, IMO allows 20 and 40."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.notation import OrderedManoeuvre
 from seatrial.models.simulation.manoeuvre_sheet import DIAGNOSTIC
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW
 from seatrial.runner.record.rows import Results
@@ -76,7 +77,7 @@ def test_a_measure_is_compared_with_the_one_of_its_name() -> None:
     problem = Problem(recording, recording, ship, None)
     length = manoeuvre_results.length_of(trial)
     assert length is not None
-    found = manoeuvre_results.manoeuvres(problem, identified, length)
+    found = manoeuvre_results.manoeuvres(problem, identified, length, OrderedManoeuvre())
     values = {
         (f.name.removeprefix(DIAGNOSTIC), f.label.rpartition(", ")[2]): f.value for f in found
     }
