@@ -154,7 +154,7 @@ class Setpoints(Mission):
         """Raise ConfigurationError unless the vessel is planar or moves in surge only."""
         if tuple(dofs) not in (PLANAR, ("surge",)):
             raise ConfigurationError(
-                f"evaluation={self.schedule} needs a vessel in surge, or in {', '.join(PLANAR)}, "
+                f"a schedule of set-points needs a vessel in surge, or in {', '.join(PLANAR)}, "
                 f"got one in {', '.join(dofs)}"
             )
         self.reference_filter.check(dofs)

@@ -197,7 +197,7 @@ def test_wrong_missions_are_refused(changes: dict[str, Any], message: str) -> No
 
 
 def test_what_does_not_suit_the_vessel_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="evaluation=there needs a vessel in surge"):
+    with pytest.raises(ConfigurationError, match="set-points needs a vessel in surge"):
         MISSION.check(("heave",))
     limited = replace(MISSION, reference_filter=AccelerationLimited((1.0,), (1.0,)))
     with pytest.raises(ConfigurationError, match="got 1 numbers, expected 3"):
