@@ -25,6 +25,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.models.identification.calibration import bands, calibrated
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.validation import prediction
+from seatrial.models.notation import OrderedManoeuvre
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED, DIAGNOSTIC
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, crps, half_width
@@ -172,7 +173,7 @@ def scored(identified: Identified, problem: Problem, length_m: float | None) -> 
 def measured(identified: Identified, problem: Problem, length_m: float | None) -> tuple[int, int]:
     """Measures of recorded manoeuvres in their intervals, and all that have one."""
     values: dict[tuple[str, int | None], dict[str, float]] = {}
-    for row in manoeuvres(problem, identified, length_m):
+    for row in manoeuvres(problem, identified, length_m, OrderedManoeuvre()):
         name, value = row.name.removeprefix(DIAGNOSTIC), row.value
         if name not in ORDERED and value is not None and np.isfinite(value):
             assert row.j is not None

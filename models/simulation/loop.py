@@ -163,8 +163,7 @@ def sail(
         The voyage with its log.
 
     Raises:
-        ConfigurationError: the integration step is not positive or longer than the period, or
-            what is added is no command of the vessel.
+        ConfigurationError: a wrong integration step, or what is added is no command.
         Diverged: a velocity exceeded its limit, with the time.
     """
     substeps = _substeps(period_s, step_s)
@@ -188,12 +187,10 @@ def sail(
     steps = CONTROLLERS[type(controller[0])], ALLOCATIONS[type(sharing)]
     loop, edges = _loop(steps, plant, watch, n, period_s)
     times = _run_blocks(loop, edges, plant, watch, controller, before, craft, log, period_s)
-    t = period_s * np.arange(n, dtype=np.float64)
-    without_lag = plant.thruster is None
-    names = plant.vessel.inputs
     return Voyage(
-        t, log, plant.vessel.dofs, weather, without_lag, np.array(times[1:]), names, positioning
-    )
+        period_s * np.arange(n, dtype=np.float64), log, plant.vessel.dofs, weather,
+        plant.thruster is None, np.array(times[1:]), plant.vessel.inputs, positioning,
+    )  # fmt: skip
 
 
 def _empty_log(n: int, n_dof: int, n_commands: int, positioned: bool) -> Log:

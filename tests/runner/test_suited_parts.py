@@ -47,7 +47,7 @@ def test_the_command_line_and_experiments_choose_first() -> None:
         "excitation": "rudder_zigzag", "controller": "autopilot", "evaluation": "none"
     }  # fmt: skip
     assert names("vessel=mariner", "controller=mpc_heading")["controller"] == "mpc_heading"
-    with pytest.raises(ConfigurationError, match="excitation=waypoints needs a controller"):
+    with pytest.raises(ConfigurationError, match="excitation=waypoints: commands forces"):
         job.prepare(composed(["vessel=otter", "excitation=waypoints"]))
     of_experiment = names("experiment=hoyer_table_7_5", "vessel=beluga_full")
     assert of_experiment == names("experiment=hoyer_table_7_5")
