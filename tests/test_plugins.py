@@ -168,7 +168,7 @@ def compare(folder: Path, identifier: str) -> None:
     assert found != pytest.approx(nominal, rel=1e-2)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_workers_find_the_parts_of_the_working_folder(tmp_path: Path) -> None:
     folder = written(tmp_path)
     sweep = ("-m", "identifier=fit,none", "seed=0,1", "hydra/launcher=processes")

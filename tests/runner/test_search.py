@@ -64,7 +64,7 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Fake:
     return Fake(monkeypatch)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_it_finds_the_known_optimum_and_prunes(
     seatrial: Command, fake: Fake, capsys: pytest.CaptureFixture[str]
 ) -> None:

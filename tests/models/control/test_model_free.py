@@ -71,7 +71,7 @@ def test_over_ten_seeds(controller: str) -> None:
     assert np.all(np.median(ratios(controller, range(10)), axis=0) <= 1.5)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_source_s_options_fail_at_its_noise_and_it_shows() -> None:
     """L = J = 2: no sampled continuous motion, and a vessel that is lost by hundreds of metres."""
     results = run("controller=lqi", FULL_NOISE, *AS_PRINTED)

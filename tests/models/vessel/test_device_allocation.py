@@ -125,8 +125,8 @@ def test_the_share_of_forces_beyond_the_devices_is_counted() -> None:
 @pytest.mark.parametrize(
     ("name", "controller"),
     [
-        pytest.param("milliampere_azimuths", "pid_ff", marks=pytest.mark.slow),
-        pytest.param("osv", "lqi", marks=pytest.mark.slow),
+        pytest.param("milliampere_azimuths", "pid_ff", marks=pytest.mark.nightly),
+        pytest.param("osv", "lqi", marks=pytest.mark.nightly),
         pytest.param("milliampere_azimuths", "lqi", marks=pytest.mark.nightly),
         pytest.param("osv", "pid_ff", marks=pytest.mark.nightly),
     ],
