@@ -88,7 +88,7 @@ def repeated_warnings(url: str, sweep_id: int) -> list[str]:
     with comparison.frame.open_results(url) as results:
         told = results.warnings(comparison.where.Condition(sweeps=(sweep_id,)))
     repeated = sorted((one for one in told if one[1][1:]), key=lambda one: -len(one[1]))
-    lines = [f"  {len(runs)} runs: {text}" for text, runs in repeated[:WARNINGS]]
+    lines = [f"  {len(runs)} runs: {error_line(text)}" for text, runs in repeated[:WARNINGS]]
     return lines + [f"  and {len(repeated) - WARNINGS} more"] * (len(repeated) > WARNINGS)
 
 

@@ -14,6 +14,7 @@ import yaml
 from rich.console import Console
 from rich.progress import Progress, TextColumn
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Results, metric
@@ -190,3 +191,16 @@ def test_a_sweep_shows_its_table(tmp_path: Path) -> None:
     ]
     assert len(lines) <= progress.LISTED
     assert progress.sweep_table(url, sweep_id, []) == []
+
+
+def test_a_sweep_ends_with_the_warnings_that_several_runs_have(tmp_path: Path) -> None:
+    url, told = f"sqlite:///{tmp_path}/results.db", {"short": 1, "weak\x1b[2J": 3, "flat": 2}
+    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
+        sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=0,1,2", [], 3)
+        for trial in range(3):
+            run = logbook.begin_run(make_start(trial), sweep_id)
+            texts = [text for text, count in told.items() if trial < count]
+            rows = [Diagnostic("warning", "all", None, label=text) for text in texts]
+            logbook.finish_run(run.run_id, Results(diagnostics=rows))
+    lines = progress.repeated_warnings(url, sweep_id)
+    assert lines == ["  3 runs: weak\\x1b[2J", "  2 runs: flat"]
