@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.search_path import is_group, options
 from seatrial.runner.sweeps import in_process
+from seatrial.runner.sweeps.job import shown
 
 CHOSEN = ("excitation", "identifier", "controller", "evaluation")
 USAGE = """\
@@ -27,7 +28,7 @@ class _Listing(in_process.Call):
     """Keeps the trials of a dry run."""
 
     def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
-        self.refused = {trial: note for state, trial, note in trials if state == "refused"}
+        self.refusals = {t: note if state == "refused" else "" for state, t, note in trials}
 
 
 def main(words: Sequence[str]) -> int:
@@ -39,7 +40,8 @@ def main(words: Sequence[str]) -> int:
         print(USAGE)
         return 0
     for word in words:
-        if not is_group(word.partition("=")[0]) or "=" not in word:
+        group, _, name = word.partition("=")
+        if not is_group(group) or not name or (group != "vessel" and "," in name):
             raise ConfigurationError(f"fits: got {word!r}, expected vessel=NAME or GROUP=OPTION")
     given = dict(word.split("=", 1) for word in words)
     vessels = given.pop("vessel", "").split(",") if "vessel" in given else options("vessel")
@@ -74,7 +76,7 @@ def fits_of(vessel: str, given: dict[str, str]) -> dict[str, Fit]:
     in_process.run_sweep(listing, ["dry_run=true"])
     fits = {group: Fit() for group in groups}
     for (group, name), one in words.items():
-        reason = listing.refused.get(" ".join(one), "")
+        reason = listing.refusals[shown(one)]
         fits[group][name] = reason.removeprefix(f"{group}={name}").removeprefix(": ").strip()
     if len(reasons := {why for fit in fits.values() for why in fit.values()}) == 1 and any(reasons):
         raise ConfigurationError(reasons.pop())

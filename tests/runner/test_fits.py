@@ -8,7 +8,7 @@ WORDS = ("fits", "vessel=surge_linear", "excitation=prbs", "identifier=ls")
 
 
 def test_what_fits_is_planned_and_the_rest_has_a_reason(seatrial: Command) -> None:
-    answer = seatrial(*WORDS, "controller=none")
+    answer = seatrial(*WORDS, "controller=none", "database=sqlite")
     assert answer.code == 0, answer
     text = re.sub(r"\s+", " ", answer.out)
     fitting = text.partition("evaluation ")[2].partition(" not ")[0].split(", ")
@@ -23,4 +23,6 @@ def test_what_fits_is_planned_and_the_rest_has_a_reason(seatrial: Command) -> No
 def test_a_word_that_is_no_choice_is_one_line(seatrial: Command) -> None:
     said = seatrial.refuses("fits", "kvlcc2")
     assert said == "fits: got 'kvlcc2', expected vessel=NAME or GROUP=OPTION"
+    several = seatrial.refuses("fits", "vessel=kvlcc2", "controller=autopilot,none")
+    assert several.startswith("fits: got 'controller=autopilot,none', expected vessel=NAME or")
     assert "vessel" in seatrial.refuses("fits", "vessel=tugg", "excitation=prbs")
