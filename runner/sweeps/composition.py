@@ -28,6 +28,7 @@ from omegaconf.errors import OmegaConfBaseException
 from seatrial.runner.configuration.vessel_options import filled
 from seatrial.runner.record.vocabulary import GROUPS, Config
 from seatrial.runner.sweeps.job import Order
+from seatrial.runner.sweeps.yaml_files import FileConfigSource
 
 NOT_OF_TRIAL = ("hydra", "search")  # parts of a configuration for Hydra, and for a search
 
@@ -143,13 +144,13 @@ class SharingLoader:
         """Return the configuration of a job, as Hydra composes it."""
         split = self.split(sweep_overrides)
         if split is None:
-            return self.hydra.load_sweep_config(master_config, sweep_overrides)
+            return self._by_hydra(master_config, sweep_overrides)
         choices, values = split
         try:
             config = self.composition(master_config, choices)
             set_values(config, values)
         except (HydraException, OmegaConfBaseException, Refused):
-            return self.hydra.load_sweep_config(master_config, sweep_overrides)
+            return self._by_hydra(master_config, sweep_overrides)
         hydra, task = config.hydra, [o for o in map(_parsed, sweep_overrides) if _is_task(o)]
         form = hydra.job.config.override_dirname
         named = [str(o.input_line) for o in task if o.key_or_group not in form.exclude_keys]
@@ -196,8 +197,15 @@ class SharingLoader:
         if key not in composed:
             if len(composed) >= self.KEPT:
                 del composed[next(iter(composed))]
-            composed[key] = _Stored(self.hydra.load_sweep_config(master, list(choices)))
+            composed[key] = _Stored(self._by_hydra(master, list(choices)))
         return composed[key].copy()
+
+    def _by_hydra(self, master: DictConfig, overrides: list[str]) -> DictConfig:
+        FileConfigSource.job = overrides  # which a vessel's own choices follow
+        try:
+            return self.hydra.load_sweep_config(master, overrides)
+        finally:
+            FileConfigSource.job = None
 
 
 @lru_cache(maxsize=4096)  # the jobs of a sweep have most of their overrides in common

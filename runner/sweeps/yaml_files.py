@@ -6,9 +6,9 @@ run 17 in the logbook of the trial, as `seatrial-results model 17 --to yaml` wri
 
 import copy
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, cast
+from typing import TYPE_CHECKING, ClassVar, cast
 
 import yaml
 from hydra._internal.core_plugins import file_config_source
@@ -20,9 +20,16 @@ from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database, export
-from seatrial.runner.configuration import vessel_options
+from seatrial.runner.configuration import options, vessel_options
 from seatrial.runner.configuration.search_path import CONF
 from seatrial.runner.record.vocabulary import Config
+
+if TYPE_CHECKING:  # slow to import
+    from seatrial.models.excitation import missions
+else:
+    import lazy_loader
+
+    missions = lazy_loader.load("seatrial.models.excitation.missions", suppress_warning=True)
 
 GROUP = "vessel/"
 RUN = re.compile(rf"{GROUP}run:(?P<id>\d{{1,18}})(\.yaml)?", re.ASCII)
@@ -56,11 +63,12 @@ def node_of(run_id: int, overrides: Sequence[str]) -> Config:
 class FileConfigSource(file_config_source.FileConfigSource):
     """Hydra's source of configuration files, with files of the working folder and models of runs.
 
-    Vessels choose the excitation and the controller that suit them (`suited_parts`). Its name is
-    that of Hydra's own: in workers Hydra would refuse another one for files.
+    Vessels choose the excitation and the controller that suit them (`suited_parts`), beside what is
+    named. Its name is that of Hydra's own: in workers Hydra would refuse another one for files.
     """
 
     overrides: ClassVar[Sequence[str]] = ()  # of the command line, which say where the logbook is
+    job: ClassVar[Sequence[str] | None] = None  # overrides of the trial that is composed
     _own: ClassVar[dict[str, ConfigResult]] = {}  # the program's files: a call loads them twice
 
     def __init__(self, provider: str, path: str) -> None:
@@ -83,7 +91,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
             return ConfigResult(
                 provider=self.provider,
                 path=f"{self.scheme()}://{self.path}",
-                config=_with_suited_parts(OmegaConf.create(dict(self._runs[run_id]))),
+                config=self._with_suited_parts(OmegaConf.create(dict(self._runs[run_id]))),
                 header=self._get_header_dict(""),
             )
         place = self._place(config_path)
@@ -99,7 +107,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
             reason = getattr(error, "problem", None) or str(error).splitlines()[0]
             raise ConfigurationError(f"{file}{line}: {reason}, expected YAML") from error
         if config_path.startswith(GROUP) and isinstance(result.config, DictConfig):
-            result.config = _with_suited_parts(result.config)
+            result.config = self._with_suited_parts(result.config)
         return result
 
     @staticmethod
@@ -107,15 +115,27 @@ class FileConfigSource(file_config_source.FileConfigSource):
         file = file_of(config_path)
         return config_path if file is None else str(file)
 
+    def _with_suited_parts(self, vessel: DictConfig) -> DictConfig:
+        """Return a vessel with a defaults list of the parts that suit it, unless it has a list."""
+        try:
+            node = cast(Config, OmegaConf.to_container(vessel, resolve=True))
+        except OmegaConfBaseException:
+            return vessel  # it is reported when the trial is composed
+        if "defaults" in node:
+            return vessel
+        words = (text.partition("=") for text in (self.overrides if self.job is None else self.job))
+        named = {key.lstrip("+"): value for key, _, value in words}
+        chosen = vessel_options.suited_parts(node, named, closed=self._closed(named))
+        overrides = [{f"override /{name}@_global_.{name}": chosen[name]} for name in chosen]
+        return cast(DictConfig, OmegaConf.merge({"defaults": ["_self_", *overrides]}, vessel))
 
-def _with_suited_parts(vessel: DictConfig) -> DictConfig:
-    """Return a vessel with a defaults list of the parts that suit it, unless it has a list."""
-    try:
-        node = cast(Config, OmegaConf.to_container(vessel, resolve=True))
-    except OmegaConfBaseException:
-        return vessel  # it is reported when the trial is composed
-    chosen = {} if "defaults" in node else vessel_options.suited_parts(node)
-    if not chosen:
-        return vessel
-    overrides = [{f"override /{name}@_global_.{name}": chosen[name]} for name in chosen]
-    return cast(DictConfig, OmegaConf.merge({"defaults": ["_self_", *overrides]}, vessel))
+    def _closed(self, named: Mapping[str, str]) -> bool:
+        """Whether the excitation that is named always needs a controller."""
+        path = f"excitation/{named.get('excitation', '')}"
+        if not self.is_config(path):
+            return False
+        try:
+            cls = options.target(OmegaConf.select(self.load_config(path).config, "_target_"))
+        except options.OptionError:
+            return False  # it is reported when the trial is built
+        return getattr(cls, "open_loop", None) is missions.Mission.open_loop
