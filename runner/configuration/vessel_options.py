@@ -16,17 +16,24 @@ from operator import is_
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.runner.configuration.config import Settings, build_as
+from seatrial.runner.configuration.search_path import CONF, user_folders
 from seatrial.runner.record.vocabulary import Config
 
 if TYPE_CHECKING:  # what is slow to import
+    from seatrial.models.excitation import missions
     from seatrial.models.vessel import derivation, parameters, tuning
     from seatrial.runner.configuration import options
 else:
     import lazy_loader
 
+    missions = lazy_loader.load("seatrial.models.excitation.missions", suppress_warning=True)
     derivation = lazy_loader.load("seatrial.models.vessel.derivation", suppress_warning=True)
     parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
     tuning = lazy_loader.load("seatrial.models.vessel.tuning", suppress_warning=True)
@@ -177,19 +184,30 @@ SUITED: Mapping[str, Sequence[tuple[str, str]]] = {  # the second pair: with or 
 HELM = "delta"  # the input of `autopilot`
 
 
-def suited_parts(vessel: Config, named: Choice, *, closed: bool) -> Choice:
+def suited_parts(vessel: Config, words: Sequence[str]) -> Choice:
     """Return the excitation and the controller of a vessel; none for one that is invalid.
 
     Args:
         vessel: its node.
-        named: the options that the command names, by group.
-        closed: whether the excitation that is named, if any, needs a controller.
+        words: the overrides of the trial, whose choices it follows.
     """
-    closed = closed or named.get("controller", NONE) != NONE
-    opened = named.get("controller") == NONE
+    named = {key.lstrip("+"): name for key, _, name in (word.partition("=") for word in words)}
+    controller = named.get("controller", "")
+    closed = controller not in ("", NONE) or _closed(named.get("excitation", ""))
     pairs = SUITED.get(_family(vessel), ())
-    fitting = (pair for pair in pairs if not (closed if pair[1] == NONE else opened))
+    fitting = (pair for pair in pairs if not (closed if pair[1] == NONE else controller == NONE))
     return dict(zip(SUITED_GROUPS, next(fitting, ()), strict=False))
+
+
+def _closed(excitation: str) -> bool:
+    """Whether an option of the group always needs a controller."""
+    paths = (folder / "excitation" / f"{excitation}.yaml" for folder in (CONF, *user_folders()))
+    file = next((path for path in paths if path.is_file()), None)
+    try:
+        cls = options.target(OmegaConf.select(OmegaConf.load(file), "_target_")) if file else None
+    except (options.OptionError, YAMLError, OmegaConfBaseException):
+        return False  # it is reported when the trial is composed
+    return getattr(cls, "open_loop", None) is missions.Mission.open_loop
 
 
 def _family(vessel: Config) -> str:

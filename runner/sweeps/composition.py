@@ -45,16 +45,24 @@ def order_of(
     """
     if overrides is None:  # their interpolations are not for Hydra's part
         overrides = cast(list[str], OmegaConf.to_container(cast(Any, hydra.overrides.task)))
-    names = {group: _name(group, hydra.runtime.choices, overrides) for group in GROUPS}
+    names = {
+        group: _name(group, hydra.runtime.choices, overrides, config.get(group)) for group in GROUPS
+    }
     return Order(config=filled(_resolved(config)), names=names, overrides=overrides)
 
 
-def _name(group: str, choices: Mapping[str, object], overrides: list[str]) -> str:
-    """Return the option chosen from a group; `a+b` for a list, which Hydra does not report."""
+def _name(group: str, choices: Mapping[str, object], overrides: list[str], node: object) -> str:
+    """Return the option chosen from a group; `a+b` for a list, which Hydra does not report.
+
+    A part that is given whole, not chosen, has the name of itself, else of its class.
+    """
     if choices.get(group):
         return str(choices[group])
     lists = [text.partition("=[")[2] for text in overrides if text.startswith(f"{group}=[")]
-    return "+".join(re.findall(r"\w+", lists[-1])) if lists else "none"
+    if lists:
+        return "+".join(re.findall(r"\w+", lists[-1]))
+    whole = node if isinstance(node, DictConfig) else {}
+    return str(whole.get("name") or str(whole.get("_target_", "none")).rpartition(".")[2])
 
 
 def _resolved(config: DictConfig) -> dict[str, object]:
@@ -175,7 +183,8 @@ class SharingLoader:
                 return None
             if key not in self._is_group:
                 self._is_group[key] = bool(self.hydra.get_group_options(key))
-            if self._is_group[key] and not isinstance(override.value(), dict):
+            whole = override.is_add() and isinstance(override.value(), dict)  # in place of a choice
+            if self._is_group[key] and (whole or not isinstance(override.value(), dict)):
                 choices.append(str(override.input_line))
             elif override.package is not None:
                 return None

@@ -6,13 +6,14 @@ run 17 in the logbook of the trial, as `seatrial-results model 17 --to yaml` wri
 
 import copy
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import ClassVar, cast
 
 import yaml
 from hydra._internal.core_plugins import file_config_source
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.plugins.config_source import ConfigResult
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -20,17 +21,12 @@ from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database, export
-from seatrial.runner.configuration import options, vessel_options
+from seatrial.runner.configuration import vessel_options
 from seatrial.runner.configuration.search_path import CONF
 from seatrial.runner.record.vocabulary import Config
 
-if TYPE_CHECKING:  # slow to import
-    from seatrial.models.excitation import missions
-else:
-    import lazy_loader
-
-    missions = lazy_loader.load("seatrial.models.excitation.missions", suppress_warning=True)
-
+TRIAL = "trial"  # the primary configuration
+WHOLE = "+vessel={"
 GROUP = "vessel/"
 RUN = re.compile(rf"{GROUP}run:(?P<id>\d{{1,18}})(\.yaml)?", re.ASCII)
 # Options that say where the logbook is; an experiment may say it as well.
@@ -64,7 +60,8 @@ class FileConfigSource(file_config_source.FileConfigSource):
     """Hydra's source of configuration files, with files of the working folder and models of runs.
 
     Vessels choose the excitation and the controller that suit them (`suited_parts`), beside what is
-    named. Its name is that of Hydra's own: in workers Hydra would refuse another one for files.
+    named; one that is given whole does so in the defaults of a trial. The class is named as Hydra's
+    own: in workers Hydra would refuse another one for files.
     """
 
     overrides: ClassVar[Sequence[str]] = ()  # of the command line, which say where the logbook is
@@ -108,7 +105,23 @@ class FileConfigSource(file_config_source.FileConfigSource):
             raise ConfigurationError(f"{file}{line}: {reason}, expected YAML") from error
         if config_path.startswith(GROUP) and isinstance(result.config, DictConfig):
             result.config = self._with_suited_parts(result.config)
+        if config_path.removesuffix(".yaml") == TRIAL and (whole := self._whole_vessel()):
+            for part in cast(DictConfig, result.config).defaults:
+                if isinstance(part, DictConfig):
+                    part.update({k: v for k, v in self._suited(whole).items() if k in part})
         return result
+
+    def _whole_vessel(self) -> Config:
+        """The vessel that a trial gives as a mapping instead of an option; else empty."""
+        texts = [text for text in self._words() if text.startswith(WHOLE)]
+        value = OverridesParser.create().parse_override(texts[-1]).value() if texts else {}
+        return cast(Config, value)
+
+    def _words(self) -> Sequence[str]:
+        return self.overrides if self.job is None else self.job
+
+    def _suited(self, vessel: Config) -> vessel_options.Choice:
+        return vessel_options.suited_parts(vessel, self._words())
 
     @staticmethod
     def _place(config_path: str) -> str:
@@ -123,19 +136,5 @@ class FileConfigSource(file_config_source.FileConfigSource):
             return vessel  # it is reported when the trial is composed
         if "defaults" in node:
             return vessel
-        words = (text.partition("=") for text in (self.overrides if self.job is None else self.job))
-        named = {key.lstrip("+"): value for key, _, value in words}
-        chosen = vessel_options.suited_parts(node, named, closed=self._closed(named))
-        overrides = [{f"override /{name}@_global_.{name}": chosen[name]} for name in chosen]
+        overrides = [{f"override /{k}@_global_.{k}": v} for k, v in self._suited(node).items()]
         return cast(DictConfig, OmegaConf.merge({"defaults": ["_self_", *overrides]}, vessel))
-
-    def _closed(self, named: Mapping[str, str]) -> bool:
-        """Whether the excitation that is named always needs a controller."""
-        path = f"excitation/{named.get('excitation', '')}"
-        if not self.is_config(path):
-            return False
-        try:
-            cls = options.target(OmegaConf.select(self.load_config(path).config, "_target_"))
-        except options.OptionError:
-            return False  # it is reported when the trial is built
-        return getattr(cls, "open_loop", None) is missions.Mission.open_loop
