@@ -218,11 +218,16 @@ class ScheduledInput(ScaledMission):
         """Raise ConfigurationError if a value is beyond the limits of the input."""
         super().check(dofs, needed)
         low, high = self.input_low[self.index], self.input_high[self.index]
-        for value in self.orders:
+        orders, start = self.orders, self.input_start[self.index]
+        for value in orders:
             if not low - 1e-9 <= value <= high + 1e-9:
+                unit = start if self.unit == "start" else np.pi / 180.0
+                near = np.clip(orders, low, high) / unit
+                near = np.clip(self.values, -1.0, 1.0) if self.unit == "range" else near
+                within = [round(float(one), 6) for one in near]
                 raise ConfigurationError(
                     f"values: got {value:.4g} for {self.helm}, for which the vessel has data from "
-                    f"{low:.4g} to {high:.4g}"
+                    f"{low:.4g} to {high:.4g}; excitation.values={within} is within them"
                 )
 
 

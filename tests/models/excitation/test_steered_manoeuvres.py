@@ -132,7 +132,10 @@ def test_a_binary_sequence_has_the_spectrum_of_its_law() -> None:
     assert set(np.round(np.degrees(orders), 9)) == {-10.0, 10.0}
 
 
-def test_a_crash_stop_without_data_astern_is_one_line() -> None:
+def test_a_crash_stop_without_data_astern_offers_what_can_be_sailed() -> None:
     with pytest.raises(ConfigurationError, match=r"got -11\.85 for n, .* from 0 to 20") as caught:
         voyage("kvlcc2", "crash_stop")
-    assert "\n" not in str(caught.value)
+    offered = str(caught.value).partition("; ")[2].partition(" is within")[0]
+    assert offered == "excitation.values=[0.0]"
+    orders = voyage("kvlcc2", "crash_stop", offered).log.tau[:, 1]
+    assert orders[-1] == 0.0
