@@ -33,9 +33,10 @@ from seatrial.models.vessel.table import Vessel
 
 NORMAL_90 = 1.6449  # half the width of a 90 % interval over the standard deviation
 LEAST_DEVIATION = 1e-6  # of a whitened direction, relative to the largest
-MOST_SAMPLES = 150  # of a motion, of which J is computed
+MOST_SAMPLES = 100  # of a motion, of which J is computed
 DRAWS = 400  # of which the whitened coordinates are found
-SIMULATED = 80  # of them that carry a manoeuvre out
+SIMULATED = 120  # of them that carry a manoeuvre out
+SPARE = 10  # draws beside those that the unknowns of a linear function take
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +119,7 @@ class Belief:
         """
         stride = max(1, -(-len(motion) // MOST_SAMPLES))
         part = motion.part(np.arange(len(motion)) % stride == 0)
-        used = self.draws[: min(len(self.draws), 2 * self.coordinates.shape[1])]
+        used = self.draws[: min(len(self.draws), SPARE + self.coordinates.shape[1])]
         own = acceleration(self.model, part)
         change = np.array([(acceleration(each, part) - own).ravel() for each in used])
         found = np.linalg.pinv(self.share * self.coordinates[: len(used)]) @ change
@@ -172,6 +173,7 @@ class Purpose:
     unit: str
     gradient: Array
     whole: Callable[[Array], float]  # of the half widths (k,)
+    text: str = ""  # the value that is predicted, if it is one
 
     def width(self, informations: Array) -> float:
         """Half of the 90 % interval expected after candidates with information (q, m, m)."""

@@ -79,6 +79,9 @@ def _words(d: float, a: float, b: float) -> list[tuple[tuple[int, ...], tuple[fl
             t = 0.5 * p - alpha + np.arctan2(cb - ca, d + sa - sb)
             found.append(((side, -side, side), (t, p, beta - alpha - t + p)))
     return [
-        (sides, tuple(float(n if s == 0 else n % TURN) for s, n in zip(sides, lengths, strict=True)))
+        (
+            sides,
+            tuple(float(n if s == 0 else n % TURN) for s, n in zip(sides, lengths, strict=True)),
+        )
         for sides, lengths in found
     ]

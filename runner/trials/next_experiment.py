@@ -49,6 +49,7 @@ SHARES = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0)  # of the way from the
 LENGTHS = (10.0, 20.0, 30.0)  # of a manoeuvre [L / U]
 TURNS_DEG = (10.0, 20.0, 30.0)  # of a zig-zag
 HOLDS = (1.5, 3.0)  # of a binary sequence [L / U]
+ONES = 5  # at the beginning of the sequence, which is left out
 APPROACH = 3.0  # on a straight course before a manoeuvre [L / U]
 SIZES, SLOWNESS = (0.25, 0.5, 0.75, 1.0), (0.5, 1.0, 2.0)  # of the forces of a candidate, its time
 ZIGZAG_DEG = 10.0  # of the zig-zag that is measured
@@ -139,7 +140,7 @@ def step_lists(base: HelmSequence) -> Iterator[tuple[str, tuple[HelmStep, ...]]]
         yield f"zig-zag, {said(share)} / {turn:g} deg, {step.seconds:g} s", (step,)
     for share, hold, length in product(SHARES, HOLDS, LENGTHS):
         seconds = round(hold * unit, 1)
-        signs = 2.0 * register(6)[: round(length / hold)] - 1.0
+        signs = 2.0 * np.roll(register(6), -ONES)[: round(length / hold)] - 1.0
         steps = tuple(HelmStep("hold", seconds, order(share * sign)) for sign in signs)
         yield f"binary, {said(share)} for {seconds:g} s, {len(steps)} times", steps
 
@@ -184,7 +185,8 @@ def varied(node: object) -> Iterator[tuple[str, Node]]:
             else:
                 changed["amplitude"] = {k: size * v for k, v in own["amplitude"].items()}
                 changed["time_scale"] *= slow
-            yield f"{name}, {100.0 * size:g} %" + (f", slower x {slow:g}" if slow != 1.0 else ""), changed
+            pace = f", slower x {slow:g}" if slow != 1.0 else ""
+            yield f"{name}, {100.0 * size:g} %{pace}", changed
 
 
 def chosen_design(
@@ -231,14 +233,13 @@ def purpose_of(known: Known, name: str, percent: bool, tracked: Trial | None = N
     if not np.all(np.isfinite(own)):
         raise ConfigurationError(f"next: the model that is known does not reach {name}")
     gradient = belief.gradient(np.array([value(d) for d in belief.draws[:SIMULATED]]), own)
-    if percent and len(own) == 1:
+    text = f"{own[0]:.4g} {unit}" if len(own) == 1 else ""
+    if percent and text:
         gradient, unit = 100.0 * gradient / np.abs(own), "%"
-    return Purpose(name, unit, gradient, root_mean_square)
+    return Purpose(name, unit, gradient, root_mean_square, text)
 
 
-def _value(
-    known: Known, name: str, tracked: Trial | None
-) -> tuple[Callable[[Vessel], Array], str]:
+def _value(known: Known, name: str, tracked: Trial | None) -> tuple[Callable[[Vessel], Array], str]:
     """z of a model, and its unit."""
     quantity = name.replace("_", " ")
     if name == "e_pos" and tracked is not None and tracked.controller is not None:
@@ -280,7 +281,9 @@ def reference_manoeuvres(known: Known) -> dict[str, Mission]:
         return {"turn": family.candidates["circle"]}
     assert isinstance(family, HelmSequence)
     high, start = family.input_high[family.index], family.input_start[family.index]
-    small = float(np.radians(ZIGZAG_DEG)) if family.helm == "delta" else start + 0.3 * (high - start)
+    small = (
+        float(np.radians(ZIGZAG_DEG)) if family.helm == "delta" else start + 0.3 * (high - start)
+    )
     approach = HelmStep("turn", APPROACH * family.unit_s)
     steps = {
         "turn": HelmStep("hold", 40.0 * family.unit_s, high),
@@ -318,6 +321,6 @@ def _tracking(known: Known, trial: Trial) -> Callable[[Vessel], Array]:
             rows = tracking_metrics(setup.sail().voyage, "identified", trial.sample_time_s)
         except UNABLE:
             return np.array([np.nan])
-        return np.array([next(r.value for r in rows if r.name == "e_pos_mae" and r.value is not None)])
+        return np.array([next(row.value or 0.0 for row in rows if row.name == "e_pos_mae")])
 
     return value

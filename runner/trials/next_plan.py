@@ -21,13 +21,7 @@ from seatrial.models.planning.lattice import Waters, clear, inside, simplified
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
-from seatrial.runner.trials.next_experiment import (
-    APPROACH,
-    UNABLE,
-    Candidate,
-    Known,
-    chosen_design,
-)
+from seatrial.runner.trials.next_experiment import APPROACH, UNABLE, Candidate, Known, chosen_design
 
 JOIN_SHARE, CIRCLE = 0.6, 40.0  # of the largest helm in joins; length of the circle [L / U]
 GRID, HEADINGS = 9, 8  # of poses at which a candidate may begin
