@@ -12,9 +12,9 @@ linear models with normal errors of covariance Sigma,
 
     I_q = sum_k J_k' Sigma^-1 J_k,  P = (I + sum_q I_q)^-1,  cov z = G P G'
 
-For terms of a table J_k are the regressors of `information.py`, with the covariance of what is known
-as a prior (Chaloner and Verdinelli (1995), section 2). Errors of accelerations depend on each other,
-so samples count by a scale, which is that of the recordings from which the distribution was
+For terms of a table J_k are the regressors of `information.py`, with the covariance of what is
+known as a prior (Chaloner and Verdinelli (1995), section 2). Errors of accelerations depend on each
+other, so samples count by a scale, which is that of the recordings from which the distribution was
 identified (`scale_of`).
 """
 

@@ -133,10 +133,10 @@ class OptimalDesign(Mission):
     """`sub_experiments` of the candidates, each `length_s` x `time_scale` long.
 
     `design`: optimal, by the nominal model of `vessel`, or random, drawn with `draw_seed` from a
-    pool of `repeats` of every candidate, or each candidate once. `stop_s` (x `time_scale`) of velocity feedback bring the
-    vessel to rest after each. `held_out` are sailed last, for testing;
-    without them what lies between manoeuvres is. In the area of `route` the
-    order and what lies between follow from a plan. `expected` is what was expected of the mix: half
+    pool of `repeats` of every candidate, or each candidate once. `stop_s` (x `time_scale`) of
+    velocity feedback bring the vessel to rest after each. `held_out` are sailed last, for testing;
+    without them what lies between manoeuvres is for testing. In the area of `route` the order and
+    what lies between follow from a plan. `expected` is what was expected of the mix: half
     the 90 % interval by purpose.
     """
 

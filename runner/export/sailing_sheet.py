@@ -129,7 +129,7 @@ def gpx(track: Sequence[Sequence[float]], marks: Sequence[tuple[Sequence[float],
     segment = ElementTree.SubElement(line, "trkseg")
     for lon, lat in track:
         ElementTree.SubElement(segment, "trkpt", lat=str(lat), lon=str(lon))
-    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
 
 
 def _draw(
@@ -148,7 +148,7 @@ def _draw(
     for i, (begin, name) in enumerate(marks, 1):
         k = min(int(np.searchsorted(motion.t - motion.t[0], begin)), len(motion) - 1)
         axes.plot(motion.eta[k, 1], motion.eta[k, 0], "o", label=f"{i}: {name}")
-        axes.annotate(str(i), motion.eta[k, 1::-1])
+        axes.annotate(str(i), (motion.eta[k, 1], motion.eta[k, 0]))
     axes.set(xlabel="east [m]", ylabel="north [m]", aspect="equal")
     if marks:
         axes.legend(fontsize="x-small")

@@ -204,7 +204,12 @@ def chosen_node(
     """Its node of the configuration."""
     base = known.trial.config["excitation"]
     assert isinstance(base, Mapping)
-    changes = {"candidates": dict(nodes), "design": "each", "held_out": [], "expected": expected}
+    changes: Node = {
+        "candidates": dict(nodes),
+        "design": "each",
+        "held_out": [],
+        "expected": expected,
+    }
     return {**base, **changes, "route": {**base["route"], **(route or {})}}
 
 
@@ -298,11 +303,14 @@ def _measures(known: Known, kind: str, mission: Mission, model: Vessel) -> Measu
     assert length is not None
     try:
         run = known.sailed(mission, model)
-        helm = run.tau[:, 2] if run.inputs is None else run.inputs[:, family.index]  # type: ignore[union-attr]
+        helm = run.tau[:, 2]
+        if isinstance(family, HelmSequence) and run.inputs is not None:
+            helm = run.inputs[:, family.index]
         away = helm - helm[0]
         away = np.where(np.abs(away) >= STEERED * np.max(np.abs(away)), away, 0.0)
         speed = np.hypot(*run.nu[:, :2].T)
-        track = Track(run.t, *run.eta.T, away, speed, length)
+        north, east, psi = run.eta.T
+        track = Track(run.t, north, east, psi, away, speed, length)
         ordered = OrderedManoeuvre(turn_deg=ZIGZAG_DEG)
         return sheet(track, kind, ordered=ordered).values  # type: ignore[arg-type]
     except UNABLE:

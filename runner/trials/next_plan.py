@@ -39,7 +39,7 @@ class Sea:
 
 
 class Sailed(NamedTuple):
-    """A sequence: the candidates with the instants [s] at which they begin, and how it is sailed."""
+    """The candidates with the instants [s] at which they begin, and how they are sailed."""
 
     chosen: tuple[tuple[float, int], ...]
     mission: Mission | None = None
@@ -103,7 +103,7 @@ class SteeredPlanner:
         return max(found)
 
     def added(self, so_far: Sailed, number: int) -> Sailed | None:
-        """The sequence with one candidate more, that returns to the start; None: it does not fit."""
+        """The sequence with one candidate more and the return; None: it does not fit."""
         candidate = self.candidates[number]
         limit = self.sea.seconds
         for join in self._joins(so_far, candidate):
@@ -173,9 +173,9 @@ class SteeredPlanner:
         grid = np.meshgrid(np.linspace(south, north, GRID), np.linspace(west, east, GRID))
         points = np.stack(grid, axis=-1).reshape(-1, 2)
         points = points[inside(free, points)]
-        poses = []
+        poses: list[Array] = []
         for heading in 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS:
-            fits = clear(free, in_ned(track, heading), points) if len(points) else []
+            fits = clear(free, in_ned(track, heading), points)
             poses += [np.array([*point, heading]) for point in points[fits]]
         return poses
 
