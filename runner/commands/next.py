@@ -34,6 +34,10 @@ from seatrial.runner.trials.next_plan import ForcePlanner, Sailed, Sea, SteeredP
 
 app = typer.Typer(name="seatrial next", pretty_exceptions_enable=False, add_completion=False)
 HALF_A_SAMPLE = 0.05  # [s]
+FOR = (
+    "What is to be predicted and half its 90 % interval: tactical_diameter=3%, "
+    "first_overshoot=0.5, coefficients=10%, sway.v=5%, FIT=2, e_pos=5%."
+)
 FAMILIES = ("helm_sequence", "optimal_design")  # of a vessel that is steered, or takes forces
 
 
@@ -44,14 +48,7 @@ def main(words: Sequence[str]) -> int:
 
 @app.command("next")
 def next_experiment(
-    purpose: Annotated[
-        str,
-        typer.Option(
-            "--for",
-            help="What is to be predicted and half its 90 % interval: tactical_diameter=3%, "
-            "first_overshoot=0.5, coefficients=10%, sway.v=5%, FIT=2, e_pos=5%.",
-        ),
-    ],
+    purpose: Annotated[str, typer.Option("--for", help=FOR)],
     after: Annotated[str, typer.Option(help="Numbers of stored runs: 17,18.")] = "",
     vessel: Annotated[str, typer.Option(help="Without runs: its nominal model.")] = "",
     doubt: Annotated[
@@ -79,6 +76,7 @@ def next_experiment(
         where = lat, lon
     north, east, heading = _numbers("start", start, 3)
     waters = None if area is None else read_waters(area, where, clearance_m)
+    sea = Sea(waters, np.array([north, east, np.radians(heading)]), 60.0 * minutes)
     if bool(after) == bool(vessel):
         raise ConfigurationError("next: expected --after RUNS or --vessel NAME")
     trials = _stored(after, database) if after else []
@@ -86,45 +84,56 @@ def next_experiment(
         known = after_runs(trials, _calm(trials[-1].names["vessel"]))
     else:
         known = _nominal(vessel, doubt)
-    wanted = purpose_of(known, name, percent, trials[-1] if after else None)
+    wanted = purpose_of(known, name, percent, trials[-1] if trials else None)
     now = wanted.width(np.zeros((1, *2 * known.belief.coordinates.shape[1:])))
-    _came(trials, wanted, now)
-    told = f"runs {after}" if after else f"nominal model, doubt {100.0 * doubt:g} %"
-    typer.echo(
-        f"{known.trial.vessel.name}, {told}: {name} {wanted.text} ± {now:.3g} {wanted.unit}".strip()
-    )
+    source = f"runs {after}" if after else f"nominal model, doubt {100.0 * doubt:g} %"
+    text = " ".join([name, wanted.text, f"± {now:.3g} {wanted.unit}"]).replace("  ", " ")
+    head = [*_came(trials, wanted, now), f"{known.trial.vessel.name}, {source}: {text}"]
     if now <= target:
-        typer.echo(f"{target:g} {wanted.unit} reached: nothing is to be sailed")
+        typer.echo("\n".join([*head, f"{target:g} {wanted.unit} reached: nothing is to be sailed"]))
         return
-    candidates = candidates_of(known)
-    told_by = np.array([known.information(each.motion) for each in candidates])
-    seconds = 60.0 * minutes
-    sea = Sea(waters, np.array([north, east, np.radians(heading)]), seconds)
-    steered = isinstance(known.trial.excitation, HelmSequence)
-    planner = (SteeredPlanner if steered else ForcePlanner)(known, candidates, sea)
-    sailed, widths = sequence(wanted, target, told_by, planner, seconds)
-    if sailed.motion is None:
-        raise ConfigurationError(
-            f"next: none of {len(candidates)} manoeuvres fits into {minutes:g} min"
-            + (f" and {area}" if area else "")
-        )
-    names = [(begin, candidates[number].name) for begin, number in sailed.chosen]
-    _print_sheet(sailed, names, widths, wanted)
-    reached = widths[-1] <= target
-    typer.echo(
-        f"{target:g} {wanted.unit} reached after {sailed.seconds / 60.0:.1f} min" if reached
-        else f"{target:g} {wanted.unit} is not reached in {minutes:g} min: the best that was found "
-        f"is {widths[-1]:.3g} {wanted.unit}"
-    )  # fmt: skip
+    planner, sailed, widths = _chosen(known, wanted, target, sea)
+    told = _sheet(planner, sailed, widths, wanted)
+    verdict = f"reached after {sailed.seconds / 60.0:.1f} min"
+    if widths[-1] > target:
+        best = f"the best that was found is {widths[-1]:.3g} {wanted.unit}"
+        verdict = f"is not reached in {minutes:g} min: {best}"
+    typer.echo("\n".join([*head, *told, f"{target:g} {wanted.unit} {verdict}"]))
     expected = {f"{name}, {wanted.unit}": float(widths[-1])}
+    text = _yaml(known, planner, sailed, expected)
+    typer.echo("wrote " + ", ".join(map(str, _written(output, text, planner, sailed, where))))
+
+
+def _written(
+    folder: Path, text: str, planner: SteeredPlanner | ForcePlanner, sailed: Sailed, origin: Origin
+) -> list[Path]:
+    """Write the YAML and the track; raises ConfigurationError if they cannot be written."""
+    assert sailed.motion is not None
+    names = [(begin, planner.candidates[number].name) for begin, number in sailed.chosen]
+    file = folder / "excitation.yaml"
     try:
-        output.mkdir(parents=True, exist_ok=True)
-        files = [output / "excitation.yaml"]
-        files[0].write_text(_yaml(known, planner, sailed, expected), encoding="utf-8")
-        files += write_files(output, sailed.motion, names, waters, where)
+        folder.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+        return [file, *write_files(folder, sailed.motion, names, planner.sea.waters, origin)]
     except OSError as error:
-        raise ConfigurationError(f"{output}: cannot be written: {error.strerror}") from error
-    typer.echo("wrote " + ", ".join(map(str, files)))
+        raise ConfigurationError(f"{folder}: cannot be written: {error.strerror}") from error
+
+
+def _chosen(
+    known: Known, wanted: Purpose, target: float, sea: Sea
+) -> tuple[SteeredPlanner | ForcePlanner, Sailed, list[float]]:
+    """The sequence with its planner and widths; raises ConfigurationError if nothing fits."""
+    kind = SteeredPlanner if isinstance(known.trial.excitation, HelmSequence) else ForcePlanner
+    planner = kind(known, candidates_of(known), sea)
+    told = np.array([known.information(each.motion) for each in planner.candidates])
+    sailed, widths = sequence(wanted, target, told, planner, sea.seconds)
+    if sailed.motion is None:
+        where = "" if sea.waters is None else " and the area"
+        raise ConfigurationError(
+            f"next: none of {len(planner.candidates)} manoeuvres fits into "
+            f"{sea.seconds / 60.0:g} min{where}"
+        )
+    return planner, sailed, widths
 
 
 def _target(text: str) -> tuple[str, float, bool]:
@@ -192,28 +201,33 @@ def _nominal(vessel: str, doubt: float) -> Known:
     return nominal(replace(noisy, disturbance=type(noisy.disturbance)()), noisy, doubt)
 
 
-def _came(trials: Sequence[Trial], purpose: Purpose, now: float) -> None:
-    """Print what was expected of the last run beside what came."""
+def _came(trials: Sequence[Trial], purpose: Purpose, now: float) -> list[str]:
+    """What was expected of the last run beside what came, if anything was."""
     mission = trials[-1].excitation if trials else None
     expected = mission.expected if isinstance(mission, HelmSequence | OptimalDesign) else None
     value = (expected or {}).get(f"{purpose.name}, {purpose.unit}")
-    if value is not None:
-        typer.echo(f"expected ± {value:.3g} {purpose.unit}, came ± {now:.3g} {purpose.unit}")
+    if value is None:
+        return []
+    return [f"expected ± {value:.3g} {purpose.unit}, came ± {now:.3g} {purpose.unit}"]
 
 
-def _print_sheet(
-    sailed: Sailed, names: Sequence[tuple[float, str]], widths: Sequence[float], purpose: Purpose
-) -> None:
-    """Print times, helm or forces, and the interval expected after each manoeuvre."""
-    said, last = list(zip(names, widths[1:], strict=True)), ""
+def _sheet(
+    planner: SteeredPlanner | ForcePlanner,
+    sailed: Sailed,
+    widths: Sequence[float],
+    purpose: Purpose,
+) -> Iterator[str]:
+    """Lines of times, helm or forces, and the interval expected after each manoeuvre."""
+    said, last = list(zip(sailed.chosen, widths[1:], strict=True)), ""
     for begin, text in _rows(sailed):
         if said and said[0][0][0] <= begin + HALF_A_SAMPLE:
-            (_, title), width = said.pop(0)
-            typer.echo(f"{_clock(begin)}  {title}: then ± {width:.3g} {purpose.unit}")
+            (_, number), width = said.pop(0)
+            title = planner.candidates[number].name
+            yield f"{_clock(begin)}  {title}: then ± {width:.3g} {purpose.unit}"
         if text != last:
-            typer.echo(f"{_clock(begin)}    {text}")
+            yield f"{_clock(begin)}    {text}"
         last = text
-    typer.echo(f"{_clock(sailed.seconds)}  end")
+    yield f"{_clock(sailed.seconds)}  end"
 
 
 def _rows(sailed: Sailed) -> Iterator[tuple[float, str]]:

@@ -48,7 +48,9 @@ def read_waters(path: Path, origin: Origin, clearance_m: float) -> Waters:
 
 
 def _polygons(node: Any) -> Any:
-    for inner in node.get("features", node.get("geometries", ())):
+    if not isinstance(node, dict):
+        raise TypeError(f"a {type(node).__name__}")
+    for inner in node.get("features") or node.get("geometries") or ():
         yield from _polygons(inner)
     if node["type"] == "Feature":
         yield from _polygons(node["geometry"])
