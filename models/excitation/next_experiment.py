@@ -41,11 +41,15 @@ SPARE = 10  # draws beside those that the unknowns of a linear function take
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What is known of a model: it and draws that deviate by `share` of their deviations."""
+    """What is known of a model: it and draws that deviate by `share` of their deviations.
+
+    `known` are the coordinates of the draws and B, if they are known already.
+    """
 
     model: Vessel
     draws: tuple[Vessel, ...]
     share: float
+    known: tuple[Array, Array] | None = None
 
     def __post_init__(self) -> None:
         if len(self.draws) < 2 or not self.coordinates.shape[1]:
@@ -67,6 +71,8 @@ class Belief:
 
     @cached_property
     def _decomposed(self) -> tuple[Array, Array]:
+        if self.known is not None:
+            return self.known
         change = np.array([self._parameters(each) - self.values for each in self.draws])
         change /= self.share
         size = np.sqrt(np.mean(change**2, axis=0))
@@ -90,6 +96,26 @@ class Belief:
         table = model.on(self.draws[0].terms).theta.ravel()
         return np.concatenate([table, model.installed.parameters])
 
+    def at(self, u: Array) -> Vessel:
+        """The model with coordinates u (m,)."""
+        values, terms = self.values + self.basis @ u, self.draws[0].terms
+        count = len(terms) * len(self.model.dofs)
+        table = replace(
+            self.model.on(terms), theta=values[:count].reshape(-1, len(self.model.dofs))
+        )
+        return replace(table, devices=with_parameters(self.model.devices, values[count:].tolist()))
+
+    def about(self, u: Array) -> "Belief":
+        """Draws with the same deviations about other coordinates u (m,)."""
+        near = self.coordinates[: self.few]
+        draws = tuple(self.at(u + self.share * each) for each in near)
+        return Belief(self.at(u), draws, self.share, (near, self.basis))
+
+    @property
+    def few(self) -> int:
+        """Draws that a linear function needs."""
+        return min(len(self.draws), SPARE + self.coordinates.shape[1])
+
     def gradient(self, values: Array, own: Array) -> Array:
         """G by regression of values over draws.
 
@@ -112,14 +138,14 @@ class Belief:
             )
         return np.asarray(np.linalg.lstsq(u[known], values[known] - own, rcond=None)[0].T)
 
-    def sensitivity(self, motion: Recording) -> tuple[Array, float]:
-        """J (m, N, n_dof) at up to MOST_SAMPLES samples of a motion, and how many each stands for.
+    def sensitivity(self, motion: Recording, most: int = MOST_SAMPLES) -> tuple[Array, float]:
+        """J (m, N, n_dof) at up to `most` samples of a motion, and how many each stands for.
 
         Raises the errors of `Vessel.forward`.
         """
-        stride = max(1, -(-len(motion) // MOST_SAMPLES))
+        stride = max(1, -(-len(motion) // most))
         part = motion.part(np.arange(len(motion)) % stride == 0)
-        used = self.draws[: min(len(self.draws), SPARE + self.coordinates.shape[1])]
+        used = self.draws[: self.few]
         own = acceleration(self.model, part)
         change = np.array([(acceleration(each, part) - own).ravel() for each in used])
         found = np.linalg.pinv(self.share * self.coordinates[: len(used)]) @ change
