@@ -67,13 +67,13 @@ class Belief:
     @cached_property
     def values(self) -> Array:
         """p_hat, shape (n,), SI units."""
-        return self._parameters(self.model)
+        return self.parameters(self.model)
 
     @cached_property
     def _decomposed(self) -> tuple[Array, Array]:
         if self.known is not None:
             return self.known
-        change = np.array([self._parameters(each) - self.values for each in self.draws])
+        change = np.array([self.parameters(each) - self.values for each in self.draws])
         change /= self.share
         size = np.sqrt(np.mean(change**2, axis=0))
         scaled = np.divide(change, size, out=np.zeros_like(change), where=size > 0.0)
@@ -92,7 +92,8 @@ class Belief:
         """B, shape (n, m)."""
         return self._decomposed[1]
 
-    def _parameters(self, model: Vessel) -> Array:
+    def parameters(self, model: Vessel) -> Array:
+        """p of a model, shape (n,)."""
         table = model.on(self.draws[0].terms).theta.ravel()
         return np.concatenate([table, model.installed.parameters])
 
@@ -107,7 +108,7 @@ class Belief:
 
     def about(self, u: Array) -> "Belief":
         """Draws with the same deviations about other coordinates u (m,)."""
-        near = self.coordinates[: self.few]
+        near = self.coordinates[: 2 * self.few]  # some may not reach what is asked for
         draws = tuple(self.at(u + self.share * each) for each in near)
         return Belief(self.at(u), draws, self.share, (near, self.basis))
 
