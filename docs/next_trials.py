@@ -115,8 +115,13 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
             for k in range(MOST):
                 number = orders[arm](k, purpose, state[1] - np.eye(m))
                 data = _sailed(known, windy, candidates[number], truth, 100 * seed + k)
-                state, spent = updated(belief, state, data), spent + float(seconds[number])
-                purpose, centre = _purpose(belief, value, state, name)
+                spent += float(seconds[number])
+                try:
+                    state = updated(belief, state, data)
+                    purpose, centre = _purpose(belief, value, state, name)
+                except SeatrialError:  # the estimate cannot be sailed: not reached
+                    width = float("inf")
+                    break
                 width = float(half_widths(purpose.gradient, np.linalg.inv(state[1]))[0])
                 if width <= target:
                     break

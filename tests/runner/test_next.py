@@ -13,8 +13,8 @@ SQUARE = '{"type": "Polygon", "coordinates": [[[0,0],[%s,0],[%s,%s],[0,%s],[0,0]
 OTTER = ("next", "--vessel", "otter", "--database", "sqlite:///none.db")
 
 
-def _area(side: float) -> Path:
-    path = Path("area.geojson")
+def _area(folder: Path, side: float) -> Path:
+    path = folder / "area.geojson"
     path.write_text(SQUARE.replace("%s", f"{side:g}"))
     return path
 
@@ -37,11 +37,13 @@ def test_words_that_are_wrong_are_one_line(
 
 
 @pytest.mark.slow
-def test_what_cannot_be_sailed_or_predicted_is_one_line(seatrial: Command) -> None:
+def test_what_cannot_be_sailed_or_predicted_is_one_line(
+    seatrial: Command, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     said = seatrial.refuses(*OTTER, "--for", "head_reach=3%")
     assert said.startswith("next: otter has no measure head_reach, expected coefficients, FIT")
     assert "tactical_diameter" in said
-    area = str(_area(6.0))
+    area = str(_area(tmp_path_factory.mktemp("area"), 6.0))
     said = seatrial.refuses(*OTTER, "--for", "FIT=2", "--area", area, "--start", "3,3,0")
     assert said.startswith("next: area: no turning circle fits")
     said = seatrial.refuses(*OTTER, "--for", "FIT=2", "--minutes", "0.1")
@@ -53,7 +55,7 @@ def test_the_sheet_stays_in_its_area_and_time_and_its_yaml_sails_it(seatrial: Co
     side = 60.0
     words = (
         "--area",
-        str(_area(side)),
+        str(_area(Path(), side)),
         "--start",
         "30,30,90",
         "--minutes",
@@ -77,3 +79,18 @@ def test_the_sheet_stays_in_its_area_and_time_and_its_yaml_sails_it(seatrial: Co
         "controller=none", "evaluation=none",
     )  # fmt: skip
     assert sailed.code == 0, sailed
+
+
+@pytest.mark.nightly
+def test_what_came_is_of_the_size_that_was_expected(seatrial: Command) -> None:
+    answer = seatrial("next", "--vessel", "kvlcc2", "--for", "tactical_diameter=2%")
+    assert answer.code == 0, answer
+    sailed = seatrial(
+        "vessel=kvlcc2", "excitation=results/next/excitation.yaml", "disturbance=noise",
+        "identifier=robust", "model_error=false", "controller=none", "evaluation=none",
+    )  # fmt: skip
+    assert sailed.code == 0, sailed
+    after = seatrial("next", "--after", "1", "--for", "tactical_diameter=9%")
+    found = re.search(r"expected ± ([\d.]+) %, came ± ([\d.]+) %", after.out)
+    assert found is not None, after
+    assert 0.2 < float(found[2]) / float(found[1]) < 5.0
