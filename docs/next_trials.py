@@ -14,6 +14,7 @@ from argparse import ArgumentParser
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
@@ -122,7 +123,7 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
                 except SeatrialError:  # the estimate cannot be sailed: not reached
                     width = float("inf")
                     break
-                width = float(half_widths(purpose.gradient, np.linalg.inv(state[1]))[0])
+                width = float(half_widths(purpose.gradient, np.asarray(np.linalg.inv(state[1])))[0])
                 if width <= target:
                     break
             error = 100.0 * (real / centre - 1.0)
@@ -177,7 +178,7 @@ def _sailed(
     return replace(recording_of(voyage, voyage.weather), wind=None)
 
 
-def shown(rows: list[dict[str, float]]) -> str:
+def shown(rows: list[dict[str, Any]]) -> str:
     """The table, and the coverage of all trials."""
     lines = ["| vessel | asked for | " + " | ".join(f"{arm} [min]" for arm in ARMS) + " | inside |"]
     lines.append("|---|---|" + "---:|" * (len(ARMS) + 1))

@@ -115,7 +115,7 @@ class Belief:
     @property
     def few(self) -> int:
         """Draws that a linear function needs."""
-        return min(len(self.draws), SPARE + self.coordinates.shape[1])
+        return min(len(self.draws), SPARE + int(self.coordinates.shape[1]))
 
     def gradient(self, values: Array, own: Array) -> Array:
         """G by regression of values over draws.

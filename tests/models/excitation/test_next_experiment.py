@@ -42,7 +42,7 @@ def _belief(count: int = 60) -> Belief:
 
 
 def _motion(size: float = 1.0) -> Recording:
-    t = 0.1 * np.arange(N)
+    t = 0.1 * np.arange(N, dtype=np.float64)
     nu = size * np.sin(t)[:, None]
     zero = np.zeros((N, 1))
     return Recording(("surge",), t, zero, nu, zero, zero, np.zeros((N, 3)))
