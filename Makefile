@@ -3,7 +3,7 @@
 # PYTHON=... names another interpreter, SEATRIAL_DATA=... the folder of outside data (else
 # ../shared/data where it exists), which `make test` leaves alone.
 
-.PHONY: demo robustness coverage bands manoeuvring benchmark readme published bench docs gallery test test-data slow nightly nightly-tests ray abuse check ruff mypy imports clean help
+.PHONY: demo robustness coverage bands manoeuvring next benchmark readme published bench docs gallery test test-data slow nightly nightly-tests ray abuse check ruff mypy imports clean help
 .DELETE_ON_ERROR:
 
 VENV := .venv
@@ -38,6 +38,7 @@ help:
 	@echo 'make demo    a sweep of 183 runs on the milliAmpere ferry, its tables and its figures'
 	@echo 'make robustness   every identifier on four vessels and the recordings, SEEDS=20 each; docs/identification.md'
 	@echo 'make manoeuvring turning circles after simulated trials, TRIAL_SEEDS=20'
+	@echo 'make next    simulated trials of seatrial next, SEEDS=20; docs/howto/next.md'
 	@echo 'make coverage   how many true coefficients the 95 % intervals cover, COVERAGE_SEEDS=100; docs/identification.md'
 	@echo 'make bands      what was measured in the bands of predictions, on data left out; docs/identification.md'
 	@echo 'make benchmark   every entrant on the tasks of conf/benchmark: results/benchmark/index.html, docs/benchmark.md'
@@ -109,6 +110,10 @@ robustness: $(VENV)/demo.stamp
 manoeuvring: $(VENV)/demo.stamp
 	nice -n 19 $(BIN)/python -m docs.manoeuvring_trials --seeds $(TRIAL_SEEDS) --write
 	$(BIN)/python docs/refresh.py docs.manoeuvring_trials
+
+next: $(VENV)/demo.stamp
+	nice -n 19 $(BIN)/python -m docs.next_trials --seeds $(SEEDS) --write
+	$(BIN)/python docs/refresh.py docs.next_trials
 
 coverage: $(VENV)/demo.stamp
 	$(BIN)/python -m docs.coverage --seeds $(COVERAGE_SEEDS) --write

@@ -68,6 +68,7 @@ from seatrial.runner.sweeps.sweep import Session
 
 if TYPE_CHECKING:  # what is slow to import, or seldom used
     from seatrial.runner.commands import benchmark, data_commands, doctor, fits, model_command
+    from seatrial.runner.commands import next as next_command
     from seatrial.runner.compare import __main__ as results
 else:
     import lazy_loader
@@ -82,6 +83,7 @@ else:
     results = lazy_loader.load("seatrial.runner.compare.__main__", suppress_warning=True)
     doctor = lazy_loader.load("seatrial.runner.commands.doctor", suppress_warning=True)
     fits = lazy_loader.load("seatrial.runner.commands.fits", suppress_warning=True)
+    next_command = lazy_loader.load("seatrial.runner.commands.next", suppress_warning=True)
 
 WELCOME = """\
 seatrial {version}: sea trials for models and controllers of marine vessels
@@ -109,6 +111,7 @@ COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
     "doctor": lambda words: doctor.main(words),
     "fits": lambda words: fits.main(words),
     "model": lambda words: model_command.main(words),
+    "next": lambda words: next_command.main(words),
     "init": lambda words: init.run(words),
 }
 

@@ -3,7 +3,7 @@
 A piece ends at an instant, or when the heading has changed by an angle from what it was when the
 last piece ended at an instant. It holds an order of one input or force, or steers by feedback:
 
-    heading    kp (psi_0 + order - psi) - kd r                   psi_0 + order: the course wanted
+    heading    base + kp (psi_0 + order - psi) - kd r            psi_0 + order: the course wanted
     rate       kp (order - r) + ki integral of (order - r)       r: the yaw rate
     stop       -Kd nu
     follow     R(psi)' Kp (eta_d - eta) - Kd (nu - nu_d)         eta_d: planned poses
@@ -102,6 +102,7 @@ def _give_command(
         return
     if law == HEADING:
         order = gains.kp[0] * wrap_kernel(state[2] + order - heading) - gains.kd[0] * nu[table.yaw]
+        order += table.base[table.channel]
         order = min(max(order, gains.low[0]), gains.high[0])
     elif law == RATE:
         error = order - nu[table.yaw]

@@ -133,14 +133,16 @@ class OptimalDesign(Mission):
     """`sub_experiments` of the candidates, each `length_s` x `time_scale` long.
 
     `design`: optimal, by the nominal model of `vessel`, or random, drawn with `draw_seed` from a
-    pool of `repeats` of every candidate. `stop_s` (x `time_scale`) of velocity feedback bring the
-    vessel to rest after each. `held_out` are sailed last, for testing. In the area of `route` the
-    order and what lies between follow from a plan.
+    pool of `repeats` of every candidate, or each candidate once. `stop_s` (x `time_scale`) of
+    velocity feedback bring the vessel to rest after each. `held_out` are sailed last, for testing;
+    without them what lies between manoeuvres is for testing. In the area of `route` the order and
+    what lies between follow from a plan. `expected` is what was expected of the mix: half
+    the 90 % interval by purpose.
     """
 
     candidates: dict[str, Mission]
     sub_experiments: PositiveInt
-    design: Literal["optimal", "random"]
+    design: Literal["optimal", "random", "each"]
     repeats: PositiveInt
     draw_seed: int
     held_out: tuple[str, ...]
@@ -154,6 +156,7 @@ class OptimalDesign(Mission):
     route: Route
     reference_filter: Reference
     period_s: Positive
+    expected: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -163,7 +166,7 @@ class OptimalDesign(Mission):
                 f"sub_experiments must be at most the pool's {pool}, got {self.sub_experiments}"
             )
         unknown = [name for name in self.held_out if name not in self.candidates]
-        if unknown or not self.held_out:
+        if unknown or not (self.held_out or self.design == "each"):
             raise ConfigurationError(
                 f"held_out: got {unknown[0] if unknown else 'none'}, expected some of "
                 f"{', '.join(self.candidates)}"
@@ -204,6 +207,8 @@ class OptimalDesign(Mission):
     @cached_property
     def counts(self) -> dict[str, int]:
         """Sub-experiments of every candidate in the mix, without those held out."""
+        if self.design == "each":
+            return dict.fromkeys(self.candidates, 1)
         if self.design == "optimal":
             counts = self.information.counts(self.sub_experiments)
         else:
@@ -268,11 +273,10 @@ class OptimalDesign(Mission):
         return self.schedule.steering(self.feedback, self._limits)
 
     def split(self, t: Array) -> Split:
-        """Training: the manoeuvres of the mix; testing: those held out."""
-        n = len(t)
-        return Split(
-            self.schedule.mask("training")[:n].copy(), self.schedule.mask("testing")[:n].copy()
-        )
+        """Training: the manoeuvres of the mix; testing: those held out, or what is between."""
+        train = self.schedule.mask("training")[: len(t)].copy()
+        test = self.schedule.mask("testing" if self.held_out else "none")[: len(t)].copy()
+        return Split(train, test)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel is planar and the mix can be designed."""

@@ -1,7 +1,8 @@
-"""The source of the YAML files of a configuration, with vessels that are no options of it.
+"""The source of the YAML files of a configuration, with parts that are no options of it.
 
-`vessel=path.yaml` is a file from the working folder, and `vessel=run:17` the identified model of
-run 17 in the logbook of the trial, as `seatrial-results model 17 --to yaml` writes it.
+`vessel=path.yaml` and `excitation=path.yaml` are files from the working folder, and `vessel=run:17`
+the identified model of run 17 in the logbook of the trial, as `seatrial-results model 17 --to yaml`
+writes it.
 """
 
 import copy
@@ -35,9 +36,10 @@ _PLACES = re.compile(r"\+?(results_dir|database(\.url)?|experiment)=")
 
 def file_of(config_path: str) -> Path | None:
     """Return the file that a path of the configuration, `vessel/tug.yaml`, names; else None."""
-    if not config_path.startswith(GROUP) or not config_path.endswith(".yaml"):
+    group = next((name for name in (GROUP, "excitation/") if config_path.startswith(name)), None)
+    if group is None or not config_path.endswith(".yaml"):
         return None
-    path = Path(config_path.removeprefix(GROUP)).absolute()
+    path = Path(config_path.removeprefix(group)).absolute()
     return path if path.is_file() else None
 
 

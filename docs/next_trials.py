@@ -1,0 +1,234 @@
+"""Simulated trials of `seatrial next`: how soon the interval that is asked for is reached.
+
+`python -m docs.next_trials --seeds 20 --write` computes it, `make next` runs that. The parameters
+of the true vessel deviate from the nominal ones by a normal doubt of 20 % (half of the 90 %
+interval), in measurement noise and wind; of the wind a steady force is allowed for in each
+recording. Manoeuvres are sailed one by one, and after each the distribution is updated by
+Gauss-Newton steps with the measured accelerations. They are chosen by `next`, by a D-optimal design
+over the same candidates, or are those of IMO's trials: circles to both sides and zig-zags, repeated
+until the interval is reached.
+"""
+
+import json
+from argparse import ArgumentParser
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+from seatrial.models.errors import SeatrialError
+from seatrial.models.excitation.helm_sequence import HelmSequence
+from seatrial.models.excitation.next_experiment import (
+    Belief,
+    Purpose,
+    acceleration,
+    doubted,
+    half_widths,
+    ranked,
+)
+from seatrial.models.identification.uncertainty import long_run_share
+from seatrial.models.recording.recording import Recording
+from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.table import Vessel
+from seatrial.runner.commands.next import _calm as trial_of
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.trials import next_experiment
+from seatrial.runner.trials.closed_loop import Streams, prepare
+
+FILE = Path(__file__).parent / "next_trials.json"
+TASKS = {  # vessel: purpose, target [%]
+    "kvlcc2": ("tactical_diameter", 10.0),
+    "milliampere": ("yaw.|r|r", 13.0),
+    "otter": ("tactical_diameter", 15.0),
+}
+ARMS = ("next", "D-optimal", "IMO")
+DOUBT, MOST, STEPS, MEMORY_S = 0.2, 8, 3, 10.0
+State = tuple[Array, Array]  # u (m,) and its information (m, m)
+
+
+def updated(belief: Belief, state: State, data: Recording) -> State:
+    """The distribution after a recording, by Gauss-Newton steps."""
+    first, known = state
+    u, H = state
+    for _ in range(STEPS):
+        near = belief.about(u)
+        J, _ = near.sensitivity(data, len(data))
+        rest = data.nu_dot - acceleration(near.model, data)
+        left = without_steady(rest[None], data)[0]
+        share = np.maximum(long_run_share(left, MEMORY_S / data.period_s), 1.0)
+        size = np.sqrt(np.mean(left**2, axis=0) * share)
+        J, rest = without_steady(J, data), without_steady(rest[None], data)[0]
+        A, r = (J / size).reshape(len(J), -1), (rest / size).ravel()
+        H = known + A @ A.T
+        u = np.linalg.solve(H, known @ first + A @ (r + A.T @ u))
+    return u, H
+
+
+def without_steady(values: Array, data: Recording) -> Array:
+    """Accelerations (k, N, n_dof) without what a force can do that is steady in NED or body."""
+    psi = data.attitude[:, 2]
+    basis = np.linalg.qr(np.column_stack([np.ones_like(psi), np.cos(psi), np.sin(psi)]))[0]
+    return np.asarray(values - np.einsum("ni,mi,kmd->knd", basis, basis, values, optimize=True))
+
+
+def imo(names: list[str], steered: bool) -> list[int]:
+    """Numbers of circles to both sides and zig-zags, as far as the vessel has them."""
+    if not steered:
+        wanted = ("circle, 100 %", "zigzag_10, 100 %", "zigzag_20, 100 %")
+        return [names.index(name) for name in wanted]
+    turns = [i for i, name in enumerate(names) if name.startswith("turn")]
+    zigzags = [i for i, name in enumerate(names) if name.startswith("zig-zag")]
+    per = len(zigzags) // len(next_experiment.SHARES)
+    by_share = [zigzags[k * per : (k + 1) * per] for k in range(len(next_experiment.SHARES))]
+    small = [by_share[k][2] for k in (4, 3)]  # a quarter of the helm, 10 deg, the longest
+    large = [by_share[k][5] for k in (5, 2)]  # half of it, 20 deg
+    return [turns[-1], turns[2], *small, *large]
+
+
+def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
+    """Time, width and error of each arm and seed of a vessel."""
+    name, target = TASKS[task]
+    noisy, windy = trial_of(task, "noise"), trial_of(task, "[wind,noise]")
+    calm = replace(noisy, disturbance=type(noisy.disturbance)())
+    known = next_experiment.nominal(calm, noisy, DOUBT)
+    belief, candidates = known.belief, next_experiment.candidates_of(known)
+    told = np.array([known.information(each.motion) for each in candidates])
+    seconds = np.array([each.seconds for each in candidates])
+    value = _value(known, name)
+    fixed = d_optimal(told, seconds)
+    standard = imo([c.name for c in candidates], isinstance(calm.excitation, HelmSequence))
+    orders: dict[str, Callable[[int, Purpose, Array], int]] = {
+        "next": lambda k, purpose, H: int(ranked(purpose, H, told, seconds)[0][0]),
+        "D-optimal": lambda k, purpose, H: fixed[k % len(fixed)],
+        "IMO": lambda k, purpose, H: standard[k % len(standard)],
+    }
+    m = belief.coordinates.shape[1]
+    for seed in range(seeds):
+        truth = doubted(belief.model, DOUBT, np.random.default_rng(1000 + seed), 1.0)
+        real = float(value(truth)[0])
+        for arm in ARMS:
+            state, spent, width = (np.zeros(m), np.eye(m)), 0.0, np.inf
+            purpose, centre = _purpose(belief, value, state, name)
+            for k in range(MOST):
+                number = orders[arm](k, purpose, state[1] - np.eye(m))
+                data = _sailed(known, windy, candidates[number], truth, 100 * seed + k)
+                spent += float(seconds[number])
+                try:
+                    state = updated(belief, state, data)
+                    purpose, centre = _purpose(belief, value, state, name)
+                except SeatrialError:  # the estimate cannot be sailed: not reached
+                    width = float("inf")
+                    break
+                width = float(half_widths(purpose.gradient, np.asarray(np.linalg.inv(state[1])))[0])
+                if width <= target:
+                    break
+            error = 100.0 * (real / centre - 1.0)
+            yield {"vessel": task, "arm": arm, "seed": seed, "minutes": spent / 60.0,
+                   "width": width, "error": error}  # fmt: skip
+
+
+def _value(known: next_experiment.Known, name: str) -> Callable[[Vessel], Array]:
+    """What is predicted, of a model: a measure or a coefficient."""
+    if name not in known.belief.labels:
+        return next_experiment._value(known, name, None)[0]
+    place = known.belief.labels.index(name)
+    return lambda model: known.belief.parameters(model)[place : place + 1]
+
+
+def d_optimal(told: Array, seconds: Array) -> list[int]:
+    """Candidates by the log det that they add in a second, one after the other."""
+    H, found = np.eye(told.shape[1]), []
+    for _ in range(MOST):
+        gain = np.linalg.slogdet(H + told)[1] - np.linalg.slogdet(H)[1]
+        found.append(int(np.argmax(gain / seconds)))
+        H = H + told[found[-1]]
+    return found
+
+
+def _purpose(
+    belief: Belief, value: Callable[[Vessel], Array], state: State, name: str
+) -> tuple[Purpose, float]:
+    """The purpose in percent about the present estimate, and what is predicted."""
+    near = belief.about(state[0])
+    own = value(near.model)
+    gradient = near.gradient(np.array([value(each) for each in near.draws]), own)
+    return Purpose(name, "%", 100.0 * gradient / own, lambda w: float(w[0])), float(own[0])
+
+
+def _sailed(
+    known: next_experiment.Known,
+    windy: Trial,
+    candidate: next_experiment.Candidate,
+    truth: Vessel,
+    seed: int,
+) -> Recording:
+    """The recording of the true vessel in noise and wind."""
+    family = windy.excitation
+    if isinstance(family, HelmSequence):
+        mission = replace(family, steps=candidate.steps)
+    else:
+        assert candidate.node is not None
+        mission = next_experiment.chosen_design(known, {candidate.name: candidate.node})  # type: ignore[assignment]
+    setup = prepare(windy, Streams(seed), windy.vessel.nominal(), mission, true=truth)
+    voyage = setup.sail().voyage
+    return replace(recording_of(voyage, voyage.weather), wind=None)
+
+
+def shown(rows: list[dict[str, Any]]) -> str:
+    """The table, and the coverage of all trials."""
+    lines = ["| vessel | asked for | " + " | ".join(f"{arm} [min]" for arm in ARMS) + " | inside |"]
+    lines.append("|---|---|" + "---:|" * (len(ARMS) + 1))
+    hits = [abs(float(row["error"])) <= float(row["width"]) for row in rows]
+    for vessel, (name, target) in TASKS.items():
+        own = [row for row in rows if row["vessel"] == vessel]
+        if not own:
+            continue
+        cells = []
+        for arm in ARMS:
+            part = [row for row in own if row["arm"] == arm]
+            late = sum(float(row["width"]) > target for row in part)
+            median = float(np.median([float(row["minutes"]) for row in part]))
+            cells.append(
+                f"{median:.1f}" + (f" ({late} of {len(part)} not reached)" if late else "")
+            )
+        inside = sum(hit for hit, row in zip(hits, rows, strict=True) if row["vessel"] == vessel)
+        cells.append(f"{inside} of {len(own)}")
+        shown_name = name.replace("|", "\\|")
+        lines.append(f"| {vessel} | {shown_name} ± {target:g} % | " + " | ".join(cells) + " |")
+    low, high = binomtest(sum(hits), len(hits)).proportion_ci()
+    share = 100.0 * sum(hits) / len(hits)
+    lines.append("")
+    lines.append(
+        f"Of {len(hits)} final 90 % intervals {share:.0f} % hold the true value (binomial 95 % "
+        f"interval {100.0 * low:.0f} to {100.0 * high:.0f} %)."
+    )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table, of the file or computed."""
+    parser = ArgumentParser(description="Simulated trials of seatrial next.")
+    parser.add_argument("--seeds", type=int, help="compute it over so many seeds")
+    parser.add_argument("--write", action="store_true", help="write the results")
+    parser.add_argument("--vessel", choices=TASKS, help="only this one")
+    options = parser.parse_args()
+    if options.seeds is None:
+        rows = json.loads(FILE.read_text())
+    else:
+        rows = []
+        for task in [options.vessel] if options.vessel else TASKS:
+            try:
+                rows += trial(task, options.seeds)
+            except SeatrialError as error:
+                raise SystemExit(f"{task}: {error}") from error
+        if options.write:
+            FILE.write_text(json.dumps(rows, indent=1) + "\n")
+    print(shown(rows))
+
+
+if __name__ == "__main__":
+    main()
