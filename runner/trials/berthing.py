@@ -47,10 +47,8 @@ def berthing_metrics(mission: DrawnDocking, sailed: SimulatedMission, model: str
 
 
 def harbour_series(mission: DrawnDocking) -> Series:
-    """Return the corners: polygon 0 is the hull in the berth, the others are parts of the land."""
-    berthing = mission.berthing
-    berthed = geometry.placed(berthing.hull, berthing.poses[-1:])[0]
-    polygons = [berthed, *berthing.obstacles]
+    """Return corners: polygon 0 is the hull in body axes, the others are parts of the land, NED."""
+    polygons = [mission.berthing.hull, *mission.berthing.obstacles]
     corners = np.vstack(polygons)
     numbers = np.repeat(np.arange(len(polygons), dtype=np.float64), list(map(len, polygons)))
     columns = {"polygon": numbers, "x": corners[:, 0], "y": corners[:, 1]}
