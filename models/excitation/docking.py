@@ -62,9 +62,7 @@ class Docking(Mission):
     """
 
     harbour: tuple[str, ...]
-    speed: Annotated[
-        tuple[Positive, Positive, Positive], FromVessel("tuning.control.mission.speed")
-    ]
+    speed: Annotated[tuple[Positive, ...], FromVessel("tuning.control.mission.speed")]
     passage: Positive
     berthing: Positive
     rests: tuple[NotNegative, NotNegative]
@@ -83,6 +81,10 @@ class Docking(Mission):
         if not self.harbour or (unknown := [n for n in self.harbour if n not in self.charts]):
             got = unknown[0] if self.harbour else "none"
             raise ConfigurationError(f"harbour: got {got}, expected some of {[*self.charts]}")
+        if len(self.speed) != len(self.vessel.dofs):
+            raise ConfigurationError(
+                f"speed: got {len(self.speed)} numbers, expected {len(self.vessel.dofs)}"
+            )
         for i, name in enumerate(self.vessel.dofs if self.vessel.planar else ()):
             most = float(self.vessel.scales.speeds[i])
             if self.speed[i] > most:
@@ -104,7 +106,7 @@ class Docking(Mission):
     @property
     def pace(self) -> Pace:
         """Speeds on the way to the approach pose."""
-        return Pace(self.passage * self.speed[0], self.speed[2], self.period_s)
+        return Pace(self.passage * self.speed[0], self.speed[-1], self.period_s)
 
     @property
     def rest_s(self) -> tuple[float, float]:

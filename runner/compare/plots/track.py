@@ -118,7 +118,8 @@ def _plane(axes: Axes, series: Series, north: Sample, east: Sample) -> None:
 def hull_of(harbour: Series) -> Sample:
     """Return the corners of the hull of a docking, body axes, (n, 2) [m]."""
     columns = harbour.columns
-    return np.column_stack([columns["x"], columns["y"]])[columns["polygon"] == 0.0]
+    hull: Sample = np.column_stack([columns["x"], columns["y"]])[columns["polygon"] == 0.0]
+    return hull
 
 
 def draw_harbour(axes: Axes, harbour: Series, voyage: Series) -> None:
