@@ -17,7 +17,7 @@ from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.excitation.missions import Length, Mission
 from seatrial.models.notation import PLANAR
 from seatrial.models.planning.harbour import (
-    Chart,
+    HarbourChart,
     Harbour,
     convex_parts,
     distances,
@@ -74,7 +74,7 @@ class Docking(Mission):
     vessel: VesselParameters
     reference_filter: ReferenceFilter
     period_s: Positive
-    charts: dict[str, Chart]
+    charts: dict[str, HarbourChart]
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -133,7 +133,7 @@ class Docking(Mission):
         """Raise ConfigurationError unless the vessel is planar."""
         if tuple(dofs) != PLANAR:
             raise ConfigurationError(
-                f"docking needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
+                f"a berth needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
             )
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:

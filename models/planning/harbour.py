@@ -30,7 +30,7 @@ ROUNDS = 60  # halvings of a sampling interval, at most: to less than rounding
 
 
 @dataclass(frozen=True)
-class Chart:
+class HarbourChart:
     """Polygons of a harbour, corners (north, east), in metres or in lengths of the vessel.
 
     `water`, if given, is the water: all around it is land. The vessel starts at a point of the

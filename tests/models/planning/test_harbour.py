@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seatrial.models.planning.harbour import (
-    Chart,
+    HarbourChart,
     clearances,
     contacts,
     convex_parts,
@@ -20,7 +20,7 @@ from seatrial.models.vessel.kinematics import in_ned
 
 HULL = hull_outline(1.0, 0.3)
 CORNER = ((2.0, -2.0), (2.0, 2.0), (-3.0, 2.0), (-3.0, 3.0), (3.0, 3.0), (3.0, -2.0))
-CHART = Chart(
+CHART = HarbourChart(
     "lengths", (CORNER,), ((-3.0, -2.5), (-3.0, -1.0), (-1.5, -1.0)), (-45.0, 90.0),
     ((0.4, 2.0), (1.4, 2.0)), "starboard",
 )  # fmt: skip
@@ -116,7 +116,7 @@ def test_a_chart_in_lengths_is_scaled_by_the_vessel() -> None:
 
 
 def test_land_is_all_around_water() -> None:
-    pond = Chart(
+    pond = HarbourChart(
         "metres", (), ((1.0, 1.0),), (0.0, 0.0), ((3.0, 0.0), (5.0, 0.0)), "port",
         ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0)),
     ).scaled(2.0)  # fmt: skip
