@@ -14,6 +14,7 @@ import pandas as pd
 from docs.pages.markdown import table
 from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.statistics import paired_test
+from seatrial.runner.record.vocabulary import ENDINGS
 
 LOGBOOK = Path(__file__).parents[1] / "results" / "docking" / "results.db"
 MODELS = ("nominal", "identified", "true")
@@ -32,7 +33,7 @@ def dockings(results: Queries) -> pd.DataFrame:
     """One row for each deployment that a run was to have: factors, model, seed and metrics."""
     values = results.metrics(METRICS).set_index(["run", "model", "metric"])["value"].to_dict()
     rows = []
-    for run in results.runs(factors=()):
+    for run in (run for run in results.runs(factors=()) if run.status in ENDINGS):
         own = {"nominal": "true"} if run.levels["identifier"] == "none" else {}
         for model in own or ("nominal", "identified"):
             numbers = {name: values.get((run.id, model, name), math.nan) for name in METRICS}
