@@ -17,8 +17,8 @@ from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.excitation.missions import Length, Mission
 from seatrial.models.notation import PLANAR
 from seatrial.models.planning.harbour import (
-    HarbourChart,
     Harbour,
+    HarbourChart,
     convex_parts,
     distances,
     hull_outline,
