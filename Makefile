@@ -119,11 +119,11 @@ bands: $(VENV)/demo.stamp
 	$(BIN)/python -m docs.bands --write
 	$(BIN)/python docs/refresh.py docs.bands
 
-# The true coefficients differ from the nominal ones by 30 %, or not. A run that fails or diverges is
-# kept, and counted in the table.
+# The true coefficients differ from the nominal ones by 30 %, or not. The recording is that of an open
+# loop, the same for every controller. A run that fails or diverges is kept, and counted.
 DOCKED := pid_ff,mpc_integral
 docking: $(VENV)/demo.stamp
-	$(BIN)/python -m runner -m vessel=milliampere,supply_vessel,cybership2 evaluation=docking \
+	$(BIN)/python -m runner -m vessel=milliampere,supply_vessel,cybership2 excitation=prbs evaluation=docking \
 	    'disturbance=calm,[wind,noise],[wind_current,noise]' controller=$(DOCKED) $(ANY_SEED) \
 	    --variant 'identifier=auto plant.scale=0.7' --variant 'identifier=none plant.scale=1.0' \
 	    model_error=false results_dir=results/docking sweep.name=docking hydra/launcher=processes $(KEPT)
