@@ -5,8 +5,8 @@
 Every block between `<!-- made by: COMMAND -->` and `<!-- end -->` is replaced by the output of its
 command; with a WORD, only blocks whose command contains it. Without one, a block whose results are
 not there stays as it is. The commands read the results of `make demo`, `make published`,
-`make bench`, `make robustness`, `make coverage`, `make bands`, `make manoeuvring` and
-`make benchmark`.
+`make bench`, `make robustness`, `make coverage`, `make bands`, `make docking`, `make manoeuvring`
+and `make benchmark`.
 """
 
 import re

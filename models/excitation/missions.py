@@ -19,6 +19,7 @@ from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.simulation.registry import Timetable
+from seatrial.models.simulation.voyage import Outlook
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 
@@ -70,6 +71,14 @@ class Mission(Evaluation):
     def length(self) -> Length:
         """The length, known before a plan: at least `duration_s`, but for passages of a plan."""
         return Length("duration_s", self.duration_s, self.duration_s)
+
+    def drawn(self, rng: np.random.Generator) -> "Mission":
+        """The mission with what it draws for a seed, such as its start."""
+        return self
+
+    def foreseen(self, outlook: Outlook) -> Outlook:
+        """The preview for a controller, with what else is known of the surroundings."""
+        return outlook
 
     @abstractmethod
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:

@@ -71,6 +71,7 @@ class VesselParameters:
     body: RigidBody | None = None  # instead of `inertia`: with weight and buoyancy
     force_limits: tuple[float, ...] | None = None  # [N, Nm] of the thrusters; None: unlimited
     length_m: Positive | None = None  # of the hull; None: estimated from the inertia
+    beam_m: Positive | None = None  # of the hull; None: a third of its length
     thrusters: Allocation | None = None  # thruster geometry and allocation method
     attitude: Attitude = "quaternion"  # of six degrees of freedom
     integrator: Literal["rk4", "euler"] = "rk4"  # of the simulation

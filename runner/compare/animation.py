@@ -30,7 +30,13 @@ from seatrial.runner.compare.plots.request import (
     subtitle,
 )
 from seatrial.runner.compare.plots.style import largest_of
-from seatrial.runner.compare.plots.track import drawn_length, outline
+from seatrial.runner.compare.plots.track import (
+    HARBOUR,
+    draw_harbour,
+    drawn_length,
+    hull_of,
+    outline,
+)
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import Config
@@ -115,7 +121,9 @@ def animate(results: Queries, run: int, file: Path | None) -> Path:
 def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     """Return the film of a run in at most so many frames: a panel for each of its voyages."""
     config = results.reader.run(number).config  # that there is one
-    ((run, stored),) = each_run(results, PlotRequest(run=number), (*DEPLOYMENTS, "recording"))
+    kinds = (*DEPLOYMENTS, "recording", HARBOUR)
+    ((run, stored),) = each_run(results, PlotRequest(run=number), kinds)
+    harbour = stored.pop(HARBOUR, None)
     deployed = {kind: stored[kind] for kind in DEPLOYMENTS if kind in stored}
     whole, absent = distinct(results, run, deployed or stored)
     in_plane(run, "animate", whole)
@@ -133,7 +141,7 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     notes += absent
     sheet, panels = style.panels(1, len(sails), INCHES, INCHES)
     moves = [
-        _drawn(axes, name, series, parts, length)
+        _drawn(axes, name, series, parts, length, harbour)
         for axes, (name, series), parts in zip(panels, sails.items(), devices, strict=True)
     ]
     limits = np.array([[axes.get_xlim(), axes.get_ylim()] for axes in panels])
@@ -162,7 +170,12 @@ def _thinned(series: Series, most: int) -> Series:
 
 
 def _drawn(
-    axes: Axes, name: str, series: Series, parts: Sequence[DeviceLine], length: float
+    axes: Axes,
+    name: str,
+    series: Series,
+    parts: Sequence[DeviceLine],
+    length: float,
+    harbour: Series | None,
 ) -> Callable[[int], Polygon]:
     """Draw what stays, and return what moves the vessel of a panel to a frame.
 
@@ -179,8 +192,10 @@ def _drawn(
     axes.set(aspect="equal", xlabel="East [m]", ylabel="North [m]")
     near = axes.inset_axes((0.74, 0.74, 0.26, 0.26), aspect="equal", xticks=[], yticks=[])
     near.spines[:].set_visible(True)
-    views = []
+    views, corners = [], None if harbour is None else hull_of(harbour)
     for view in (axes, near):
+        if harbour is not None:
+            draw_harbour(view, harbour, series)
         (track,) = view.plot([], [], color=colour, label=label)
         hull = Polygon(np.zeros((5, 2)), facecolor="white", edgecolor=colour, zorder=3)
         view.add_patch(hull)
@@ -196,7 +211,7 @@ def _drawn(
         north, east, psi = float(norths[k]), float(easts[k]), float(psis[k])
         for track, hull, lines in views:
             track.set_data(easts[: k + 1], norths[: k + 1])
-            hull.set_xy(outline(north, east, psi, length))
+            hull.set_xy(outline(north, east, psi, length, corners))
             for line, part in zip(lines, parts, strict=True):
                 line.set_data(*part.in_plane(north, east, psi, k).T)
         half = NEAR * length

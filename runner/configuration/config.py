@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.recording.recorded_file import RecordedFile
     from seatrial.models.vessel.parameters import VesselParameters
     from seatrial.models.weather.disturbance import Disturbance
-    from seatrial.runner.configuration import options, recording_map, roles
+    from seatrial.runner.configuration import harbours, options, recording_map, roles
     from seatrial.runner.record.own_metrics import OwnMetric
 else:
     import lazy_loader
@@ -35,6 +35,7 @@ else:
     recording_map = lazy_loader.load(
         "seatrial.runner.configuration.recording_map", suppress_warning=True
     )
+    harbours = lazy_loader.load("seatrial.runner.configuration.harbours", suppress_warning=True)
     options = lazy_loader.load("seatrial.runner.configuration.options", suppress_warning=True)
     roles = lazy_loader.load("seatrial.runner.configuration.roles", suppress_warning=True)
 
@@ -191,6 +192,7 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     if isinstance(update, Mapping):
         nodes["update"] = {**update, "_target_": "seatrial.models.identification.adaptive.Update"}
     nodes["excitation"] = recording_map.with_map(nodes["excitation"])
+    nodes["evaluation"] = harbours.with_harbours(nodes.get("evaluation"))
     for group, role in roles.ROLES.items():  # before anything of another role is made
         _check_role(nodes.get(group), role, group)
     metrics = nodes.get("metrics")

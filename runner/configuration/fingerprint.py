@@ -7,7 +7,7 @@ storage, and the files of user-defined parts. Comments and docstrings do not cou
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from importlib import import_module
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.source_digest import MODELS_FOLDER, files_digest, folder_digest, imported_files
+from seatrial.runner.configuration.harbours import harbour_file
 from seatrial.runner.configuration.plugins import targets
 from seatrial.runner.configuration.search_path import located
 from seatrial.runner.record.vocabulary import NOT_COMPARED
@@ -39,7 +40,10 @@ OWN = (f"{folder_digest.__module__.rpartition('.')[0]}.", f"{PACKAGE}.")
 INSTALLED = ("site-packages", "dist-packages")  # folders of installed packages
 FILE_NAME = re.compile(r"[./]")  # that the name of a file has, beside a folder or suffix
 FILES = ("path", "train", "test", "file")  # options that always name files
-MAPS = ("map", "test_map")  # options of a recording, also of maps that come with the project
+# Options that name files, also those that come with the project: maps of recordings, harbours.
+NAMED: Mapping[str, Callable[[object], Path]] = {
+    "map": located, "test_map": located, "harbour": harbour_file,
+}  # fmt: skip
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 
@@ -66,7 +70,9 @@ def _by_files(key: str, node: object) -> object:
                 train, test = recorded_file.file_set(node["train"], node.get("test") or ())
                 node = {**node, "train": [*map(str, train)], "test": [*map(str, test)]}
         return {
-            str(name): _map_by_content(value) if name in MAPS else _by_files(str(name), value)
+            str(name): _located_by_content(str(name), value)
+            if name in NAMED
+            else _by_files(str(name), value)
             for name, value in node.items()
         }
     if isinstance(node, list | tuple):
@@ -82,8 +88,10 @@ def _by_files(key: str, node: object) -> object:
         return node
 
 
-def _map_by_content(name: object) -> object:
-    return _digest(path) if name and (path := located(str(name))).is_file() else name
+def _located_by_content(key: str, name: object) -> object:
+    if isinstance(name, list | tuple):
+        return [_located_by_content(key, item) for item in name]
+    return _digest(path) if name and (path := NAMED[key](name)).is_file() else name
 
 
 def _digest(path: Path) -> str:

@@ -38,9 +38,9 @@ class UserFolders(SearchPathPlugin):
             search_path.append("user", f"file://{folder}")
 
 
-def located(name: str) -> Path:
+def located(name: object) -> Path:
     """The file of a map; a name without a folder may be that of a map of the benchmark."""
-    path = Path(name).expanduser()
+    path = Path(str(name)).expanduser()
     ours = CONF / "benchmark" / "maps" / path
     return ours if len(path.parts) == 1 and not path.is_file() and ours.is_file() else path
 

@@ -300,6 +300,32 @@ METRICS = (
         "number of samples at which the commanded force is at its limit",
     ),
     Definition(
+        "saturated_share", DEPLOYMENT, "", "lower", "Saturated share",
+        "share of the samples of a docking at which a commanded force is at its limit",
+    ),
+    Definition(
+        "contacts", DEPLOYMENT, "", "lower", "Contacts",
+        "number of times that the hull met the land, between samples too",
+        "Contacts with the harbour",
+    ),
+    Definition(
+        "smallest_clearance", DEPLOYMENT, "L", "higher", "Smallest clearance",
+        "smallest distance of the hull from the land, in lengths of the vessel",
+    ),
+    Definition(
+        "final_position_error", DEPLOYMENT, {"position": "L"}, "lower", "Final position error",
+        "distance from the berth at the end, in lengths of the vessel",
+        "Position error in the berth",
+    ),
+    Definition(
+        "final_heading_error", DEPLOYMENT, {"heading": "deg"}, "lower", "Final heading error",
+        "absolute heading error in the berth at the end",
+    ),
+    Definition(
+        "time_to_berth", DEPLOYMENT, "s", "lower", "Time to berth",
+        "time from which the vessel stays in its berth within the bounds of the docking",
+    ),
+    Definition(
         "energy", DEPLOYMENT, ENERGY, "lower", "Energy",
         "integral of |force times velocity|, in the plane or about the down axis",
     ),

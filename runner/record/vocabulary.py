@@ -23,7 +23,7 @@ SAILED = ("nominal", "identified")  # models that controllers know, before and a
 MODELS = ("mean_motion", "nominal", "identified", "plant", "residual")
 
 # Independent random streams of a trial, in the order in which its seed spawns them.
-Stream = Literal["excitation", "noise", "disturbance", "identifier"]
+Stream = Literal["excitation", "noise", "disturbance", "identifier", "evaluation"]
 STREAMS: tuple[Stream, ...] = get_args(Stream)
 
 # Values of `dof` for several degrees of freedom, and all values in the order of tables.

@@ -12,7 +12,7 @@ from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, check_cutoff
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.trials import budget, recording_checks
-from seatrial.runner.trials.closed_loop import commanded
+from seatrial.runner.trials.closed_loop import Streams, commanded, drawn
 
 MEASURED = "measured recording: plant simulation and deployment are skipped"
 NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
@@ -21,8 +21,9 @@ NOT_DEPLOYED = "no {0} ({0}=none): deployment is skipped"
 def check(trial: Trial) -> None:
     """Check a trial before it is run; raises ConfigurationError for an invalid combination."""
     budget.check(trial)
-    excitation, dofs = trial.excitation, trial.vessel.dofs
     _check_commands(trial)
+    trial = drawn(trial, Streams(trial.seed))
+    excitation, dofs = trial.excitation, trial.vessel.dofs
     named(trial, "excitation", lambda: excitation.check(dofs))
     nominal, thruster = trial.vessel.nominal(), trial.vessel.thruster
     trial.identifier.check(nominal, thruster, isinstance(excitation, RecordedFile))

@@ -11,7 +11,7 @@ from seatrial.models.compiled import is_compiled
 from seatrial.models.control.controller import Controller
 from seatrial.models.control.linear_design import largest_disturbance
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.errors import PartError
+from seatrial.models.errors import ConfigurationError, PartError
 from seatrial.models.excitation.missions import Mission
 from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
@@ -174,6 +174,23 @@ class MissionSetup:
         return took / expected
 
 
+def drawn(trial: Trial, seeds: Streams) -> Trial:
+    """Return a trial with what its missions draw; raises ConfigurationError where that is none."""
+    missions: dict[str, Mission] = {}
+    groups: tuple[Stream, ...] = ("excitation", "evaluation")
+    for group in groups:
+        if isinstance(mission := getattr(trial, group), Mission):
+            try:
+                missions[group] = mission.drawn(seeds.generator(group))
+            except ConfigurationError as error:
+                raise ConfigurationError(f"{group}={trial.names[group]}: {error}") from error
+    return replace(
+        trial,
+        excitation=missions.get("excitation", trial.excitation),
+        evaluation=missions.get("evaluation", trial.evaluation),
+    )
+
+
 def prepare(
     trial: Trial, seeds: Streams, model: Vessel | StateSpace, mission: Mission,
     deployed: bool = False, true: Vessel | None = None,
@@ -204,7 +221,7 @@ def prepare(
     added = mission.force(t, vessel.dofs, seeds.generator("excitation"))
     if added is not None:
         added = checked_array(mission, "force", added, (len(t), len(vessel.dofs)))
-    ahead = outlook(plant, weather, guidance[0], reference, start, added)
+    ahead = mission.foreseen(outlook(plant, weather, guidance[0], reference, start, added))
     heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
     design = ControlDesign(vessel.dofs, largest_disturbance(plant.vessel, weather, heading))
     if control is None:

@@ -30,6 +30,7 @@ from seatrial.runner.record import coefficient_rows, own_metrics
 from seatrial.runner.record.coefficient_rows import numbered
 from seatrial.runner.record.rows import Results
 from seatrial.runner.trials import (
+    berthing,
     deployment_metrics,
     excitation_results,
     manoeuvre_results,
@@ -44,6 +45,7 @@ from seatrial.runner.trials.closed_loop import (
     MissionSetup,
     SimulatedMission,
     Streams,
+    drawn,
     prepare,
 )
 from seatrial.runner.trials.tracking_intervals import tracking_intervals
@@ -64,6 +66,7 @@ class TrialDiverged(Diverged):
 def run(trial: Trial) -> Results:
     """Run a checked trial; raises TrialDiverged with the results that are valid all the same."""
     streams, results = Streams(trial.seed), Results()
+    trial = drawn(trial, streams)
     try:
         excited = excite(trial, streams)
         problem = Problem(
@@ -260,6 +263,7 @@ def deploy(
             failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
             continue
         results += of_voyage(trial, sailed, name)
+        results += berthing.berthing_results(mission, sailed, name)
         if name == "identified" and true is not None:
             intervals = tracking_intervals(trial, seeds, identified, mission, sailed)
             results += Results(diagnostics=intervals)

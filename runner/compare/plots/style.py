@@ -47,6 +47,7 @@ REFERENCE = "#000000"
 WIND = "#56B4E9"
 MUTED = "#595959"
 SHADE = "#E8E8E8"
+LAND = "#D9D9D9"
 TITLE_SIZE = 11
 TITLE_LETTERS_PER_INCH = 9.5
 LETTERS_PER_INCH = 14  # of the legend's font, a low estimate

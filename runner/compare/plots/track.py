@@ -2,7 +2,8 @@
 
 A mix of manoeuvres with a route has a panel of its own: series `plan` (poses, with the number of
 the manoeuvre, -1 on a passage) and `waters` (corners of the area and the obstacles), with the
-recorded track. `outline` and `draw_waters` are for other figures of hulls in the plane too.
+recorded track. A docking has its harbour (series `harbour`), and the forces below the track.
+`outline`, `draw_waters` and `draw_harbour` are for other figures of hulls in the plane too.
 """
 
 from collections.abc import Iterator, Mapping
@@ -54,6 +55,9 @@ ARROWS = 16  # arrows of the wind along a track, at most
 ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
 SIDE, PLAN_SIDE = 4.6, 6.4  # of a panel [inch]
 TESTING = 2.0  # the role of a manoeuvre that is held out
+HARBOUR = "harbour"  # series: polygon 0 is the hull in body axes, the others are land
+SPACING, DOCKING_SPACING = 1.2, 0.5  # of the hulls along a track, in their lengths
+FORCES = 1.9  # height of a panel of forces [inch]
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -63,13 +67,14 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     recording, on its plan if it has one.
     """
     drawn = []
-    for run, series_of in each_run(results, request, (*DEPLOYMENTS, "recording", "plan")):
+    for run, series_of in each_run(results, request, (*DEPLOYMENTS, "recording", "plan", HARBOUR)):
         deployed = {kind: series_of[kind] for kind in DEPLOYMENTS if kind in series_of}
         if "plan" in series_of:
             drawn.append(_plan(results, run, series_of["plan"], series_of["recording"]))
         if deployed or "plan" not in series_of:
             own, notes = distinct(results, run, deployed or {"recording": series_of["recording"]})
-            drawn.append(_drawing(results, run, in_plane(run, "plot track", own), notes))
+            own = in_plane(run, "plot track", own)
+            drawn.append(_drawing(results, run, own, notes, series_of.get(HARBOUR)))
     return drawn
 
 
@@ -88,12 +93,15 @@ def drawn_length(config: Config, extent_m: float) -> tuple[float, str]:
     return times * length, f"{size}: {number_text(length, 3)} m"
 
 
-def outline(north: float, east: float, psi: float, length_m: float) -> Sample:
-    """Return east and north of the corners of a hull [m], shape (5, 2).
+def outline(
+    north: float, east: float, psi: float, length_m: float, hull: Sample | None = None
+) -> Sample:
+    """Return east and north of the corners of a hull [m], shape (n, 2).
 
-    It is rotated from body to NED by psi [rad] about the down axis.
+    It is rotated from body to NED by psi [rad] about the down axis. `hull` are the corners in
+    body axes [m], by default those of a ship of the length.
     """
-    forward, right = length_m * HULL[:, 0], length_m * HULL[:, 1]
+    forward, right = (length_m * HULL if hull is None else hull).T
     norths = north + np.cos(psi) * forward - np.sin(psi) * right
     easts = east + np.sin(psi) * forward + np.cos(psi) * right
     return np.column_stack([easts, norths])
@@ -107,7 +115,28 @@ def _plane(axes: Axes, series: Series, north: Sample, east: Sample) -> None:
     axes.set_ylabel(with_unit("North", series.units["x"]))
 
 
-def _drawing(results: Queries, run: StoredRun, voyages: Voyages, absent: list[str]) -> Drawing:
+def hull_of(harbour: Series) -> Sample:
+    """Return the corners of the hull of a docking, body axes, (n, 2) [m]."""
+    columns = harbour.columns
+    hull: Sample = np.column_stack([columns["x"], columns["y"]])[columns["polygon"] == 0.0]
+    return hull
+
+
+def draw_harbour(axes: Axes, harbour: Series, voyage: Series) -> None:
+    """Draw the land, and the outline of the hull in its berth, the last set-point of a voyage."""
+    numbers = harbour.columns["polygon"]
+    corners = np.column_stack([harbour.columns["y"], harbour.columns["x"]])
+    for number in np.unique(numbers[numbers > 0.0]):
+        axes.add_patch(Polygon(corners[numbers == number], color=style.LAND, zorder=0.5))
+    north, east, psi = (float(voyage.columns[f"{name}_setpoint"][-1]) for name in ("x", "y", "psi"))
+    berth = Polygon(outline(north, east, psi, 1.0, hull_of(harbour)), fill=False, linestyle="--",
+                    edgecolor=style.REFERENCE, label="berth", zorder=4)  # fmt: skip
+    axes.add_patch(berth)
+
+
+def _drawing(
+    results: Queries, run: StoredRun, voyages: Voyages, absent: list[str], harbour: Series | None
+) -> Drawing:
     series_of = list(voyages.values())
     windy = any(NORTH in series.columns for series in series_of)
     ranges = []  # smallest and largest north and east [m], each of shape (2,)
@@ -116,17 +145,23 @@ def _drawing(results: Queries, run: StoredRun, voyages: Voyages, absent: list[st
         ranges.append(np.array([min(map(np.nanmin, values)), max(map(np.nanmax, values))]))
     extent = max(float(np.ptp(limits)) for limits in ranges)
     length, note = drawn_length(results.reader.run(run.id).config, extent)
-    margin = max((0.06 + ARROW_SHARE * windy) * extent + 1e-9, 0.55 * length)  # room for the hulls
+    room = 0.55 if harbour is None else 1.4  # for the hulls
+    margin = max((0.06 + ARROW_SHARE * windy) * extent + 1e-9, room * length)
     least = 0.5 * SLENDEREST * (extent + 2.0 * margin)
     north, east = (
         np.mean(limits) + max(0.5 * float(np.ptp(limits)) + margin, least) * np.array([-1.0, 1.0])
         for limits in ranges
     )
     height = SIDE * float(np.clip(np.ptp(north) / np.ptp(east), 0.45, 1.6))
-    figure, axes = style.panels(1, len(voyages), SIDE, height + 0.9)
-    for panel, (model, series) in zip(axes, voyages.items(), strict=True):
-        _panel(panel, model, series, length, max(np.ptp(north), np.ptp(east)))
+    rows = 1 if harbour is None else 2
+    figure, axes = style.panels(
+        rows, len(voyages), SIDE, (height + 0.9 + FORCES * (rows - 1)) / rows
+    )
+    for panel, (model, series) in zip(axes, voyages.items(), strict=False):
+        _panel(panel, model, series, length, max(np.ptp(north), np.ptp(east)), harbour)
         _plane(panel, series, north, east)
+    if harbour is not None:
+        _forces(axes, series_of, height)
     notes = [f"{note}, at equal distances sailed"]
     notes += ["arrows: direction and speed of the wind at the position of the tip"] * windy
     name, title = f"track-run-{run.id}", f"Track, {subtitle(run)}"
@@ -135,17 +170,44 @@ def _drawing(results: Queries, run: StoredRun, voyages: Voyages, absent: list[st
     return drawing
 
 
-def _panel(axes: Axes, model: str, series: Series, length: float, extent: float) -> None:
+def _forces(axes: list[Axes], series_of: list[Series], height: float) -> None:
+    """Draw force over time in the lower half of the axes, each axis relative to its largest."""
+    grid = axes[0].get_gridspec()
+    assert grid is not None
+    count = grid.nrows // 2
+    grid.set_height_ratios([height, FORCES] * count)
+    largest = {
+        dof: style.largest_of([series.columns[f"tau_{dof}"] for series in series_of])
+        for dof in ("surge", "sway", "yaw")
+    }
+    for panel, series in zip(axes[len(series_of) :], series_of, strict=True):
+        for (dof, peak), colour in zip(largest.items(), style.PALETTE[1:], strict=False):
+            unit, size = style.prefixed(series.units[f"tau_{dof}"], peak)
+            label = f"{dof}, up to {number_text(peak / size, 3)} {unit}"
+            share = series.columns[f"tau_{dof}"] / (peak or 1.0)
+            panel.plot(series.columns["t"], share, color=colour, linewidth=0.9, label=label)
+        panel.set(xlabel=with_unit("Time", series.units["t"]), ylabel="Force / largest")
+        panel.margins(x=0)
+
+
+def _panel(
+    axes: Axes, model: str, series: Series, length: float, extent: float,
+    harbour: Series | None = None,
+) -> None:  # fmt: skip
     columns, colour = series.columns, style.MODEL_COLOURS[model]
     if "x_d" in columns:
         axes.plot(columns["y_d"], columns["x_d"], "--", color=style.REFERENCE, label="reference")
     label = "sailed" if model == "recording" else f"{model} model"
     axes.plot(columns["y"], columns["x"], color=colour, label=label)
     if "psi" in columns:
-        for index in _equidistant(columns["x"], columns["y"], length):
+        spacing = SPACING if harbour is None else DOCKING_SPACING
+        hull = None if harbour is None else hull_of(harbour)
+        for index in _equidistant(columns["x"], columns["y"], spacing * length):
             x, y, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
-            corners = outline(x, y, psi, length)
+            corners = outline(x, y, psi, length, hull)
             axes.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
+    if harbour is not None:
+        draw_harbour(axes, harbour, series)
     if NORTH in columns:
         _arrows(axes, series, extent)
     axes.plot(
@@ -176,13 +238,13 @@ def _arrows(axes: Axes, series: Series, extent: float) -> None:
         axes.plot([], [], color=style.WIND, marker=">", linewidth=2.0, label=label)
 
 
-def _equidistant(north: Sample, east: Sample, length: float) -> list[int]:
-    """Return samples at equal distances along the track, so that hulls do not overlap.
+def _equidistant(north: Sample, east: Sample, spacing: float) -> list[int]:
+    """Return samples at equal distances along the track, about the `spacing` [m].
 
-    `length` is that of the hulls [m]; the last sample is always one of them.
+    The last sample is always one of them.
     """
     sailed = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
-    number = int(np.clip(sailed[-1] / (1.2 * length), 1, MARKS))
+    number = int(np.clip(sailed[-1] / spacing, 1, MARKS))
     marks = np.linspace(0.0, sailed[-1], number + 1)[1:]
     return sorted({int(index) for index in np.searchsorted(sailed, marks).clip(0, len(sailed) - 1)})
 
@@ -257,7 +319,7 @@ def draw_waters(axes: Axes, waters: Series) -> None:
             corners[numbers == number], facecolor="white", edgecolor=style.MUTED, zorder=0.5
         )
         if number:
-            polygon.set(facecolor="#D9D9D9", hatch="///")
+            polygon.set(facecolor=style.LAND, hatch="///")
         axes.add_patch(polygon)
 
 

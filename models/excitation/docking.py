@@ -1,0 +1,244 @@
+"""Docking: from a pose drawn in a harbour to a berth, along a planned path and straight into it.
+
+The set-points follow the path of least time that keeps the hull's circle clear of the land, to an
+approach pose beside the berth, wait there, and move straight to the quay. Every controller gets the
+same timetable, so the times to berth can be compared; a controller that knows the obstacles
+(`Outlook.obstacles`) may leave it. Lengths are in lengths of the vessel.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from seatrial.models.errors import ConfigurationError
+from seatrial.models.excitation.guidance import ReferenceFilter
+from seatrial.models.excitation.missions import Length, Mission
+from seatrial.models.notation import PLANAR
+from seatrial.models.planning.harbour import (
+    Harbour,
+    HarbourChart,
+    convex_parts,
+    distances,
+    hull_outline,
+    start_pose,
+)
+from seatrial.models.planning.lattice import Pace, Waters
+from seatrial.models.planning.planner import PlanningTask, plan
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
+from seatrial.models.simulation.registry import Timetable
+from seatrial.models.simulation.voyage import Outlook
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.models.vessel.scales import SLENDERNESS
+from seatrial.models.vessel.tuning import FromVessel
+
+WAY = 2.0  # longest passage that is expected, in widths of the harbour, north and east
+APPROACHES = 100  # distances from the quay at which an approach is looked for
+ROOM = 0.2  # [L] beyond the nearest free approach, to keep away from what surrounds it
+
+
+class Berthing(NamedTuple):
+    """A drawn docking: SI units, NED."""
+
+    name: str  # of the harbour
+    harbour: Harbour
+    obstacles: tuple[Array, ...]  # convex parts of the land, (n, 2) each [m]
+    hull: Array  # corners in body axes, (m, 2) [m]
+    poses: Array  # set-points at the control instants, (N, 3) [m, m, rad]
+    berthed: int  # instant at which the set-point reaches the berth
+
+
+@dataclass(frozen=True)
+class Docking(Mission):
+    """Docking in one of several harbours, drawn for each seed like the start.
+
+    `harbour` names supplied harbours or GeoJSON files, whose content is in `charts`. Passages are
+    sailed at the shares `passage` and `berthing` of the speeds ahead and across in `speed`
+    [m/s, m/s, rad/s], with turns at the third. `rests` are the times at the approach pose and in
+    the berth, in units of the time constant of the reference filter. A vessel is berthed
+    when its errors stay within `within` [L] and `within_deg`.
+    """
+
+    harbour: tuple[str, ...]
+    speed: Annotated[tuple[Positive, ...], FromVessel("tuning.control.mission.speed")]
+    passage: Positive
+    berthing: Positive
+    rests: tuple[NotNegative, NotNegative]
+    gap: Positive  # between the berthed hull and the quay [L]
+    clearance: Positive  # of the middle of the hull on the way to the approach pose [L]
+    cell: Positive  # of the planner's lattice [L]
+    within: Positive
+    within_deg: Positive
+    vessel: VesselParameters
+    reference_filter: ReferenceFilter
+    period_s: Positive
+    charts: dict[str, HarbourChart]
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if not self.harbour or (unknown := [n for n in self.harbour if n not in self.charts]):
+            got = unknown[0] if self.harbour else "none"
+            raise ConfigurationError(f"harbour: got {got}, expected some of {[*self.charts]}")
+        if len(self.speed) != len(self.vessel.dofs):
+            raise ConfigurationError(
+                f"speed: got {len(self.speed)} numbers, expected {len(self.vessel.dofs)}"
+            )
+        for i, name in enumerate(self.vessel.dofs if self.vessel.planar else ()):
+            most = float(self.vessel.scales.speeds[i])
+            if self.speed[i] > most:
+                raise ConfigurationError(
+                    f"speed: got {self.speed[i]:g} in {name}, expected at most the {most:.3g} that "
+                    f"{self.vessel.name} attains with full thrust"
+                )
+
+    @property
+    def length_m(self) -> float:
+        """Length of the hull [m]."""
+        return self.vessel.scales.length_m
+
+    @property
+    def hull(self) -> Array:
+        """Corners of the hull, (5, 2) [m], body axes."""
+        return hull_outline(self.length_m, self.vessel.beam_m or self.length_m / SLENDERNESS)
+
+    @property
+    def pace(self) -> Pace:
+        """Speeds on the way to the approach pose."""
+        return Pace(self.passage * self.speed[0], self.speed[-1], self.period_s)
+
+    @property
+    def rest_s(self) -> tuple[float, float]:
+        """Times at the approach pose and in the berth [s]."""
+        before, after = self.rests
+        return before / self.reference_filter.bandwidth_rad_s, (
+            after / self.reference_filter.bandwidth_rad_s
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """An upper bound of the length [s], before the draw: of a passage around the harbour."""
+        harbours = [chart.scaled(self.length_m) for chart in self.charts.values()]
+        way = WAY * max(float(np.sum(np.ptp(one.area, axis=0))) for one in harbours)
+        return (
+            way / self.pace.speed_m_s + 2.0 * np.pi / self.pace.turn_rate_rad_s + sum(self.rest_s)
+        )
+
+    def length(self) -> Length:
+        """The upper bound of the length, which the speed ahead decides on."""
+        return Length("speed", self.speed[0], self.duration_s)
+
+    def check(self, dofs: Sequence[str]) -> None:
+        """Raise ConfigurationError unless the vessel is planar."""
+        if tuple(dofs) != PLANAR:
+            raise ConfigurationError(
+                f"a berth needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
+            )
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """There is none before the draw."""
+        raise TypeError("a docking is simulated as the mission that `drawn` returns")
+
+    def drawn(self, rng: np.random.Generator) -> "DrawnDocking":
+        """The docking in one of the harbours from one start; the same for a stream.
+
+        Raises ConfigurationError with what is in the way of the hull.
+        """
+        self.check(self.vessel.dofs)
+        name = self.harbour[int(rng.integers(len(self.harbour)))]
+        try:
+            return DrawnDocking(self, self._berthing(name, rng))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"harbour {name}: {error}") from error
+
+    def _berthing(self, name: str, rng: np.random.Generator) -> Berthing:
+        """Draw the start in a harbour and plan the set-points."""
+        harbour, hull = self.charts[name].scaled(self.length_m), self.hull
+        target = self._target(harbour, hull)
+        parts = convex_parts(harbour.land)
+        corners = tuple(tuple(map(tuple, part.tolist())) for part in (harbour.area, *parts))
+        waters = Waters(corners[0], corners[1:], self.clearance * self.length_m)
+        approach = self._approach(harbour, waters)
+        start = start_pose(harbour, waters.free(), rng)
+        way = self._way(waters, start, approach)
+        rests = [round(rest / self.period_s) for rest in self.rest_s]
+        straight = replace(self.pace, speed_m_s=self.berthing * self.speed[1]).line(
+            approach, target
+        )
+        poses = [way, np.tile(approach, (rests[0], 1)), straight]
+        berthed = sum(map(len, poses))
+        poses.append(np.tile(target, (rests[1], 1)))
+        return Berthing(name, harbour, parts, hull, np.vstack(poses), berthed)
+
+    def _target(self, harbour: Harbour, hull: Array) -> Array:
+        """The berthed pose (3,); raises ConfigurationError where the hull does not fit."""
+        beam, gap = float(np.ptp(hull[:, 1])), self.gap * self.length_m
+        if (width := harbour.width()) < beam + gap:
+            raise ConfigurationError(
+                f"the hull is wider than the basin: got {width:.3g} m of water at the berth, "
+                f"expected at least the beam of {beam:.3g} m and a gap of {gap:.3g} m"
+            )
+        target = harbour.berth(0.5 * beam + gap)
+        if distances(harbour.land, hull, target[None, :])[0] <= 0.0:
+            raise ConfigurationError(
+                f"it does not contain the target: the hull, {self.length_m:.3g} m by {beam:.3g} m, "
+                f"meets the land at ({target[0]:.3g}, {target[1]:.3g}) m"
+            )
+        return target
+
+    def _approach(self, harbour: Harbour, waters: Waters) -> Array:
+        """The pose beside the berth (3,) from which it is entered, clear of the land."""
+        away = np.linspace(0.0, 0.5 * float(np.ptp(harbour.area)), APPROACHES)
+        poses = np.array([harbour.berth(distance) for distance in away])
+        room = waters.distance(poses[:, :2])
+        free = np.flatnonzero(room > waters.clearance_m)
+        if not len(free):
+            raise ConfigurationError(
+                f"no approach to the berth has a clearance of {waters.clearance_m:.3g} m: got at "
+                f"most {np.max(room):.3g} m"
+            )
+        near = free[away[free] <= away[free[0]] + ROOM * self.length_m]
+        return np.asarray(poses[near[np.argmax(room[near])]])
+
+    def _way(self, waters: Waters, start: Array, approach: Array) -> Array:
+        """Poses (N, 3) from the start to the approach pose.
+
+        The lattice lies along the berth, so that a narrow basin can be entered: the plan leaves
+        the berth with the bow where the stern is, and is sailed in reverse.
+        """
+        turned = np.array([0.0, 0.0, np.pi])
+        path = plan(PlanningTask(waters, (), {}, approach + turned, start + turned,
+                                 self.cell * self.length_m, self.pace))  # fmt: skip
+        return np.asarray(path.poses[::-1] - turned)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnDocking(Mission):
+    """A docking in its harbour from its start."""
+
+    options: Docking
+    berthing: Berthing
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the passage, the berthing and the rest [s]."""
+        return len(self.berthing.poses) * self.options.period_s
+
+    @property
+    def reference_filter(self) -> ReferenceFilter:
+        """The reference model of the options."""
+        return self.options.reference_filter
+
+    @property
+    def start(self) -> Array:
+        """The drawn pose (3,) [m, m, rad]."""
+        return np.asarray(self.berthing.poses[0])
+
+    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
+        """The set-points as a timetable."""
+        return Timetable(np.ascontiguousarray(self.berthing.poses[: len(t)])), np.zeros(1)
+
+    def foreseen(self, outlook: Outlook) -> Outlook:
+        """The preview with the land and the hull."""
+        return outlook._replace(obstacles=self.berthing.obstacles, hull=self.berthing.hull)

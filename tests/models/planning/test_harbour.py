@@ -1,0 +1,132 @@
+"""Harbours: contacts between samples, convex parts, and what a change of units leaves as it is."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from seatrial.models.planning.harbour import (
+    HarbourChart,
+    clearances,
+    contacts,
+    convex_parts,
+    distances,
+    hull_outline,
+    interpolated,
+    placed,
+)
+from seatrial.models.vessel.kinematics import in_ned
+
+HULL = hull_outline(1.0, 0.3)
+CORNER = ((2.0, -2.0), (2.0, 2.0), (-3.0, 2.0), (-3.0, 3.0), (3.0, 3.0), (3.0, -2.0))
+CHART = HarbourChart(
+    "lengths", (CORNER,), ((-3.0, -2.5), (-3.0, -1.0), (-1.5, -1.0)), (-45.0, 90.0),
+    ((0.4, 2.0), (1.4, 2.0)), "starboard",
+)  # fmt: skip
+
+
+def wandering(seed: int) -> np.ndarray:
+    """A motion among islands with steps of up to half a length and half a radian."""
+    rng = np.random.default_rng(seed)
+    return np.cumsum(rng.uniform(-0.5, 0.5, (40, 3)), axis=0)
+
+
+def islands(seed: int) -> shapely.Geometry:
+    rng = np.random.default_rng([seed, 1])
+    centres, sizes = rng.uniform(-3.0, 3.0, (6, 2)), rng.uniform(0.02, 0.5, 6)
+    around = zip(centres, sizes, strict=True)
+    return shapely.union_all([shapely.Point(*at).buffer(size, 2) for at, size in around])
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.integers(0, 10**6))
+def test_contacts_and_clearance_agree_with_dense_sampling(seed: int) -> None:
+    """At 200 poses between two samples; contacts deeper than the tolerance are found."""
+    poses, land, tolerance = wandering(seed)[:12], islands(seed), 1e-3
+    times, found = clearances(land, HULL, poses, tolerance)
+    often = interpolated(poses, np.linspace(0.0, 11.0, 11 * 200 + 1))
+    dense, apart = distances(land, HULL, often), 1.2 / 200  # at most, of a corner in a step
+    assert np.min(found) <= np.min(dense) + tolerance
+    assert np.min(found) >= np.min(dense) - apart
+    assert np.all(np.diff(times) > 0.0)
+    if np.min(dense) > apart:
+        assert contacts(found) == 0
+    inner = shapely.buffer(land, -tolerance)
+    if np.min(distances(inner, HULL, often)) <= 0.0:
+        assert contacts(found) > 0
+
+
+def test_a_contact_between_two_samples_is_found() -> None:
+    """A hull that jumps over a thin wall: both samples are clear of it."""
+    wall = shapely.box(-0.01, -5.0, 0.01, 5.0)
+    poses = np.array([[-2.0, 0.0, 0.0], [2.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])
+    assert np.all(distances(wall, HULL, poses) > 0.0)
+    assert contacts(clearances(wall, HULL, poses, 1e-3)[1]) == 2
+    assert contacts(clearances(wall, HULL, poses[:1], 1e-3)[1]) == 0
+
+
+def test_a_turn_between_two_samples_meets_what_its_ends_do_not() -> None:
+    """The bow of a hull that turns by 180 deg sweeps over a pole abeam, at half the turn."""
+    pole = shapely.Point(0.0, 0.4).buffer(0.01)
+    poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, np.pi]])
+    times, found = clearances(pole, HULL, poses, 1e-3)
+    assert contacts(found) == 1
+    assert times[found <= 0.0].mean() == pytest.approx(0.5, abs=0.02)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 10**6))
+def test_convex_parts_are_convex_and_cover_the_land_once(seed: int) -> None:
+    """Of unions of polygons and of land around water, a ring."""
+    ring = shapely.difference(shapely.box(-6.0, -6.0, 6.0, 6.0), shapely.box(-5.0, -5.0, 5.0, 5.0))
+    land = shapely.union_all([islands(seed), shapely.Polygon(CORNER), ring])
+    parts = [shapely.Polygon(part) for part in convex_parts(land)]
+    for part in parts:
+        assert part.convex_hull.area == pytest.approx(part.area, rel=1e-6)
+    assert sum(part.area for part in parts) == pytest.approx(land.area, rel=1e-6)
+    assert shapely.union_all(parts).symmetric_difference(land).area < 1e-6 * land.area
+
+
+def test_a_corner_takes_two_parts_and_a_convex_obstacle_one() -> None:
+    assert len(convex_parts(shapely.Polygon(CORNER))) == 2
+    assert len(convex_parts(shapely.MultiPoint([(0, 0), (1, 0), (2, 2), (0, 1)]).convex_hull)) == 1
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 10**6), st.floats(-3.0, 3.0), st.floats(0.1, 100.0))
+def test_clearance_scales_and_does_not_depend_on_the_frame(
+    seed: int, turn: float, scale: float
+) -> None:
+    poses, land = wandering(seed)[:15], islands(seed)
+    moved = np.column_stack([scale * in_ned(poses[:, :2], turn) + [7.0, -5.0], poses[:, 2] + turn])
+    other = shapely.transform(land, lambda xy: scale * in_ned(xy, turn) + [7.0, -5.0])
+    _, first = clearances(land, HULL, poses, 1e-3)
+    _, second = clearances(other, scale * HULL, moved, 1e-3 * scale)
+    assert np.min(second) / scale == pytest.approx(np.min(first), abs=1e-3)
+    assert (contacts(first) > 0) == (contacts(second) > 0) or np.min(first) < 1e-3
+
+
+def test_a_chart_in_lengths_is_scaled_by_the_vessel() -> None:
+    small, large = CHART.scaled(1.0), CHART.scaled(70.0)
+    np.testing.assert_allclose(large.berth(70.0 * 0.2), small.berth(0.2) * [70.0, 70.0, 1.0])
+    assert large.land.area == pytest.approx(70.0**2 * small.land.area)
+    # on the side of the water: to the west of a quay that is to starboard of a northern heading
+    np.testing.assert_allclose(small.berth(0.2), [0.9, 1.8, 0.0], atol=1e-12)
+
+
+def test_land_is_all_around_water() -> None:
+    pond = HarbourChart(
+        "metres", (), ((1.0, 1.0),), (0.0, 0.0), ((3.0, 0.0), (5.0, 0.0)), "port",
+        ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0)),
+    ).scaled(2.0)  # fmt: skip
+    assert pond.width() == pytest.approx(6.0)
+    inside, outside = ([4.0, 3.0, 0.5], [4.0, 6.5, 0.5])
+    found = distances(pond.land, HULL, np.array([inside, outside]))
+    assert found[0] > 0.0 == found[1]
+
+
+def test_the_outline_has_the_length_and_the_beam() -> None:
+    np.testing.assert_allclose(np.ptp(hull_outline(73.2, 16.0), axis=0), [73.2, 16.0])
+    quarter = placed(HULL, np.array([[1.0, 2.0, 0.5 * np.pi]]))[0]
+    np.testing.assert_allclose(np.max(quarter, axis=0), [1.15, 2.5])  # the bow is to the east
