@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 import scipy
 
-from seatrial.models.identification.attenuation import attenuations, noise_like
+from seatrial.models.identification.attenuation import attenuations, noise_like, noticeable
 from seatrial.models.identification.problem import Problem
+from seatrial.models.identification.residual import Samples
 from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.vessel.basis import terms
+from seatrial.models.vessel.table import Vessel
 from seatrial.runner.trials import closed_loop
 from seatrial.runner.trials import trial as trials
 from tests.trials import composed
@@ -30,6 +32,18 @@ def test_one_regressor_keeps_the_share_of_signal() -> None:
     kept = float(np.linalg.lstsq(once, x, rcond=None)[0][0, 0])
     assert attenuations(once, again)[0] == pytest.approx(1.0 / 5.0, rel=0.02)
     assert kept == pytest.approx(1.0 - attenuations(once, again)[0], rel=0.02)
+
+
+def test_a_loss_counts_beyond_the_interval_of_all_together() -> None:
+    """Bonferroni: of five coefficients each has the interval of 99 %."""
+    for count, quantile in ((1, 1.960), (5, 2.576)):
+        own, phi = terms(["u", "v", "r", "uv", "ur"][:count]), np.ones((4, count))
+        force = np.array([[0.0], [1.0], [2.0], [3.0]])
+        samples = Samples(own, phi, force, force, np.zeros((4, 2)))
+        nominal = Vessel("one", ("surge",), own, np.ones((count, 1)))
+        for share, noticed in ((0.99, 0), (1.01, count)):
+            errors = np.full((count, 1), 0.2 / (share * quantile))
+            assert len(noticeable(samples, np.full(count, 0.2), nominal, errors)) == noticed
 
 
 METHODS = {

@@ -235,6 +235,16 @@ def test_instruments_that_say_little_of_the_motion_are_weak() -> None:
     assert strength(np.column_stack([own[:, :2], other[:, 2]])) < 5.0  # one bad one suffices
 
 
+def test_the_strength_of_one_regressor_is_the_f_of_its_first_stage() -> None:
+    rng = np.random.default_rng(2)
+    z, lack = rng.normal(size=(30, 8)), rng.normal(size=(30, 1))
+    phi = z[:, :1] + rng.normal(size=(30, 1))
+    samples = Samples(basis.terms(["u"]), phi, lack, lack, np.zeros((30, 2)))
+    (rest,) = np.linalg.lstsq(z, phi, rcond=None)[1]
+    f = (np.sum(phi**2) - rest) / 8 / (rest / (30 - 8))
+    assert iv.Estimate(samples, (0,), solve(z, phi, lack)).strength == pytest.approx(f)
+
+
 # Consistency: a ship in wind and current, all velocities measured with noise
 
 PERIOD_S = 0.5
