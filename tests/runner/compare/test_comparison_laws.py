@@ -69,14 +69,16 @@ def test_a_survivor_is_never_best_and_its_lost_pairs_count_as_lost(
 def test_a_number_that_a_method_cannot_have_loses_nothing(
     logbook: LogbookWriter, results: Queries
 ) -> None:
-    for identifier in ("ls", "dsr"):
-        rows = [stored.tracking(1.0 + (identifier == "ls"))]
-        rows += [stored.force_mse(3.0)] * (identifier == "ls")
-        stored.finish(logbook, stored.start(identifier, "noise"), rows)
+    errors = {("ls", 0): 3.0, ("plsr", 0): 4.0, ("ls", 1): None, ("dsr", 0): None}
+    for (identifier, seed), error in errors.items():
+        rows = [stored.tracking(1.0 + (identifier != "dsr"))]
+        rows += [] if error is None else [stored.force_mse(error)]
+        stored.finish(logbook, stored.start(identifier, "noise", seed), rows)
     asked = TableOptions(metric=["force_mse"])
     grid = comparison(results, asked)
     (lacking,) = [r for r in grid.as_records() if r["identifier"] == "dsr"]
     assert (lacking["not_applicable"], lacking["without_value"]) == (1, 0)
+    assert best(grid) == {"ls"}  # though one of its trials has no such number
     assert best(table(results)) == {"dsr"}
 
 
@@ -192,6 +194,8 @@ def test_planned_trials_that_never_started_count(logbook: LogbookWriter, results
     for begin in begins[:4]:
         stored.finish(logbook, begin, [stored.tracking(1.0)], sweep=sweep, drawn=["noise"])
     assert table(results).rows[0][1].text == "1.000 ± 0 (n=4, all equal, 2 not started)"
+    (choices,) = logbook.sweep_status(sweep).spent_s
+    assert logbook.sweep_status(sweep).left[choices] == 2
     part = table(results, where="seed<5 and identifier=ls")
     assert part.rows[0][1].text == "1.000 ± 0 (n=4, all equal, 1 not started)"
     logbook.prune([1])  # what is deleted is waited for by nobody
