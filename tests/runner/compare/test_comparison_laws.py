@@ -11,6 +11,7 @@ from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.grid import TextTable
 from seatrial.runner.compare.table import comparison
 from seatrial.runner.database import LogbookWriter
+from seatrial.runner.record.vocabulary import Stream
 from tests.runner.compare import stored
 
 SEEDS = range(6)
@@ -131,17 +132,20 @@ def test_a_difference_below_the_resolution_or_a_millionth_is_none(
 
 
 def test_levels_that_are_pooled_are_no_replicates(logbook: LogbookWriter, results: Queries) -> None:
-    for seed in SEEDS:
-        for disturbance, level in (("wind", 1.0), ("noise", 2.0)):
-            for identifier, factor in (("none", 1.0), ("ls", 0.5)):
-                begin = stored.start(identifier, disturbance, seed)
-                row = stored.tracking(factor * (level + 0.1 * seed))
-                stored.finish(logbook, begin, [row], drawn=["noise"])
+    """Nor is one that depends on no seed, which belongs to every seed."""
+    levels: list[tuple[str, float, list[Stream]]]
+    levels = [("wind", 1.0, ["noise"]), ("noise", 2.0, ["noise"]), ("calm", 3.0, [])]
+    for seed, (disturbance, level, drawn) in product(SEEDS, levels):
+        for identifier, factor in (("none", 1.0), ("ls", 0.5)):
+            begin = stored.start(identifier, disturbance, seed)
+            row = stored.tracking(factor * (level + 0.1 * seed * len(drawn)))
+            stored.finish(logbook, begin, [row], drawn=drawn)
     pooled = table(results, columns="none", pool=["disturbance"], baseline=["identifier=none"])
     own = record(pooled, identifier="ls")
     assert (own["n"], own["pairs"], own["wins"]) == (6, 6, 6)
     assert own["p_value"] == pytest.approx(2.0 / 2**6)  # of six signs, not of twelve
-    assert own["mean"] == pytest.approx(0.5 * (1.5 + 0.25))
+    assert own["mean"] == pytest.approx(0.5 * (2.0 + 0.25 * 2.0 / 3.0))
+    assert own["difference"] == pytest.approx(-own["mean"])
 
 
 def test_seeds_that_lack_a_pooled_level_are_said(logbook: LogbookWriter, results: Queries) -> None:
