@@ -36,14 +36,12 @@ def test_one_regressor_keeps_the_share_of_signal() -> None:
 
 def test_a_loss_counts_beyond_the_interval_of_all_together() -> None:
     """Bonferroni: of five coefficients each has the interval of 99 %."""
-    for count, quantile in ((1, 1.960), (5, 2.576)):
-        own, phi = terms(["u", "v", "r", "uv", "ur"][:count]), np.ones((4, count))
-        force = np.array([[0.0], [1.0], [2.0], [3.0]])
-        samples = Samples(own, phi, force, force, np.zeros((4, 2)))
-        nominal = Vessel("one", ("surge",), own, np.ones((count, 1)))
-        for share, noticed in ((0.99, 0), (1.01, count)):
-            errors = np.full((count, 1), 0.2 / (share * quantile))
-            assert len(noticeable(samples, np.full(count, 0.2), nominal, errors)) == noticed
+    own, ones, force = terms(["u", "v", "r", "uv", "ur"]), np.ones((5, 1)), np.arange(4.0)[:, None]
+    samples = Samples(own, np.ones((4, 5)), force, force, np.zeros((4, 2)))
+    nominal = Vessel("one", ("surge",), own, ones)
+    for share, noticed in ((0.99, 0), (1.01, 5)):
+        errors = 0.2 / (share * 2.576) * ones
+        assert len(noticeable(samples, 0.2 * ones[:, 0], nominal, errors)) == noticed
 
 
 METHODS = {

@@ -241,8 +241,8 @@ def test_the_strength_of_one_regressor_is_the_f_of_its_first_stage() -> None:
     phi = z[:, :1] + rng.normal(size=(30, 1))
     samples = Samples(basis.terms(["u"]), phi, lack, lack, np.zeros((30, 2)))
     (rest,) = np.linalg.lstsq(z, phi, rcond=None)[1]
-    f = (np.sum(phi**2) - rest) / 8 / (rest / (30 - 8))
-    assert iv.Estimate(samples, (0,), solve(z, phi, lack)).strength == pytest.approx(f)
+    strength = iv.Estimate(samples, (0,), solve(z, phi, lack)).strength
+    assert strength == pytest.approx((np.sum(phi**2) / rest - 1.0) * (30 - 8) / 8)
 
 
 # Consistency: a ship in wind and current, all velocities measured with noise

@@ -11,7 +11,6 @@ from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.grid import TextTable
 from seatrial.runner.compare.table import comparison
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.record.vocabulary import Stream
 from tests.runner.compare import stored
 
 SEEDS = range(6)
@@ -133,13 +132,12 @@ def test_a_difference_below_the_resolution_or_a_millionth_is_none(
 
 def test_levels_that_are_pooled_are_no_replicates(logbook: LogbookWriter, results: Queries) -> None:
     """Nor is one that depends on no seed, which belongs to every seed."""
-    levels: list[tuple[str, float, list[Stream]]]
-    levels = [("wind", 1.0, ["noise"]), ("noise", 2.0, ["noise"]), ("calm", 3.0, [])]
+    levels = (("wind", 1.0, True), ("noise", 2.0, True), ("calm", 3.0, False))
     for seed, (disturbance, level, drawn) in product(SEEDS, levels):
         for identifier, factor in (("none", 1.0), ("ls", 0.5)):
             begin = stored.start(identifier, disturbance, seed)
-            row = stored.tracking(factor * (level + 0.1 * seed * len(drawn)))
-            stored.finish(logbook, begin, [row], drawn=drawn)
+            row = stored.tracking(factor * (level + 0.1 * seed * drawn))
+            stored.finish(logbook, begin, [row], drawn=["noise"] if drawn else [])
     pooled = table(results, columns="none", pool=["disturbance"], baseline=["identifier=none"])
     own = record(pooled, identifier="ls")
     assert (own["n"], own["pairs"], own["wins"]) == (6, 6, 6)
