@@ -176,6 +176,9 @@ def test_the_initial_turning_of_a_model_is_to_the_recorded_heading() -> None:
     assert path(16.0, 14.0) == pytest.approx(2.0 * (until - 15.0) / 10.0, abs=0.05)
     assert path(16.0, None) > path(16.0, 14.0)
     assert np.isnan(path(12.0, 14.0))
+    motion, stated = track(t, np.radians(16.0) * np.sin(phase), helm), OrderedManoeuvre(turn_deg=12)
+    found = sheet(motion, "zigzag", ordered=stated).values
+    assert found["first overshoot"] == pytest.approx(4.0, abs=0.1)
 
 
 def test_a_helm_that_does_not_move_is_refused() -> None:

@@ -86,17 +86,11 @@ def test_cells_are_compared_over_the_seeds_of_the_baseline(
     results: Queries, fill: Callable[[Values], None]
 ) -> None:
     hard = [1.0, 1.0, 1.0, 1.0, 9.0, 9.0]  # the last two seeds are the hard ones
-    fill({"none": hard, "ls": [0.9, 0.9, 0.9, 0.9, 8.0, 8.0], "plsr": [0.95] * 4})
+    more = [0.95] * 4 + [8.5] * 2 + [0.0] * 2
+    fill({"none": hard, "ls": [0.9] * 4 + [8.0] * 2, "plsr": [0.95] * 4, "iv": more})
     grid = table(results, baseline=["identifier=none"])
-    assert best(grid) == {"ls"}  # plsr has the smaller mean, of the easy seeds
+    assert best(grid) == {"ls"}  # the others have smaller means, by easy seeds
     assert best(table(results)) == {"ls"}  # without a baseline: the seeds that most cells have
-
-
-def test_further_seeds_of_a_cell_do_not_decide(
-    results: Queries, fill: Callable[[Values], None]
-) -> None:
-    fill({"none": [1.0] * 4, "ls": [0.5] * 4, "plsr": [0.6] * 4 + [0.0, 0.0]})
-    assert best(table(results, baseline=["identifier=none"])) == {"ls"}
 
 
 def test_seeds_of_half_of_the_cells_are_not_those_of_most(

@@ -101,8 +101,7 @@ def test_what_the_map_says_was_ordered_decides_on_the_limits(
     code, out, err = program(*words, str(mapped(stated)))
     assert code == 0, err
     assert values(out)["advance"]["limit"] is None
-    as_stored = {"manoeuvre": {"kind": "turn", "helm_deg": 20}}
-    assert ordered_in(as_stored).helm_deg == 20
+    assert ordered_in({"manoeuvre": {"kind": "turn", "helm_deg": 20}}).helm_deg == 20  # as stored
     code, out, err = program(*words, str(mapped(f"{CIRCLE}manoeuvre: {{kind: loop}}\n")))
     assert (code, out) == (2, "")
     assert "excitation.manoeuvre.kind: got 'loop', expected one of turn, zigzag," in err
