@@ -40,9 +40,8 @@ def test_stored_trials_fit_and_vessels_that_can_have_the_same_are_shown_together
     def run_sweep(listing: fits._Listing, words: Sequence[str]) -> None:
         trials = [shown(variant) for variant in listing.variants]
         assert all("excitation=prbs evaluation=none" in trial for trial in trials)
-        refused = 2 if "vessel=otter" in trials[0] else 1
-        states = ["refused"] * refused + ["finished"] * (len(trials) - refused)
-        listing.list_trials([*zip(states, trials, ["x"] * len(trials), strict=True)])
+        states = ["refused"] * (2 if "vessel=otter" in trials[0] else 1) + ["finished"] * 99
+        listing.list_trials([*zip(states, trials, "x" * len(trials), strict=False)])
 
     monkeypatch.setattr(in_process, "run_sweep", run_sweep)
     fits.main(["vessel=osv,otter,frigate", "excitation=prbs", "evaluation=none"])
