@@ -12,7 +12,7 @@ and `conf` in this folder are links to the folders beside it.
 
 from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from seatrial.models.errors import ConfigurationError as ConfigurationError

@@ -256,4 +256,4 @@ def test_the_guide_of_python_runs_in_an_empty_folder(binaries: Path, tmp_path: P
     assert answer.returncode == 0, answer.stderr
     assert answer.stdout.startswith("identifier: no option 'lss', did you mean ls?")
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"guide.py", "results", "track.pdf", "ferry.c", "ferry.h"}
+    assert names == {"guide.py", "results", "track.pdf", "boat.png", "ferry.c", "ferry.h"}

@@ -39,14 +39,19 @@ COUNTED: tuple[Verdict, ...] = ("beaten", "reproduced", "not reproduced", "below
 APART: tuple[Verdict, ...] = (
     *("calibrated", "by construction", "not reproducible", "no runs", "ours"),
 )  # these compare nothing with a printed figure, or cannot fail
+MORE = "with more information"  # of our method than the source has: known lag, measured wind
 NOTE = (
-    "ours: mean over runs [95 % interval, t] (number of runs; a single run has no interval);"
+    "ours: mean over runs [95 % interval of one further run] (number of runs; of one run there is"
+    " none);"
     " reference: a figure that is not printed, shown and not judged; beaten: the whole interval is"
     f" better than printed by more than {100.0 * TOLERANCE:.0f} %, or of an estimate its worst end"
     " is nearer to the truth; reproduced: the printed figure is in an interval that is not wider"
     f" than the figure, or within {100.0 * TOLERANCE:.0f} %; eigenvalues by their distance to 1;"
     " below the true model: better than printed, but also than the exact plant, so it fits"
     " lag or feedback"
+)
+ONCE = (
+    "a printed figure counts once, by the first of our methods that it is compared with and judged"
 )
 APART_NOTE = "these figures compare nothing with a printed one, or cannot fail"
 COMMON = {  # reasons that are the same for every figure with the verdict
@@ -81,7 +86,7 @@ def published_grid(judged: Sequence[Judged]) -> TextTable:
 
 def _row(one: Judged) -> list[TableCell]:
     printed = one.printed
-    known = [item for item in printed.known if item not in (CALIBRATED, BY_CONSTRUCTION)]
+    known = _more(one)
     reasons = [f"additional information: {'; '.join(known)}"] if known else []
     reasons += [one.reason] if one.reason else []
     return [
@@ -141,18 +146,48 @@ def summary_grids(tables: Sequence[Sequence[Judged]]) -> list[TextTable]:
 
 def _counted(sources: Sequence[Sequence[Judged]]) -> TextTable:
     rows, records, total = [], [], Counter[str]()
+    names, seen = (*COUNTED, MORE), set[object]()
     for judged in sources:
-        counts = Counter(one.verdict for one in judged)
-        count = {verdict: counts[verdict] for verdict in COUNTED}
+        counts = Counter(_column(one) for one in judged if _first_time(one, seen))
+        count = {name: counts[name] for name in names}
         if any(count.values()):
             total.update(count)
             records.append(_place(judged) | count)
             rows.append([*_place_cells(judged), *map(_count, count.values())])
     rows.append(
-        [TableCell("all"), TableCell(""), TableCell(""), *(_count(total[name]) for name in COUNTED)]
+        [TableCell("all"), TableCell(""), TableCell(""), *(_count(total[name]) for name in names)]
     )
-    headers = ["source", "table", "experiment", *COUNTED]
-    return TextTable("Printed figures and ours", headers, rows, 3, [NOTE], records)
+    headers = ["source", "table", "experiment", *names]
+    notes = [sentence(sources), ONCE, NOTE]
+    return TextTable("Printed figures and ours", headers, rows, 3, notes, records)
+
+
+def _column(one: Judged) -> str:
+    return MORE if one.verdict in COUNTED and _more(one) else one.verdict
+
+
+def _more(one: Judged) -> list[str]:
+    """What our method knows beside what the source's does."""
+    return [item for item in one.printed.known if item not in (CALIBRATED, BY_CONSTRUCTION)]
+
+
+def _first_time(one: Judged, seen: set[object]) -> bool:
+    """Whether a printed figure is met for the first time among those that are judged."""
+    printed = one.printed
+    figure = printed.document, printed.row, printed.quantity, printed.digits
+    known = figure in seen or one.verdict not in COUNTED
+    seen.add(figure) if not known else None
+    return not known
+
+
+def sentence(sources: Sequence[Sequence[Judged]]) -> str:
+    """Say how many printed figures were compared, with what outcome, and what is left out."""
+    seen, judged = set[object](), [one for source in sources for one in source]
+    counts = Counter(_column(one) for one in judged if _first_time(one, seen))
+    apart = Counter(one.verdict for one in judged if one.verdict in APART)
+    told = ", ".join(f"{counts[name]} {name}" for name in (*COUNTED, MORE) if counts[name])
+    left = ", ".join(f"{number} {name}" for name, number in apart.items() if name != "ours")
+    return f"{len(seen)} printed figures are compared: {told}; left out of this: {left or 'none'}"
 
 
 def _apart(sources: Sequence[Sequence[Judged]]) -> TextTable:

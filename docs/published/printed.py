@@ -12,11 +12,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import BELOW_TRUE_MODEL, FINISHED, Queries, StoredRun
@@ -30,6 +32,8 @@ SOURCES = ("", "metric", "coefficient", "diagnostic")
 COMPARISONS = ("value", "lower", "higher", "truth", "one", "none")
 CALIBRATED = "calibrated"  # our inputs were fitted to printed figures: agreement is no evidence
 BY_CONSTRUCTION = "by construction"  # the method cannot but give the figure
+EXACT = "the exact model, of data without noise"
+ROUNDING = 1e-6  # relative error of the coefficients of an exact model
 TOLERANCE = 0.05  # relative: a figure within it counts as reproduced
 Verdict = Literal[
     "beaten", "reproduced", "not reproduced", "below the true model",
@@ -159,25 +163,29 @@ def verdict_of(
     value: float,
     interval: tuple[float, float],
     truth: float | None,
+    *,
     below_true_model: bool = False,
+    certain: bool = False,
+    lost: int = 0,
 ) -> Verdict:
     """Return the verdict on our value, compared with the printed one.
 
-    Beaten: the complete 95 % interval is better by more than the tolerance; for an estimate, its
-    worst end is nearer to the truth than the printed one, and the term was not dropped.
-    Reproduced: the printed figure is within the interval, or within 5 % of our value, or equals
-    our value rounded to its decimals, and the interval is not wider than the printed figure.
-    Without an interval (NaN, a single run) the value alone is compared.
+    Beaten: the complete 95 % interval of single runs is better by more than the tolerance, and no
+    run was lost; for an estimate, its worst end is nearer to the truth than the printed one, and
+    the term was not dropped. Reproduced: the printed figure is within the interval, or within 5 %
+    of our value, or equals our value rounded to its decimals, and the interval is not wider than
+    the printed figure. Without an interval (NaN, a single run) the value alone is compared. What is
+    `certain`, such as the exact model of data without noise, is by construction.
     """
     if figure.printed is None or figure.compare == "none":
         return "ours"
     if CALIBRATED in figure.known:
         return "calibrated"
-    if _beaten(figure, value, interval, truth):
+    if not lost and _beaten(figure, value, interval, truth):
         verdict: Verdict = "below the true model" if below_true_model else "beaten"
     else:
         verdict = "reproduced" if _reproduced(figure, value, interval) else "not reproduced"
-    certain = BY_CONSTRUCTION in figure.known and verdict in ("beaten", "reproduced")
+    certain = (certain or BY_CONSTRUCTION in figure.known) and verdict != "not reproduced"
     return "by construction" if certain else verdict
 
 
@@ -230,10 +238,11 @@ def _ends(value: float, interval: tuple[float, float]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Judged:
-    """A printed figure with the verdict, its reason, and our value with its 95 % interval.
+    """A printed figure with the verdict, its reason, and our value with a 95 % interval.
 
-    The mean is over n runs; `lost` counts those without the figure (failed, diverged or not
-    defined). A single run has no interval: `low` and `high` are NaN.
+    The mean is over n runs, `low` to `high` is the interval of one further run, since a source
+    prints a single run; of one run they are NaN. `lost` counts runs without the figure (failed,
+    diverged or not defined).
     """
 
     printed: Printed
@@ -298,14 +307,30 @@ def _judged(results: Queries, figure: Printed, sweep: int | None) -> Judged:
         reason = f"none of {len(runs)} runs has this figure"
         return Judged(figure, "not reproduced", reason, lost=lost)
     value = float(np.median(sample) if figure.statistic == "median" else np.mean(sample))
-    low, high = interval = confidence_interval(sample)
+    low, high = interval = interval_of_a_run(sample)
     truth = figure.factor * truths[0] if truths else None
-    verdict = verdict_of(figure, value, interval, truth, stored.below_true_model(value))
+    exact = stored.exact()
+    judge = partial(
+        verdict_of, figure, value, interval, truth,
+        below_true_model=stored.below_true_model(value), certain=exact,
+    )  # fmt: skip
+    verdict = judge(lost=lost)
     wide = _too_wide(figure, interval) and low <= (figure.printed or 0.0) <= high
-    wide = wide and verdict == "not reproduced"
-    reason = "the interval is too wide for the printed figure" if wide else ""
-    reason = "; ".join(filter(None, (reason, figure.note)))
+    reasons = {
+        "the interval is too wide for the printed figure": wide and verdict == "not reproduced",
+        f"{lost} of {len(runs)} runs lack it": judge() != verdict,
+        EXACT: verdict == "by construction" and exact,
+        figure.note: True,
+    }
+    reason = "; ".join(text for text, holds in reasons.items() if text and holds)
     return Judged(figure, verdict, reason, value, low, high, len(sample), lost)
+
+
+def interval_of_a_run(sample: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the 95 % prediction interval of one further run, of Student's t; NaN for one run."""
+    low, high = confidence_interval(sample)
+    centre, half = 0.5 * (low + high), 0.5 * (high - low) * math.sqrt(sample.size + 1)
+    return centre - half, centre + half
 
 
 def _runs_of(
@@ -342,6 +367,14 @@ class _Stored:
         matching = matching[matching["model"] == figure.model]
         truths = matching["true_value"].dropna().tolist() if "true_value" in matching else []
         return matching["value"].tolist(), truths
+
+    def exact(self) -> bool:
+        """Whether every run identified the exact model, which only data without noise allow."""
+        if self.figure.source != "metric" or not self.figure.model.startswith("identified"):
+            return False
+        errors = self._metrics("coefficient_error")
+        errors = errors[errors["model"] == "identified"].groupby("run")["value"].max()
+        return len(errors) == len(self.runs) and bool((errors < ROUNDING).all())
 
     def below_true_model(self, value: float) -> bool:
         """Whether our figure is below that of the exact plant: it fits lag or feedback.

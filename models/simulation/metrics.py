@@ -106,8 +106,8 @@ def step_responses(
     """Overshoot, rise time, settling time and early share of every axis, shape (n_dof,).
 
     Overshoot is the largest over all steps [%]; the others are means: rise from 10 to 90 % [s],
-    settling within 5 % [s], and the share of the change made in the 10 s before the step [%]. NaN
-    if an axis has no step, or does not settle after one of them.
+    settling within 5 % [s], that of the first and of the last step, and the share of the change
+    made in the 10 s before the step [%]. NaN if an axis has no step, or does not settle.
     """
     n_dof = setpoint.shape[1]
     responses: dict[str, list[list[float]]] = {
@@ -129,6 +129,9 @@ def step_responses(
             responses["rise_time"][i].append(_rise(share) * period_s)
             responses["settling_time"][i].append(_settling(share) * period_s)
             responses["early_share"][i].append(100.0 * float(early))
+    settling = responses["settling_time"]
+    responses["settling_time_first"] = [values[:1] for values in settling]
+    responses["settling_time_last"] = [values[-1:] for values in settling]
     combine = {"overshoot": np.max}
     return {
         name: np.array([combine.get(name, np.mean)(v) if v else np.nan for v in values])

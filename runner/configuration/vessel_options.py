@@ -4,30 +4,36 @@ The classes mark such options (seatrial.models.vessel.tuning.FromVessel). A numb
 gives is copied, any other is derived from its inertia, drag, limits and length. So the stored
 configuration of a trial holds the numbers that were used.
 
-The excitation and the controller of a vessel that the defaults of a trial do not suit.
+The excitation and the controller of a vessel, where a command does not name both.
 
-A lap of way-points under PID control is for a vessel by force in the plane, or one whose devices
-give any force. Other vessels choose from the groups what is in `SUITED`, unless the command line
-or an experiment does.
+A vessel takes the first pair of `SUITED` that agrees with what is named. A lap of way-points under
+PID control is for a vessel by force in the plane, or one whose devices give any force.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from operator import is_
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.runner.configuration.config import Settings, build_as
+from seatrial.runner.configuration.search_path import CONF, user_folders
 from seatrial.runner.record.vocabulary import Config
 
 if TYPE_CHECKING:  # what is slow to import
+    from seatrial.models.excitation import missions
     from seatrial.models.vessel import derivation, parameters, tuning
     from seatrial.runner.configuration import options
 else:
     import lazy_loader
 
+    missions = lazy_loader.load("seatrial.models.excitation.missions", suppress_warning=True)
     derivation = lazy_loader.load("seatrial.models.vessel.derivation", suppress_warning=True)
     parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
     tuning = lazy_loader.load("seatrial.models.vessel.tuning", suppress_warning=True)
@@ -167,27 +173,56 @@ def _plain(value: object) -> object:
 
 
 Choice = Mapping[str, str]
-SUITED: Mapping[str, Choice] = {
-    "by force": {"excitation": "constant_velocity"},
-    "by helm": {"excitation": "heading_changes", "controller": "autopilot"},
-    "by other inputs": {"excitation": "input_prbs", "controller": "none"},
+SUITED_GROUPS = ("excitation", "controller")
+NONE = "none"  # the controller of an open loop
+SUITED: Mapping[str, Sequence[tuple[str, str]]] = {  # the second pair: with or without a controller
+    "by force in the plane": (("waypoints", "pid_ff"), ("prbs", NONE)),
+    "by force": (("constant_velocity", "pid_ff"), ("prbs", NONE)),
+    "by helm": (("heading_changes", "autopilot"), ("rudder_zigzag", NONE)),
+    "by other inputs": (("input_prbs", NONE), ("heading_changes", "autopilot")),
 }
 HELM = "delta"  # the input of `autopilot`
 
 
-def suited_parts(vessel: Config) -> Choice:
-    """Return the options by group; none for a vessel that the defaults suit, or that is invalid."""
+def suited_parts(vessel: Config, words: Sequence[str]) -> Choice:
+    """Return the excitation and the controller of a vessel; none for one that is invalid.
+
+    Args:
+        vessel: its node.
+        words: the overrides of the trial, whose choices it follows.
+    """
+    named = {key.lstrip("+"): name for key, _, name in (word.partition("=") for word in words)}
+    controller = named.get("controller", "")
+    closed = controller not in ("", NONE) or _closed(named.get("excitation", ""))
+    pairs = SUITED.get(_family(vessel), ())
+    fitting = (pair for pair in pairs if not (closed if pair[1] == NONE else controller == NONE))
+    return dict(zip(SUITED_GROUPS, next(fitting, ()), strict=False))
+
+
+def _closed(excitation: str) -> bool:
+    """Whether an option of the group always needs a controller."""
+    paths = (folder / "excitation" / f"{excitation}.yaml" for folder in (CONF, *user_folders()))
+    file = next((path for path in paths if path.is_file()), None)
+    try:
+        cls = options.target(OmegaConf.select(OmegaConf.load(file), "_target_")) if file else None
+    except (options.OptionError, YAMLError, OmegaConfBaseException):
+        return False  # it is reported when the trial is composed
+    return getattr(cls, "open_loop", None) is missions.Mission.open_loop
+
+
+def _family(vessel: Config) -> str:
+    """By what a vessel is commanded; empty for one that is invalid."""
     dofs, inputs = vessel.get("dofs"), vessel.get("inputs")
     if not isinstance(dofs, list):
-        return {}
+        return ""
     if not inputs:
-        return {} if {*PLANAR} == {*map(str, dofs)} else SUITED["by force"]
+        return "by force in the plane" if {*PLANAR} == {*map(str, dofs)} else "by force"
     if HELM in inputs and "yaw" in dofs:
-        return SUITED["by helm"]
+        return "by helm"
     if vessel.get("devices"):
         try:
             built = build_as(parameters.VesselParameters, vessel, "vessel")
         except ConfigurationError:
-            return {}  # it is reported when the trial is built
-        return {} if built.positioning else SUITED["by other inputs"]
-    return SUITED["by other inputs"]
+            return ""  # it is reported when the trial is built
+        return "by force in the plane" if built.positioning else "by other inputs"
+    return "by other inputs"

@@ -1,7 +1,7 @@
 """Options given in Python as overrides of the command line: `identifier__basis="physical"`."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import MISSING, Field, fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_type_hints
@@ -10,8 +10,9 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database
 from seatrial.runner.compare.cli import Several, split
 from seatrial.runner.configuration.invocation import quoted
-from seatrial.runner.record.vocabulary import GROUPS
+from seatrial.runner.record.vocabulary import GROUPS, Config
 
+TARGET = "_target_"
 NESTED = "__"  # in the name of an argument, for the dot of an option
 Names = str | Sequence[str]
 T = TypeVar("T")
@@ -21,22 +22,54 @@ def overrides_of(options: Mapping[str, object]) -> list[str]:
     """Return the overrides of options by name.
 
     A double underscore stands for the dot of a nested option, and a mapping for several options of
-    one group: `controller__kp=[1, 2, 3]` equals `controller={"kp": [1, 2, 3]}`. Raises
-    ConfigurationError for a mapping that names another part, which is a file of its own.
+    one group: `controller__kp=[1, 2, 3]` equals `controller={"kp": [1, 2, 3]}`. A mapping with
+    `_target_`, or a part as an object, replaces what a group has. Raises ConfigurationError for
+    what is neither.
     """
     texts = []
     for name, value in options.items():
         key = name.replace(NESTED, ".")
-        if key in GROUPS and isinstance(value, Mapping):
-            if other := {"_target_", "name"} & set(value):
-                raise ConfigurationError(
-                    f"{key}: got a mapping with {other.pop()}, expected options of the one that is "
-                    f"chosen; another one is a YAML file: {key}='path.yaml'"
-                )
-            texts += [f"{key}.{inner}={text_of(item)}" for inner, item in value.items()]
+        given = part_of(value, key) if key in GROUPS else value
+        if key not in GROUPS or not isinstance(given, Mapping):
+            texts.append(f"{key}={text_of(given)}")
+        elif TARGET in given:
+            texts += [f"~{key}", f"+{key}={text_of(given)}"]
+        elif "name" in given:
+            raise ConfigurationError(
+                f"{key}: got a mapping with name and without {TARGET}, expected options of the one "
+                f"that is chosen, or all of another one with its {TARGET}"
+            )
         else:
-            texts.append(f"{key}={text_of(value)}")
+            texts += [f"{key}.{inner}={text_of(item)}" for inner, item in given.items()]
     return texts
+
+
+def part_of(value: object, key: str) -> object:
+    """Return an object, also inside of others, as the mapping that describes it; else the value."""
+    if isinstance(getattr(value, "choice", None), str):
+        return value
+    if not is_dataclass(value):
+        value = getattr(value, "parameters", value)  # of a vessel from numbers
+    if isinstance(value, Mapping):
+        return {name: part_of(item, key) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [part_of(item, key) for item in value]
+    if isinstance(value, type) or not is_dataclass(value):
+        return value
+    cls = type(value)
+    if cls.__module__ == "__main__":
+        raise ConfigurationError(
+            f"{key}: got a {cls.__name__} of the running script, expected a class of a module, "
+            "which workers can import"
+        )
+    given = {f.name: item for f in fields(value) if f.init
+             if (item := getattr(value, f.name)) != _default(f)}  # fmt: skip
+    return {TARGET: f"{cls.__module__}.{cls.__qualname__}", **cast(Config, part_of(given, key))}
+
+
+def _default(option: "Field[object]") -> object:
+    factory = option.default_factory
+    return option.default if factory is MISSING else factory()
 
 
 def text_of(value: object) -> str:

@@ -24,7 +24,8 @@ else:
         for name in ("console", "in_process")
     )
 
-Choice = str | Path | Model | Sequence[str] | Mapping[str, object] | None
+# A name, a path, a list of disturbances, a part as an object, or a mapping.
+Choice = object
 
 
 class RunFailed(SeatrialError):  # noqa: N818 - named like the status of the run
@@ -52,7 +53,8 @@ def run(
         *overrides: options as on the command line, such as `"plant.scale=0.8"`.
         vessel, disturbance, excitation, identifier, controller, evaluation: an option of the group;
             for the vessel also a path, `run:17`, a `Vessel` or a `Model`, for the disturbance also
-            a list. A mapping sets options inside the group.
+            a list. An object of the group, such as an `Identifier`, or a mapping with `_target_`
+            replaces what the group has; any other mapping sets options of it.
         database: file or address of the logbook; by default `results/results.db` in the working
             folder.
         **options: any other option; a double underscore stands for a dot:

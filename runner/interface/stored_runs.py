@@ -106,6 +106,18 @@ class Logbook:
         columns = ("run_id", *labels, "stage", "model", "dof", "name", "value", "unit")
         return frame[list(columns)].reset_index(drop=True)
 
+    def to_pandas(
+        self, names: Names | None = None, where: str | None = None, sweep: int | str | None = None
+    ) -> "pd.DataFrame":
+        """Return a tidy frame: as `metrics`, but a run with identifier=none has each number once.
+
+        Its nominal and its identified model are the same; the rows of the second one stay.
+        """
+        frame = self.metrics(names, where, sweep)
+        twice = frame.duplicated(["run_id", "stage", "dof", "name"], keep=False)
+        twice &= (frame["identifier"] == "none") & (frame["model"] == "nominal")
+        return frame[~twice].reset_index(drop=True)
+
     def table(self, **options: Any) -> Table:
         """Compare a metric or coefficients over seeds, as `seatrial-results table` does.
 

@@ -2,22 +2,25 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import poses_of, velocities_of
-from seatrial.runner import export
+from seatrial.models.notation import FORCE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
+from seatrial.runner import compare, export
 from seatrial.runner.compare.grid import Scalar, grid_of
 from seatrial.runner.interface.arguments import text_of
 from seatrial.runner.interface.displayed_table import Table
 
 if TYPE_CHECKING:  # what is slow to import
     import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from seatrial.models.excitation import commands, setpoints
     from seatrial.models.identification import free_run, validation
+    from seatrial.models.identification.problem import Identifier
     from seatrial.models.recording.recording import Recording
     from seatrial.models.simulation import loop, registry
     from seatrial.models.vessel import parameters as vessels
@@ -26,6 +29,7 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.weather import weather
     from seatrial.runner.configuration import config
     from seatrial.runner.export.stored_model import StoredModel
+    from seatrial.runner.interface import scikit_learn
     from seatrial.runner.sweeps import in_process
 
     Forces = Sequence[Sequence[float]] | Array | Mapping[str, Any]  # a frame is like a mapping
@@ -41,9 +45,9 @@ else:
             *("vessel.parameters", "weather.weather"),
         )
     )
-    config, in_process = (
+    config, in_process, scikit_learn = (
         lazy_loader.load(f"seatrial.runner.{name}", suppress_warning=True)
-        for name in ("configuration.config", "sweeps.in_process")
+        for name in ("configuration.config", "sweeps.in_process", "interface.scikit_learn")
     )
 
 
@@ -161,6 +165,31 @@ class Model:
         n = len(self.dofs)
         return motion_frame(known.t, self.dofs, motion[:, :n], motion[:, n:])
 
+    def plot(self, ax: "Axes | None" = None) -> "Figure":
+        """Draw the force that a steady motion along each axis alone requires, up to the limits.
+
+        Args:
+            ax: axes of yours to draw into, for a model with one degree of freedom.
+
+        Returns:
+            The figure, with a panel for each degree of freedom.
+        """
+        speeds = self.parameters.plant(self.table).velocity_limits
+        most = self.parameters.force_limits or (np.inf,) * len(speeds)
+        style = compare.plots.style
+        with style.drawn(ax):
+            chart, panels = style.panels(1, len(speeds), 3.2, 2.6)
+            for i, (dof, panel) in enumerate(zip(self.dofs, panels, strict=True)):
+                nu = np.zeros((401, len(speeds)))
+                nu[:, i] = np.linspace(-speeds[i], speeds[i], len(nu))
+                force = self.table.inverse(np.zeros_like(nu), nu)[:, i]
+                held = np.abs(force) <= most[i]
+                panel.plot(nu[held, i], force[held])
+                panel.set_xlabel(f"{dof} [{VELOCITY_UNIT[dof]}]")
+                panel.set_ylabel(f"force [{FORCE_UNIT[dof]}]")
+            style.headed(chart, panels, self._source)
+        return chart
+
     def save(
         self,
         to: str,
@@ -191,14 +220,17 @@ class Model:
     def _repr_html_(self) -> str:
         return self._shown().text("html")
 
+    @property
+    def _source(self) -> str:
+        return self.name if self.stored is None else self.stored.source
+
     def _shown(self) -> Table:
-        source = self.name if self.stored is None else self.stored.source
         rows: list[list[Scalar]] = [
             [term.name, *map(float, row)]
             for term, row in zip(self.table.terms, self.table.theta, strict=True)
             if np.any(row)
         ]
-        return Table(grid_of(f"{source}, SI units", ("term", *self.dofs), rows))
+        return Table(grid_of(f"{self._source}, SI units", ("term", *self.dofs), rows))
 
 
 class Vessel(Model):
@@ -208,8 +240,7 @@ class Vessel(Model):
         choice: what the command line takes after `vessel=`: a name, the path of a YAML file or
             `run:17`.
         **numbers: without a choice, the options of a vessel: `name`, `dofs`, `inertia`,
-            `derivatives`, `force_limits` or `length_m`, ... It can be simulated; a trial takes a
-            file.
+            `derivatives`, `force_limits` or `length_m`, ...
     """
 
     def __init__(self, choice: str | Path | None = None, **numbers: object) -> None:
@@ -220,6 +251,20 @@ class Vessel(Model):
             node = in_process.composed([f"vessel={text_of(choice)}"]).config["vessel"]
         parameters = config.build_as(vessels.VesselParameters, node, "vessel")
         super().__init__(parameters.nominal(), parameters, None if choice is None else str(choice))
+
+    def fit(
+        self,
+        recordings: "scikit_learn.Recordings",
+        identifier: "str | Identifier" = "auto",
+        **options: object,
+    ) -> Model:
+        """Identify the vessel from recordings; the options are those of `Estimator`.
+
+        Returns:
+            The identified model.
+        """
+        estimator = scikit_learn.Estimator(identifier, self, **cast(Any, options))
+        return estimator.fit(recordings).model_
 
 
 def _commands(force: "Forces", dofs: tuple[str, ...]) -> "Array":

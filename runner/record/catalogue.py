@@ -272,6 +272,14 @@ METRICS = (
         "mean time until the pose stays within 5 % of a set-point step",
     ),
     Definition(
+        "settling_time_first", DEPLOYMENT, "s", "lower", "Settling time, first step",
+        "time until the pose stays within 5 % of the first set-point step",
+    ),
+    Definition(
+        "settling_time_last", DEPLOYMENT, "s", "lower", "Settling time, last step",
+        "time until the pose stays within 5 % of the last set-point step",
+    ),
+    Definition(
         "early_share", DEPLOYMENT, "%", "lower", "Early share",
         "mean share of a set-point step that is made in the 10 s before it",
     ),

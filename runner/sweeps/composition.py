@@ -28,6 +28,7 @@ from omegaconf.errors import OmegaConfBaseException
 from seatrial.runner.configuration.vessel_options import filled
 from seatrial.runner.record.vocabulary import GROUPS, Config
 from seatrial.runner.sweeps.job import Order
+from seatrial.runner.sweeps.yaml_files import FileConfigSource
 
 NOT_OF_TRIAL = ("hydra", "search")  # parts of a configuration for Hydra, and for a search
 
@@ -44,16 +45,24 @@ def order_of(
     """
     if overrides is None:  # their interpolations are not for Hydra's part
         overrides = cast(list[str], OmegaConf.to_container(cast(Any, hydra.overrides.task)))
-    names = {group: _name(group, hydra.runtime.choices, overrides) for group in GROUPS}
+    names = {
+        group: _name(group, hydra.runtime.choices, overrides, config.get(group)) for group in GROUPS
+    }
     return Order(config=filled(_resolved(config)), names=names, overrides=overrides)
 
 
-def _name(group: str, choices: Mapping[str, object], overrides: list[str]) -> str:
-    """Return the option chosen from a group; `a+b` for a list, which Hydra does not report."""
+def _name(group: str, choices: Mapping[str, object], overrides: list[str], node: object) -> str:
+    """Return the option chosen from a group; `a+b` for a list, which Hydra does not report.
+
+    A part that is given whole, not chosen, has the name of itself, else of its class.
+    """
     if choices.get(group):
         return str(choices[group])
     lists = [text.partition("=[")[2] for text in overrides if text.startswith(f"{group}=[")]
-    return "+".join(re.findall(r"\w+", lists[-1])) if lists else "none"
+    if lists:
+        return "+".join(re.findall(r"\w+", lists[-1]))
+    whole = node if isinstance(node, DictConfig) else {}
+    return str(whole.get("name") or str(whole.get("_target_", "none")).rpartition(".")[2])
 
 
 def _resolved(config: DictConfig) -> dict[str, object]:
@@ -143,13 +152,13 @@ class SharingLoader:
         """Return the configuration of a job, as Hydra composes it."""
         split = self.split(sweep_overrides)
         if split is None:
-            return self.hydra.load_sweep_config(master_config, sweep_overrides)
+            return self._by_hydra(master_config, sweep_overrides)
         choices, values = split
         try:
             config = self.composition(master_config, choices)
             set_values(config, values)
         except (HydraException, OmegaConfBaseException, Refused):
-            return self.hydra.load_sweep_config(master_config, sweep_overrides)
+            return self._by_hydra(master_config, sweep_overrides)
         hydra, task = config.hydra, [o for o in map(_parsed, sweep_overrides) if _is_task(o)]
         form = hydra.job.config.override_dirname
         named = [str(o.input_line) for o in task if o.key_or_group not in form.exclude_keys]
@@ -174,7 +183,8 @@ class SharingLoader:
                 return None
             if key not in self._is_group:
                 self._is_group[key] = bool(self.hydra.get_group_options(key))
-            if self._is_group[key] and not isinstance(override.value(), dict):
+            whole = override.is_add() and isinstance(override.value(), dict)  # in place of a choice
+            if self._is_group[key] and (whole or not isinstance(override.value(), dict)):
                 choices.append(str(override.input_line))
             elif override.package is not None:
                 return None
@@ -196,8 +206,15 @@ class SharingLoader:
         if key not in composed:
             if len(composed) >= self.KEPT:
                 del composed[next(iter(composed))]
-            composed[key] = _Stored(self.hydra.load_sweep_config(master, list(choices)))
+            composed[key] = _Stored(self._by_hydra(master, list(choices)))
         return composed[key].copy()
+
+    def _by_hydra(self, master: DictConfig, overrides: list[str]) -> DictConfig:
+        FileConfigSource.job = overrides  # which a vessel's own choices follow
+        try:
+            return self.hydra.load_sweep_config(master, overrides)
+        finally:
+            FileConfigSource.job = None
 
 
 @lru_cache(maxsize=4096)  # the jobs of a sweep have most of their overrides in common

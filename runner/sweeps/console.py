@@ -22,16 +22,17 @@ from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner import compare as comparison
 from seatrial.runner import database
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
+from seatrial.runner.configuration.vessel_options import SUITED_GROUPS
 from seatrial.runner.database.terminal import error_line
 from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.record.vocabulary import COMBINED, ENDINGS, SAILED
+from seatrial.runner.record.vocabulary import COMBINED, ENDINGS, GROUPS, SAILED
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
     from seatrial.runner.compare import cli, formats
     from seatrial.runner.database.records import RunSummary, SweepStatus
-    from seatrial.runner.sweeps.job import Outcome
+    from seatrial.runner.sweeps.job import Outcome, PlannedTrial
 else:  # slow to import, and used at the end of a sweep
     import lazy_loader
 
@@ -46,6 +47,20 @@ SHOWN = ("e_pos_mae", "e_psi_mae", "velocity_rmse_restarts")
 LONGEST_LIST = 5
 WARNINGS = 5  # that are counted at the end of a sweep
 LISTED = 20  # failed runs that a summary names; the command it prints shows all
+
+
+def chosen_by_vessels(plans: Iterable["PlannedTrial"]) -> list[str]:
+    """Return what each of several vessels chose where its trials do not name it."""
+    chosen = dict[str, dict[str, None]]()
+    for plan in plans:
+        choices = dict(zip(GROUPS, plan.choices, strict=True))
+        named = {text.partition("=")[0].lstrip("+") for text in plan.overrides}
+        if "experiment" in named:  # whose file may choose as well
+            continue
+        words = [f"{group}={choices[group]}" for group in SUITED_GROUPS if group not in named]
+        chosen.setdefault(choices["vessel"], {})[" ".join(words)] = None
+    lines = [f"vessel={vessel} chooses {' or '.join(texts)}" for vessel, texts in chosen.items()]
+    return lines if len(chosen) > 1 and any(map("".join, chosen.values())) else []
 
 
 def sweep_summary(

@@ -269,6 +269,9 @@ class SeatrialSweeper(Sweeper):
         composer = Composer(self._loader, self._config)
         jobs = composer.applicable(jobs)
         plans = planned(composer, jobs)
+        fitting = [plan for plan in plans if isinstance(plan, PlannedTrial)]
+        if lines := console.chosen_by_vessels(fitting):
+            self.session.say(lines)
         if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
             self.session.list_trials(listed(plans))
         else:

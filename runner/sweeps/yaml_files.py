@@ -13,6 +13,7 @@ from typing import ClassVar, cast
 import yaml
 from hydra._internal.core_plugins import file_config_source
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.plugins.config_source import ConfigResult
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -24,6 +25,8 @@ from seatrial.runner.configuration import vessel_options
 from seatrial.runner.configuration.search_path import CONF
 from seatrial.runner.record.vocabulary import Config
 
+TRIAL = "trial"  # the primary configuration
+WHOLE = "+vessel={"
 GROUP = "vessel/"
 RUN = re.compile(rf"{GROUP}run:(?P<id>\d{{1,18}})(\.yaml)?", re.ASCII)
 # Options that say where the logbook is; an experiment may say it as well.
@@ -56,11 +59,13 @@ def node_of(run_id: int, overrides: Sequence[str]) -> Config:
 class FileConfigSource(file_config_source.FileConfigSource):
     """Hydra's source of configuration files, with files of the working folder and models of runs.
 
-    Vessels choose the excitation and the controller that suit them (`suited_parts`). Its name is
-    that of Hydra's own: in workers Hydra would refuse another one for files.
+    Vessels choose the excitation and the controller that suit them (`suited_parts`), beside what is
+    named; one that is given whole does so in the defaults of a trial. The class is named as Hydra's
+    own: in workers Hydra would refuse another one for files.
     """
 
     overrides: ClassVar[Sequence[str]] = ()  # of the command line, which say where the logbook is
+    job: ClassVar[Sequence[str] | None] = None  # overrides of the trial that is composed
     _own: ClassVar[dict[str, ConfigResult]] = {}  # the program's files: a call loads them twice
 
     def __init__(self, provider: str, path: str) -> None:
@@ -83,7 +88,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
             return ConfigResult(
                 provider=self.provider,
                 path=f"{self.scheme()}://{self.path}",
-                config=_with_suited_parts(OmegaConf.create(dict(self._runs[run_id]))),
+                config=self._with_suited_parts(OmegaConf.create(dict(self._runs[run_id]))),
                 header=self._get_header_dict(""),
             )
         place = self._place(config_path)
@@ -99,23 +104,37 @@ class FileConfigSource(file_config_source.FileConfigSource):
             reason = getattr(error, "problem", None) or str(error).splitlines()[0]
             raise ConfigurationError(f"{file}{line}: {reason}, expected YAML") from error
         if config_path.startswith(GROUP) and isinstance(result.config, DictConfig):
-            result.config = _with_suited_parts(result.config)
+            result.config = self._with_suited_parts(result.config)
+        if config_path.removesuffix(".yaml") == TRIAL and (whole := self._whole_vessel()):
+            for part in cast(DictConfig, result.config).defaults:
+                if isinstance(part, DictConfig):
+                    part.update({k: v for k, v in self._suited(whole).items() if k in part})
         return result
+
+    def _whole_vessel(self) -> Config:
+        """The vessel that a trial gives as a mapping instead of an option; else empty."""
+        texts = [text for text in self._words() if text.startswith(WHOLE)]
+        value = OverridesParser.create().parse_override(texts[-1]).value() if texts else {}
+        return cast(Config, value)
+
+    def _words(self) -> Sequence[str]:
+        return self.overrides if self.job is None else self.job
+
+    def _suited(self, vessel: Config) -> vessel_options.Choice:
+        return vessel_options.suited_parts(vessel, self._words())
 
     @staticmethod
     def _place(config_path: str) -> str:
         file = file_of(config_path)
         return config_path if file is None else str(file)
 
-
-def _with_suited_parts(vessel: DictConfig) -> DictConfig:
-    """Return a vessel with a defaults list of the parts that suit it, unless it has a list."""
-    try:
-        node = cast(Config, OmegaConf.to_container(vessel, resolve=True))
-    except OmegaConfBaseException:
-        return vessel  # it is reported when the trial is composed
-    chosen = {} if "defaults" in node else vessel_options.suited_parts(node)
-    if not chosen:
-        return vessel
-    overrides = [{f"override /{name}@_global_.{name}": chosen[name]} for name in chosen]
-    return cast(DictConfig, OmegaConf.merge({"defaults": ["_self_", *overrides]}, vessel))
+    def _with_suited_parts(self, vessel: DictConfig) -> DictConfig:
+        """Return a vessel with a defaults list of the parts that suit it, unless it has a list."""
+        try:
+            node = cast(Config, OmegaConf.to_container(vessel, resolve=True))
+        except OmegaConfBaseException:
+            return vessel  # it is reported when the trial is composed
+        if "defaults" in node:
+            return vessel
+        overrides = [{f"override /{k}@_global_.{k}": v} for k, v in self._suited(node).items()]
+        return cast(DictConfig, OmegaConf.merge({"defaults": ["_self_", *overrides]}, vessel))

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -9,17 +10,28 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from docs.published import __main__ as program
 from docs.published.figures import objective_figure, times_figure
-from docs.published.printed import COLUMNS, Printed, judged, read_folder, verdict_of
+from docs.published.page import summary_grids
+from docs.published.printed import (
+    COLUMNS,
+    Judged,
+    Printed,
+    interval_of_a_run,
+    judged,
+    read_folder,
+    verdict_of,
+)
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
 
+ROOT = Path(__file__).parents[2]
 ONE = Printed(
     experiment="mine", document="Somebody (2020)", table="Table 1", page="7", row="with model",
     quantity="MSE", printed=100.0, reference=None, unit="N^2", way="",
@@ -76,6 +88,22 @@ def test_verdicts(
     assert verdict_of(replace(ONE, **changes), value, interval, truth) == verdict
 
 
+def test_a_lost_run_and_certainty_beat_nothing() -> None:
+    better = 90.0, (85.0, 94.0), None
+    assert verdict_of(ONE, *better, lost=1) == "not reproduced"
+    assert verdict_of(ONE, *better, certain=True) == "by construction"
+    assert verdict_of(ONE, 150.0, (149.0, 151.0), None, certain=True) == "not reproduced"
+
+
+def test_the_interval_holds_one_further_run() -> None:
+    """Not the mean of many: of ten runs of one law, an eleventh lies in it in 95 % of all cases."""
+    draws = np.random.default_rng(3).normal(7.0, 2.0, (4000, 11))
+    ends = np.array([interval_of_a_run(ten) for ten in draws[:, :10]])
+    inside = (ends[:, 0] <= draws[:, 10]) & (draws[:, 10] <= ends[:, 1])
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.012)
+    assert np.all(np.isnan(interval_of_a_run(draws[0, :1])))
+
+
 @pytest.fixture
 def book(tmp_path: Path) -> Path:
     """A logbook whose newest sweep `mine` has ls at 50, 51, 55 and a failed run; an older: 500."""
@@ -117,9 +145,10 @@ def stored_sweep(
 def test_ours_is_the_mean_over_the_newest_sweep_with_its_interval(results: Queries) -> None:
     (one,) = judged(results, [ONE])
     assert one.value == pytest.approx(52.0)
-    half = 4.302652729911275 * math.sqrt(7.0) / math.sqrt(3.0)  # Student's t of 2 degrees, 97.5 %
+    half = 4.302652729911275 * math.sqrt(7.0 * (1.0 + 1.0 / 3.0))  # t of 2 degrees, 97.5 %
     assert (one.low, one.high) == pytest.approx((52.0 - half, 52.0 + half))
-    assert (one.n, one.lost, one.verdict) == (3, 1, "beaten")
+    assert (one.n, one.lost, one.verdict) == (3, 1, "not reproduced")
+    assert one.reason == "1 of 4 runs lack it"
     assert one.ratio == pytest.approx(0.52)
 
 
@@ -134,7 +163,7 @@ def test_a_median_a_factor_a_reference_and_a_coefficient(results: Queries) -> No
     assert one.verdict == "reproduced"  # printed 100.0 is the truth itself: nothing beats it
     dropped = replace(mass, name="|u|u", printed=7.0)  # not stored: zero
     (one,) = judged(results, [dropped])
-    assert (one.value, one.n, one.verdict) == (0.0, 3, "beaten")
+    assert (one.value, one.n, one.lost, one.verdict) == (0.0, 3, 1, "not reproduced")
     assert judged(results, [replace(dropped, model="other")])[0].n == 0
 
 
@@ -282,7 +311,7 @@ def test_the_command_prints_and_writes_the_page(
     code, out, _ = asked(folder, "--page", page, "--format", "json")
     assert code == 0
     first, second, third = json.loads(out)
-    assert (first["printed"], first["ours"], first["verdict"]) == (100.0, 52.0, "beaten")
+    assert (first["printed"], first["ours"], first["verdict"]) == (100.0, 52.0, "not reproduced")
     assert (second["verdict"], second["information"]) == ("calibrated", "calibrated")
     assert (third["printed"], third["ours"], third["verdict"]) == (None, 52.0, "ours")
     text = page.read_text()
@@ -290,14 +319,40 @@ def test_the_command_prints_and_writes_the_page(
     assert "<svg" in text
     code, out, _ = asked(folder, "--summary", "--format", "csv")
     assert out.splitlines() == [
-        "source,table,experiment,beaten,reproduced,not reproduced,below the true model",
-        "Somebody (2020),Table 1,mine,1,0,0,0",
+        "source,table,experiment,beaten,reproduced,not reproduced,below the true model,"
+        "with more information",
+        "Somebody (2020),Table 1,mine,0,0,1,0,0",
         "",
         "source,table,experiment,verdict,figures,reason",
         "Somebody (2020),Table 1,mine,calibrated,1,gains and reference were fitted to the printed"
         " figures: see the ratios to our own nominal",
         "Somebody (2020),Table 1,mine,ours,1,no printed figure of the same experiment",
     ]
+
+
+def test_a_figure_counts_once_and_more_information_apart() -> None:
+    lag = {"information": "a known thruster lag"}
+    lines = [
+        Judged(replace(ONE, digits="100"), "reproduced", ""),
+        Judged(replace(ONE, digits="100", way="another method"), "beaten", ""),
+        Judged(replace(ONE, digits="100", table="Table 2"), "beaten", ""),  # printed again
+        Judged(replace(ONE, digits="7", row="other", **lag), "beaten", ""),
+        Judged(replace(ONE, digits="8", row="exact"), "by construction", ""),
+    ]
+    counted, _ = summary_grids([lines])
+    total = [cell.text for cell in counted.rows[-1]]
+    assert total == ["all", "", "", "", "1", "", "", "1"]
+    assert counted.notes[0] == (
+        "2 printed figures are compared: 1 reproduced, 1 with more information; left out of this: "
+        "1 by construction"
+    )
+
+
+def test_readme_says_what_the_page_counts() -> None:
+    page = (ROOT / "docs" / "published.md").read_text()
+    sentence = re.search(r"^\d+ printed figures are compared.*$", page, re.MULTILINE)
+    assert sentence is not None
+    assert sentence[0] in (ROOT / "README.md").read_text()
 
 
 def test_what_a_user_gets_wrong_is_one_line(

@@ -8,6 +8,7 @@ import yaml
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.sweeps import job
 from seatrial.runner.sweeps.in_process import composed
+from tests.runner.command import Command
 from tests.runner.test_conf import check_ranges
 from tests.trials import CONF
 
@@ -54,6 +55,36 @@ def test_the_command_line_and_experiments_choose_first() -> None:
         job.prepare(composed(["vessel=osv", "excitation=heading_changes", "controller=pid_ff"]))
     of_experiment = names("experiment=hoyer_table_7_5", "vessel=beluga_full")
     assert of_experiment == names("experiment=hoyer_table_7_5")
+
+
+@pytest.mark.parametrize(
+    ("words", "excitation", "controller"),
+    [
+        ("controller=none", "prbs", "none"),
+        ("controller=lqi", "waypoints", "lqi"),
+        ("excitation=prbs", "prbs", "pid_ff"),
+        ("vessel=beluga_full controller=none", "prbs", "none"),
+        ("vessel=mariner controller=none", "rudder_zigzag", "none"),
+        ("vessel=otter controller=autopilot", "heading_changes", "autopilot"),
+        ("vessel=otter excitation=path_following", "path_following", "autopilot"),
+        ("vessel=otter excitation=input_prbs", "input_prbs", "none"),
+    ],
+)
+def test_what_is_not_named_follows_the_vessel_and_what_is(
+    words: str, excitation: str, controller: str
+) -> None:
+    order = composed(words.split())
+    assert (order.names["excitation"], order.names["controller"]) == (excitation, controller)
+    job.prepare(order)  # it can be run
+
+
+def test_in_a_sweep_each_trial_is_followed_and_vessels_say_what_they_chose(
+    seatrial: Command,
+) -> None:
+    words = ["-m", "vessel=otter,mariner", "controller=none,autopilot", "dry_run=true"]
+    printed = seatrial(*words).out
+    assert "vessel=otter chooses excitation=input_prbs or excitation=heading_changes" in printed
+    assert "4 trials: 4 new" in printed
 
 
 def test_a_file_of_ones_own_chooses_as_well(tmp_path: Path) -> None:

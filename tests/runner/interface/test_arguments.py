@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as any_
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.configuration.config import build_trial
 from seatrial.runner.interface.arguments import overrides_of, place_of, text_of
+from seatrial.runner.sweeps.in_process import composed
 
 PARSER = OverridesParser.create()
 
@@ -59,10 +61,36 @@ def test_names_of_nested_options() -> None:
     assert overrides_of({"plant__change": {"at_s": 3}}) == ["plant.change={at_s:3}"]
 
 
+@pytest.mark.parametrize("name", ["milliampere", "kvlcc2", "otter"])
+def test_a_part_as_an_object_is_that_of_its_name(name: str) -> None:
+    """Also what follows it: the excitation and the controller that a vessel chooses."""
+    named = composed([f"vessel={name}"])
+    trial = build_trial(named.config, named.names)
+    of_objects = composed(overrides_of({"vessel": trial.vessel}))
+    again = build_trial(of_objects.config, of_objects.names)
+    assert of_objects.names == named.names
+    parts = ("vessel", "excitation", "controller", "identifier")
+    assert [getattr(again, part) for part in parts] == [getattr(trial, part) for part in parts]
+    controller = "none" if trial.controller is None else trial.controller
+    words = overrides_of({"controller": controller, "identifier": trial.identifier})
+    given = composed([f"vessel={name}", *words])
+    own = build_trial(given.config, given.names)
+    assert (own.controller, own.identifier) == (trial.controller, trial.identifier)
+
+
+def test_a_mapping_with_a_target_replaces_the_group() -> None:
+    target = "seatrial.models.control.pid.PidFeedforward"
+    order = composed(overrides_of({"controller": {"_target_": target, "kp": [1.0, 2.0, 3.0]}}))
+    assert order.names["controller"] == "PidFeedforward"
+    controller = build_trial(order.config, order.names).controller
+    assert controller.kp == (1.0, 2.0, 3.0)  # type: ignore[union-attr]
+    assert min(controller.ki) > 0.0  # type: ignore[union-attr]  # from the vessel
+
+
 def test_what_is_no_value_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="got a object, expected a number"):
         text_of(object())
-    with pytest.raises(ConfigurationError, match="vessel: got a mapping with name, expected opt"):
+    with pytest.raises(ConfigurationError, match="vessel: got a mapping with name and without _t"):
         overrides_of({"vessel": {"name": "tug"}})
 
 

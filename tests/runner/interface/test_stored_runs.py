@@ -97,6 +97,9 @@ def test_a_sweep_selects_its_own_runs(sweep: st.Sweep, here: Path) -> None:
         ("ls", 0), ("ls", 1), ("none", 0), ("none", 1),
     ]  # fmt: skip
     assert set(sweep.metrics()["run_id"]) == set(frame.index)
+    models = sweep.to_pandas("force_mse").groupby("identifier")["model"].unique()
+    assert {"identified"} == {"nominal", "identified"} & set(models["none"])
+    assert {"nominal", "identified"} <= set(models["ls"])
     everything = st.open("results/results.db")
     chosen = everything.table(metric="force_mse", dof="surge", sweep=sweep.number)
     assert str(chosen) == str(sweep.table(metric="force_mse", dof="surge"))

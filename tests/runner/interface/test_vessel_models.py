@@ -1,5 +1,8 @@
 """Models as objects: the motion of the simulations, and the way back into a trial."""
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +10,7 @@ import pytest
 
 import seatrial as st
 
+GUIDE = Path(__file__).parents[3] / "docs" / "howto" / "python.md"
 TUG = """\
 _target_: seatrial.models.vessel.parameters.VesselParameters
 name: tug
@@ -34,6 +38,37 @@ def test_a_linear_surge_model_follows_the_exact_solution(tug: st.Vessel) -> None
     np.testing.assert_allclose(motion["u"], 100.0 / 40.0 * rise, atol=1e-9)
     np.testing.assert_allclose(motion["x"], 100.0 / 40.0 * (t - rise / rate), atol=1e-8)
     assert list(motion.columns) == ["x", "u", "tau_surge"]
+
+
+def test_a_vessel_from_numbers_is_sailed_fitted_and_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    boat = st.Vessel(
+        name="boat", dofs=["surge"], inertia=[[3e3]], derivatives={"X_u": -40.0},
+        force_limits=[1e3], plant_scale=0.8,
+    )  # fmt: skip
+    run = st.run(vessel=boat, excitation="prbs", identifier="none", evaluation="none")
+    model = boat.fit(st.Recording.from_frame(run.series("recording")), "ls", basis="physical")
+    assert model.table.coefficient("surge", "u") == pytest.approx(0.8 * 40.0, rel=1e-3)
+    curve = boat.plot().axes[0].lines[0].get_xydata()
+    np.testing.assert_allclose(curve[:, 1], 40.0 * curve[:, 0])
+    assert np.max(np.abs(curve[:, 1])) <= 1e3
+
+
+@pytest.mark.slow
+def test_the_study_of_the_guide(tmp_path: Path) -> None:
+    """A vessel, an identifier, two controllers, ten seeds, a frame and a figure in 40 lines."""
+    blocks = re.findall(r'```python title="(.+?)"\n(.*?)```', GUIDE.read_text(), re.DOTALL)
+    assert sum(code.count("\n") for _, code in blocks) <= 40
+    for name, code in blocks:
+        (tmp_path / name).write_text(code)
+    done = subprocess.run(
+        [sys.executable, "study.py"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    cells = [line.split()[:2] for line in done.stdout.splitlines() if " 10.0 " in line]
+    assert cells == [["lqi", "Scaling"], ["none", "10.0"], ["pid_ff", "Scaling"], ["none", "10.0"]]
+    assert (tmp_path / "study.pdf").is_file()
 
 
 def test_a_start_is_a_start(tug: st.Vessel) -> None:
