@@ -165,17 +165,20 @@ def by_seed(frame: pd.DataFrame) -> pd.DataFrame:
     )
     count = own.groupby("cell")["level"].nunique()
     alone = own.groupby(["cell", "level"]).size().groupby("cell").max() == 1
-    every = own["replicate"] == EVERY_SEED
-    seeds = own.loc[~every, ["cell", "replicate"]].drop_duplicates()
-    spread = own[every].drop(columns="replicate").merge(seeds, how="left", on="cell")
-    spread = spread.fillna({"replicate": EVERY_SEED})
-    own = pd.concat([own[~every], spread]).drop_duplicates(["cell", "level", "replicate"])
+    own = _on_every_seed(own, ["level"])
     means = own.groupby(["cell", "replicate"])["value"].agg(["mean", "size"])
     means = means.reset_index().rename(columns={"mean": "value"})
-    several = means.groupby("cell")["replicate"].transform("size") > 1
-    nested = several & means["cell"].map(alone)
-    whole = nested | (means["size"] == means["cell"].map(count))
+    whole = means["cell"].map(alone) | (means["size"] == means["cell"].map(count))
     return means.drop(columns="size").assign(whole=whole)
+
+
+def _on_every_seed(rows: pd.DataFrame, level: list[str]) -> pd.DataFrame:
+    """Repeat what depends on no seed for each seed of its cell that lacks the level."""
+    every = rows["replicate"] == EVERY_SEED
+    seeds = rows.loc[~every, ["cell", "replicate"]].drop_duplicates()
+    spread = rows[every].drop(columns="replicate").merge(seeds, how="left", on="cell")
+    spread = spread.fillna({"replicate": EVERY_SEED})
+    return pd.concat([rows[~every], spread]).drop_duplicates(["cell", *level, "replicate"])
 
 
 def pairs(
@@ -185,7 +188,8 @@ def pairs(
 
     A counterpart is equal in everything but the factors of the baseline, and in the seed if both
     depend on one. Where the baseline has several configurations, a counterpart is also equal in
-    what they differ in. Each pair of experiments counts once, averaged within its seed.
+    what they differ in. Each pair of experiments counts once, averaged within its seed; one
+    that depends on no seed belongs to every seed.
 
     Args:
         frame: distinct observations with a value; those of the baseline have no `cell` (-1).
@@ -212,7 +216,7 @@ def pairs(
         group = rows.index[rows["key"] == candidates["key"].iloc[0]]
         rows.loc[group, "alike"] = alike[rows.loc[group, "condition"]]
     rows["key"] = codes(rows, ["key", "alike"]) if "alike" in rows else rows["key"]
-    own = rows.loc[rows["cell"] >= 0, ["cell", "key", "replicate", "value"]]
+    own = rows.loc[rows["cell"] >= 0, ["cell", "key", "condition", "replicate", "value"]]
     other = rows.loc[rows["cell"] < 0, ["key", "replicate", "value"]]
     other = other.rename(columns={"value": "other"})
     known = own[["cell", "key"]].drop_duplicates().merge(other[["key", "replicate"]], on="key")
@@ -222,5 +226,6 @@ def pairs(
         own[~fix].merge(other[free_].drop(columns="replicate"), on="key"),
         own[fix].drop(columns="replicate").merge(other[~free_], on="key"),
     ]
-    both = pd.concat(each).groupby(["cell", "replicate"], sort=False)[["value", "other"]].mean()
+    every = _on_every_seed(pd.concat(each), ["key", "condition"])
+    both = every.groupby(["cell", "replicate"], sort=False)[["value", "other"]].mean()
     return both.reset_index(), known[["cell", "replicate"]].drop_duplicates()

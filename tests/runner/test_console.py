@@ -65,7 +65,8 @@ def told(caplog: pytest.LogCaptureFixture, what: str) -> bool:
 def test_it_is_read_from_the_logbook(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     url = f"sqlite:///{tmp_path}/results.db"
     with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=1,2,3", ["seed=1,2,3"], 3)
+        sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=0,1,2,3", ["seed=0,1,2,3"], 4)
+        logbook.finish_run(logbook.begin_run(make_start(0), sweep_id).run_id, Results())
         with caplog.at_level(logging.INFO), progress.shown(url, sweep_id):
             for seed in (1, 2):
                 run = logbook.begin_run(make_start(seed), sweep_id)
@@ -73,10 +74,11 @@ def test_it_is_read_from_the_logbook(tmp_path: Path, caplog: pytest.LogCaptureFi
                     logbook.finish_run(run.run_id, Results())
                 else:
                     logbook.fail_run(run.run_id, "failed", "ValueError", "no wind", None)
-            wait(lambda: told(caplog, "run 2 failed"))
+            wait(lambda: told(caplog, "run 3 failed"))
     said = [record.getMessage() for record in caplog.records]
-    assert any(line.startswith("run 2 failed (vessel=milliampere") for line in said)
-    assert sum(line.startswith("run 2 failed") for line in said) == 1
+    assert " left" not in said[0]  # what was done before it began has no pace
+    assert any(line.startswith("run 3 failed (vessel=milliampere") for line in said)
+    assert sum(line.startswith("run 3 failed") for line in said) == 1
 
 
 def test_a_broken_logbook_ends_the_display_not_the_sweep(
@@ -194,7 +196,8 @@ def test_a_sweep_shows_its_table(tmp_path: Path) -> None:
 
 
 def test_a_sweep_ends_with_the_warnings_that_several_runs_have(tmp_path: Path) -> None:
-    url, told = f"sqlite:///{tmp_path}/results.db", {"short": 1, "weak\x1b[2J": 3, "flat": 2}
+    url, told = f"sqlite:///{tmp_path}/results.db", {"short": 1, "weak\x1b[2J": 3}
+    told |= dict.fromkeys("abcd", 2)  # as many as are shown
     with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
         sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=0,1,2", [], 3)
         for trial in range(3):
@@ -203,4 +206,4 @@ def test_a_sweep_ends_with_the_warnings_that_several_runs_have(tmp_path: Path) -
             rows = [Diagnostic("warning", "all", None, label=text) for text in texts]
             logbook.finish_run(run.run_id, Results(diagnostics=rows))
     lines = progress.repeated_warnings(url, sweep_id)
-    assert lines == ["  3 runs: weak\\x1b[2J", "  2 runs: flat"]
+    assert lines == ["  3 runs: weak\\x1b[2J", *(f"  2 runs: {text}" for text in "abcd")]

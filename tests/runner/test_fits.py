@@ -1,7 +1,13 @@
 """`seatrial fits`: what a vessel can have is what is planned, with the reasons for the rest."""
 
 import re
+from collections.abc import Sequence
 
+import pytest
+
+from seatrial.runner.commands import fits
+from seatrial.runner.sweeps import in_process
+from seatrial.runner.sweeps.job import shown
 from tests.runner.command import Command
 
 WORDS = ("fits", "vessel=surge_linear", "excitation=prbs", "identifier=ls")
@@ -26,3 +32,18 @@ def test_a_word_that_is_no_choice_is_one_line(seatrial: Command) -> None:
     several = seatrial.refuses("fits", "vessel=kvlcc2", "controller=autopilot,none")
     assert several.startswith("fits: got 'controller=autopilot,none', expected vessel=NAME or")
     assert "vessel" in seatrial.refuses("fits", "vessel=tugg", "excitation=prbs")
+
+
+def test_stored_trials_fit_and_vessels_that_can_have_the_same_are_shown_together(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run_sweep(listing: fits._Listing, words: Sequence[str]) -> None:
+        trials = [shown(variant) for variant in listing.variants]
+        assert all("excitation=prbs evaluation=none" in trial for trial in trials)
+        states = ["refused"] * (2 if "vessel=otter" in trials[0] else 1) + ["finished"] * 99
+        listing.list_trials([*zip(states, trials, "x" * len(trials), strict=False)])
+
+    monkeypatch.setattr(in_process, "run_sweep", run_sweep)
+    fits.main(["vessel=osv,otter,frigate", "excitation=prbs", "evaluation=none"])
+    groups = capsys.readouterr().out.split("\n\n")
+    assert [group.partition("\n")[0] for group in groups] == ["osv, frigate", "otter"]

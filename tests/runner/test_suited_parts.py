@@ -50,6 +50,9 @@ def test_the_command_line_and_experiments_choose_first() -> None:
     assert names("vessel=mariner", "controller=mpc_heading")["controller"] == "mpc_heading"
     with pytest.raises(ConfigurationError, match="excitation=waypoints: commands forces"):
         job.prepare(composed(["vessel=otter", "excitation=waypoints"]))
+    job.prepare(composed(["vessel=osv", "excitation=input_prbs", "controller=pid_ff"]))
+    with pytest.raises(ConfigurationError, match="controller=pid_ff commands forces"):
+        job.prepare(composed(["vessel=osv", "excitation=heading_changes", "controller=pid_ff"]))
     of_experiment = names("experiment=hoyer_table_7_5", "vessel=beluga_full")
     assert of_experiment == names("experiment=hoyer_table_7_5")
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 import scipy
 
-from seatrial.models.identification.attenuation import attenuations, noise_like
+from seatrial.models.identification.attenuation import attenuations, noise_like, noticeable
 from seatrial.models.identification.problem import Problem
+from seatrial.models.identification.residual import Samples
 from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.vessel.basis import terms
+from seatrial.models.vessel.table import Vessel
 from seatrial.runner.trials import closed_loop
 from seatrial.runner.trials import trial as trials
 from tests.trials import composed
@@ -30,6 +32,16 @@ def test_one_regressor_keeps_the_share_of_signal() -> None:
     kept = float(np.linalg.lstsq(once, x, rcond=None)[0][0, 0])
     assert attenuations(once, again)[0] == pytest.approx(1.0 / 5.0, rel=0.02)
     assert kept == pytest.approx(1.0 - attenuations(once, again)[0], rel=0.02)
+
+
+def test_a_loss_counts_beyond_the_interval_of_all_together() -> None:
+    """Bonferroni: of five coefficients each has the interval of 99 %."""
+    own, ones, force = terms(["u", "v", "r", "uv", "ur"]), np.ones((5, 1)), np.arange(4.0)[:, None]
+    samples = Samples(own, np.ones((4, 5)), force, force, np.zeros((4, 2)))
+    nominal = Vessel("one", ("surge",), own, ones)
+    for share, noticed in ((0.99, 0), (1.01, 5)):
+        errors = 0.2 / (share * 2.576) * ones
+        assert len(noticeable(samples, 0.2 * ones[:, 0], nominal, errors)) == noticed
 
 
 METHODS = {

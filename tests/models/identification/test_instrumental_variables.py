@@ -235,6 +235,15 @@ def test_instruments_that_say_little_of_the_motion_are_weak() -> None:
     assert strength(np.column_stack([own[:, :2], other[:, 2]])) < 5.0  # one bad one suffices
 
 
+def test_the_strength_of_one_regressor_is_the_f_of_its_first_stage() -> None:
+    z, noise, lack = np.random.default_rng(2).normal(size=(3, 30, 8))
+    phi, y = z[:, :1] + noise[:, :1], lack[:, :1]
+    samples = Samples(basis.terms(["u"]), phi, y, y, np.zeros((30, 2)))
+    (rest,) = np.linalg.lstsq(z, phi, rcond=None)[1]
+    strength = iv.Estimate(samples, (0,), solve(z, phi, y)).strength
+    assert strength == pytest.approx((np.sum(phi**2) / rest - 1.0) * (30 - 8) / 8)
+
+
 # Consistency: a ship in wind and current, all velocities measured with noise
 
 PERIOD_S = 0.5

@@ -119,14 +119,14 @@ def test_reported_errors_agree_with_the_spread(lap, identifier, capsys) -> None:
 
 
 def test_an_interval_of_a_fixed_width_covers_where_the_sum_has_few_parts() -> None:
-    """The mean of white noise, with a bandwidth of a twelfth of the record."""
+    """The mean of white noise, with a bandwidth of a sixth of the record."""
     rng, n, gain = np.random.default_rng(0), 600, np.ones((600, 1))
     inside, narrow = [], []
     for _ in range(2000):
         e = rng.standard_normal(n)
-        deviation = np.sqrt(stationary_covariance(gain, e - np.mean(e), n / 12)[0, 0])
+        deviation = np.sqrt(stationary_covariance(gain, e - np.mean(e), n / 6)[0, 0])
         inside.append(abs(np.sum(e)) <= 1.96 * deviation)
-        narrow.append(abs(np.sum(e)) <= 1.96 * deviation / np.sqrt(enlargement(1 / 12)))
+        narrow.append(abs(np.sum(e)) <= 1.96 * deviation / np.sqrt(enlargement(1 / 6)))
     assert np.mean(narrow) < 0.935
     assert np.mean(inside) == pytest.approx(0.95, abs=0.01)
 

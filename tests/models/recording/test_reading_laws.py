@@ -116,6 +116,9 @@ def test_clocks_that_disagree_are_named(tmp_path: Path) -> None:
     assert said is not None
     assert f"{np.sum(rest < 1e8)} of 600 rows" in said
     assert "columns.time: {column: header_stamp_secs, nanoseconds: header_stamp_nsecs}" in said
+    for pace in (0.5, 5.0):  # named like a clock, but it counts something else
+        other = source_of(tmp_path, {"time": T, "index": pace * T, "x": X})
+        assert disagreement(other, Column("time")) is None
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.simulation.manoeuvre_measures import (
-    Track,
-    reverse_spiral,
-    spiral,
-    stop,
-    williamson,
-)
+from seatrial.models.notation import OrderedManoeuvre
+from seatrial.models.simulation.manoeuvre_measures import Track, reverse_spiral, spiral, stop
 from seatrial.models.simulation.manoeuvre_sheet import (
     DEVIATION_SHARE,
     SheetEntry,
@@ -127,9 +122,11 @@ def test_a_stop_under_constant_deceleration() -> None:
 def test_a_half_circle_ends_a_diameter_aside_on_the_reciprocal() -> None:
     t = np.arange(0.0, 10.0 + 10.0 * np.pi, 0.01)
     psi = np.clip(0.1 * (t - 10.0), 0.0, np.pi)
-    turned = williamson(track(t, psi, np.where(t < 10.0, 0.0, 0.5)))
+    motion, ordered = track(t, psi, np.where(t < 10.0, 0.0, 0.5)), OrderedManoeuvre("williamson")
+    turned = sheet(motion, ordered=ordered).values
     assert turned["offset from the track"] == pytest.approx(4.0, rel=1e-2)
     assert turned["error of the heading"] == pytest.approx(0.0, abs=0.1)
+    assert sheet(motion, "turn", ordered=ordered).manoeuvre == "turn"  # the user's word decides
 
 
 def test_intervals_are_the_quantiles_of_the_draws() -> None:
@@ -179,6 +176,9 @@ def test_the_initial_turning_of_a_model_is_to_the_recorded_heading() -> None:
     assert path(16.0, 14.0) == pytest.approx(2.0 * (until - 15.0) / 10.0, abs=0.05)
     assert path(16.0, None) > path(16.0, 14.0)
     assert np.isnan(path(12.0, 14.0))
+    motion, stated = track(t, np.radians(16.0) * np.sin(phase), helm), OrderedManoeuvre(turn_deg=12)
+    found = sheet(motion, "zigzag", ordered=stated).values
+    assert found["first overshoot"] == pytest.approx(4.0, abs=0.1)
 
 
 def test_a_helm_that_does_not_move_is_refused() -> None:

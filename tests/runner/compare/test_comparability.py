@@ -111,6 +111,7 @@ def test_a_random_identifier_has_replicates_and_its_nominal_model_has_none(
         rows = [stored.force_mse(10.0 + seed), stored.force_mse(20.0, model="nominal")]
         stored.finish(logbook, stored.start("nsga2", seed=seed), rows, drawn=["identifier"])
         store(logbook, stored.start("ls", seed=seed), 15.0, drawn=())
+    stored.finish(logbook, stored.start("nsga2", seed=7), rows, drawn=[])  # drew nothing: no seed
     shown = cells(table(results, model=["all"], columns="model"))
     assert shown["nsga2", "identified"].startswith("12.50 ± 1.9 (n=6)")
     assert shown["nsga2", "nominal"] == "20.00 (deterministic)"

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seatrial.runner.export.manoeuvre_tracks import ordered_in
 from tests.data import DATA
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
@@ -100,6 +101,7 @@ def test_what_the_map_says_was_ordered_decides_on_the_limits(
     code, out, err = program(*words, str(mapped(stated)))
     assert code == 0, err
     assert values(out)["advance"]["limit"] is None
+    assert ordered_in({"manoeuvre": {"kind": "turn", "helm_deg": 20}}).helm_deg == 20  # as stored
     code, out, err = program(*words, str(mapped(f"{CIRCLE}manoeuvre: {{kind: loop}}\n")))
     assert (code, out) == (2, "")
     assert "excitation.manoeuvre.kind: got 'loop', expected one of turn, zigzag," in err

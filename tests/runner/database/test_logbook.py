@@ -165,6 +165,7 @@ def test_a_sweep_counts_each_trial_once(logbook: LogbookWriter) -> None:
     assert status.counts == {"finished": 2, "failed": 1, "running": 1}
     assert [run.seed for run in status.failed] == [1]
     assert status.finished_at is None
+    assert status.left == {"": 2}  # the one that is running, and the one that never started
     logbook.finish_run(logbook.begin_run(make_start(1), sweep).run_id, Results())
     logbook.end_sweep(sweep)
     status = logbook.sweep_status(sweep)

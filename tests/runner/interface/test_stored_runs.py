@@ -39,7 +39,7 @@ def test_the_table_is_that_of_the_shell(
     sweep: st.Sweep, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = {"metric": "force_mse", "stage": "validation", "dof": ["surge", "yaw"]}
-    table = sweep.table(**options, rows=["identifier", "dof"], baseline="identifier=none")
+    table = sweep.table(**options, rows="identifier,dof", baseline="identifier=none", digits=None)
     words = "table --metric force_mse --stage validation --dof surge,yaw --rows identifier,dof"
     words += f" --baseline identifier=none --sweep {sweep.number}"
     for form in ("json", "md", "html", "latex"):
@@ -112,8 +112,9 @@ def test_a_sweep_selects_its_own_runs(sweep: st.Sweep, here: Path) -> None:
 
 
 def test_a_logbook_is_found_from_another_folder(
-    sweep: st.Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    sweep: st.Sweep, here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    logbook = st.open("results/results.db")
     monkeypatch.chdir(tmp_path)
-    assert len(sweep.runs()) == 4
+    assert len(logbook.runs(sweep=sweep.number)) == len(sweep.runs()) == 4
     assert re.search(r"identifier +controller", repr(sweep))

@@ -77,7 +77,8 @@ def test_a_measure_is_compared_with_the_one_of_its_name() -> None:
     problem = Problem(recording, recording, ship, None)
     length = manoeuvre_results.length_of(trial)
     assert length is not None
-    found = manoeuvre_results.manoeuvres(problem, identified, length, OrderedManoeuvre())
+    ordered = OrderedManoeuvre(turn_deg=19.0)  # as its map may say
+    found = manoeuvre_results.manoeuvres(problem, identified, length, ordered)
     values = {
         (f.name.removeprefix(DIAGNOSTIC), f.label.rpartition(", ")[2]): f.value for f in found
     }
@@ -85,5 +86,6 @@ def test_a_measure_is_compared_with_the_one_of_its_name() -> None:
     reached = {name for name in recorded if values[name, "identified model"] is not None}
     assert "initial_turning" in reached
     assert any("overshoot" in name for name in recorded - reached)
+    assert values["change_of_heading", "measured"] == 19.0
     for name in recorded:  # the nominal model is the ship
         assert values[name, "nominal model"] == pytest.approx(values[name, "measured"], rel=1e-2)

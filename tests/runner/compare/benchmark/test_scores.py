@@ -111,6 +111,7 @@ def test_one_that_diverges_differs_from_one_that_does_not() -> None:
     )
     assert chance([own], [lost]) == 0.0
     assert chance([lost], [lost]) == 1.0
+    assert chance([own, None], [lost, own]) == 0.0  # each lost another file
     assert chance([own], [own]) == 1.0
 
 
