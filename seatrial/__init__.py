@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from seatrial.runner.interface.stored_runs import Logbook as Logbook
     from seatrial.runner.interface.stored_runs import Run as Run
     from seatrial.runner.interface.stored_runs import Sweep as Sweep
+    from seatrial.runner.interface.vessel import Vessel as Vessel
     from seatrial.runner.interface.vessel_models import Model as Model
-    from seatrial.runner.interface.vessel_models import Vessel as Vessel
 else:
     import lazy_loader
 
@@ -48,6 +48,7 @@ else:
             "runner.interface.recordings": ["Recording"],
             "runner.interface.scikit_learn": ["Estimator"],
             "runner.interface.stored_runs": ["Logbook", "Run", "Sweep"],
-            "runner.interface.vessel_models": ["Model", "Vessel"],
+            "runner.interface.vessel": ["Vessel"],
+            "runner.interface.vessel_models": ["Model"],
         },
     )

@@ -16,9 +16,7 @@ from operator import is_
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
+import yaml
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
@@ -204,8 +202,9 @@ def _closed(excitation: str) -> bool:
     paths = (folder / "excitation" / f"{excitation}.yaml" for folder in (CONF, *user_folders()))
     file = next((path for path in paths if path.is_file()), None)
     try:
-        cls = options.target(OmegaConf.select(OmegaConf.load(file), "_target_")) if file else None
-    except (options.OptionError, YAMLError, OmegaConfBaseException):
+        node = yaml.safe_load(file.read_text(encoding="utf-8")) if file else None
+        cls = options.target(node.get("_target_")) if isinstance(node, Mapping) else None
+    except (options.OptionError, yaml.YAMLError):
         return False  # it is reported when the trial is composed
     return getattr(cls, "open_loop", None) is missions.Mission.open_loop
 

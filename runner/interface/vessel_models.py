@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import FORCE_UNIT, VELOCITY_UNIT, poses_of, velocities_of
 from seatrial.runner import compare, export
 from seatrial.runner.compare.grid import Scalar, grid_of
-from seatrial.runner.interface.arguments import text_of
 from seatrial.runner.interface.displayed_table import Table
 
 if TYPE_CHECKING:  # what is slow to import
@@ -20,17 +19,13 @@ if TYPE_CHECKING:  # what is slow to import
 
     from seatrial.models.excitation import commands, setpoints
     from seatrial.models.identification import free_run, validation
-    from seatrial.models.identification.problem import Identifier
     from seatrial.models.recording.recording import Recording
     from seatrial.models.simulation import loop, registry
     from seatrial.models.vessel import parameters as vessels
     from seatrial.models.vessel.basis import Array
     from seatrial.models.vessel.table import Vessel as Coefficients
     from seatrial.models.weather import weather
-    from seatrial.runner.configuration import config
     from seatrial.runner.export.stored_model import StoredModel
-    from seatrial.runner.interface import scikit_learn
-    from seatrial.runner.sweeps import in_process
 
     Forces = Sequence[Sequence[float]] | Array | Mapping[str, Any]  # a frame is like a mapping
 else:
@@ -44,10 +39,6 @@ else:
             *("excitation.setpoints", "simulation.loop", "simulation.registry"),
             *("vessel.parameters", "weather.weather"),
         )
-    )
-    config, in_process, scikit_learn = (
-        lazy_loader.load(f"seatrial.runner.{name}", suppress_warning=True)
-        for name in ("configuration.config", "sweeps.in_process", "interface.scikit_learn")
     )
 
 
@@ -231,40 +222,6 @@ class Model:
             if np.any(row)
         ]
         return Table(grid_of(f"{self._source}, SI units", ("term", *self.dofs), rows))
-
-
-class Vessel(Model):
-    """A vessel with its nominal model, by name, from a file, or from numbers.
-
-    Args:
-        choice: what the command line takes after `vessel=`: a name, the path of a YAML file or
-            `run:17`.
-        **numbers: without a choice, the options of a vessel: `name`, `dofs`, `inertia`,
-            `derivatives`, `force_limits` or `length_m`, ...
-    """
-
-    def __init__(self, choice: str | Path | None = None, **numbers: object) -> None:
-        node: object = {"_target_": "seatrial.models.vessel.parameters.VesselParameters", **numbers}
-        if choice is not None:
-            if numbers:
-                raise ConfigurationError(f"Vessel: got {choice} and numbers, expected one of them")
-            node = in_process.composed([f"vessel={text_of(choice)}"]).config["vessel"]
-        parameters = config.build_as(vessels.VesselParameters, node, "vessel")
-        super().__init__(parameters.nominal(), parameters, None if choice is None else str(choice))
-
-    def fit(
-        self,
-        recordings: "scikit_learn.Recordings",
-        identifier: "str | Identifier" = "auto",
-        **options: object,
-    ) -> Model:
-        """Identify the vessel from recordings; the options are those of `Estimator`.
-
-        Returns:
-            The identified model.
-        """
-        estimator = scikit_learn.Estimator(identifier, self, **cast(Any, options))
-        return estimator.fit(recordings).model_
 
 
 def _commands(force: "Forces", dofs: tuple[str, ...]) -> "Array":
