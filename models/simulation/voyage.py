@@ -45,13 +45,16 @@ COMMANDED = ("tau", "tau_actual", "tau_fb", "held", "applied")
 class Outlook(NamedTuple):
     """Preview of the mission and the weather for a controller; SI units.
 
-    Rows are control instants; unknown signals have no rows.
+    Rows are control instants; unknown signals have no rows. `obstacles` and `hull` are those of a
+    mission in a harbour.
     """
 
     reference: Array  # (N, n_dof) reference pose
     wind_ned: Array  # (N, 2) velocity of the air
     wind_noise: Array  # (N, 2) error of the anemometer, body axes; not for future instants
     added: Array  # (N, n_dof) force that is added to the controller's commands
+    obstacles: tuple[Array, ...] | None = None  # convex polygons, (n, 2) each [m, NED]
+    hull: Array | None = None  # convex polygon, (m, 2) [m, body axes]
 
 
 NO_OUTLOOK = Outlook(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 0)))
