@@ -148,11 +148,11 @@ def estimate(observer: Observer, past: Memory, eta: Array, nu: Array) -> None:
             past.x[i], observer.error[i] = eta[i], nu[i]
         to_axes(observer.turning, -psi, observer.error, past.x[m:])
     elif past.instant[0] > 0:
-        _correct(observer, past, eta)
+        correct(observer, past, eta)
 
 
 @lean_kernel
-def _correct(observer: Observer, past: Memory, eta: Array) -> None:
+def correct(observer: Observer, past: Memory, eta: Array) -> None:
     """x <- x + M (y - C x), with the innovation in the predicted body axes."""
     x, error, change = past.x, observer.error, observer.moved
     for i in range(error.shape[0]):

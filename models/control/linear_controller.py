@@ -210,8 +210,8 @@ class LinearController(Controller):
         return design_model(model, self.limits, own, self.wind)
 
     def foresee(self, parameters: Parameters, outlook: Outlook) -> Parameters:
-        """The parameters with the forecast of the weather and the mission."""
-        return parameters._replace(outlook=outlook)
+        """The parameters with the forecast of the weather and the mission, without obstacles."""
+        return parameters._replace(outlook=outlook._replace(obstacles=None, hull=None))
 
     def command_limits(self) -> tuple[float, ...] | None:
         """The limits [N, Nm] if the commands are limited, else None."""

@@ -15,12 +15,15 @@ Symbols = NDArray[Any]  # of `Symbol`s and numbers
 NONE = np.zeros((0, 0))
 
 
-def symbolic_rates(kinematics: Kinematics, plant: PlantTable) -> tuple[Symbols, Symbols]:
+def symbolic_rates(
+    kinematics: Kinematics, plant: PlantTable, disturbed: bool = False
+) -> tuple[Symbols, Symbols]:
     """eta_dot (n_pose,) and nu_dot (n_dof,) as expressions, see `dynamics.rates`.
 
     Their arguments are `eta` (n_pose,), `nu` (n_dof,), `acting`, the forces (n_dof,) or inputs
-    (n_inputs,), and `wind` and `current`, the velocities of air and water to north and east [m/s].
-    Coefficients in `plant` can be symbols as well, `entries("coefficients", n)`.
+    (n_inputs,), and `wind` and `current`, the velocities of air and water to north and east [m/s];
+    if `disturbed` also `force`, a force in NED (n_dof,). Coefficients in `plant` can be symbols as
+    well, `entries("coefficients", n)`.
 
     Raises ConfigurationError if a device has an operation without an expression.
     """
@@ -28,7 +31,7 @@ def symbolic_rates(kinematics: Kinematics, plant: PlantTable) -> tuple[Symbols, 
     n_pose = n + isinstance(kinematics, Quaternion)
     eta, nu, acting = entries("eta", n_pose), entries("nu", n), entries("acting", n_acting(plant))
     weather = Weather(
-        NONE, NONE, NONE, NONE,
+        NONE, NONE, NONE, entries("force", n)[None] if disturbed else NONE,
         current_ned=entries("current", 2)[None], wind_ned=entries("wind", 2)[None],
     )  # fmt: skip
     vectors = np.full(scratch_size(len(plant.codes), n, n_pose), 0.0, dtype=object)
