@@ -126,8 +126,8 @@ bands: $(VENV)/demo.stamp
 
 # The true coefficients differ from the nominal ones by 30 %, or not. The recording is that of an open
 # loop, the same for every controller. A run that fails or diverges is kept, and counted.
-DOCKED := pid_ff,mpc_integral
-docking: $(VENV)/demo.stamp
+DOCKED := nmpc,mpc_integral,pid_ff
+docking: $(VENV)/test.stamp  # with CasADi, for nmpc
 	$(BIN)/python -m runner -m vessel=milliampere,supply_vessel,cybership2 excitation=prbs evaluation=docking \
 	    'disturbance=calm,[wind,noise],[wind_current,noise]' controller=$(DOCKED) $(ANY_SEED) \
 	    --variant 'identifier=auto plant.scale=0.7' --variant 'identifier=none plant.scale=1.0' \
