@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.source_digest import MODELS_FOLDER, files_digest, folder_digest, imported_files
-from seatrial.runner.configuration.harbours import harbour_file
 from seatrial.runner.configuration.plugins import targets
-from seatrial.runner.configuration.search_path import located
+from seatrial.runner.configuration.search_path import harbour_file, located
 from seatrial.runner.record.vocabulary import NOT_COMPARED
 
 if TYPE_CHECKING:  # what is slow to import

@@ -11,33 +11,25 @@ longitude and latitude too, becomes the origin in NED; by default the quay's fir
 import json
 from collections.abc import Mapping
 from difflib import get_close_matches
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.configuration.search_path import CONF
+from seatrial.runner.configuration.search_path import HARBOURS, harbour_file
 
 if TYPE_CHECKING:  # what is slow to import
+    import numpy as np
     import pymap3d
     import shapely
 else:
     import lazy_loader
 
+    np = lazy_loader.load("numpy")
     pymap3d = lazy_loader.load("pymap3d")
     shapely = lazy_loader.load("shapely")
 
-SUPPLIED = CONF / "evaluation" / "harbours"
 UNITS = ("lengths", "metres")
 SIDES = ("port", "starboard")
 Corners = list[list[float]]
-
-
-def harbour_file(name: object) -> Path:
-    """The file of a harbour: a supplied one by its name, or a path."""
-    supplied = SUPPLIED / f"{name}.geojson"
-    return supplied if supplied.is_file() else Path(str(name)).expanduser()
 
 
 def with_harbours(node: object) -> object:
@@ -51,7 +43,7 @@ def with_harbours(node: object) -> object:
 def read_chart(name: object) -> dict[str, object]:
     """The options of a chart, corners (north, east); raises ConfigurationError."""
     path, where = harbour_file(name), f"evaluation.harbour: {name}"
-    known = sorted(file.stem for file in SUPPLIED.glob("*.geojson"))
+    known = sorted(file.stem for file in HARBOURS.glob("*.geojson"))
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         features = content["features"]

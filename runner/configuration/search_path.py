@@ -22,6 +22,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.plugins import plugins
 
 CONF = Path(__file__).resolve().parents[2] / "conf"
+HARBOURS = CONF / "evaluation" / "harbours"
 VARIABLE = "SEATRIAL_CONF"
 NAMED = 3  # files that a warning names
 NONE = "Your own options: a folder conf here, --config-dir FOLDER, or folders in SEATRIAL_CONF"
@@ -43,6 +44,12 @@ def located(name: object) -> Path:
     path = Path(str(name)).expanduser()
     ours = CONF / "benchmark" / "maps" / path
     return ours if len(path.parts) == 1 and not path.is_file() and ours.is_file() else path
+
+
+def harbour_file(name: object) -> Path:
+    """The file of a harbour: a supplied one by its name, or a path."""
+    supplied = HARBOURS / f"{name}.geojson"
+    return supplied if supplied.is_file() else Path(str(name)).expanduser()
 
 
 def user_folders() -> list[Path]:

@@ -206,7 +206,7 @@ def _closed(excitation: str) -> bool:
         cls = options.target(node.get("_target_")) if isinstance(node, Mapping) else None
     except (options.OptionError, yaml.YAMLError):
         return False  # it is reported when the trial is composed
-    return getattr(cls, "open_loop", None) is missions.Mission.open_loop
+    return cls is not None and getattr(cls, "open_loop", None) is missions.Mission.open_loop
 
 
 def _family(vessel: Config) -> str:

@@ -10,7 +10,8 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.docking import Docking, DrawnDocking
 from seatrial.models.planning.harbour import clearances
 from seatrial.runner.configuration.fingerprint import fingerprint
-from seatrial.runner.configuration.harbours import SUPPLIED, read_chart
+from seatrial.runner.configuration.harbours import read_chart
+from seatrial.runner.configuration.search_path import HARBOURS
 from seatrial.runner.trials.checks import check
 from seatrial.runner.trials.closed_loop import Streams, drawn
 from tests.trials import composed
@@ -53,7 +54,7 @@ def written(folder: Path, content: dict[str, object]) -> str:
 
 @pytest.mark.parametrize("vessel", ["cybership2", "supply_vessel"])
 def test_the_timetable_is_clear_of_the_land_and_ends_in_the_berth(vessel: str) -> None:
-    for seed, name in enumerate(sorted(path.stem for path in SUPPLIED.glob("*.geojson"))):
+    for seed, name in enumerate(sorted(path.stem for path in HARBOURS.glob("*.geojson"))):
         mission = docking(f"vessel={vessel}", f"evaluation.harbour={name}", seed=seed)
         (_, harbour, _, hull, poses, berthed), length = mission.berthing, mission.options.length_m
         _, clearance = clearances(harbour.land, hull, poses, 1e-3 * length)
