@@ -26,6 +26,7 @@ BY_HELM = ("heading_changes", "path_following")  # by a controller
 NEEDS = {
     "excitation/recording": ["vessel=surge_linear", "excitation.path=surge.csv"],
     **{f"excitation/{prefix}{name}": STEERED for name in OF_HELM for prefix in ("", "rudder_")},
+    "excitation/helm_sequence": STEERED,
     "excitation/input_prbs": ["vessel=otter", *STEERED[1:]],
     **{f"excitation/{name}": ["vessel=kvlcc2", "controller=autopilot"] for name in BY_HELM},
     **{f"evaluation/{name}": [*HEADING[:2], "controller=autopilot"] for name in BY_HELM},

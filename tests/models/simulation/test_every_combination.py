@@ -36,7 +36,7 @@ PLANE = ("waypoints", "prbs_waypoints", "four_corner", "optimal_design")  # exci
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
 HELM = (  # by inputs, beside rudder_*
     *("spiral", "reverse_spiral", "williamson", "crash_stop"),
-    *("heading_changes", "path_following", "input_prbs"),
+    *("heading_changes", "path_following", "input_prbs", "helm_sequence"),
 )
 
 

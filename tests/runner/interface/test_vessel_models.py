@@ -56,7 +56,7 @@ def test_a_vessel_from_numbers_is_sailed_fitted_and_drawn(
     assert np.max(np.abs(curve[:, 1])) <= 1e3
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_study_of_the_guide(tmp_path: Path) -> None:
     """A vessel, an identifier, two controllers, ten seeds, a frame and a figure in 40 lines."""
     blocks = re.findall(r'```python title="(.+?)"\n(.*?)```', GUIDE.read_text(), re.DOTALL)

@@ -31,6 +31,10 @@ MIX = (
     "vessel=modulus_ship", "excitation=optimal_design", "excitation.length_s=60", "identifier=iv",
     "controller=none",
 )  # fmt: skip
+DOCKING = (
+    "excitation=prbs", "excitation.length_s=10", "identifier=none", "evaluation=docking",
+    "controller=lqi",
+)  # fmt: skip
 SURGE_STEPS = ("evaluation=setpoints", "evaluation.duration_s=200", "controller=pid_ff")
 MEASURED = ("vessel=surge_linear", "excitation=recording", "identifier=ls")
 
@@ -54,6 +58,7 @@ def test_what_trials_store_is_what_is_declared(tmp_path: Path) -> None:
         *stored_by(*FORCE_IN_THE_LAG),
         *stored_by(*POSITIONING),
         *stored_by(*MIX),
+        *stored_by(*DOCKING),
         *stored_by(*MEASURED, f"excitation.path={write(tmp_path / 'a.csv')}"),
     ]
     declared = {(stage, one.name) for one in METRICS for stage in one.stages}
