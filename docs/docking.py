@@ -47,9 +47,9 @@ def cell(runs: pd.DataFrame) -> str:
     if runs.empty:
         return ""
     touched, berthed = runs["contacts"] > 0.0, in_berth(runs)
-    return (
-        f"{np.sum(touched)} · {np.sum(~berthed)}/{len(runs)} · {runs[ERROR].median():.4f} ·"
-        f" {runs['time_to_berth'].median():.0f} s"
+    seconds = runs["time_to_berth"].median()  # of those that have one
+    return f"{np.sum(touched)} · {np.sum(~berthed)}/{len(runs)} · {runs[ERROR].median():.4f} · " + (
+        "–" if math.isnan(seconds) else f"{seconds:.0f} s"
     )
 
 
