@@ -155,6 +155,9 @@ def _main(stop: StopSignals) -> int:
         if stop.number is not None or isinstance(error, KeyboardInterrupt):
             return _complain(INTERRUPTED, 128 + (stop.number or signal.SIGINT))
         # Before the start, any exception of Hydra is about the command line; later it is a bug.
+        if isinstance(error, BrokenPipeError) and not session.started:  # `seatrial --help | head`
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
         is_bug = session.started and not isinstance(error, EXPECTED)
         if is_bug or traceback_wanted:
             raise

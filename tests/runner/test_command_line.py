@@ -161,6 +161,19 @@ def test_full_error_keeps_the_traceback(seatrial: Command, monkeypatch: pytest.M
     assert os.environ["HYDRA_FULL_ERROR"] == "1"
 
 
+def test_a_reader_that_stops_reading_is_no_error() -> None:
+    line = f"{sys.executable} -m runner --help | head -1"
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", line],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("seatrial: ")
+
+
 def test_looking_around_imports_nothing_heavy(tmp_path: Path) -> None:
     heavy = "numpy|numba|scipy|sklearn|sqlalchemy|pyarrow|matplotlib|pandas|rich|joblib"
     code = (
