@@ -106,7 +106,7 @@ class Program:
         q, c = ca.SX.sym("q", sum(self.stage)), ca.SX.sym("c", sum(self.shared))
         h, decay, scale, error, change, weight, speed, hull, numbers = _split(c, self.shared)
         target, force, wind, lines = _split(q, self.stage)
-        moved, last, u, s = x[: 2 * n], x[self.states - n :], w[:n], w[n:]
+        moved, last, u, s = x[: 2 * n], x[self.states - n :], w[:n, 0], w[n:, 0]
         acting = [u, u, u]
         if lagging:
             acting[0] = x[2 * n : 3 * n]

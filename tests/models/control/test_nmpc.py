@@ -28,6 +28,15 @@ def _interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(nonlinear_program.Program, "_library", lambda *_: None)
 
 
+def test_a_vessel_on_one_axis_has_a_program() -> None:
+    structure = nonlinear_program.ProgramStructure(
+        ("surge",), False, 5, 0, 0, False, False, "fatrop"
+    )
+    plant = parameters_of("surge_linear").nominal().plant_table()
+    program = nonlinear_program.Program(structure, plant)
+    assert program.problem()["x"].numel() == program.length
+
+
 def controller(*options: str) -> Nmpc:
     words = "vessel=milliampere", "controller=nmpc", "controller.horizon=8", *options
     found = composed(*words).controller
