@@ -175,9 +175,10 @@ def _first_time(one: Judged, seen: set[object]) -> bool:
     """Whether a printed figure is met for the first time among those that are judged."""
     printed = one.printed
     figure = printed.document, printed.row, printed.quantity, printed.digits
-    known = figure in seen or one.verdict not in COUNTED
-    seen.add(figure) if not known else None
-    return not known
+    if figure in seen or one.verdict not in COUNTED:
+        return False
+    seen.add(figure)
+    return True
 
 
 def sentence(sources: Sequence[Sequence[Judged]]) -> str:

@@ -7,7 +7,7 @@ import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,10 +19,12 @@ from seatrial.models.vessel.basis import Array
 
 if TYPE_CHECKING:
     import pymap3d
+    import shapely
 else:
     import lazy_loader
 
     pymap3d = lazy_loader.load("pymap3d")
+    shapely = lazy_loader.load("shapely")
 
 Origin = tuple[float, float] | None  # latitude, longitude [deg]
 GPX = "http://www.topografix.com/GPX/1/1"
@@ -35,29 +37,23 @@ def read_waters(path: Path, origin: Origin, clearance_m: float) -> Waters:
     Raises ConfigurationError for a file without a polygon, or positions that are no positions.
     """
     try:
-        node = json.loads(path.read_text(encoding="utf-8"))
-        polygons = list(_polygons(node))
-        rings = [[_metres(c, origin) for c in r[:-1]] for polygon in polygons for r in polygon]
+        shape = shapely.from_geojson(path.read_text(encoding="utf-8"))
+        # of collections of polygons, and of those of several parts
+        parts = [part for part in shapely.get_parts(shapely.get_parts(shape))
+                 if part.geom_type == "Polygon"]  # fmt: skip
+        rings = [
+            [_metres(corner, origin) for corner in ring.coords[:-1]]
+            for part in parts
+            for ring in (part.exterior, *part.interiors)
+        ]
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError, IndexError) as error:
-        raise ConfigurationError(f"{path}: got no GeoJSON ({error}), expected polygons") from error
+    except (ValueError, shapely.GEOSException) as error:
+        reason = " ".join(str(error).split())
+        raise ConfigurationError(f"{path}: got no GeoJSON ({reason}), expected polygons") from error
     if not rings:
         raise ConfigurationError(f"{path}: got no polygon, expected one of the area")
     return Waters(tuple(rings[0]), tuple(map(tuple, rings[1:])), clearance_m)
-
-
-def _polygons(node: Any) -> Any:
-    if not isinstance(node, dict):
-        raise TypeError(f"a {type(node).__name__}")
-    for inner in node.get("features") or node.get("geometries") or ():
-        yield from _polygons(inner)
-    if node["type"] == "Feature":
-        yield from _polygons(node["geometry"])
-    if node["type"] == "Polygon":
-        yield node["coordinates"]
-    if node["type"] == "MultiPolygon":
-        yield from node["coordinates"]
 
 
 def _metres(position: Sequence[float], origin: Origin) -> tuple[float, ...]:

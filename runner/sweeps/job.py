@@ -137,8 +137,9 @@ def perform(
 class Planner:
     """Plans the trials of one sweep: each is built, checked and given its fingerprint.
 
-    `sources` is the digest of the code that computes results. A check may read a recording and does
-    not depend on the seed, so the replicates of an experiment are checked once.
+    `sources` is the digest of the code that computes results. A check may read a recording. The
+    replicates of an experiment are checked once, by the first seed: where a mission draws what
+    cannot be sailed for another one, such as a start in a harbour, its run fails.
     """
 
     def __init__(self, sources: str) -> None:
