@@ -151,11 +151,13 @@ class Persistence:
         return len(self.terms)
 
     def warning(self) -> str | None:
-        """A line that names the terms that are not separated; None if all are."""
+        """A line on the terms that are not separated, the worst by name; None if all are."""
         parts = []
         if self.unexcited:
             parts.append(f"{', '.join(self.unexcited)} not excited")
-        parts += [f"{' and '.join(group)} not separable" for group in self.inseparable]
+        parts += [f"{' and '.join(group)} not separable" for group in self.inseparable[:1]]
+        if len(self.inseparable) > 1:
+            parts.append(f"further groups: {len(self.inseparable) - 1}")
         if not parts:
             return None
         few = f", {self.lines} spectral lines" if 2 * self.lines < self.unknowns else ""

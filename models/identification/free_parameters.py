@@ -27,7 +27,7 @@ from seatrial.models.notation import ACCELERATIONS
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.derivatives import coriolis, without_munk_moment
-from seatrial.models.vessel.devices.device import Device, with_parameters
+from seatrial.models.vessel.devices.device import Bounds, Device, with_parameters
 from seatrial.models.vessel.table import Vessel, coefficient_unit
 from seatrial.models.weather.disturbance import ConstantForce
 
@@ -61,6 +61,12 @@ class FreeParameters:
     def of_devices(self) -> slice:
         """The parameters of devices, which are the last ones."""
         return slice(len(self) - len(self.places), len(self))
+
+    @property
+    def plausible(self) -> list[tuple[int, Bounds]]:
+        """Index and plausible range of each parameter of a device."""
+        bounds = [self.nominal.installed.bounds[place] for place in self.places]
+        return list(enumerate(bounds, self.of_devices.start))
 
     @property
     def dofs(self) -> tuple[str, ...]:

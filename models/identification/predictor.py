@@ -85,8 +85,7 @@ def nominal_sizes(free: FreeParameters, recording: Recording | None, force: str 
     if recording is not None:
         phi = basis.evaluate(free.nominal.terms, recording.variables())
         sizes = prior_deviation(free, phi, reference_force(recording, free.nominal, force))
-    for i, place in zip(range(len(free))[free.of_devices], free.places, strict=True):
-        _, low, high = free.nominal.installed.bounds[place]
+    for i, (_, low, high) in free.plausible:
         sizes[i] = abs(free.values[i]) or ZERO_SHARE * (high - low)
     return sizes
 
@@ -96,8 +95,8 @@ def physical_bounds(free: FreeParameters, sizes: Array, factor: float) -> tuple[
     table = free.nominal
     lower, upper = -WIDE_MULTIPLE * sizes, WIDE_MULTIPLE * sizes
     diagonal = dict(zip(table.dofs, np.diag(table.inertia), strict=True))
-    for i, place in zip(range(len(free))[free.of_devices], free.places, strict=True):
-        lower[i], upper[i] = table.installed.bounds[place][1:]
+    for i, plausible in free.plausible:
+        lower[i], upper[i] = plausible.low, plausible.high
     for i, (label, value) in enumerate(zip(free.labels, free.values, strict=True)):
         if label in NED or i >= free.of_devices.start:
             continue
@@ -407,6 +406,9 @@ class PredictionOptions(Identifier):
             raise ConfigurationError(
                 f"bounds.{unknown[0]}: not a parameter, expected one of {', '.join(free.labels)}"
             )
+        for i, plausible in free.plausible:
+            for end in self.bounds.get(free.labels[i], ()):
+                plausible.check(f"bounds.{free.labels[i]}", end)
         return free
 
     def predictor(self, problem: Problem, horizon: int | None = None) -> Predictor:
@@ -466,6 +468,8 @@ class PredictionOptions(Identifier):
         Parameters that are nominally zero have physical bounds by the recording only.
         """
         lower, upper = np.full(len(free), -np.inf), np.full(len(free), np.inf)
+        for i, plausible in free.plausible:
+            lower[i], upper[i] = plausible.low, plausible.high
         if self.inertia_factor is not None:
             sizes = nominal_sizes(free, recording, self.force)
             lower, upper = physical_bounds(free, sizes, self.inertia_factor)

@@ -56,10 +56,9 @@ class ParameterSpread(Spread):
     ) -> Vessel:
         """The model with parameters drawn from the distribution, devices in plausible ranges."""
         change = self.factor(kappa2) @ rng.standard_normal(len(self.point))
-        point, own = self.point + share * change, self.free.of_devices
-        for i, place in enumerate(self.free.places, own.start):
-            _, low, high = self.free.nominal.installed.bounds[place]
-            point[i] = np.clip(point[i], min(low, self.point[i]), max(high, self.point[i]))
+        point = self.point + share * change
+        for i, (_, low, high) in self.free.plausible:
+            point[i] = np.clip(point[i], low, high)
         return self.free.model(self.nominal, point)
 
     def factor(self, kappa2: float) -> Array:

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from seatrial.models.notation import PLANAR, ROLLING
 from seatrial.models.vessel import tuning as tunings
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
@@ -64,7 +65,7 @@ def derived(vessel: VesselParameters, sample_time_s: float) -> dict[str, object]
     limits = vessel.force_limits or tuple(scales.limits.tolist())
     lag = vessel.thruster
     bands = Bandwidths(scales, 0.0 if lag is None else lag.delay_s)
-    noise_and_wind = _weather(scales, given, vessel.planar)
+    noise_and_wind = _weather(scales, given, vessel.dofs in (PLANAR, ROLLING))
     reference = _merged(given.reference, _reference(scales, bands))
     tuning = replace(
         noise_and_wind,
@@ -161,12 +162,13 @@ def _excitation(scales: Scales, bands: Bandwidths) -> tunings.ExcitationTuning:
     )
 
 
-def _weather(scales: Scales, given: Tuning, planar: bool) -> Tuning:
-    """Noise and weather; a vessel outside of the plane has no windage."""
+def _weather(scales: Scales, given: Tuning, floats: bool) -> Tuning:
+    """Noise and weather; only a vessel that floats has windage."""
     length, speed = scales.length_m, scales.speed_m_s
     sway = scales.of("sway", scales.limits)
     area = LATERAL * length**2
     wind_m_s = min(WIND_SPEED * speed, float(np.sqrt(WIND_LOAD * sway / (0.5 * 1.23 * 0.8 * area))))
+    current = CURRENT * speed
     wind = _merged(given.wind, tunings.WindTuning(wind_m_s, GUSTS * scales.time_s))
     rate, angular = RATE / scales.time_s, ANGULAR_ACCELERATION / scales.time_s**2
     noise = tunings.NoiseTuning(
@@ -183,9 +185,11 @@ def _weather(scales: Scales, given: Tuning, planar: bool) -> Tuning:
             CONSTANT_FORCE[0] * scales.of("surge", scales.limits), CONSTANT_FORCE[1] * sway, 0.0
         ),
         noise=_merged(given.noise, noise),
-        windage=_windage(length) if planar else None,
+        windage=_windage(length) if floats else None,
         wind=wind,
-        current=tunings.CurrentTuning(CURRENT * speed, CURRENT_DEVIATION * CURRENT * speed),
+        current=tunings.CurrentTuning(
+            current, CURRENT_DEVIATION * current, max(1.0, 2.0 * current)
+        ),
         waves=tunings.WavesTuning(WAVES * length, WAVES_DEG, WAVE_PERIOD * scales.time_s),
         process=_tuple(PROCESS_NOISE * scales.acceleration),
     )

@@ -24,7 +24,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import ACCELERATIONS, DOFS, FORCE_UNIT, VELOCITIES
-from seatrial.models.ranges import NotNegative, Positive, check_ranges
+from seatrial.models.ranges import Density, Length, NotNegative, Positive, check_ranges
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import N_VARIABLES, VARIABLES, Array, Term
 from seatrial.models.vessel.kinematics import cross_matrix
@@ -218,9 +218,9 @@ class Prime:
     motion, 0 for those of u itself. With `inertia` the inertia matrix is in this system as well.
     """
 
-    length_m: Positive
+    length_m: Length
     draught_m: Positive | None = None
-    rho_kg_m3: Positive = 1025.0
+    rho_kg_m3: Density = 1025.0
     speed_m_s: NotNegative = 0.0
     inertia: bool = False
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.ranges import Length, Positive, check_ranges
 from seatrial.models.vessel.allocation import Allocation
-from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.basis import INPUTS, Array
 from seatrial.models.vessel.derivatives import CoriolisForces, Prime, RigidBody, from_derivatives
 from seatrial.models.vessel.device_allocation import DeviceAllocation, device_allocation
-from seatrial.models.vessel.devices.device import Device
+from seatrial.models.vessel.devices.device import Device, input_bounds
 from seatrial.models.vessel.scales import Scales, scales
 from seatrial.models.vessel.steering import SteeringModel, steady_speed, steering_model
 from seatrial.models.vessel.table import Attitude, Vessel
@@ -70,7 +70,7 @@ class VesselParameters:
     tuning: Tuning = field(default_factory=Tuning)
     body: RigidBody | None = None  # instead of `inertia`: with weight and buoyancy
     force_limits: tuple[float, ...] | None = None  # [N, Nm] of the thrusters; None: unlimited
-    length_m: Positive | None = None  # of the hull; None: estimated from the inertia
+    length_m: Length | None = None  # of the hull; None: estimated from the inertia
     beam_m: Positive | None = None  # of the hull; None: a third of its length
     thrusters: Allocation | None = None  # thruster geometry and allocation method
     attitude: Attitude = "quaternion"  # of six degrees of freedom
@@ -112,6 +112,10 @@ class VesselParameters:
                 "inputs: got thruster, thrusters or force_limits as well, which are for a vessel "
                 "that is commanded by forces"
             )
+        for key in (key for key in self.inputs if key in INPUTS):
+            for end in ("low", "high"):
+                value = getattr(self.inputs[key], end)
+                input_bounds(key).check(f"inputs.{key}.{end}", value)
         if self.thruster is not None:
             self.thruster.check(self.dofs)
         if self.thrusters is not None:
@@ -245,6 +249,20 @@ class VesselParameters:
         return steering_model(
             self.nominal(), self.approach_speed_m_s, np.array(self.input_start, dtype=np.float64)
         )
+
+    @cached_property
+    def undamped(self) -> tuple[str, ...]:
+        """Axes on which nothing opposes half the attainable speed, at the approach if there is one.
+
+        Tables about a straight course leave out what the propeller balances: there, not surge.
+        """
+        dofs, inertia = self.dofs, self.nominal().inertia
+        moving, straight = 0.5 * np.diag(self.scales.speeds), np.zeros_like(inertia)
+        if self.inputs and "surge" in dofs:
+            straight[:, dofs.index("surge")] = self.approach_speed_m_s
+        force = [self.nominal().inverse(0.0 * straight, nu) for nu in (straight + moving, straight)]
+        drag = zip(dofs, np.diag(force[0] - force[1]), strict=True)
+        return tuple(dof for dof, n in drag if n <= 0.0 and not (self.inputs and dof == "surge"))
 
     @property
     def input_signs(self) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.ranges import Length, Positive, check_ranges
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.table import Vessel
@@ -165,7 +165,6 @@ RESISTANCE = 0.006  # total resistance over the dynamic pressure on the wetted s
 CROSS_FLOW = 0.8  # drag coefficient of a section in cross flow, as in Faltinsen (1990)
 # Time in which linear drag alone takes 63 % of the speed, in units of sqrt(L / g)
 SLOWING, TURNING = 50.0, 10.0
-LENGTH_RANGE = 0.1, 1000.0  # [m]
 SIZES = 0.005, 1.0  # beam and draught, in lengths
 BLOCKS = 0.02, 1.0  # a catamaran has little, a barge has most
 
@@ -174,16 +173,13 @@ BLOCKS = 0.02, 1.0  # a catamaran has little, a barge has most
 class Hull:
     """Dimensions of a hull that floats; raises ConfigurationError if they do not fit together."""
 
-    length_m: Positive
+    length_m: Length
     beam_m: Positive
     draught_m: Positive
     mass_kg: Positive
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        low, high = LENGTH_RANGE
-        if not low <= self.length_m <= high:
-            raise ConfigurationError(f"length: got {self.length_m:g} m, expected {low} to {high:g}")
         low, high = SIZES[0] * self.length_m, SIZES[1] * self.length_m
         for name, size in (("beam", self.beam_m), ("draught", self.draught_m)):
             if not low <= size <= high:

@@ -130,10 +130,11 @@ class WindTuning(Group):
 
 @dataclass(frozen=True)
 class CurrentTuning(Group):
-    """Mean current and its standard deviation."""
+    """Mean current, its standard deviation and its largest speed."""
 
     speed_m_s: NotNegative | None = None
     deviation_m_s: NotNegative | None = None
+    max_m_s: Positive | None = None
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class Current(Stream):
         NotNegative, FromVessel("tuning.current.deviation_m_s")
     ]
     time_constant_s: Positive  # of `slow`
-    max_m_s: Positive
+    max_m_s: Annotated[Positive, FromVessel("tuning.current.max_m_s")]
     moment_deviation_nm: NotNegative = 0.0  # of `slow`
 
     air: ClassVar[bool] = False

@@ -51,7 +51,7 @@ class Windage(WindForce):
 
     frontal_area_m2: NotNegative
     lateral_area_m2: NotNegative
-    length_m: NotNegative
+    length_m: Positive
     cx: NotNegative
     cy: NotNegative
     cn: NotNegative
@@ -68,9 +68,15 @@ class Windage(WindForce):
         return along, self.cy * lateral, self.cn * lateral * self.length_m
 
     def table(self, dofs: tuple[str, ...]) -> Vessel:
-        """The terms V_q u_q, V_q v_q and u_q v_q."""
+        """The terms V_q u_q, V_q v_q and u_q v_q.
+
+        A vessel that rolls is heeled by the side force at the middle of the lateral area above the
+        waterline, in which its origin lies. Fossen (2011), section 8.1, with C_K = C_Y.
+        """
         d1, d2, d3 = self.coefficients()
         derivatives = {"X_V_qu_q": -d1, "Y_V_qv_q": -d2, "N_u_qv_q": 2.0 * d3}
+        if "roll" in dofs:
+            derivatives["K_V_qv_q"] = -0.5 * self.lateral_area_m2 / self.length_m * d2
         return derivative_table("wind", dofs, derivatives)
 
 
@@ -126,11 +132,11 @@ class Wind(Stream):
             )
 
     def check(self, dofs: Sequence[str], duration_s: float = 0.0) -> None:
-        """Raise ConfigurationError unless the vessel is planar and its wind forces are known.
+        """Raise ConfigurationError unless the vessel turns and its wind forces are known.
 
         A file must cover the duration [s]. Raises RecordingError if the file cannot be read.
         """
-        if tuple(dofs) != PLANAR:
+        if not {*PLANAR} <= {*dofs}:
             raise ConfigurationError(
                 f"disturbance.wind needs a vessel in {', '.join(PLANAR)}, "
                 f"got one in {', '.join(dofs)}"

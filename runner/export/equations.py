@@ -21,6 +21,7 @@ from seatrial.models.elementary import where
 from seatrial.models.notation import DOFS, FORCE_UNIT, POSE_UNIT, poses_of
 from seatrial.models.simulation.symbolic_rates import Symbols, symbolic_rates
 from seatrial.models.symbols import entries, in_symbols
+from seatrial.models.vessel.devices.device import input_bounds
 from seatrial.models.vessel.kinematics import frame_of_quaternion, half_turns
 from seatrial.models.vessel.pose import Kinematics, Quaternion, kinematics_of, normalise
 from seatrial.models.vessel.table import Vessel
@@ -30,7 +31,6 @@ from seatrial.runner.export.stored_model import StoredModel
 
 TEMPLATES = Path(__file__).parent / "templates"
 LANGUAGES = {".c": C, ".m": MATLAB, ".py": PYTHON}  # by the ending of what is written
-INPUT_UNITS = {"n": "1/s", "pwm": "1"}  # by the beginning of the name; of the others, rad
 
 
 class Lag(NamedTuple):
@@ -120,7 +120,7 @@ class Equations:
     def commands(self) -> dict[str, str]:
         """What is commanded, the inputs or the forces by degree of freedom, with its unit."""
         if self.inputs:
-            return {name: INPUT_UNITS.get(name.split("_")[0], "rad") for name in self.inputs}
+            return {name: input_bounds(name).unit or "1" for name in self.inputs}
         return {dof: FORCE_UNIT[dof] for dof in self.vessel.dofs}
 
     @cached_property

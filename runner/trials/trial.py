@@ -67,6 +67,7 @@ def run(trial: Trial) -> Results:
     """Run a checked trial; raises TrialDiverged with the results that are valid all the same."""
     streams, results = Streams(trial.seed), Results()
     trial = drawn(trial, streams)
+    warn("vessel: nothing resists a motion in {} alone, expected damping", trial.vessel.undamped)
     try:
         excited = excite(trial, streams)
         problem = Problem(

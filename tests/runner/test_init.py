@@ -92,7 +92,7 @@ REFUSED = (
     (("vessel", "../tug"), "argument NAME: got '../tug', expected letters, digits and _"),
     (("vessel", "milliampere"), "vessel milliampere is seatrial's own, expected a new name"),
     (("vessel", "tug", "--length", "long"), "argument --length: got 'long', expected a posit"),
-    (("vessel", "tug", "--length", "1e9"), "length: got 1e+09 m, expected 0.1 to 1000"),
+    (("vessel", "tug", "--length", "1e9"), "length_m must be at most 1000.0, got 1e+09"),
     (("vessel", "tug", "seed=1"), "unrecognized arguments: seed=1"),
     (("plugin", "numpy"), "init plugin: numpy is a module of Python"),
     (("plugin", "ls"), "identifier ls is seatrial's own"),

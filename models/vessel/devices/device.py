@@ -12,6 +12,7 @@ its place in `wake`: the velocity that reaches it and the velocity far behind it
 hull.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -33,11 +34,32 @@ Structure: TypeAlias = Any  # the named tuple that a device's step is registered
 
 
 class Bounds(NamedTuple):
-    """Unit of a parameter and the range in which it is plausible."""
+    """Unit of a number and the range in which it is plausible."""
 
     unit: str
     low: float
     high: float
+
+    def check(self, name: str, value: float) -> None:
+        """Raise ConfigurationError for a number out of the range, or none."""
+        if not self.low <= value <= self.high:
+            unit = f" {self.unit}" if self.unit else ""
+            raise ConfigurationError(
+                f"{name}: got {value:g}, expected {self.low:.4g} to {self.high:.4g}{unit}"
+            )
+
+
+INPUT_BOUNDS = {  # by the beginning of the name
+    "delta": Bounds("rad", -0.5 * math.pi, 0.5 * math.pi),
+    "alpha": Bounds("rad", -4.0 * math.pi, 4.0 * math.pi),
+    "n": Bounds("1/s", -500.0, 500.0),
+    "pwm": Bounds("", -1.0, 1.0),
+}
+
+
+def input_bounds(name: str) -> Bounds:
+    """Unit and plausible range of an input by its name, such as `n_1`."""
+    return INPUT_BOUNDS[name.split("_")[0]]
 
 
 class DataRange(NamedTuple):
@@ -62,6 +84,10 @@ class Device(ABC):
     LOADS: ClassVar[tuple[str, ...]] = ()  # what may be measured on it [N]
 
     def __post_init__(self) -> None:
+        for name, bounds in self.PARAMETERS.items():
+            value = getattr(self, name)
+            if value is not None:
+                bounds.check(name, value)
         check_ranges(self)
         unknown = [name for name in self.inputs() if name not in INPUTS]
         if unknown:

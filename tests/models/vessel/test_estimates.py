@@ -83,7 +83,7 @@ def test_every_hull_has_energy_and_loses_it(length: float) -> None:
 @pytest.mark.parametrize(
     ("dimensions", "message"),
     [
-        ((0.01,), "length: got 0.01 m, expected 0.1 to 1000"),
+        ((0.01,), "length_m must be at least 0.1, got 0.01"),
         ((5.0, 6.0), "beam: got 6 m, expected 0.025 to 5 m for a length of 5 m"),
         ((5.0, 2.0, 0.001), "draught: got 0.001 m, expected 0.025 to 5 m for a length of 5 m"),
         ((5.0, 2.0, 1.0, 1e5), "mass: got 100000 kg, expected 0.02 to 1 times the 1.025e.04 kg of"),
