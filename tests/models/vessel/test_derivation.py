@@ -168,7 +168,7 @@ def test_attainable_speed_balances_the_drag() -> None:
 def test_a_vessel_without_enough() -> None:
     with pytest.raises(ConfigurationError, match="ship: expected force_limits or length_m, got ne"):
         completed(ship(force_limits=None, length_m=None), 0.1)
-    with pytest.raises(ConfigurationError, match="length_m must be at least 0.1 or null, got 0"):
+    with pytest.raises(ConfigurationError, match=r"length_m must be at least 0\.1 or null, got 0"):
         ship(length_m=0.0)
 
 
