@@ -249,8 +249,7 @@ def doubted(model: Vessel, doubt: float, rng: np.random.Generator, share: float)
     installed, size = model.installed, share * doubt / NORMAL_90
     free = np.array([[term.name not in ACCELERATIONS] for term in model.terms])
     theta = model.theta * (1.0 + size * free * rng.standard_normal(model.theta.shape))
-    values = []
-    for own, (unit, low, high) in zip(installed.parameters, installed.bounds, strict=True):
-        drawn = own * (1.0 + size * (unit not in KNOWN_UNITS) * rng.standard_normal())
-        values.append(float(np.clip(drawn, min(low, own), max(high, own))))
+    unsure = np.array([bounds.unit not in KNOWN_UNITS for bounds in installed.bounds], dtype=bool)
+    drawn = 1.0 + size * unsure * rng.standard_normal(len(unsure))
+    values = (installed.parameters * drawn).tolist()
     return replace(model, theta=theta, devices=with_parameters(model.devices, values))

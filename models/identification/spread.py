@@ -56,10 +56,7 @@ class ParameterSpread(Spread):
     ) -> Vessel:
         """The model with parameters drawn from the distribution, devices in plausible ranges."""
         change = self.factor(kappa2) @ rng.standard_normal(len(self.point))
-        point = self.point + share * change
-        for i, (_, low, high) in self.free.plausible:
-            point[i] = np.clip(point[i], low, high)
-        return self.free.model(self.nominal, point)
+        return self.free.model(self.nominal, self.point + share * change)
 
     def factor(self, kappa2: float) -> Array:
         """B (m, m) with B B' = ((inv(covariance) - P) / kappa2 + P)^-1, P the prior's precision.

@@ -44,8 +44,9 @@ class Bounds(NamedTuple):
         """Raise ConfigurationError for a number out of the range, or none."""
         if not self.low <= value <= self.high:
             unit = f" {self.unit}" if self.unit else ""
+            other = {"rad": "; is it in degrees?", "1/s": "; is it in 1/min?"}.get(self.unit, "")
             raise ConfigurationError(
-                f"{name}: got {value:g}, expected {self.low:.4g} to {self.high:.4g}{unit}"
+                f"{name}: got {value:g}, expected {self.low:.4g} to {self.high:.4g}{unit}{other}"
             )
 
 
@@ -127,12 +128,14 @@ class Device(ABC):
 
 
 def with_parameters(devices: Mapping[str, Device], values: Sequence[float]) -> dict[str, Device]:
-    """Devices with other values of all their parameters, in the order of `installed`."""
-    changed, first = {}, 0
+    """Devices with other values of all their parameters, in the order of `installed`.
+
+    A value beyond its plausible range, as a draw may be, is that at the end of the range.
+    """
+    changed, left = {}, iter(values)
     for name, device in devices.items():
-        last = first + len(device.PARAMETERS)
-        changed[name] = device.with_values(values[first:last])
-        first = last
+        own = zip(device.PARAMETERS.values(), left, strict=False)
+        changed[name] = device.with_values([min(max(x, low), high) for (_, low, high), x in own])
     return changed
 
 
