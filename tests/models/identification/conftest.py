@@ -1,13 +1,12 @@
 """Vessels excited in open loop without a controller, and those of the configuration."""
 
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
 from seatrial.models.excitation.signals import many_sine, triple_ramp
 from seatrial.models.identification.free_run import course_of, free_run
@@ -15,9 +14,8 @@ from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.configuration.config import build_as
+from tests.models.conftest import configured
 
-VESSELS = Path(__file__).parents[3] / "conf" / "vessel"
 STEP_S = 0.1
 SAMPLES = 1000
 FAR = 1e6  # a limit of the rates that nothing reaches
@@ -70,10 +68,10 @@ def signal() -> Callable[[str], np.ndarray]:
 @pytest.fixture(scope="session")
 def vessel() -> Callable[[str], Vessel]:
     """vessel(name) -> the nominal model of conf/vessel/<name>.yaml."""
+    return lambda name: configured("vessel", name).nominal()
 
-    def nominal(name: str) -> Vessel:
-        node = OmegaConf.to_container(OmegaConf.load(VESSELS / f"{name}.yaml"), resolve=True)
-        found: Vessel = build_as(object, node, "vessel").nominal()
-        return found
 
-    return nominal
+@pytest.fixture(scope="session")
+def estimator(identifier: Callable[..., Any]) -> Callable[..., Any]:
+    """The identifiers by themselves, without smoothing and physical constraints."""
+    return partial(identifier, lowpass_hz=None, inertia_factor=None)

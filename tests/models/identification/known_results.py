@@ -1,9 +1,10 @@
-"""Identifiers with a known result, for the tests of what chooses among identifiers."""
+"""Identifiers with a known result, and what a result says of itself."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 
@@ -25,3 +26,17 @@ class Failing(Identifier):
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
         raise IdentificationError("always")
+
+
+def diagnostics(found: Identified, name: str) -> list[Diagnostic]:
+    return [f for f in found.diagnostics if f.name == name]
+
+
+def labels(found: Identified, name: str) -> list[str]:
+    return [f.label or "" for f in diagnostics(found, name)]
+
+
+def chosen(found: Identified) -> str | None:
+    """The label of the one alternative that was chosen."""
+    (name,) = [f.label for f in diagnostics(found, "chosen") if f.value == 1.0]
+    return name

@@ -1,5 +1,6 @@
 """Identification while sailing: when it happens, what it keeps, and what it is worth."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.problem import Identified, Problem
 from seatrial.runner.record.rows import Results
 from seatrial.runner.trials import trial as trials
 from tests.trials import composed
@@ -24,8 +26,8 @@ def errors(results: Results) -> dict[str, float]:
     return {m.model: float(m.value or 0.0) for m in results.metrics if m.name == "e_pos_mae"}
 
 
-def times(results: Results, name: str = "update") -> list[float]:
-    return [float(d.value or 0.0) for d in results.diagnostics if d.name == name]
+def times(results: Results) -> list[float]:
+    return [float(d.value or 0.0) for d in results.diagnostics if d.name == "update"]
 
 
 @pytest.mark.parametrize(("trigger", "threshold"), [("feedback", 0.4), ("residual", 0.3)])
@@ -73,43 +75,39 @@ def test_a_good_model_is_left_alone() -> None:
     assert found["adaptive"] == pytest.approx(found["nominal"], rel=1e-12)
 
 
-def test_a_window_that_does_not_determine_the_model_changes_nothing(monkeypatch: Any) -> None:
+def nothing(problem: Problem) -> Identified:
+    raise IdentificationError("too little to go by")
+
+
+def worse(problem: Problem) -> Identified:
+    return Identified(3.0 * problem.nominal, 2.0 * problem.nominal)
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (nothing, "too little to go by"),
+        (worse, "the candidate does not explain the end of the window better than the last model"),
+    ],
+)
+def test_a_window_without_a_better_model_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch, answer: Callable[[Problem], Identified], reason: str
+) -> None:
     one = replace(composed(*FERRY, WATCHED.format("feedback", 0.4)), model_error=False)
     identify, calls = type(one.identifier).identify, []
 
-    def refuse(self: Any, problem: Any, rng: Any) -> Any:
+    def instead(self: Any, problem: Problem, rng: Any) -> Identified:
         calls.append(len(problem.training))
-        if len(calls) == 1:  # the trial's own identification
-            return identify(self, problem, rng)
-        raise IdentificationError("too little to go by")
+        # the first is the trial's own identification
+        return identify(self, problem, rng) if len(calls) == 1 else answer(problem)
 
-    monkeypatch.setattr(type(one.identifier), "identify", refuse)
+    monkeypatch.setattr(type(one.identifier), "identify", instead)
     results = trials.run(one)
     assert times(results) == []
-    assert len(times(results, "update_refused")) == len(calls) - 1 > 0
+    refused = [d.label for d in results.diagnostics if d.name == "update_refused"]
+    assert len(refused) == len(calls) - 1 > 0
+    assert reason in refused
     assert all(n == 900 for n in calls[1:])  # three quarters of 120 s
-    labels = {d.label for d in results.diagnostics if d.name == "update_refused"}
-    assert labels == {"too little to go by"}
-
-
-def test_a_model_that_explains_nothing_is_refused(monkeypatch: Any) -> None:
-    one = composed(*FERRY, WATCHED.format("feedback", 0.4))
-    identify, calls = type(one.identifier).identify, []
-
-    def worse(self: Any, problem: Any, rng: Any) -> Any:
-        found = identify(self, problem, rng)
-        calls.append(1)
-        if len(calls) == 1:
-            return found
-        return type(found)(3.0 * problem.nominal, 2.0 * problem.nominal)
-
-    monkeypatch.setattr(type(one.identifier), "identify", worse)
-    results = trials.run(one)
-    assert times(results) == []
-    labels = {d.label for d in results.diagnostics if d.name == "update_refused"}
-    assert (
-        "the candidate does not explain the end of the window better than the last model" in labels
-    )
 
 
 @pytest.mark.nightly

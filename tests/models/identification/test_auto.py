@@ -12,7 +12,7 @@ from seatrial.models.identification.problem import Identified, Identifier, NoIde
 from seatrial.models.vessel.basis import Term, terms
 from seatrial.runner.trials import trial as trials
 from tests.data import DATA
-from tests.models.identification.known_results import Failing, Given
+from tests.models.identification.known_results import Failing, Given, chosen, diagnostics, labels
 from tests.trials import composed
 
 
@@ -64,34 +64,26 @@ def identified(candidates, problem, reserve: tuple[str, ...] = ()) -> Identified
     return auto.identify(problem, np.random.default_rng(0))
 
 
-def chosen(found: Identified) -> str:
-    names = [f.label for f in found.diagnostics if f.name == "chosen" and f.value == 1.0]
-    assert len(names) == 1
-    return names[0]
-
-
 def values(found: Identified, name: str) -> dict[str, float]:
     return {f.label: f.value for f in found.diagnostics if f.name == name}
-
-
-def left_out(found: Identified) -> list[str]:
-    return [f.label for f in found.diagnostics if f.name == "left_out"]
 
 
 def test_the_true_model_wins(calm) -> None:
     wrong = {f"{factor}": Given(factor) for factor in (1.0, 0.7, 0.4)}
     found = identified({**wrong, "fails": Failing(), "true": Given(0.5)}, calm.problem)
     assert chosen(found) == "true"
-    assert "fails: always" in left_out(found)
+    assert "fails: always" in labels(found, "left_out")
     assert not values(found, "fallback")
     np.testing.assert_allclose(found.model.theta, calm.truth.on(found.model.terms).theta)
     errors = values(found, "left_out_error")
     assert errors["true"] < 0.01 * errors["none"]
-    fits = [f for f in found.diagnostics if f.name == "left_out_fit" and f.label == "true"]
-    assert [f.dof for f in fits] == ["surge", "sway", "yaw"]
-    assert all(99.0 < f.value <= 100.0 for f in fits)
-    nrmse = np.array([1.0 - 0.01 * f.value for f in fits])
-    assert errors["true"] == pytest.approx(np.sqrt(np.mean(nrmse**2)))
+    nominal = CrossValidation(calm.problem, 6, 10.0).nominal.nrmse
+    for name, least, most in (("true", 0.0, 0.01), ("none", nominal - 1e-9, nominal + 1e-9)):
+        fits = [f for f in diagnostics(found, "left_out_fit") if f.label == name]
+        assert [f.dof for f in fits] == ["surge", "sway", "yaw"]
+        nrmse = np.array([1.0 - 0.01 * f.value for f in fits])
+        assert np.all((nrmse >= least) & (nrmse <= most))
+        assert errors[name] == pytest.approx(np.sqrt(np.mean(np.minimum(nrmse, 1.0) ** 2)))
 
 
 def test_if_all_fail_the_nominal_model_is_the_result(calm) -> None:
@@ -100,10 +92,11 @@ def test_if_all_fail_the_nominal_model_is_the_result(calm) -> None:
     np.testing.assert_array_equal(found.model.theta, calm.problem.nominal.theta)
     assert len(found.residual.terms) == 0
     assert chosen(found) == "none"
-    (reason,) = [f.label for f in found.diagnostics if f.name == "fallback"]
-    assert reason == "no candidate predicts the blocks left out better"
-    assert {one.partition(":")[0] for one in left_out(found)} == set(cases)
-    assert any("on the whole training part: too much of it" in one for one in left_out(found))
+    assert labels(found, "fallback") == ["no candidate predicts the blocks left out better"]
+    assert {one.partition(":")[0] for one in labels(found, "left_out")} == set(cases)
+    assert any(
+        "on the whole training part: too much of it" in one for one in labels(found, "left_out")
+    )
 
 
 @pytest.mark.parametrize("dof", [0, 1, 2])
@@ -139,14 +132,16 @@ def test_without_further_terms_only_a_better_quick_estimate_is_refined(calm) -> 
     found = identified(candidates, calm.problem)
     assert {0.55, 0.54, 0.51} <= {*made}
     assert not {0.5, 0.52} & {*made}
-    unrefined = [one for one in left_out(found) if "no better than that of another" in one]
+    unrefined = [
+        one for one in labels(found, "left_out") if "no better than that of another" in one
+    ]
     assert [one.partition(":")[0] for one in unrefined] == ["same", "poor"]
 
 
 def test_one_that_is_better_by_chance_alone_is_refused(calm) -> None:
     found = identified({"near": Given(0.995)}, calm.problem)
     assert chosen(found) == "none"
-    (reason,) = left_out(found)
+    (reason,) = labels(found, "left_out")
     assert reason.startswith("near: no better than the nominal model, beyond chance: NRMSE ")
 
 
@@ -158,26 +153,6 @@ def test_no_skill_is_said(calm) -> None:
     assert any(warning.startswith("no skill: ") for warning in found.warnings)
     assert {f.dof for f in found.diagnostics if f.name == "no_skill"}
     assert not identified({"true": Given(0.5)}, calm.problem).warnings
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", ["noise", "constant"])
-def test_no_axis_is_worse_than_the_nominal_model(lap, identifier, case: str) -> None:
-    """With cheap candidates, among them one that is better in two axes alone."""
-    problem = lap(case, 1).problem
-    candidates = {
-        "ls": identifier("ls", basis="physical"),
-        "mixed": Damped(1, 12.0),
-        "plsr": identifier("plsr", bootstrap=None),
-    }
-    found = identified(candidates, problem)
-    fits = {(f.label, f.dof): f.value for f in found.diagnostics if f.name == "left_out_fit"}
-    name = chosen(found)
-    for dof in problem.nominal.dofs:
-        own, nominal = (1.0 - 0.01 * fits[label, dof] for label in (name, "none"))
-        error = CrossValidation(problem, 6, 10.0).nominal.nrmse
-        assert nominal == pytest.approx(error[problem.nominal.dofs.index(dof)])
-        assert own <= 1.1 * nominal
 
 
 def test_the_held_out_part_is_not_looked_at(calm) -> None:

@@ -15,7 +15,7 @@ from seatrial.models.identification.cross_validation import (
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.identification.validation import prediction
 from seatrial.models.vessel.table import Vessel
-from tests.models.identification.known_results import Failing, Given
+from tests.models.identification.known_results import Failing, Given, chosen, labels
 
 
 @dataclass(frozen=True)
@@ -156,8 +156,8 @@ def test_the_best_alternative_is_identified_on_the_whole(calm) -> None:
     alternatives = {"fails": Failing(), "wrong": Given(0.8), "true": Given(0.5)}
     found = best_of(alternatives, CrossValidation(calm.problem), np.random.default_rng(0))
     np.testing.assert_array_equal(found.model.theta, (0.5 * calm.problem.nominal).theta)
-    chosen = {f.label: f.value for f in found.diagnostics if f.name == "chosen"}
-    assert chosen == {"wrong": 0.0, "true": 1.0}
+    assert chosen(found) == "true"
+    assert labels(found, "chosen") == ["wrong", "true"]
     fits = {(f.label, f.dof): f.value for f in found.diagnostics if f.name == "left_out_fit"}
     assert len(fits) == 6
     assert all(fits["true", dof] > fits["wrong", dof] for dof in calm.problem.nominal.dofs)
@@ -183,5 +183,4 @@ def test_without_a_usable_alternative_the_reason_is_given(calm) -> None:
 def test_tune_finds_a_planted_good_value(calm, identifier, name: str, options, expected) -> None:
     """A penalty that lets nothing change, one latent variable, or no nonlinear damping lose."""
     found = identifier(name, **options).identify(calm.problem, np.random.default_rng(0))
-    chosen = [f.label for f in found.diagnostics if f.name == "chosen" and f.value == 1.0]
-    assert chosen == [expected]
+    assert chosen(found) == expected

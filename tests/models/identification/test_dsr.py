@@ -1,6 +1,6 @@
 """DSR of a vessel: physical form, body axes, standard errors, and what is refused."""
 
-from collections.abc import Callable
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +9,6 @@ import pytest
 
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.dsr import Dsr
 from seatrial.models.identification.fallback import WholeTraining, identified
 from seatrial.models.identification.physical_form import physical_form
 from seatrial.models.identification.problem import Identified, Problem
@@ -26,7 +25,6 @@ from tests.data import DATA
 from tests.models.identification.test_free_run import pose_rate
 from tests.trials import composed
 
-Identifier = Callable[..., Any]
 INERTIA = np.array([[1200.0, 0.0, 0.0], [0.0, 1300.0, 30.0], [0.0, 15.0, 2500.0]])
 DAMPING = np.array([[40.0, 0.0, 0.0], [0.0, 90.0, -10.0], [0.0, 5.0, 250.0]])
 
@@ -70,9 +68,7 @@ def value(found: Identified, name: str, dof: str = "all", **where: Any) -> float
     return one.value
 
 
-def test_a_linear_vessel_is_identified_exactly(
-    identifier: Identifier, rng: np.random.Generator
-) -> None:
+def test_a_linear_vessel_is_identified_exactly(identifier, rng) -> None:
     """As a physical form, and as a state-space model in pose and velocity."""
     problem = problem_of(axis_recording(800, rng))
     found = identifier("dsr", bootstrap=None).identify(problem, rng)
@@ -88,7 +84,6 @@ def test_a_linear_vessel_is_identified_exactly(
     for kind in ("one_step", "ten_step", "free_run"):
         assert value(found, f"fit_{kind}", "heave") > 99.999
     model = found.state_space
-    assert model is not None
     np.testing.assert_allclose(model.C, np.eye(3, 6), atol=1e-9)
     np.testing.assert_allclose(model.A[:3, :3], np.eye(3), atol=1e-8)  # no stiffness
     assert model.inputs == ("tau_surge", "tau_sway", "tau_heave")
@@ -98,7 +93,7 @@ def test_a_linear_vessel_is_identified_exactly(
 
 
 @pytest.mark.slow
-def test_the_ferry_is_found_through_its_turns(identifier: Identifier, lap: Any) -> None:
+def test_the_ferry_is_found_through_its_turns(identifier, lap) -> None:
     """Closed loop, 180 degree turns, thruster lag, quadratic drag: inertia to 5 %."""
     for disturbance in ("calm", "noise"):
         sailed = lap(disturbance)
@@ -113,9 +108,7 @@ def test_the_ferry_is_found_through_its_turns(identifier: Identifier, lap: Any) 
         assert values[5] > 10.0 * values[6]
 
 
-def test_known_terms_beside_the_force_are_identified_too(
-    identifier: Identifier, calm: Any, rng: np.random.Generator
-) -> None:
+def test_known_terms_beside_the_force_are_identified_too(identifier, calm, rng) -> None:
     terms = ["ur", "vr", "uv", "|u|u", "|v|v", "|r|r", "|r|v"]
     dsr = identifier("dsr", bootstrap=None, extra_terms=terms, force="filtered")
     found = dsr.identify(calm.problem, rng)
@@ -126,15 +119,11 @@ def test_known_terms_beside_the_force_are_identified_too(
         true = calm.truth.coefficient(dof, term)
         assert found.model.coefficient(dof, term) == pytest.approx(true, rel=0.1)
     assert all(value(found, "fit_free_run", dof) > 75.0 for dof in PLANAR)
-    assert found.state_space is not None
     assert found.state_space.inputs == ("tau_surge", "tau_sway", "tau_yaw", *terms)
-    assert found.control_model is not None
     assert found.control_model.inputs == ("tau_surge", "tau_sway", "tau_yaw")
 
 
-def test_the_nominal_model_can_say_which_terms_are_known(
-    identifier: Identifier, calm: Any, rng: np.random.Generator
-) -> None:
+def test_the_nominal_model_can_say_which_terms_are_known(identifier, calm, rng) -> None:
     dsr = identifier("dsr", bootstrap=None, extra_terms="physical", force="filtered", J=10, L=6)
     found = dsr.identify(calm.problem, rng)
     assert set(found.model.terms) == set(calm.problem.nominal.terms)
@@ -142,9 +131,7 @@ def test_the_nominal_model_can_say_which_terms_are_known(
     np.testing.assert_allclose(np.diag(found.model.inertia), true, rtol=0.01)
 
 
-def test_a_constant_force_in_ned_needs_its_terms(
-    identifier: Identifier, constant: Any, rng: np.random.Generator
-) -> None:
+def test_a_constant_force_in_ned_needs_its_terms(identifier, constant, rng) -> None:
     blind = identifier("dsr", bootstrap=None).identify(constant.problem, rng)
     terms = ["cos(psi)", "sin(psi)"]
     told = identifier("dsr", bootstrap=None, extra_terms=terms).identify(constant.problem, rng)
@@ -179,7 +166,7 @@ def test_roll_and_pitch_restore_themselves() -> None:
     assert vessel.coefficient("heave", "w_dot") == pytest.approx(60.0)
 
 
-def test_stretches_and_periods_of_a_recording(rng: np.random.Generator) -> None:
+def test_stretches_and_periods_of_a_recording(rng) -> None:
     recording = axis_recording(60, rng)
     kept = np.ones(60, dtype=bool)
     kept[20:31] = False
@@ -193,35 +180,26 @@ def test_stretches_and_periods_of_a_recording(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(data.y[11], recording.eta[33] - recording.eta[31])
 
 
-@pytest.mark.parametrize(
-    ("period_s", "nearest"), [(0.75, "0.5 or 1"), (1.3, "1 or 1.5"), (0.2, "0.5 or 1")]
-)
-def test_a_period_that_is_no_multiple_of_the_sample_time_is_refused(
-    identifier: Identifier, rng: np.random.Generator, period_s: float, nearest: str
-) -> None:
-    dsr = identifier("dsr", bootstrap=None, period_s=period_s)
-    message = (
-        f"identifier.period_s: got {period_s:g} s, expected a multiple of the recording's sample "
-        f"time 0.5 s, such as {nearest}"
-    )
-    for refused in (
-        lambda: dsr.model_period_s(0.5),
-        lambda: dsr.identify(problem_of(axis_recording(200, rng)), rng),
-    ):
-        with pytest.raises(ConfigurationError) as caught:
-            refused()
-        assert str(caught.value) == message
+def test_a_period_that_is_no_multiple_of_the_sample_time_is_refused(identifier, rng) -> None:
+    dsr, problem = identifier("dsr", bootstrap=None), problem_of(axis_recording(200, rng))
+    for period_s, nearest in ((0.75, "0.5 or 1"), (1.3, "1 or 1.5"), (0.2, "0.5 or 1")):
+        message = (
+            f"identifier.period_s: got {period_s:g} s, expected a multiple of the recording's "
+            f"sample time 0.5 s, such as {nearest}"
+        )
+        refused = replace(dsr, period_s=period_s)
+        with pytest.raises(ConfigurationError, match=f"{re.escape(message)}$"):
+            refused.model_period_s(0.5)
+        with pytest.raises(ConfigurationError, match=f"{re.escape(message)}$"):
+            refused.identify(problem, rng)
     assert replace(dsr, period_s=1.5).model_period_s(0.5) == 1.5
     assert replace(dsr, period_s=None).model_period_s(0.5) == 0.5
 
 
-def test_the_velocity_alone_needs_one_state_an_axis(
-    identifier: Identifier, rng: np.random.Generator
-) -> None:
+def test_the_velocity_alone_needs_one_state_an_axis(identifier, rng) -> None:
     problem = problem_of(axis_recording(800, rng))
     found = identifier("dsr", bootstrap=None, outputs=("u", "v", "w")).identify(problem, rng)
     model, truth = found.state_space, linearise(linear_vessel()).discretised(0.5)
-    assert model is not None
     assert (model.order, model.outputs) == (3, ("u", "v", "w"))
     velocity = replace(truth, C=np.eye(3, 6, 3))
     np.testing.assert_allclose(model.markov(20), velocity.markov(20), atol=1e-9)
@@ -236,22 +214,17 @@ def test_the_velocity_alone_needs_one_state_an_axis(
     assert value(found, "markov", "sway", i=1, label="v of tau_sway") == model.markov(2)[1, 1, 1]
 
 
-def test_one_force_and_one_velocity_are_a_first_order_model(
-    identifier: Identifier, rng: np.random.Generator
-) -> None:
+def test_one_force_and_one_velocity_are_a_first_order_model(identifier, rng) -> None:
     """Surge is decoupled here: the pole is exp(-d h / m), the static gain 1 / d."""
     dsr = identifier("dsr", bootstrap=None, inputs=("tau_surge",), outputs=("u",))
     model = dsr.identify(problem_of(axis_recording(800, rng)), rng).state_space
-    assert model is not None
     m, d = INERTIA[0, 0], DAMPING[0, 0]
     assert model.inputs == ("tau_surge",)
     np.testing.assert_allclose(model.A, np.exp(-0.5 * d / m), rtol=1e-9)
     np.testing.assert_allclose(model.C @ model.B / (1.0 - model.A), 1.0 / d, rtol=1e-6)
 
 
-def test_the_acceleration_responds_directly_and_terms_can_be_inputs(
-    identifier: Identifier, rng: np.random.Generator
-) -> None:
+def test_the_acceleration_responds_directly_and_terms_can_be_inputs(identifier, rng) -> None:
     """D is 1 / M in surge; with the velocity as input the acceleration has no state of its own."""
     recording = axis_recording(800, rng)
     nu_dot = np.linalg.solve(INERTIA, (recording.tau - recording.nu @ DAMPING.T).T).T
@@ -260,18 +233,14 @@ def test_the_acceleration_responds_directly_and_terms_can_be_inputs(
     dsr = identifier("dsr", bootstrap=None, outputs=("u_dot", "v_dot", "w_dot"))
     found = dsr.identify(problem, rng)
     assert value(found, "feedthrough") == 1.0
-    assert found.state_space is not None
     np.testing.assert_allclose(found.state_space.D, np.linalg.inv(INERTIA), atol=3e-6)
     mixed = replace(dsr, inputs=("tau_surge", "|u|u"), outputs=("x", "u_dot"), order=2)
     model = mixed.identify(problem, rng).state_space
-    assert model is not None
     assert (model.inputs, model.outputs) == (("tau_surge", "|u|u"), ("x", "u_dot"))
     assert model.D[1, 0] == pytest.approx(1.0 / INERTIA[0, 0], rel=0.02)
 
 
-def test_the_nominal_model_is_kept_where_it_predicts_better(
-    identifier: Identifier, rng: np.random.Generator
-) -> None:
+def test_the_nominal_model_is_kept_where_it_predicts_better(identifier, rng) -> None:
     """The truth as nominal model, and noise; then the other way round.
 
     Only what is estimated has a standard error.
@@ -284,14 +253,12 @@ def test_the_nominal_model_is_kept_where_it_predicts_better(
     np.testing.assert_array_equal(kept.model.theta, truth.theta)
     assert kept.control_model is None
     assert kept.state_space is not None
-    assert kept.std_error is not None
     assert np.all(np.isnan(kept.std_error))
     dofs = [f.dof for f in kept.diagnostics if f.name == "worse_than_nominal"]
     assert dofs == list(truth.dofs)
     better = identified(dsr, problem, rng)
     np.testing.assert_allclose(np.diag(better.model.inertia), np.diag(INERTIA), rtol=0.1)
     assert better.control_model is not None
-    assert better.std_error is not None
     dropped = better.residual.terms.index(basis.term("|u|u"))
     assert np.all(np.isnan(better.std_error[dropped]))
     assert np.all(np.isfinite(np.delete(better.std_error, dropped, axis=0)))
@@ -332,7 +299,7 @@ def test_a_measured_recording_gives_a_stable_model_no_worse_than_the_nominal_one
 
 
 @pytest.mark.nightly
-def test_standard_errors_are_the_spread_over_replications(identifier: Identifier) -> None:
+def test_standard_errors_are_the_spread_over_replications(identifier) -> None:
     """Twenty noisy recordings of a linear vessel: bootstrap and spread within a factor of 2."""
     masses, reported = [], []
     dsr = identifier("dsr", bootstrap=50)
@@ -342,7 +309,6 @@ def test_standard_errors_are_the_spread_over_replications(identifier: Identifier
         found = dsr.identify(problem, rng)
         masses.append(np.diag(found.model.inertia))
         rows = [found.residual.terms.index(one) for one in basis.terms(["u_dot", "v_dot", "w_dot"])]
-        assert found.std_error is not None
         reported.append(np.diag(found.std_error[rows]))
     ratio = np.mean(reported, axis=0) / np.std(masses, axis=0, ddof=1)
     assert np.all((ratio > 0.5) & (ratio < 2.0)), ratio
@@ -364,63 +330,19 @@ def test_why_there_is_no_physical_form() -> None:
         physical_form(replace(model, B=-model.B))
 
 
-def test_without_a_physical_form_the_state_space_model_can_be_kept(
-    identifier: Identifier, rng: np.random.Generator
-) -> None:
+def test_without_a_physical_form_the_state_space_model_can_be_kept(identifier, rng) -> None:
     problem = problem_of(axis_recording(800, rng))
     kept = identifier("dsr", bootstrap=None, order=7, physical_form="optional")
     found = kept.identify(problem, rng)
     np.testing.assert_array_equal(found.model.theta, problem.nominal.theta)
     assert np.all(found.residual.theta == 0.0)
     assert found.std_error is None
-    assert found.state_space is not None
     assert found.state_space.order == 7
     (reason,) = [f.label for f in found.diagnostics if f.name == "physical_form"]
-    assert reason is not None
     assert reason.startswith("no physical form: got 7 states")
 
 
-def test_the_order_by_the_gap_is_the_physical_one(
-    identifier: Identifier, rng: np.random.Generator
-) -> None:
+def test_the_order_by_the_gap_is_the_physical_one(identifier, rng) -> None:
     problem = problem_of(axis_recording(800, rng, noise=0.001))
     found = identifier("dsr", bootstrap=None, order="gap").identify(problem, rng)
     assert value(found, "selected_order") == 6.0
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"L": 1}, "L must be at least 2, got 1"),
-        ({"extra_terms": ["1"]}, "expected a term that varies"),
-        ({"extra_terms": ["u_dot"]}, "are in the model already"),
-        ({"extra_terms": ["u"]}, "are in the model already"),
-        ({"inputs": []}, "inputs: got \\[\\], expected different names"),
-        ({"outputs": ["u", "u"]}, "outputs: got .* expected different names"),
-    ],
-)
-def test_options_out_of_range_are_refused(
-    identifier: Identifier, changes: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(ConfigurationError, match=message):
-        identifier("dsr", **changes)
-
-
-def test_what_cannot_work_is_refused_before_any_work(
-    identifier: Identifier, milliampere: Vessel
-) -> None:
-    dsr: Dsr = identifier("dsr")
-    dsr.check(milliampere, None, False)
-    with pytest.raises(ConfigurationError, match="got 8, but milliampere has 6 states"):
-        replace(dsr, order=8).check(milliampere, None, False)
-    with pytest.raises(ConfigurationError, match="expected at most L x outputs = 6"):
-        replace(dsr, order=8, L=2, physical_form="optional").check(milliampere, None, False)
-    replace(dsr, inputs=("tau_yaw", "uv"), outputs=("psi", "r_dot")).check(milliampere, None, False)
-    for changes, message in (
-        ({"inputs": ("tau_roll",)}, "inputs: got tau_roll, expected tau_surge, tau_sway, tau_yaw"),
-        ({"inputs": ("1",)}, "inputs: got 1, expected .* or terms that vary"),
-        ({"outputs": ("z",)}, "term 'z': got 'z'"),
-        ({"outputs": ("p",)}, "outputs: got p, expected x, y, psi or terms that vary"),
-    ):
-        with pytest.raises(ConfigurationError, match=message):
-            replace(dsr, **changes).check(milliampere, None, False)

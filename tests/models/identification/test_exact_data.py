@@ -52,7 +52,6 @@ def trial(vessel: str, identifier: str) -> Trial:
             (text,) = draft_vessel(vessel, {"length": 6.0, "mass": 4000.0}).files.values()
             config.vessel = yaml.safe_load(text)
         nodes = OmegaConf.to_container(config, resolve=True)
-    assert isinstance(nodes, dict)
     named = {group: choices[group] for group in GROUPS}
     return build_trial(filled({str(key): node for key, node in nodes.items()}), named)
 
@@ -63,7 +62,6 @@ def recorded(vessel: str) -> tuple[Problem, Vessel]:
     own = trial(vessel, "ls")
     data = excite(own, Streams(0))
     training, testing = (data.recording.part(mask) for mask in (data.training, data.testing))
-    assert data.truth is not None
     truth = data.truth
     inertial = np.isin([term.name for term in truth.terms], truth.accelerations)
     kept = inertial & bool(truth.inputs)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.input_terms import input_labels
 from seatrial.models.vessel import basis
 from tests.models.conftest import configured
@@ -35,11 +34,6 @@ def test_a_vessel_with_devices_has_terms_of_its_inputs(name: str) -> None:
 def test_others_have_none(name: str) -> None:
     """Commanded forces, thrusters that turn, and tables without devices."""
     assert input_labels(configured("vessel", name).nominal(), windy=True) == []
-
-
-def test_robust_refuses_them_where_there_are_none(identifier, milliampere) -> None:
-    with pytest.raises(ConfigurationError, match=r"identifier.input_terms: .* has no devices"):
-        identifier("robust", input_terms=True).check(milliampere, None, measured=False)
 
 
 def test_they_find_a_thrust_that_the_propeller_lacks() -> None:

@@ -30,7 +30,7 @@ def samples_of(n: int, rng: np.random.Generator) -> Samples:
 
 
 @pytest.mark.parametrize("n", [7, 60, 100, 149, 731])
-def test_r_is_that_of_the_whole(n: int, rng: np.random.Generator) -> None:
+def test_r_is_that_of_the_whole(n: int, rng) -> None:
     x = rng.standard_normal((n, 7)) * 10.0 ** np.arange(-3, 4)
     x[:, 1] = 1e-7 * x[:, 0] + x[:, 2] / 100.0
     R = linear.triangle(x[turn] for turn in linear.turns(n))
@@ -51,9 +51,7 @@ WEIGHTS = np.array([1.0, 0.5, 2.0])
 
 
 @pytest.mark.parametrize("penalty", [0.0, 3.0])
-def test_unknowns_of_each_axis_and_shared_ones_minimise_the_sum(
-    penalty: float, rng: np.random.Generator
-) -> None:
+def test_unknowns_of_each_axis_and_shared_ones_minimise_the_sum(penalty: float, rng) -> None:
     """One system of normal equations of all unknowns, with weights and a ridge."""
     n, penalties = 330, penalty * np.array([1.0, 2.0, 3.0])
     samples = axes_of(n, rng)
@@ -75,9 +73,7 @@ def test_unknowns_of_each_axis_and_shared_ones_minimise_the_sum(
 
 
 @pytest.mark.parametrize("penalty", [0.0, 3.0])
-def test_the_unknowns_are_linear_in_the_targets_as_the_fit_says(
-    penalty: float, rng: np.random.Generator
-) -> None:
+def test_the_unknowns_are_linear_in_the_targets_as_the_fit_says(penalty: float, rng) -> None:
     """Of residuals that were never seen: what a fit to them adds."""
     n, penalties = 330, penalty * np.array([1.0, 2.0, 3.0])
     samples, change = axes_of(n, rng), rng.standard_normal((n, 3))
@@ -91,9 +87,7 @@ def test_the_unknowns_are_linear_in_the_targets_as_the_fit_says(
 
 
 @pytest.mark.parametrize("penalty", [0.0, 3.0])
-def test_axes_that_share_nothing_have_the_errors_of_each_alone(
-    penalty: float, rng: np.random.Generator
-) -> None:
+def test_axes_that_share_nothing_have_the_errors_of_each_alone(penalty: float, rng) -> None:
     samples = samples_of(400, rng)
     fitted = linear.fit(linear.Decomposition.of(samples), penalty * np.array([1.0, 2.0]))
     errors, _ = fitted.standard_errors()
@@ -107,7 +101,7 @@ def test_axes_that_share_nothing_have_the_errors_of_each_alone(
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.8])
-def test_covariances_in_pieces_are_those_of_the_whole(rho: float, rng: np.random.Generator) -> None:
+def test_covariances_in_pieces_are_those_of_the_whole(rho: float, rng) -> None:
     from scipy.signal import lfilter
 
     columns = rng.standard_normal((1000, 3))
@@ -117,7 +111,7 @@ def test_covariances_in_pieces_are_those_of_the_whole(rho: float, rng: np.random
         np.testing.assert_allclose(found, stationary_covariance(columns, e), rtol=1e-9, atol=1e-9)
 
 
-def test_dependent_columns_are_named(rng: np.random.Generator) -> None:
+def test_dependent_columns_are_named(rng) -> None:
     samples = samples_of(200, rng)
     samples.phi[:, 4] = samples.phi[:, 2] - 3.0 * samples.phi[:, 3] / 1e3
     with pytest.raises(IdentificationError, match="does not distinguish v, r, uv from each other"):

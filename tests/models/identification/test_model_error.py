@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seatrial.models.errors import IdentificationError
 from seatrial.models.identification import calibration
 from seatrial.models.identification.calibration import (
     LEFT_OUT_GROUPS,
@@ -19,17 +18,28 @@ from seatrial.models.identification.calibration import (
 )
 from seatrial.models.identification.free_parameters import free_parameters
 from seatrial.models.identification.model_error import CORRELATION_S, ModelError, gauss_markov
-from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
+from seatrial.models.identification.problem import Identified, NoIdentifier, Problem
 from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.identification.validation import Prediction, prediction
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE
 from seatrial.models.vessel.basis import Array
 from tests.models.identification.conftest import surge
+from tests.models.identification.known_results import Failing, labels
 from tests.trials import asked_for, excited
 
 SURGE = ("vessel=surge_nonlinear", "excitation=multisine", "controller=none", "evaluation=none")
 SHIP = ("vessel=modulus_ship", "excitation=prbs", "controller=none", "evaluation=none")
+
+
+@pytest.fixture(scope="module")
+def noisy() -> Problem:
+    return excited(*SURGE, "disturbance=noise")[0]
+
+
+@pytest.fixture(scope="module")
+def ship() -> Problem:
+    return excited(*SHIP, "disturbance=calm")[0]
 
 
 def under_accelerations(own: Problem, force: float, seed: int) -> Recording:
@@ -50,15 +60,9 @@ def known(own: Problem) -> Identified:
     return replace(result, fold_models=(own.nominal,) * 5)
 
 
-def error_of(result: Identified) -> ModelError:
-    assert result.model_error is not None
-    return result.model_error
-
-
 def share_inside(result: Identified, recording: Recording) -> Array:
     """Share (2 n_dof,) of measured states in the band of 90 %."""
     deviation = bands(result, recording, None)
-    assert deviation is not None
     run = prediction(result.model, recording, None)
     inside = np.abs(run.deviations()[0]) <= 1.645 * deviation
     return np.asarray(np.mean(inside[~recording.piece_starts], axis=0))
@@ -85,33 +89,30 @@ def test_accelerations_have_the_size_that_the_formulas_say() -> None:
 
 
 @pytest.mark.parametrize("force", [0.05, 0.3])
-def test_an_acceleration_of_known_size_is_recovered(force: float) -> None:
+def test_an_acceleration_of_known_size_is_recovered(ship: Problem, force: float) -> None:
     """Nothing else moves the vessel away from the model: lambda is that size and k is one."""
-    own, _ = excited(*SHIP, "disturbance=calm")
     sizes = []
     for seed in range(3):
-        recording = under_accelerations(own, force, seed)
-        given = replace(own, training=recording)
-        error = error_of(calibrated(NoIdentifier(), given, known(given)))
+        recording = under_accelerations(ship, force, seed)
+        given = replace(ship, training=recording)
+        error = calibrated(NoIdentifier(), given, known(given)).model_error
         sizes.append(error.force * error.scale)
     assert np.exp(np.mean(np.log(sizes))) == pytest.approx(force, rel=0.3)
 
 
 @pytest.mark.parametrize("axes", [3, 1])
-def test_without_a_model_error_there_is_none(axes: int) -> None:
+def test_without_a_model_error_there_is_none(ship: Problem, axes: int) -> None:
     """The model is the vessel and nothing is measured wrongly, be it that it only goes ahead."""
-    own, _ = excited(*SHIP, "disturbance=calm")
-    n, moved = len(own.training.dofs), np.arange(3) < axes
+    n, moved = len(ship.training.dofs), np.arange(3) < axes
     begun = replace(
-        own.training, tau=own.training.tau * moved, tau_actual=None, tau_filtered=None,
-        eta=own.training.eta * moved, nu=own.training.nu * moved,
+        ship.training, tau=ship.training.tau * moved, tau_actual=None, tau_filtered=None,
+        eta=ship.training.eta * moved, nu=ship.training.nu * moved,
     )  # fmt: skip
-    motion = prediction(own.nominal, begun, own.thruster).motion()
-    exact = replace(own, training=replace(begun, eta=motion[:, :n], nu=motion[:, n:]))
+    motion = prediction(ship.nominal, begun, ship.thruster).motion()
+    exact = replace(ship, training=replace(begun, eta=motion[:, :n], nu=motion[:, n:]))
     result = calibrated(NoIdentifier(), exact, known(exact))
-    deviation = bands(result, exact.training, own.thruster)
-    assert deviation is not None
-    assert error_of(result).force * error_of(result).scale < 1e-3
+    deviation = bands(result, exact.training, ship.thruster)
+    assert result.model_error.force * result.model_error.scale < 1e-3
     assert np.all(deviation[:, n:] < 2e-3 * np.std(exact.training.nu, axis=0) + 1e-9)
 
 
@@ -133,40 +134,37 @@ def test_bands_hold_a_vessel_of_another_structure() -> None:
     assert both.std_error is alone.std_error  # the share of the data stands for itself
 
 
-def test_draws_are_the_same_every_time() -> None:
-    own, _ = excited(*SURGE, "disturbance=noise")
+def test_draws_are_the_same_every_time(noisy: Problem) -> None:
     identifier = asked_for(*SURGE, "identifier=ls").identifier
-    result = identifier.identify(own, np.random.default_rng(0))
-    first, second = (calibrated(identifier, own, result) for _ in range(2))
-    assert error_of(first).force == error_of(second).force
-    np.testing.assert_array_equal(*(bands(r, own.validation, None) for r in (first, second)))
+    result = identifier.identify(noisy, np.random.default_rng(0))
+    first, second = (calibrated(identifier, noisy, result) for _ in range(2))
+    assert first.model_error.force == second.model_error.force
+    np.testing.assert_array_equal(*(bands(r, noisy.validation, None) for r in (first, second)))
 
 
-def test_the_data_count_less_and_the_prior_in_full() -> None:
+def test_the_data_count_less_and_the_prior_in_full(ship: Problem) -> None:
     """B B' is ((inv(C) - P) / kappa2 + P)^-1, and for data that say nothing the prior's."""
-    own, _ = excited(*SHIP, "disturbance=calm")
-    free = free_parameters(own.nominal, None, "tied", False)
+    free = free_parameters(ship.nominal, None, "tied", False)
     m = len(free)
     A = np.random.default_rng(0).standard_normal((3 * m, m))
     data, prior = A.T @ A, np.linspace(0.1, 3.0, m)
     prior[0] = 0.0  # a parameter without a prior
     covariance = np.linalg.inv(data + np.diag(prior))
-    spread = ParameterSpread(own.nominal, free, free.values, covariance, prior)
+    spread = ParameterSpread(ship.nominal, free, free.values, covariance, prior)
     for kappa2 in (1.0, 10.0, 300.0):
         B = spread.factor(kappa2)
         expected = np.linalg.inv(data / kappa2 + np.diag(prior))
         np.testing.assert_allclose(B @ B.T, expected, rtol=1e-8, atol=1e-10 * expected.max())
-    B = ParameterSpread(own.nominal, free, free.values, covariance).factor(9.0)
+    B = ParameterSpread(ship.nominal, free, free.values, covariance).factor(9.0)
     np.testing.assert_allclose(B @ B.T, 9.0 * covariance, rtol=1e-8, atol=1e-14)
 
 
-def test_accelerations_move_a_run_in_proportion() -> None:
+def test_accelerations_move_a_run_in_proportion(ship: Problem) -> None:
     """Runs are drawn at a share of their deviation and scaled back."""
-    own, _ = excited(*SHIP, "disturbance=calm")
-    runs = nearby_runs(own.nominal, own.training, own.thruster)
-    n = len(own.training.dofs)
+    runs = nearby_runs(ship.nominal, ship.training, ship.thruster)
+    n = len(ship.training.dofs)
     error = ModelError(1.0, 0.01, 1.0, np.mean(runs.rho2, axis=0), np.zeros(2 * n))
-    drawn = error.accelerations(runs.rho2, own.training.period_s, np.random.default_rng(0))
+    drawn = error.accelerations(runs.rho2, ship.training.period_s, np.random.default_rng(0))
     found = [
         runs.variance([Prediction(runs.own.plant, runs.under(share * drawn))])
         for share in (DEVIATION_SHARE, 0.5 * DEVIATION_SHARE)
@@ -176,28 +174,17 @@ def test_accelerations_move_a_run_in_proportion() -> None:
     np.testing.assert_allclose(found[0], apart**2, atol=0.05 * np.max(found[0]))
 
 
-class Failing(Identifier):
-    """An identifier that needs the whole recording."""
-
-    def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """Refuse."""
-        raise IdentificationError("a part is too short")
-
-
-def test_the_reason_is_said_where_folds_cannot_be_identified() -> None:
-    own, _ = excited(*SURGE, "disturbance=noise")
+def test_the_reason_is_said_where_folds_cannot_be_identified(noisy: Problem) -> None:
     identifier = asked_for(*SURGE, "identifier=ls").identifier
-    result = calibrated(Failing(), own, identifier.identify(own, np.random.default_rng(0)))
+    result = calibrated(Failing(), noisy, identifier.identify(noisy, np.random.default_rng(0)))
     assert result.model_error is None
-    said = [row.label for row in result.diagnostics if row.name == NO_MODEL_ERROR]
-    assert said == ["a part is too short"]
+    assert labels(result, NO_MODEL_ERROR) == ["always"]
 
 
-def test_a_model_without_a_distribution_stays_as_it_is() -> None:
-    own, _ = excited(*SURGE, "disturbance=noise")
-    result = NoIdentifier().identify(own, np.random.default_rng(0))
-    assert calibrated(NoIdentifier(), own, result) is result
-    assert bands(result, own.validation, None) is None
+def test_a_model_without_a_distribution_stays_as_it_is(noisy: Problem) -> None:
+    result = NoIdentifier().identify(noisy, np.random.default_rng(0))
+    assert calibrated(NoIdentifier(), noisy, result) is result
+    assert bands(result, noisy.validation, None) is None
 
 
 def test_a_weighted_quantile_counts_weights() -> None:
@@ -209,11 +196,10 @@ def test_a_weighted_quantile_counts_weights() -> None:
         assert weighted_quantile(values, weights, level) == expected
 
 
-def test_files_of_a_series_are_left_out_by_turns_and_models_at_hand_by_their_own_folds() -> None:
-    own, _ = excited(*SURGE, "disturbance=noise")
-    n = len(own.training) // 12 * 12
+def test_files_of_a_series_are_left_out_by_turns_and_models_at_hand_by_folds(noisy) -> None:
+    n = len(noisy.training) // 12 * 12
     file = np.repeat(np.arange(12), n // 12)
-    series = replace(own.training.part(slice(0, n)), file=file, file_names=tuple("abcdefghijkl"))
+    series = replace(noisy.training.part(slice(0, n)), file=file, file_names=tuple("abcdefghijkl"))
     training, fold = folded(series)
     assert [set(fold[file == k]) for k in range(12)] == [{k % LEFT_OUT_GROUPS} for k in range(12)]
     assert len(training) == n
@@ -224,11 +210,10 @@ def test_files_of_a_series_are_left_out_by_turns_and_models_at_hand_by_their_own
 
 
 def test_of_a_long_recording_the_beginning_of_each_block_is_used(
-    monkeypatch: pytest.MonkeyPatch,
+    noisy: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own, _ = excited(*SURGE, "disturbance=noise")
     monkeypatch.setattr(calibration, "MOST_SAMPLES", 500)
-    training, fold = folded(own.training)
+    whole, (training, fold) = noisy.training, folded(noisy.training)
     assert list(np.bincount(fold)) == [100] * LEFT_OUT_GROUPS
-    begins = [float(own.training.t[split.test][0]) for split in own.training.folds(LEFT_OUT_GROUPS)]
+    begins = [float(whole.t[split.test][0]) for split in whole.folds(LEFT_OUT_GROUPS)]
     assert [float(training.t[fold == k][0]) for k in range(LEFT_OUT_GROUPS)] == begins

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.free_parameters import WINDAGE, free_parameters
 from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import DOFS, PLANAR, VELOCITIES
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import Vessel
+from tests.models.identification.known_results import diagnostics
 from tests.trials import excited
 
 EULER = {"integrator": "euler"}
@@ -42,21 +43,26 @@ def test_noise_free_surge_is_exact(identifier, make, signal, term, tau, integrat
 
 
 @pytest.mark.slow
-def test_spread_of_noisy_estimates_is_the_predicted_one(identifier, make, signal):
-    """Noise of 0.05 m and 0.05 m/s: within 1 % on 20 of 20 seeds, errors within a factor of 2."""
-    truth = make.surge(60.0, 20.0, "|u|u", 2.0)
-    start = make.surge(90.0, 12.0, "|u|u", 3.0)
-    option = identifier("output_error", **EULER)
+def test_noisy_estimates_have_the_predicted_spread_and_correlation(identifier, make, signal):
+    """Noise of 0.05 m and 0.05 m/s: within 1 % on 40 of 40 seeds, errors within a factor of 2."""
+    truth, start = make.surge(60.0, 20.0, "|u|u", 2.0), make.surge(90.0, 12.0, "|u|u", 3.0)
+    option, known = identifier("output_error", **EULER), truth.theta != 0.0
     found = [
         option.identify(make.problem(truth, start, signal("many_sine"), noise=0.05, seed=s), None)
-        for s in range(20)
+        for s in range(40)
     ]
     errors = np.array([relative(one, truth) for one in found])
     assert np.max(np.abs(errors)) < 0.01
-    scale = np.abs(truth.theta[truth.theta != 0.0])
-    reported = np.array([one.std_error[truth.theta != 0.0] / scale for one in found])
+    reported = np.array([one.std_error[known] / truth.theta[known] for one in found])
     ratio = np.mean(reported, axis=0) / np.std(errors, axis=0, ddof=1)
     assert np.all((ratio > 0.5) & (ratio < 2.0))
+    covariance = np.zeros((3, 3))
+    for row in diagnostics(found[0], "covariance"):
+        covariance[row.i - 1, row.j - 1] = covariance[row.j - 1, row.i - 1] = row.value
+    deviation = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(deviation, found[0].std_error[known])
+    correlation = covariance / np.outer(deviation, deviation)
+    np.testing.assert_allclose(correlation, np.corrcoef(errors.T), atol=0.25)
 
 
 def test_a_noisy_first_sample_spoils_predictions_that_begin_with_it(identifier, make, signal):
@@ -115,6 +121,7 @@ def six(coefficients):
     return Vessel("six", DOFS, terms(names), theta)
 
 
+GROWING = [30, 100, 300, 1000]  # horizons [samples]
 SIX = np.array([60, 70, 90, 3, 5, 4, 20, 30, 40, 3, 4, 2.5, 40, 60, 80, 2, 3, 2.0])
 
 
@@ -130,38 +137,39 @@ def shaken():
     return sizes * np.stack(waves, axis=1)
 
 
-def starts(count):
-    """Random tables within a factor of four of the truth."""
-    rng = np.random.default_rng(0)
-    return [six(SIX * 4.0 ** rng.uniform(-1.0, 1.0, 18)) for _ in range(count)]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("start", range(2))
-def test_eighteen_parameters_from_afar(identifier, make, shaken, start):
-    problem = make.problem(six(SIX), starts(2)[start], shaken)
-    found = identifier("output_error", **EULER).identify(problem, None)
-    np.testing.assert_allclose(relative(found, six(SIX)), 0.0, atol=1e-6)
+@pytest.mark.parametrize(
+    ("count", "options", "tolerance"),
+    [
+        (2, {}, 1e-6),
+        (3, {"horizons": GROWING}, 0.01),
+        pytest.param(30, {"horizons": GROWING}, 0.01, marks=pytest.mark.nightly),
+    ],
+)
+def test_eighteen_parameters_from_random_starts(
+    identifier, make, shaken, count, options, tolerance
+):
+    """Within a factor of four of the truth. ERRATA, Hoyer 5: all of 30 by growing horizons."""
+    option, rng = identifier("output_error", **options, **EULER), np.random.default_rng(0)
+    for _ in range(count):
+        start = six(SIX * 4.0 ** rng.uniform(-1.0, 1.0, 18))
+        found = option.identify(make.problem(six(SIX), start, shaken), None)
+        np.testing.assert_allclose(relative(found, six(SIX)), 0.0, atol=tolerance)
 
 
 @pytest.mark.parametrize(
-    "count", [pytest.param(3, marks=pytest.mark.slow), pytest.param(30, marks=pytest.mark.nightly)]
+    ("disturbance", "tolerance", "of_inertia"),
+    [("calm", 2e-3, 1e-6), pytest.param("constant", 5e-3, 5e-3, marks=pytest.mark.slow)],
 )
-def test_eighteen_parameters_from_random_starts(identifier, make, shaken, count):
-    """ERRATA, Hoyer 5: within 1 % on 30 of 30 starts by growing horizons."""
-    option = identifier("output_error", horizons=[30, 100, 300, 1000], **EULER)
-    for start in starts(count):
-        found = option.identify(make.problem(six(SIX), start, shaken), None)
-        np.testing.assert_allclose(relative(found, six(SIX)), 0.0, atol=0.01)
-
-
-def test_ferry_noise_free(identifier, calm):
-    """21 parameters of half the nominal vessel, from the nominal one."""
-    found = identifier("output_error").identify(calm.problem, None)
-    np.testing.assert_allclose(relative(found, calm.truth), 0.0, atol=2e-3)
-    inertia = np.diag(found.model.inertia) / np.diag(calm.truth.inertia) - 1.0
-    np.testing.assert_allclose(inertia, 0.0, atol=1e-6)
-    np.testing.assert_allclose(found.model.row("cos(psi)"), 0.0, atol=1e-3)
+def test_ferry_without_noise(identifier, lap, disturbance, tolerance, of_inertia):
+    """21 parameters of half the nominal vessel, from the nominal one, and a constant force."""
+    one = lap(disturbance)
+    model = identifier("output_error").identify(one.problem, None)
+    np.testing.assert_allclose(relative(model, one.truth), 0.0, atol=tolerance)
+    found, truth = model.model, one.truth
+    np.testing.assert_allclose(np.diag(found.inertia), np.diag(truth.inertia), rtol=of_inertia)
+    force, expected = (table.row("cos(psi)")[:2] for table in (found, truth))
+    np.testing.assert_allclose(force, expected, rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.slow
@@ -184,14 +192,6 @@ def test_ferry_with_noise(identifier, lap):
     inertia = [truth.terms.index(one) for one in terms(["u_dot", "v_dot", "r_dot"])]
     assert np.all(np.diag(table[inertia]) < 0.002)
     assert 0.5 < np.median(ratio) < 2.0
-
-
-@pytest.mark.slow
-def test_ferry_in_a_constant_force(identifier, constant):
-    found = identifier("output_error").identify(constant.problem, None)
-    force = found.model.row("cos(psi)")
-    np.testing.assert_allclose(force[:2], [-200.0, -100.0], rtol=1e-3)
-    np.testing.assert_allclose(relative(found, constant.truth), 0.0, atol=5e-3)
 
 
 def test_a_measured_wind_is_in_the_model_unless_it_is_not_wanted(identifier):
@@ -230,27 +230,6 @@ def test_a_constant_force_is_free_where_it_is_asked_for_and_in_the_plane(
     assert {label for label in free.labels if "." not in label} == forces
 
 
-@pytest.mark.slow
-def test_covariance_is_that_of_the_estimates(identifier, make, signal):
-    """Correlations over 40 noisy recordings."""
-    truth = make.surge(60.0, 20.0, "|u|u", 2.0)
-    option = identifier("output_error", **EULER)
-    problems = [
-        make.problem(truth, truth, signal("triple_ramp"), noise=0.05, seed=s) for s in range(40)
-    ]
-    found = [option.identify(one, None) for one in problems]
-    observed = np.cov([one.model.theta[truth.theta != 0.0] for one in found], rowvar=False)
-    rows = [one for one in found[0].diagnostics if one.name == "covariance"]
-    reported = np.zeros((3, 3))
-    for one in rows:
-        reported[one.i - 1, one.j - 1] = reported[one.j - 1, one.i - 1] = one.value
-    deviation = np.sqrt(np.diag(reported))
-    np.testing.assert_allclose(deviation, found[0].std_error[truth.theta != 0.0])
-    correlation = reported / np.outer(deviation, deviation)
-    spread = np.sqrt(np.diag(observed))
-    np.testing.assert_allclose(correlation, observed / np.outer(spread, spread), atol=0.25)
-
-
 def test_what_does_not_move_is_not_determined(identifier, make, vessel):
     still = make.forced(np.zeros((200, 3)), PLANAR)
     still.tau[:, 0] = 50.0 * np.sin(0.05 * np.arange(200))
@@ -269,21 +248,6 @@ def test_terms_that_are_alike_are_not_told_apart(identifier, make, signal):
     option = identifier("output_error", parameters=["surge.|u|u", "surge.u^2"], **EULER)
     with pytest.raises(IdentificationError, match=r"does not distinguish surge.\|u\|u, surge.u\^2"):
         option.identify(problem, None)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"bounds": {"surge.u": [3.0, 1.0]}}, "a lower and a higher number"),
-        ({"bounds": {"surge.v": [1.0, 3.0]}}, "not a parameter"),
-        ({"inertia_factor": 1.0}, "inertia_factor must be above 1"),
-        ({"parameters": ["yaw.r"]}, "expected one of the degrees of freedom surge"),
-        ({"force": "measured"}, "force: got 'measured'"),
-    ],
-)
-def test_wrong_options_are_refused(identifier, make, change, message):
-    with pytest.raises(ConfigurationError, match=message):
-        identifier("output_error", **change).check(make.surge(60.0, 20.0), None, False)
 
 
 def test_bounds_hold_and_are_diagnostics(identifier, make, signal):

@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.predictor import weighted_outputs
 from seatrial.models.identification.problem import Problem
 from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.devices.propeller import Propeller
 from seatrial.models.vessel.table import Vessel
-from tests.models.identification.test_devices_jointly import changed, free, joint, option, value
+from tests.models.identification.test_devices_jointly import changed, free, joint, value
 from tests.models.identification.test_steered import recorded, vessel
 
 WEIGHTS = {"psi": 0.3, "u": 1.0, "v": 1.0, "r": 1.0, "propeller.thrust": 0.3}
@@ -22,8 +20,6 @@ OUTPUTS = "identifier.outputs={psi: 0.3, u: 1.0, v: 1.0, r: 1.0, propeller.thrus
 def thrust(model: Vessel, recording: Recording) -> Array:
     """T = rho n^2 D^4 K_T(J), Yasukawa and Yoshimura (2015), eqs. (9) and (10), (N,)."""
     p = model.devices["propeller"]
-    assert isinstance(p, Propeller)
-    assert recording.inputs is not None
     n, (u, v, r) = recording.inputs[:, 1], recording.nu.T
     beta = -np.arctan2(v, u) - p.x_P * r * p.length_m / np.hypot(u, v)
     w = p.w_P0 * np.exp(-p.C_1 * beta**2)
@@ -73,17 +69,3 @@ def test_every_file_and_output_counts_alike() -> None:
         np.testing.assert_allclose(np.std(part[:, 1:4], axis=0), 1.0, rtol=1e-9)
         assert np.std(part[:, 0]) == pytest.approx(0.3, rel=1e-9)
     np.testing.assert_allclose(errors[:, 4], 0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("outputs", "message"),
-    [
-        ("{w: 1.0, u: 1.0}", r"outputs: got w, expected some of x, y, psi, u, v, r, propeller\.th"),
-        ("{u: 0.0}", r"outputs\.u must be positive, got 0"),
-        ("{propeller.thrust: 1.0}", "outputs: got no state"),
-    ],
-)
-def test_outputs_that_are_refused(outputs: str, message: str) -> None:
-    identifier = option("output_error", f"identifier.outputs={outputs}")
-    with pytest.raises(ConfigurationError, match=message):
-        identifier.check(vessel("kvlcc2"), None, measured=False)

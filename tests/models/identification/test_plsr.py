@@ -1,33 +1,23 @@
 """PLSR of the lack of fit against the thesis's figures and the plant that sailed."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 from sklearn.cross_decomposition import PLSRegression
 
-from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.problem import lack_of_fit
+from tests.models.identification.known_results import diagnostics
 
 THESIS_MSE = (659.2, 1191.6, 1737.4)  # Jervan (2020), Table 4.5: N^2, N^2, (Nm)^2
 THESIS_TRACKING = 0.086  # Table 4.10 [m]
 
 
-@pytest.fixture(scope="session")
-def identifier(identifier):
-    """The estimators by themselves, without smoothing and physical constraints."""
-    return partial(identifier, lowpass_hz=None, inertia_factor=None)
-
-
-def diagnostics(found, name: str) -> list:
-    return [f for f in found.diagnostics if f.name == name]
-
-
 @pytest.fixture(scope="module")
-def thesis(calm, identifier):
+def thesis(calm, estimator):
     """The thesis's way: commanded force, orders chosen on the test part."""
-    plsr = identifier("plsr", force="commanded", selection="test", bootstrap=None)
+    plsr = estimator("plsr", force="commanded", selection="test", bootstrap=None)
     return plsr, plsr.identify(calm.problem, np.random.default_rng(0))
 
 
@@ -54,8 +44,8 @@ def test_the_order_is_the_minimum_on_the_test_part(calm, thesis) -> None:
 
 
 @pytest.mark.parametrize("joint", [True, False])
-def test_coefficients_equal_scikit_learn(calm, identifier, rng, joint) -> None:
-    plsr = identifier("plsr", force="commanded", selection="test", joint=joint, bootstrap=None)
+def test_coefficients_equal_scikit_learn(calm, estimator, rng, joint) -> None:
+    plsr = estimator("plsr", force="commanded", selection="test", joint=joint, bootstrap=None)
     problem = calm.problem
     found = plsr.identify(problem, rng)
     samples = plsr.samples(problem.training, problem.nominal, problem.thruster)
@@ -73,9 +63,9 @@ def test_coefficients_equal_scikit_learn(calm, identifier, rng, joint) -> None:
 
 
 @pytest.mark.parametrize("name", ["plsr", "surface_plsr"])
-def test_scaled_coefficients_are_those_before_the_scales(calm, identifier, rng, name) -> None:
+def test_scaled_coefficients_are_those_before_the_scales(calm, estimator, rng, name) -> None:
     """Jervan (2020), (3.12): Theta = Theta_pre std Y / (beta std X), with beta of (4.8)."""
-    method, problem = identifier(name, force="commanded", bootstrap=None), calm.problem
+    method, problem = estimator(name, force="commanded", bootstrap=None), calm.problem
     found = method.identify(problem, rng)
     samples = method.samples(problem.training, problem.nominal, problem.thruster)
     names, dofs = [str(term) for term in samples.terms], problem.nominal.dofs
@@ -88,8 +78,8 @@ def test_scaled_coefficients_are_those_before_the_scales(calm, identifier, rng, 
     np.testing.assert_allclose(theta, found.residual.theta, rtol=1e-9, atol=1e-9)
 
 
-def test_filtered_force_makes_it_exact(calm, identifier, rng) -> None:
-    plsr = identifier("plsr", force="filtered", bootstrap=None)
+def test_filtered_force_makes_it_exact(calm, estimator, rng) -> None:
+    plsr = estimator("plsr", force="filtered", bootstrap=None)
     found = plsr.identify(calm.problem, rng)
     truth = calm.residual.on(found.residual.terms).theta
     real = truth != 0.0
@@ -98,45 +88,32 @@ def test_filtered_force_makes_it_exact(calm, identifier, rng) -> None:
 
 
 def test_columns_of_the_heading_make_it_exact_under_a_constant_force(
-    constant, identifier, rng
+    constant, estimator, rng
 ) -> None:
-    plsr = identifier("plsr", extra_terms=["cos(psi)", "sin(psi)"], bootstrap=None)
+    plsr = estimator("plsr", extra_terms=["cos(psi)", "sin(psi)"], bootstrap=None)
     found = plsr.identify(constant.problem, rng).residual
     np.testing.assert_allclose(found.row("cos(psi)"), [-200.0, -100.0, 0.0], atol=1e-4)
     np.testing.assert_allclose(found.row("sin(psi)"), [-100.0, 200.0, 0.0], atol=1e-4)
 
 
-def test_blocked_selection_never_sees_the_test_part(calm, identifier) -> None:
-    plsr = identifier("plsr", bootstrap=None, force="commanded")
+def test_blocked_selection_never_sees_the_test_part(calm, estimator) -> None:
+    plsr = estimator("plsr", bootstrap=None, force="commanded")
     problem = calm.problem
     blind = type(problem)(problem.training, problem.training, problem.nominal, problem.thruster)
     found = [plsr.identify(p, np.random.default_rng(0)) for p in (problem, blind)]
     np.testing.assert_array_equal(found[0].residual.theta, found[1].residual.theta)
 
 
-def test_too_few_samples_are_refused(calm, identifier, rng) -> None:
-    plsr = identifier("plsr", basis="linear", bootstrap=None)
+def test_too_few_samples_are_refused(calm, estimator, rng) -> None:
+    plsr = estimator("plsr", basis="linear", bootstrap=None)
     problem = replace(calm.problem, training=calm.problem.training.part(slice(9)))
     with pytest.raises(IdentificationError, match="9 samples for 6 folds, expected at least 12"):
         plsr.identify(problem, rng)
 
 
-def test_bootstrap_errors_are_reproducible(lap, identifier) -> None:
-    plsr = identifier("plsr", lowpass_hz=0.5, bootstrap=50)
+def test_bootstrap_errors_are_reproducible(lap, estimator) -> None:
+    plsr = estimator("plsr", lowpass_hz=0.5, bootstrap=50)
     problem = lap("noise", 0).problem
     found = [plsr.identify(problem, np.random.default_rng(3)).std_error for _ in range(2)]
     np.testing.assert_array_equal(*found)
     assert np.all(found[0] > 0.0)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"block_s": 0.0}, "block_s must be positive, got 0"),
-        ({"selection": "peek"}, "selection: got 'peek'"),
-    ],
-)
-def test_options_are_checked_where_they_are_made(identifier, changes, message) -> None:
-    with pytest.raises(ConfigurationError) as caught:
-        identifier("plsr", **changes)
-    assert message in str(caught.value)

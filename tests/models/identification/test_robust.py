@@ -5,17 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.errors import IdentificationError
+from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.table import Vessel
+from tests.models.identification.known_results import chosen
 from tests.trials import excited
 
 SWEPT = ("excitation=multisine", "controller=none", "plant.scale=0.8")
-
-
-def chosen(found: Identified) -> str:
-    (name,) = [f.label for f in found.diagnostics if f.name == "chosen" and f.value == 1.0]
-    return name
 
 
 def assert_recovered(model: Vessel, truth: Vessel, rtol: float) -> None:
@@ -126,29 +122,6 @@ def test_a_force_constant_in_ned_is_recovered_in_six_degrees_of_freedom(identifi
     np.testing.assert_allclose(found.on(forces).theta, truth.on(forces).theta, rtol=0.01, atol=1e-9)
     inertia, expected = (np.diag(table.inertia) for table in (found, truth))
     np.testing.assert_allclose(inertia, expected, rtol=0.02)
-
-
-def test_windage_needs_a_planar_vessel(identifier, vessel) -> None:
-    beluga = vessel("beluga_linear")
-    identifier("robust", disturbance="ned_force").check(beluga, None, False)
-    for name in ("windage", "both"):
-        with pytest.raises(ConfigurationError, match=f"disturbance={name} needs a vessel in surge"):
-            identifier("robust", disturbance=name).check(beluga, None, False)
-    identifier("robust").check(beluga, None, False)
-
-
-@pytest.mark.parametrize(
-    ("tune", "message"),
-    [
-        ({"pryor": [1.0]}, "tune: got 'pryor', expected options of the identifier: "),
-        ({"tune": [{}]}, "tune: got 'tune', expected options"),
-        ({"prior": [1.0, -1.0]}, r"tune.prior\[1\] must be positive, got -1"),
-    ],
-)
-def test_wrong_names_and_values_in_tune_are_refused_in_one_line(identifier, tune, message) -> None:
-    with pytest.raises(ConfigurationError, match=message) as caught:
-        identifier("robust", tune=tune)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.nightly

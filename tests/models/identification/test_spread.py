@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from seatrial.models.identification.problem import Identified
-from seatrial.models.identification.spread import ParameterSpread
 from seatrial.models.vessel import basis
 from tests.models.identification.test_devices_jointly import changed, joint, noisy, parts, value
 from tests.models.identification.test_steered import (
@@ -18,14 +16,6 @@ from tests.models.identification.test_steered import (
 )
 
 
-def drawn(result: Identified, count: int = 2000) -> np.ndarray:
-    """Tables of drawn models (count, n_terms, n_dof)."""
-    assert result.spread is not None
-    rng = np.random.default_rng(0)
-    models = [result.spread.draw(result, rng) for _ in range(count)]
-    return np.array([model.on(result.residual.terms).theta for model in models])
-
-
 @pytest.mark.parametrize("identifier", ["ls", "iv"])
 def test_drawn_coefficients_have_the_errors_and_correlations_of_the_fit(identifier: str) -> None:
     """Mean, deviation and correlation of the draws; those of least squares are of (X'X)^-1."""
@@ -37,9 +27,8 @@ def test_drawn_coefficients_have_the_errors_and_correlations_of_the_fit(identifi
         identifier, own, listed(WRONG), "identifier.lowpass_hz=null",
         "identifier.inertia_factor=null", *more,
     )  # fmt: skip
-    tables = drawn(result)
+    tables = np.array([one.on(result.residual.terms).theta for one in result.draws(2000)])
     errors = result.std_error
-    assert errors is not None
     mean = result.model.on(result.residual.terms).theta
     np.testing.assert_allclose(np.std(tables, axis=0), errors, rtol=0.08)
     assert np.all(np.abs(np.mean(tables, axis=0) - mean) < 4.0 * errors / np.sqrt(len(tables)))
@@ -63,9 +52,7 @@ def test_drawn_devices_have_the_errors_of_the_fit() -> None:
         "output_error", own, labels, "identifier.horizon=100", "identifier.horizons=[]",
         "identifier.prior=null",
     )  # fmt: skip
-    assert isinstance(result.spread, ParameterSpread)
-    rng = np.random.default_rng(0)
-    models = [result.spread.draw(result, rng) for _ in range(1000)]
+    models = result.draws(1000)
     values = np.array([(value(m, "rudder.a_H"), m.coefficient("yaw", "rU")) for m in models])
     expected = result.device_errors["rudder.a_H"]
     assert np.std(values[:, 0]) == pytest.approx(expected, rel=0.1)

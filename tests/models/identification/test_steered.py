@@ -8,7 +8,6 @@ import pytest
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.excitation.information import persistence
 from seatrial.models.identification.cross_validation import CrossValidation
-from seatrial.models.identification.dsr import Dsr
 from seatrial.models.identification.free_parameters import nonzero_labels, own_coriolis
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.problem import Identified, Problem, choose_basis
@@ -176,7 +175,6 @@ def test_a_product_with_many_powers_of_speed_is_written_with_few() -> None:
 def test_mmg_has_coriolis_forces_without_the_munk_moment() -> None:
     ship = vessel("kvlcc2")
     own, full = own_coriolis(ship), coriolis(ship.inertia, ship.dofs)
-    assert own is not None
     assert own.coefficient("yaw", "uv") == 0.0
     assert full.coefficient("yaw", "uv") != 0.0
     assert own.coefficient("sway", "ur") == full.coefficient("sway", "ur") != 0.0
@@ -212,13 +210,6 @@ def test_inputs_that_are_missing_are_one_line() -> None:
     without = replace(whole, input_names=("n", "delta"))
     with pytest.raises(RecordingError, match="got inputs n, delta, expected those of kvlcc2"):
         Problem(without, without, ship, None)
-
-
-def test_dsr_needs_forces() -> None:
-    trial = composed("vessel=milliampere", "identifier=dsr")
-    assert isinstance(trial.identifier, Dsr)
-    with pytest.raises(ConfigurationError, match="identifier=dsr needs forces"):
-        trial.identifier.check(vessel("kvlcc2"), None, measured=False)
 
 
 @pytest.mark.parametrize("name", ["tanker", "container", "remus100", "osv", "frigate"])

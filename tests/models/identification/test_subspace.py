@@ -107,7 +107,7 @@ def test_without_noise_both_variants_are_exact(variant: str, order: int | None, 
     assert model.period_s == 0.5
 
 
-def test_without_noise_a_direct_term_is_found(rng: np.random.Generator) -> None:
+def test_without_noise_a_direct_term_is_found(rng) -> None:
     truth = replace(random_plant(rng), D=rng.standard_normal((3, 3)))
     u = rng.standard_normal((600, 3))
     found = identify_innovations(truth.simulate(u), u, 8, 10, None, "open", feedthrough=True)
@@ -115,9 +115,7 @@ def test_without_noise_a_direct_term_is_found(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("variant", ["open", "closed"])
-def test_inputs_and_outputs_of_any_size_and_an_integrator(
-    variant: str, rng: np.random.Generator
-) -> None:
+def test_inputs_and_outputs_of_any_size_and_an_integrator(variant: str, rng) -> None:
     """A ship: forces of 1e5 N and 1e7 Nm, metres and radians, poles at 1."""
     A = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.99, 0.0, 0.0], [0, 0, 1, 1], [0, 0.001, 0, 0.98]])
     B = np.array([[0.5, 0.0], [1.0, 0.0], [0.0, 0.5], [0.0, 1.0]]) @ np.diag([1e-7, 1e-11])
@@ -130,7 +128,7 @@ def test_inputs_and_outputs_of_any_size_and_an_integrator(
 
 
 @pytest.mark.parametrize("variant", ["open", "closed"])
-def test_gaps_in_the_data_are_not_bridged(variant: str, rng: np.random.Generator) -> None:
+def test_gaps_in_the_data_are_not_bridged(variant: str, rng) -> None:
     truth = random_plant(rng)
     parts = [rng.standard_normal((n, 3)) for n in (300, 25, 400)]
     y = np.vstack([truth.simulate(u, rng.standard_normal(6)) for u in parts])
@@ -142,7 +140,7 @@ def test_gaps_in_the_data_are_not_bridged(variant: str, rng: np.random.Generator
     assert markov_error(bridged.model, truth) > 1e-3
 
 
-def test_the_noise_model_is_found_in_open_loop(rng: np.random.Generator) -> None:
+def test_the_noise_model_is_found_in_open_loop(rng) -> None:
     plant = random_plant(rng)
     truth = replace(plant, K=kalman_gain(plant, np.eye(6), np.eye(3)))
     y, u, e = open_loop(truth, 8000, 0.5, rng)
@@ -179,7 +177,7 @@ def test_feedback_biases_the_open_variant_and_not_the_closed_one() -> None:
     assert opened[4000] > 0.7 * opened[1000]
 
 
-def test_a_gain_without_a_stable_predictor_is_recomputed(rng: np.random.Generator) -> None:
+def test_a_gain_without_a_stable_predictor_is_recomputed(rng) -> None:
     """Innovations that K over-corrects have the spectrum of a stable predictor's."""
     plant = random_plant(rng)
     truth = replace(plant, K=kalman_gain(plant, np.eye(6), np.eye(3)))
@@ -224,7 +222,7 @@ def test_the_stable_gain_has_the_spectrum_of_the_noise(seed: int) -> None:
     np.testing.assert_allclose(products, [products[0]] * 7, rtol=1e-3, atol=1e-3 * np.trace(R))
 
 
-def test_a_stable_model_of_an_integrator_under_noise(rng: np.random.Generator) -> None:
+def test_a_stable_model_of_an_integrator_under_noise(rng) -> None:
     """Too high an order gives poles outside the unit circle, and a simulation that explodes."""
     truth = StateSpace(np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), 1.0)
     u = rng.standard_normal((300, 1))
@@ -248,7 +246,7 @@ def test_the_order_is_the_largest_gap() -> None:
     assert largest_gap(np.array([5.0, 2.0, 1e-14, 1e-19])) == 2  # rounding has no gaps
 
 
-def test_a_resampled_record_gives_the_same_model_without_noise(rng: np.random.Generator) -> None:
+def test_a_resampled_record_gives_the_same_model_without_noise(rng) -> None:
     truth = random_plant(rng)
     u = rng.standard_normal((600, 3))
     y = truth.simulate(u)
@@ -260,7 +258,7 @@ def test_a_resampled_record_gives_the_same_model_without_noise(rng: np.random.Ge
 
 @pytest.mark.parametrize("variant", ["open", "closed"])
 def test_a_record_in_pieces_is_the_record_at_once(
-    variant: str, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+    variant: str, monkeypatch: pytest.MonkeyPatch, rng
 ) -> None:
     """Gaps, rows that a bootstrap repeats, and pieces shorter than a window are wide."""
     plant = random_plant(rng)
@@ -277,22 +275,20 @@ def test_a_record_in_pieces_is_the_record_at_once(
     np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-9)
 
 
-def test_data_that_do_not_determine_a_model_are_refused(rng: np.random.Generator) -> None:
+def test_data_that_do_not_determine_a_model_are_refused(rng) -> None:
     truth = random_plant(rng)
     u = rng.standard_normal((600, 3))
     y = truth.simulate(u)
-    with pytest.raises(IdentificationError, match="got 12 windows"):
-        identify_innovations(y[:40], u[:40], 8, 20, 6, "open")
-    with pytest.raises(IdentificationError, match="windows of data, expected at least"):
-        identify_innovations(y[:60], u[:60], 8, 20, 6, "closed")
-    idle = u * [1.0, 0.0, 1.0]
-    with pytest.raises(IdentificationError, match="input 2 does not vary: got 0"):
-        identify_innovations(y, idle, 8, 10, 6, "closed")
-    constant = np.ones_like(u) + 1e-14 * u
-    with pytest.raises(IdentificationError, match="do not excite"):
-        identify_innovations(y, np.sin(np.arange(600))[:, None] * constant, 8, 10, 6, "open")
-    with pytest.raises(IdentificationError, match="output 2 does not vary: got 0"):
-        identify_innovations(y * [1.0, 0.0, 1.0], u, 8, 10, 6, "closed")
-    y[5, 1] = np.nan
-    with pytest.raises(IdentificationError, match="not finite"):
-        identify_innovations(y, u, 8, 10, 6, "closed")
+    idle, constant = u * [1.0, 0.0, 1.0], np.ones_like(u) + 1e-14 * u
+    lost = y.copy()
+    lost[5, 1] = np.nan
+    for message, data in (
+        ("got 12 windows", (y[:40], u[:40], 8, 20, 6, "open")),
+        ("windows of data, expected at least", (y[:60], u[:60], 8, 20, 6, "closed")),
+        ("input 2 does not vary: got 0", (y, idle, 8, 10, 6, "closed")),
+        ("do not excite", (y, np.sin(np.arange(600))[:, None] * constant, 8, 10, 6, "open")),
+        ("output 2 does not vary: got 0", (y * [1.0, 0.0, 1.0], u, 8, 10, 6, "closed")),
+        ("not finite", (lost, u, 8, 10, 6, "closed")),
+    ):
+        with pytest.raises(IdentificationError, match=message):
+            identify_innovations(*data)

@@ -7,29 +7,24 @@ import numpy as np
 import pytest
 from sklearn.cross_decomposition import PLSRegression
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.kernel_pls import columns, output_moment
 from seatrial.models.identification.problem import lack_of_fit
 from seatrial.models.identification.surface_plsr import local_minima, whole_surface
+from tests.models.identification.known_results import diagnostics
 
 THESIS_MSE = (487.1, 825.1, 1372.2)  # Jervan (2020), Table 4.6: N^2, N^2, (Nm)^2
 SELECTED_MSE = (634.7, 894.2, 1563.2)  # Table 4.7
 
 
-@pytest.fixture(scope="session")
-def identifier(identifier):
-    """The estimators by themselves, without smoothing and physical constraints."""
-    return partial(identifier, lowpass_hz=None, inertia_factor=None)
-
-
-def diagnostics(found, name: str) -> list:
-    return [f for f in found.diagnostics if f.name == name]
+@pytest.fixture(scope="module")
+def of_thesis(estimator):
+    """of_thesis(option=value, ...) -> the identifier of the thesis: chosen on the test part."""
+    return partial(estimator, "surface_plsr", force="commanded", validation="test", bootstrap=None)
 
 
 @pytest.fixture(scope="module")
-def thesis(calm, identifier):
-    surface = identifier("surface_plsr", force="commanded", validation="test", bootstrap=None)
-    return surface.identify(calm.problem, np.random.default_rng(0))
+def thesis(calm, of_thesis):
+    return of_thesis().identify(calm.problem, np.random.default_rng(0))
 
 
 def test_the_whole_surface_is_stored(thesis) -> None:
@@ -48,11 +43,8 @@ def test_reaches_the_thesis(calm, thesis) -> None:
         assert min(surface) == pytest.approx(mse[k], rel=1e-9)
 
 
-def test_parsimony_costs_at_most_a_tenth(calm, identifier, thesis, rng) -> None:
-    sparing = identifier(
-        "surface_plsr", force="commanded", validation="test", selection="parsimonious",
-        bootstrap=None,
-    ).identify(calm.problem, rng)  # fmt: skip
+def test_parsimony_costs_at_most_a_tenth(calm, of_thesis, thesis, rng) -> None:
+    sparing = of_thesis(selection="parsimonious").identify(calm.problem, rng)
     rest = lack_of_fit(calm.problem.validation, sparing.model, "commanded")
     assert np.all(np.mean(rest**2, axis=0) <= SELECTED_MSE)
     for dof in ("surge", "sway", "yaw"):
@@ -71,15 +63,13 @@ def test_local_minima_are_lower_than_their_neighbours() -> None:
     assert local_minima(np.ones((3, 3))) == []
 
 
-def test_a_local_minimum_of_lower_order_is_a_candidate(lap, identifier) -> None:
+def test_a_local_minimum_of_lower_order_is_a_candidate(lap, of_thesis) -> None:
     """Jervan (2020), 4.5.1: a much lower order at almost the MSE of the minimum, as in sway."""
+    problem = lap("noise", 0).problem
     found = {
-        selection: identifier(
-            "surface_plsr", force="commanded", validation="test", selection=selection,
-            bootstrap=None,
-        ).identify(lap("noise", 0).problem, np.random.default_rng(0))
+        selection: of_thesis(selection=selection).identify(problem, np.random.default_rng(0))
         for selection in ("parsimonious", "local_minima")
-    }  # fmt: skip
+    }
     orders: dict[str, list[int]] = {"parsimonious": [], "local_minima": []}
     for dof in ("surge", "sway", "yaw"):
         surface = np.full((30, 30), np.nan)
@@ -118,15 +108,15 @@ def one_by_one(x: np.ndarray, y: np.ndarray, orders: range) -> dict[tuple[int, i
     return found
 
 
-def standard(calm, identifier) -> tuple:
-    surface = identifier("surface_plsr", force="commanded")
+def standard(calm, estimator) -> tuple:
+    surface = estimator("surface_plsr", force="commanded")
     problem = calm.problem
     z = columns(surface.samples(problem.training, problem.nominal, problem.thruster))
     return z, z.x[:, 1:] / z.beta
 
 
-def test_equals_scikit_learn_one_by_one(calm, identifier) -> None:
-    z, x = standard(calm, identifier)
+def test_equals_scikit_learn_one_by_one(calm, estimator) -> None:
+    z, x = standard(calm, estimator)
     moment = z.z.T @ z.z
     for k in range(3):
         ours = whole_surface(output_moment(moment, z.n_x, k), z.beta)
@@ -136,20 +126,18 @@ def test_equals_scikit_learn_one_by_one(calm, identifier) -> None:
             np.testing.assert_allclose(found, theta, atol=1e-7)
 
 
-def test_filtered_force_makes_the_fit_exact(calm, identifier, rng) -> None:
+def test_filtered_force_makes_the_fit_exact(calm, estimator, rng) -> None:
     # The force is identifiable to the last digits, single coefficients are not: while surge is
     # never backward ur and |u|r are one column, and the surface may keep either.
-    found = identifier("surface_plsr", force="filtered", bootstrap=None).identify(calm.problem, rng)
+    found = estimator("surface_plsr", force="filtered", bootstrap=None).identify(calm.problem, rng)
     training = calm.problem.training
     left = np.mean(np.square(lack_of_fit(training, found.model, "filtered")), axis=0)
     before = np.mean(np.square(lack_of_fit(training, calm.problem.nominal, "filtered")), axis=0)
     assert np.all(left < 1e-12 * before)
 
 
-def test_stages_add_up_and_never_make_it_worse(calm, identifier, thesis, rng) -> None:
-    staged = identifier(
-        "surface_plsr", force="commanded", validation="test", stages=3, bootstrap=None
-    ).identify(calm.problem, rng)
+def test_stages_add_up_and_never_make_it_worse(calm, of_thesis, thesis, rng) -> None:
+    staged = of_thesis(stages=3).identify(calm.problem, rng)
     total = staged.stages[0] + staged.stages[1] + staged.stages[2]
     np.testing.assert_allclose(total.theta, staged.residual.theta, atol=1e-9)
     np.testing.assert_allclose(staged.stages[0].theta, thesis.residual.theta, rtol=1e-12)
@@ -169,32 +157,18 @@ def test_stages_add_up_and_never_make_it_worse(calm, identifier, thesis, rng) ->
     assert training[-1] == pytest.approx(np.mean(rest[:, 0] ** 2), rel=1e-9)
 
 
-def test_nothing_to_learn_adds_nothing(lap, identifier, rng) -> None:
+def test_nothing_to_learn_adds_nothing(lap, estimator, rng) -> None:
     sailed = lap("noise", 0)
     training = sailed.problem.training
     noise = rng.standard_normal(training.nu.shape)
     fitted = sailed.truth.inverse(training.nu_dot, training.nu, training.attitude)
     training = replace(training, tau_actual=fitted + noise)
     problem = replace(sailed.problem, training=training, nominal=sailed.truth, thruster=None)
-    found = identifier("surface_plsr", force="actual", bootstrap=None).identify(problem, rng)
+    found = estimator("surface_plsr", force="actual", bootstrap=None).identify(problem, rng)
     assert [f.value for f in diagnostics(found, "selected_order")].count(0.0) >= 2
 
 
-def test_bootstrap_errors_are_of_the_terms_that_stay(lap, identifier, rng) -> None:
-    surface = identifier("surface_plsr", lowpass_hz=0.5, bootstrap=50)
+def test_bootstrap_errors_are_of_the_terms_that_stay(lap, estimator, rng) -> None:
+    surface = estimator("surface_plsr", lowpass_hz=0.5, bootstrap=50)
     found = surface.identify(lap("noise", 0).problem, rng)
     assert np.all((found.std_error > 0.0) == (found.residual.theta != 0.0))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"stages": 0}, "stages must be 1 to 10, got 0"),
-        ({"selection": "best"}, "selection: got 'best', expected one of minimum, "),
-        ({"validation": "peek"}, "validation: got 'peek'"),
-    ],
-)
-def test_options_are_checked_where_they_are_made(identifier, changes, message) -> None:
-    with pytest.raises(ConfigurationError) as caught:
-        identifier("surface_plsr", **changes)
-    assert message in str(caught.value)

@@ -80,7 +80,7 @@ def test_the_test_of_feedback_has_its_level() -> None:
     assert 1 <= np.count_nonzero(np.array(values) < 0.1) <= 18  # 99.5 % of binomial(100, 0.1)
 
 
-def test_without_noise_there_is_no_feedback_to_find(rng: np.random.Generator) -> None:
+def test_without_noise_there_is_no_feedback_to_find(rng) -> None:
     plant, u = random_plant(rng), rng.standard_normal((600, 3))
     assert feedback_p_value(record_of(plant.simulate(u), u), 10) == 1.0
     t = np.arange(600)[:, None]

@@ -7,21 +7,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from omegaconf import OmegaConf
 from scipy.interpolate import CubicSpline
 
 from seatrial.models.recording.consistency import consistency
-from seatrial.models.recording.diagnosis import Examination, RecordingDefect, changed, examine
+from seatrial.models.recording.diagnosis import Examination, changed, examine
 from seatrial.models.recording.preprocessing import without_sign_flips
-from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.sampling import original_rate
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
-from seatrial.runner.configuration.config import build_as
 from seatrial.runner.configuration.recording_map import options_of, reader_of
 from tests.data import DATA
+from tests.models.recording.test_file_set import reader
 
-CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 VELOCITY = {dof: f"{dof}_vel" for dof in ALL}
 RECORDINGS = ("surge-1", "sway-1", "heave-1", "random-1")
@@ -29,25 +26,12 @@ Mutilation = Callable[[pd.DataFrame], pd.DataFrame]
 BELUGA = DATA / "beluga"
 
 
-def recorded(path: Path) -> RecordedFile:
-    node = OmegaConf.merge(OmegaConf.load(CONF), {"path": str(path)})
-    file = build_as(object, OmegaConf.to_container(node), "excitation")
-    assert isinstance(file, RecordedFile)
-    return file
-
-
 def scaled(columns: tuple[str, ...], factor: float) -> Mutilation:
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        return table.assign(**{name: table[name] * factor for name in columns})
-
-    return change
+    return lambda table: table.assign(**{name: table[name] * factor for name in columns})
 
 
 def exchanged(first: str, second: str) -> Mutilation:
-    def change(table: pd.DataFrame) -> pd.DataFrame:
-        return table.assign(**{first: table[second], second: table[first]})
-
-    return change
+    return lambda table: table.assign(**{first: table[second], second: table[first]})
 
 
 def in_enu(table: pd.DataFrame) -> pd.DataFrame:
@@ -119,12 +103,6 @@ MUTILATIONS: dict[str, tuple[Mutilation, str, tuple[str, ...], str]] = {
 }  # fmt: skip
 
 
-def found(path: Path) -> tuple[RecordingDefect, ...]:
-    examination = examine(recorded(path), ALL)
-    assert examination is not None
-    return examination.problems
-
-
 @pytest.mark.data
 @pytest.mark.parametrize(
     "name",
@@ -139,7 +117,7 @@ def test_mutilated_recordings_are_named_with_their_cures(tmp_path: Path, name: s
     for mutilation, (change, kind, axes, cure) in MUTILATIONS.items():
         path = tmp_path / "mutilated.csv"
         change(table).to_csv(path, index=False)
-        problems = found(path)
+        problems = examine(reader(path=str(path)), ALL).problems
         right = len(problems) == 1 and problems[0].kind == kind and cure in problems[0].fix
         if not (right and set(problems[0].axes) == set(axes)):
             wrong.append((mutilation, [str(problem) for problem in problems]))
@@ -149,8 +127,7 @@ def test_mutilated_recordings_are_named_with_their_cures(tmp_path: Path, name: s
 @pytest.mark.data
 def test_recordings_as_they_are_have_no_problem() -> None:
     for name in RECORDINGS:
-        known = examine(recorded(BELUGA / f"{name}.csv"), ALL)
-        assert known is not None
+        known = examine(reader(path=f"{BELUGA}/{name}.csv"), ALL)
         assert (known.problems, known.questions) == ((), ()), name
 
 
@@ -231,9 +208,7 @@ PLANAR_MAP: dict[str, object] = {
 
 
 def examined(path: Path, **new: object) -> Examination:
-    known = examine(reader_of(path, options_of({**PLANAR_MAP, **new})), ("surge", "sway", "yaw"))
-    assert known is not None
-    return known
+    return examine(reader_of(path, options_of({**PLANAR_MAP, **new})), ("surge", "sway", "yaw"))
 
 
 def test_heading_is_the_same_wrapped_or_over_several_turns(tmp_path: Path) -> None:
@@ -271,10 +246,8 @@ def test_the_change_of_a_problem_mends_it(
     found = examined(path).problems
     together = {name: value for problem in found for name, value in problem.change.items()}
     assert together == {f"columns.{name}": value for name, value in change.items()}
-    reader = reader_of(path, options_of(dict(PLANAR_MAP)))
-    again = examine(changed(reader, together), ALL)
-    assert again is not None
-    assert again.problems == ()
+    mended = changed(reader_of(path, options_of(dict(PLANAR_MAP))), together)
+    assert examine(mended, ALL).problems == ()
 
 
 def test_a_factor_of_no_unit_is_a_question(tmp_path: Path) -> None:

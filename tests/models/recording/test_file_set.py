@@ -12,15 +12,15 @@ from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import blocks
 from seatrial.runner.configuration.config import build_as
+from seatrial.runner.configuration.recording_map import with_map
 
 CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 
 
 def reader(**options: Any) -> RecordedFile:
-    node = OmegaConf.merge(OmegaConf.load(CONF), options)
-    made = build_as(object, OmegaConf.to_container(node), "excitation")
-    assert isinstance(made, RecordedFile)
-    return made
+    """The reader of conf/excitation/recording.yaml with options, and those of their map."""
+    node = OmegaConf.to_container(OmegaConf.merge(OmegaConf.load(CONF), options))
+    return build_as(RecordedFile, with_map(node), "excitation")
 
 
 def ramp(path: Path, slope: float, offset: float, n: int = 50, period: float = 0.1) -> Path:
@@ -46,7 +46,6 @@ def test_nothing_is_differentiated_over_a_joint(runs: Path) -> None:
     recording = reader(train=[str(runs / "run[01].csv")], test=files(runs, "run2", "run3")).read(
         ("surge",)
     )
-    assert recording.file is not None
     assert recording.file_names == ("run0.csv", "run1.csv", "run2.csv", "run3.csv")
     assert np.bincount(recording.file).tolist() == [50, 60, 70, 80]
     np.testing.assert_allclose(recording.nu_dot, recording.tau, atol=1e-9)
@@ -84,7 +83,6 @@ def test_training_and_test_files_and_the_window_before_a_free_run(runs: Path) ->
 
 def test_folds_are_files(runs: Path) -> None:
     recording = reader(train=[str(runs / "*.csv")]).read(("surge",))
-    assert recording.file is not None
     for split, number in zip(recording.folds(10), range(4), strict=True):
         np.testing.assert_array_equal(split.test, recording.file == number)
         np.testing.assert_array_equal(split.train, recording.file != number)

@@ -159,16 +159,26 @@ def test_parquet(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("compressed", [False, True])
 def test_matlab_5(tmp_path: Path, compressed: bool) -> None:
-    t = np.linspace(0.0, 1.0, 50)
-    log = {"time": t[:20], "gps": {"pos": np.arange(60.0).reshape(20, 3)}, "name": "run 1"}
-    path = tmp_path / "a.mat"
-    variables = {"t": t, "nu": np.vstack([t, 2.0 * t]), "log": log, "rate": 10.0}
+    """Structures and the cells of runs are sources of their own; text is no column."""
+    t, path = np.linspace(0.0, 1.0, 50), tmp_path / "a.mat"
+    runs = np.empty(2, dtype=object)
+    runs[:] = [{"t": np.arange(10.0 + i), "x": np.arange(10.0 + i)} for i in range(2)]
+    variables = {
+        "t": t, "nu": np.vstack([t, 2.0 * t]), "rate": 10.0, "note": "hi", "runs": runs,
+        "log": {"time": t[:20], "gps": {"pos": np.arange(60.0).reshape(20, 3)}, "name": "run 1"},
+        "each": np.array([(1.0, 2.0), (3.0, 4.0)], dtype=[("a", "O"), ("b", "O")]),
+    }  # fmt: skip
     scipy.io.savemat(path, variables, do_compression=compressed)
     sources = read_sources(path, ReadOptions())
-    assert set(sources) == {"a", "log"}
-    np.testing.assert_array_equal(sources["a"].columns["t"], t)
-    np.testing.assert_array_equal(sources["a"].columns["nu[1]"], 2.0 * t)
-    np.testing.assert_array_equal(sources["log"].columns["gps.pos[2]"], np.arange(2.0, 60.0, 3.0))
+    assert set(sources) == {"a", "log", "each", "runs/1", "runs/2"}
+    assert next(iter(sources.values())).left_out == (
+        "rate: single values, no columns", "note, log.name: text, no columns",
+    )  # fmt: skip
+    for source, name, values in (
+        ("a", "t", t), ("a", "nu[1]", 2.0 * t), ("log", "gps.pos[2]", np.arange(2.0, 60.0, 3.0)),
+        ("runs/1", "x", np.arange(10.0)), ("runs/2", "x", np.arange(11.0)), ("each", "b", [2, 4]),
+    ):  # fmt: skip
+        np.testing.assert_array_equal(sources[source].columns[name], values)
 
 
 def test_matlab_5_with_an_object(tmp_path: Path) -> None:
@@ -197,10 +207,19 @@ def test_matlab_7_3(tmp_path: Path) -> None:
         stored["log/u"] = t[None, :20]
         stored["word"] = np.array([[114, 117, 110]], dtype=np.uint16)
         stored["word"].attrs["MATLAB_class"] = np.bytes_("char")
+        stored["series"] = np.zeros((1, 6), np.uint32)
+        stored["series"].attrs["MATLAB_class"] = np.bytes_("timeseries")
+        cell = stored.create_dataset("runs", (2, 1), dtype=h5py.ref_dtype)
+        for i in range(2):
+            stored[f"#refs#/{i}/t"] = stored[f"#refs#/{i}/x"] = np.arange(10.0 + i)[None]
+            cell[i, 0] = stored[f"#refs#/{i}"].ref
     sources = read_sources(tmp_path / "a.mat", ReadOptions())
-    assert set(sources) == {"a", "log"}
+    assert set(sources) == {"a", "log", "runs/1", "runs/2"}
     assert set(sources["a"].columns) == {"t", "nu[0]", "nu[1]"}
     np.testing.assert_array_equal(sources["log"].columns["u"], t[:20])
+    np.testing.assert_array_equal(sources["runs/2"].columns["x"], np.arange(11.0))
+    left_out = next(iter(sources.values())).left_out
+    assert "series: objects of class timeseries, no columns" in left_out
 
 
 def ulog(values: list[tuple[int, float]]) -> bytes:
@@ -351,30 +370,6 @@ def test_text_of_gliders(tmp_path: Path) -> None:
 
 
 # Files of programs
-
-
-def test_matlab_cells_of_runs_and_what_is_no_column(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
-    runs = np.empty(2, dtype=object)
-    runs[:] = [{"t": np.arange(10.0 + i), "x": np.arange(10.0 + i)} for i in range(2)]
-    each = np.array([(1.0, 2.0), (3.0, 4.0)], dtype=[("a", "O"), ("b", "O")])
-    scipy.io.savemat(tmp_path / "a.mat", {"runs": runs, "each": each, "note": "hi"})
-    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as stored:
-        cell = stored.create_dataset("runs", (2, 1), dtype=h5py.ref_dtype)
-        for i in range(2):
-            stored[f"#refs#/{i}/t"] = stored[f"#refs#/{i}/x"] = np.arange(10.0 + i)[None]
-            cell[i, 0] = stored[f"#refs#/{i}"].ref
-        stored["log"] = np.zeros((1, 6), np.uint32)
-        stored["log"].attrs["MATLAB_class"] = np.bytes_("timeseries")
-    for name, reason in (
-        ("a", "note: text, no columns"), ("b", "log: objects of class timeseries, no columns"),
-    ):  # fmt: skip
-        sources = read_sources(tmp_path / f"{name}.mat", ReadOptions())
-        assert [len(sources[f"runs/{i}"]) for i in (1, 2)] == [10, 11]
-        np.testing.assert_array_equal(sources["runs/2"].columns["x"], np.arange(11.0))
-        assert next(iter(sources.values())).left_out == (reason,)
-    sources = read_sources(tmp_path / "a.mat", ReadOptions())
-    np.testing.assert_array_equal(sources["each"].columns["b"], [2.0, 4.0])
 
 
 def test_workbooks(tmp_path: Path) -> None:

@@ -6,16 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.units import froude_factor
 from seatrial.runner.commands.data_convert import write_recording
 from seatrial.runner.configuration import recording_map
-from seatrial.runner.configuration.config import build_as
-from tests.models.recording.test_file_set import CONF
+from tests.models.recording.test_file_set import reader
 
 DOFS = ("surge", "sway", "yaw")
 MAP = {
@@ -48,18 +44,6 @@ def mapped(path: Path, content: dict[str, Any]) -> Path:
     return path
 
 
-def reader(**options: Any) -> RecordedFile:
-    node = recording_map.with_map({**yaml.safe_load(CONF.read_text()), **options})
-    result = build_as(object, node, "excitation")
-    assert isinstance(result, RecordedFile)
-    return result
-
-
-def loads(recording: Recording) -> NDArray[np.float64]:
-    assert recording.loads is not None
-    return recording.loads
-
-
 @pytest.mark.parametrize(
     ("unit", "power"),
     [
@@ -82,7 +66,7 @@ def test_a_ship_is_read_as_its_model(tmp_path: Path) -> None:
     read = reader(path=str(written(tmp_path / "s.csv", ship)), map=str(of_ship)).read(DOFS)
     for name in ("t", "eta", "nu", "nu_dot", "inputs", "loads"):
         np.testing.assert_allclose(getattr(read, name), getattr(model, name), rtol=1e-9, atol=1e-9)
-    assert loads(model)[10, 0] == pytest.approx(1000.0)
+    assert model.loads[10, 0] == pytest.approx(1000.0)
 
 
 def test_a_shaft_speed_without_a_unit_cannot_be_scaled(tmp_path: Path) -> None:
@@ -102,11 +86,10 @@ def test_files_that_are_tested_on_have_a_map_of_their_own(tmp_path: Path) -> Non
     second = written(tmp_path / "b.csv", MODEL, NAMES[:-1])
     options = {"train": [str(first)], "test": [str(second)], "map": str(maps[0])}
     recording = reader(**options, test_map=str(maps[1])).read(DOFS)
-    assert recording.inputs is not None
     np.testing.assert_allclose(recording.inputs[60:, 0], -recording.inputs[:60, 0])
     assert recording.load_names == ("propeller.thrust",)
-    assert np.all(np.isfinite(loads(recording)[:60]))
-    assert np.all(np.isnan(loads(recording)[60:]))
+    assert np.all(np.isfinite(recording.loads[:60]))
+    assert np.all(np.isnan(recording.loads[60:]))
     with pytest.raises(RecordingError, match="no column 'T'"):
         reader(**options).read(DOFS)
     with pytest.raises(ConfigurationError, match=r"test_map is of files of excitation\.test"):
@@ -119,4 +102,4 @@ def test_loads_are_stored_with_the_recording(tmp_path: Path) -> None:
     write_recording(recording, tmp_path / "m.parquet", {})
     stored = recording_map.reader_of(tmp_path / "m.parquet", {}).read(DOFS)
     assert stored.load_names == recording.load_names
-    np.testing.assert_array_equal(loads(stored), loads(recording))
+    np.testing.assert_array_equal(stored.loads, recording.loads)

@@ -64,25 +64,22 @@ def _said(titles: str, wanted: tuple[str, ...] = (), **units: str) -> Proposal:
 
 def test_inputs_have_the_names_of_the_vessel() -> None:
     acting = "psi=psi; RPM=n*60; Helm=delta; rudder_cmd=T; tau_x=X; thr_left=T; thr_right=pwm"
-    assert _said(acting, ("delta", "n")).map["inputs"] == {
-        "delta": "Helm",
-        "n": {"column": "RPM", "unit": "rpm"},
-    }
-    assert "force" not in _said(acting, ("delta", "n")).map
-    assert _said(acting, ("pwm_1", "pwm_2")).map["inputs"] == {
-        "pwm_1": "thr_left",
-        "pwm_2": "thr_right",
-    }
-    both = _said("psi=psi; n_prop=n; delta_rudder=delta", ("n", "delta")).map
-    assert both["inputs"] == {"n": "n_prop", "delta": "delta_rudder"}
-    assert _said("psi=psi; n_2=n; n_1=T", ("n_1", "n_2")).map["inputs"] == {
-        "n_1": "n_1",
-        "n_2": "n_2",
-    }
-    (question,) = _said("psi=psi; n_2=n; n_1=T", ("n",)).questions
-    assert "which column is the input n of the vessel? (n_2, n_1)" in question
-    (question,) = _said("psi=psi; delta=delta", ("delta", "n")).questions
-    assert "which column is the input n of the vessel? (no column looks like it)" in question
+    named, numbered = "psi=psi; n_prop=n; delta_rudder=delta", "psi=psi; n_2=n; n_1=T"
+    for titles, inputs in (
+        (acting, {"delta": "Helm", "n": {"column": "RPM", "unit": "rpm"}}),
+        (acting, {"pwm_1": "thr_left", "pwm_2": "thr_right"}),
+        (named, {"n": "n_prop", "delta": "delta_rudder"}),
+        (numbered, {"n_1": "n_1", "n_2": "n_2"}),
+    ):
+        found = _said(titles, tuple(inputs)).map
+        assert found["inputs"] == inputs
+        assert "force" not in found
+    for titles, wanted, columns in (
+        (numbered, ("n",), "n_2, n_1"),
+        ("psi=psi; delta=delta", ("delta", "n"), "no column looks like it"),
+    ):
+        (question,) = _said(titles, wanted).questions
+        assert f"which column is the input n of the vessel? ({columns})" in question
     forces = _said(acting)
     assert "inputs" not in forces.map
     assert any(line.startswith("look like inputs") and "RPM" in line for line in forces.left_out)

@@ -1,6 +1,5 @@
 """Columns of any frame, clock and sensor become poses and velocities of the vessel's origin."""
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,9 +67,7 @@ def _frame(motion: Motion) -> pd.DataFrame:
 def _read(folder: Path, frame: pd.DataFrame, columns: ColumnMap) -> tuple[Array, Array, Array]:
     """Time, pose and velocity, as the reader makes them of a file with these columns."""
     path = folder / "log.csv"
-    buffer = io.StringIO()
-    frame.to_csv(buffer, index=False)
-    path.write_text(buffer.getvalue(), encoding="utf-8")
+    frame.to_csv(path, index=False)
     signals = Reading(columns=columns).signals(path, read_sources(path, ReadOptions()), DOFS)
     table = signals.values
     return (

@@ -25,17 +25,17 @@ PLANAR = ("surge", "sway", "yaw")
 STAMPS = pd.Timestamp("2024-05-07 10:00:00") + pd.to_timedelta(T, unit="s")
 
 
-def read(folder: Path, reading: Reading, **table: Any) -> ReadSignals:
-    path = folder / "log.csv"
-    pd.DataFrame(table).to_csv(path, index=False)
-    sources = read_sources(path, ReadOptions())
-    return reading.signals(path, sources, PLANAR)
+def written(folder: Path, table: dict[str, Any]) -> dict[str, Source]:
+    pd.DataFrame(table).to_csv(folder / "log.csv", index=False)
+    return read_sources(folder / "log.csv", ReadOptions())
+
+
+def read(folder: Path, reading: Reading, *dofs: str, **table: Any) -> ReadSignals:
+    return reading.signals(folder / "log.csv", written(folder, table), dofs or PLANAR)
 
 
 def source_of(folder: Path, table: dict[str, Any]) -> Source:
-    path = folder / "log.csv"
-    pd.DataFrame(table).to_csv(path, index=False)
-    (source,) = read_sources(path, ReadOptions()).values()
+    (source,) = written(folder, table).values()
     return source
 
 
@@ -60,7 +60,6 @@ def source_of(folder: Path, table: dict[str, Any]) -> Source:
 def test_times_as_loggers_write_them(title: str, values: object, tmp_path: Path) -> None:
     source = source_of(tmp_path, {"x": X, title: values})
     column = find_time(source)
-    assert column is not None
     assert column.name == title
     t = seconds(source, column)
     np.testing.assert_allclose(t - t[0], T, atol=2e-5)
@@ -72,7 +71,6 @@ def test_a_time_of_day_passes_midnight_and_a_date_may_stand_beside_it(tmp_path: 
     for names in (["Time", "x"], ["Date", "Time", "x"]):
         source = source_of(tmp_path, {name: table[name] for name in names})
         column = find_time(source)
-        assert column is not None
         t = seconds(source, column)
         np.testing.assert_allclose(t - t[0], T, atol=1e-5)
     assert find_time(source) == Column("Time", date="Date")
@@ -113,7 +111,6 @@ def test_clocks_that_disagree_are_named(tmp_path: Path) -> None:
     table = {"time": printed, "header_stamp_secs": whole, "header_stamp_nsecs": rest, "x": X}
     source = source_of(tmp_path, table)
     said = disagreement(source, Column("time"))
-    assert said is not None
     assert f"{np.sum(rest < 1e8)} of 600 rows" in said
     assert "columns.time: {column: header_stamp_secs, nanoseconds: header_stamp_nsecs}" in said
     for pace in (0.5, 5.0):  # named like a clock, but it counts something else
@@ -161,11 +158,7 @@ def test_units_by_the_map_then_the_title_then_what_stands_beside(tmp_path: Path)
         "t", position={"yaw": "heading_deg", "roll": "roll"}, velocity={"surge": "u"}
     )
     table = {"t": T, "heading_deg": np.degrees(PSI), "roll": 3.0 * np.sin(T), "u": U}
-    path = tmp_path / "log.csv"
-    pd.DataFrame(table).to_csv(path, index=False)
-    signals = Reading(columns=beside).signals(
-        path, read_sources(path, ReadOptions()), ("surge", "yaw")
-    )
+    signals = read(tmp_path, Reading(columns=beside), "surge", "yaw", **table)
     assert np.max(np.abs(signals.values["position.roll"])) < 0.06
 
 

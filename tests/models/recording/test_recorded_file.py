@@ -10,25 +10,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.runner.configuration.config import build_as
 from tests.data import DATA
+from tests.models.recording.test_file_set import reader
 
-CONF = Path(__file__).parents[3] / "conf" / "excitation" / "recording.yaml"
 PLANAR = ("surge", "sway", "yaw")
 ALL = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 BELUGA = DATA / "beluga"
 
 
 def excitation(path: Path | str | None, **options: Any) -> RecordedFile:
-    """The excitation as configured, with some options changed."""
-    node = OmegaConf.merge(OmegaConf.load(CONF), {"path": None if path is None else str(path)})
-    made = build_as(object, OmegaConf.to_container(OmegaConf.merge(node, options)), "excitation")
-    assert isinstance(made, RecordedFile)
-    return made
+    return reader(path=path and str(path), **options)
 
 
 def write(path: Path, columns: Mapping[str, Sequence[Any]]) -> Path:
@@ -95,7 +89,6 @@ def test_recorded_acceleration_and_acting_force(tmp_path: Path) -> None:
     maps = {"acceleration": {"surge": "acc"}, "actual_force": {"surge": "-act"}}
     recording = excitation(write(tmp_path / "a.csv", columns), columns=maps).read(("surge",))
     np.testing.assert_array_equal(recording.nu_dot, 7.0)
-    assert recording.tau_actual is not None
     np.testing.assert_array_equal(recording.tau_actual, -3.0)
 
 
@@ -191,11 +184,14 @@ def test_splits_of_a_file(tmp_path: Path) -> None:
         ({"path": "a\0b.csv"}, "expected one line of text"),
         ({"path": None, "train": ("",)}, ".train: got '', expected one line of text"),
         ({"start_s": 5.0, "end_s": 5.0}, ": start_s must lie before end_s = 5, got 5"),
+        ({"train_fraction": 0.0}, ": train_fraction must lie between 0 and 1, got 0"),
         ({"train_fraction": 1.0}, ": train_fraction must lie between 0 and 1, got 1"),
         ({"columns": {"ground": {"speed": "v"}}}, "ground: got speed, expected speed, course"),
         ({"training_trips": [1]}, ": training_trips requires trip_starts_s, got none"),
         ({"trip_starts_s": [0, 10], "training_trips": []}, "testing, got [] of trips [1, 2]"),
+        ({"trip_starts_s": [0, 9], "training_trips": [1, 2]}, "got [1, 2] of trips [1, 2]"),
         ({"trip_starts_s": [10, 0], "training_trips": [1]}, "must increase, got [10.0, 0.0]"),
+        ({"trip_starts_s": [9, 9], "training_trips": [1]}, "must increase, got [9.0, 9.0]"),
         ({"columns": {"velocity": {"sideways": "v"}}}, "got 'sideways', expected some of surge"),
         ({"columns": {"force": {"surge": "-"}}}, "force.surge: got '-', expected the name of a"),
     ],

@@ -8,15 +8,11 @@ import pytest
 from numpy.typing import NDArray
 
 from seatrial.models.recording.recording import Recording
-from tests.models.recording.test_froude import DOFS, mapped, reader
+from tests.models.recording.test_file_set import reader
+from tests.models.recording.test_froude import DOFS, mapped
+from tests.models.recording.test_froude import MAP as SHIP
 
-MAP = {
-    "time": "t",
-    "position": {"surge": "x", "sway": "y"},
-    "heading": {"column": "psi", "unit": "deg"},
-    "velocity": {"surge": "u", "sway": "v", "yaw": {"column": "r", "unit": "deg/s"}},
-    "inputs": {"n": "n"},
-}
+MAP = {**SHIP, "inputs": {"n": "n"}, "loads": {}}
 TRUE = {
     "speed": {"column": "speed", "unit": "knot"},
     "direction": {"column": "from", "unit": "deg"},
@@ -39,11 +35,6 @@ def recorded(path: Path, wind: Mapping[str, object], direction: NDArray[np.float
     return reader(path=str(path), map=str(content)).read(DOFS)
 
 
-def air(recording: Recording) -> NDArray[np.float64]:
-    assert recording.wind is not None
-    return recording.wind
-
-
 @pytest.mark.parametrize(
     ("from_deg", "expected"),
     [(90.0, (-1.0, 0.0)), (180.0, (0.0, -1.0)), (270.0, (1.0, 0.0)), (0.0, (0.0, 1.0))],
@@ -54,7 +45,7 @@ def test_a_true_wind_comes_from_its_direction(
     """The ship heads east: an easterly is ahead, a southerly from starboard, to port."""
     recording = recorded(tmp_path / "a.csv", TRUE, np.full(40, from_deg))
     np.testing.assert_allclose(
-        air(recording), np.tile(SPEED_KN * KNOT * np.array(expected), (40, 1)), atol=1e-12
+        recording.wind, np.tile(SPEED_KN * KNOT * np.array(expected), (40, 1)), atol=1e-12
     )
 
 
@@ -62,7 +53,7 @@ def test_what_is_felt_on_board_is_the_wind_minus_the_motion(tmp_path: Path) -> N
     """nu_q = nu - nu_w: the apparent wind from the bow has u_q = V, v_q = 0."""
     apparent = {**TRUE, "kind": "apparent"}
     recording = recorded(tmp_path / "a.csv", apparent, np.zeros(40))
-    through_air = recording.nu[:, :2] - air(recording)
+    through_air = recording.nu[:, :2] - recording.wind
     np.testing.assert_allclose(through_air[:, 0], SPEED_KN * KNOT)
     np.testing.assert_allclose(through_air[:, 1], 0.0, atol=1e-12)
 
@@ -74,4 +65,4 @@ def test_a_direction_is_resampled_across_north(tmp_path: Path) -> None:
     recorded(tmp_path / "a.csv", content, direction)
     file, own = tmp_path / "a.csv", tmp_path / "a.yaml"
     recording = reader(path=str(file), map=str(own), resample_hz=20).read(DOFS)
-    assert np.all(air(recording)[:, 1] > 0.99 * SPEED_KN * KNOT)
+    assert np.all(recording.wind[:, 1] > 0.99 * SPEED_KN * KNOT)
