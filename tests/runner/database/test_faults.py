@@ -66,9 +66,8 @@ def read_statuses(url: str) -> list[str]:
 
 
 def write_a_run(url: str) -> None:
-    with LogbookWriter.open(
-        url, results_dir=Path(url.removeprefix("sqlite:///")).parent
-    ) as logbook:
+    folder = Path(url.removeprefix("sqlite:///")).parent
+    with LogbookWriter.open(url, results_dir=folder) as logbook:
         logbook.finish_run(logbook.begin_run(make_start(2)).run_id, make_results())
 
 
