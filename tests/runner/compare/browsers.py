@@ -42,11 +42,11 @@ def open_page(browser: Any, page: Path, width: int, mobile: bool = False) -> Non
 def check_alone(text: str, attributes: str = "src|href|action|data") -> None:
     """A page names nothing outside in these, its ids are unique, and every reference is met."""
     loaded = re.findall(rf'(?:{attributes})\s*=\s*["\']?([^"\'> ]+)', text)
-    assert loaded
     assert all(link.startswith(("#", "data:")) for link in loaded)
     ids = re.findall(r'\sid="([^"]+)"', text)
     assert len(ids) == len(set(ids))
     references = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', text))
+    assert references
     assert {one or other for one, other in references} <= set(ids)
 
 

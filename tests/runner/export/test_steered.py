@@ -139,7 +139,7 @@ end
 
 
 @pytest.mark.parametrize(
-    ("names", "steps"), [(DIFFERENT, 100), pytest.param(STEERED, STEPS, marks=pytest.mark.nightly)]
+    ("names", "steps"), [(DIFFERENT, 50), pytest.param(STEERED, STEPS, marks=pytest.mark.nightly)]
 )
 def test_octave_sails_as_they_do(
     names: tuple[str, ...], steps: int, tmp_path: Path, subtests: pytest.Subtests
