@@ -1,5 +1,6 @@
 """A real browser for the tests of pages, and what they do with it."""
 
+import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,6 +37,17 @@ def open_page(browser: Any, page: Path, width: int, mobile: bool = False) -> Non
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     browser.get_log("browser")
     browser.get(page.as_uri())
+
+
+def check_alone(text: str, attributes: str = "src|href|action|data") -> None:
+    """A page names nothing outside in these, its ids are unique, and every reference is met."""
+    loaded = re.findall(rf'(?:{attributes})\s*=\s*["\']?([^"\'> ]+)', text)
+    assert all(link.startswith(("#", "data:")) for link in loaded)
+    ids = re.findall(r'\sid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+    references = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', text))
+    assert references
+    assert {one or other for one, other in references} <= set(ids)
 
 
 def complaints(browser: Any) -> list[Any]:

@@ -32,21 +32,24 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def folder(plain: Path) -> Path:
-    """Folder of the logbook that `results` reads; a module may have its own."""
-    return plain
-
-
-@pytest.fixture
-def results(folder: Path) -> Iterator[Queries]:
-    with open_results(f"sqlite:///{folder}/results.db") as opened:
+def logbook(tmp_path: Path) -> Iterator[LogbookWriter]:
+    """An empty logbook in `tmp_path`, for a test to fill."""
+    with stored.logbook_at(tmp_path) as opened:
         yield opened
 
 
 @pytest.fixture
-def logbook(tmp_path: Path) -> Iterator[LogbookWriter]:
-    """An empty logbook in `tmp_path`, for a test to fill."""
-    with stored.logbook_at(tmp_path) as opened:
+def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Folder of the logbook that `results` reads: that which the test fills, else `plain`."""
+    if "logbook" in request.fixturenames:
+        request.getfixturevalue("logbook")
+        return tmp_path
+    return Path(request.getfixturevalue("plain"))
+
+
+@pytest.fixture
+def results(folder: Path) -> Iterator[Queries]:
+    with open_results(f"{folder}/results.db") as opened:
         yield opened
 
 

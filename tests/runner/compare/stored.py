@@ -1,7 +1,9 @@
 """Logbooks with known numbers in them, written as the runner writes them."""
 
+import re
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,20 @@ from seatrial.runner.compare.benchmark.task import cells, task_of
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunStart
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
-from seatrial.runner.record.vocabulary import GROUPS, Stream
+from seatrial.runner.record.vocabulary import GROUPS
+from tests.runner.database.samples import make_start
 
 PREDICTED = (6.1, 5.9, 6.4)  # tactical diameter and its interval, of the circle's model
 VESSEL = {"dofs": ["surge", "sway", "yaw"], "force_limits": [100.0, 100.0, 500.0]}
+UNITS = {  # of a column by its name: the first that matches
+    r"t": "s",
+    r"wind_(north|east)|u|v|(surge|sway).*": "m/s",
+    r"(tau|wind|residual)_.*yaw": "Nm",
+    r"(tau|wind|residual)_.*": "N",
+    r"(e_)?psi.*|delta.*": "rad",
+    r"(e_pos|x|y|clearance).*": "m",
+    r".*": "",
+}
 
 
 def logbook_at(folder: Path) -> LogbookWriter:
@@ -23,45 +35,26 @@ def logbook_at(folder: Path) -> LogbookWriter:
 
 
 def start(
-    identifier: str = "ls",
-    disturbance: str = "calm",
-    seed: int = 0,
-    vessel: str = "milliampere",
-    config: Mapping[str, Any] | None = None,
-    overrides: Sequence[str] = (),
-    evaluation: str = "replay",
-    code: str | None = None,
+    identifier: str = "ls", disturbance: str = "calm", seed: int = 0, **changes: Any
 ) -> RunStart:
     """A run's start; its fingerprint says all that is given here."""
-    whole = {
+    config = {
         "identifier": {"_target_": f"models.{identifier}", "force": "filtered"},
-        "plant": {"scale": 0.5},
-        "seed": seed,
-        "lap": True,
-        "lowpass_hz": None,
-    }
-    whole |= config or {}
-    told = f"{identifier} {disturbance} {vessel} {evaluation} {code}"
-    unseeded = {key: value for key, value in whole.items() if key != "seed"}
-    experiment = f"{told} {sorted(unseeded.items(), key=str)}"
-    told += f" {seed} {sorted(whole.items(), key=str)}"
-    return RunStart(
-        fingerprint=sha256(told.encode()).hexdigest(),
-        vessel=vessel,
-        disturbance=disturbance,
-        excitation="waypoints",
+        "plant": {"scale": 0.5}, "lap": True, "lowpass_hz": None, **changes.pop("config", {}),
+    }  # fmt: skip
+    overrides = changes.pop("overrides", [f"identifier={identifier}", f"seed={seed}"])
+    told = f"{identifier} {disturbance} {sorted(changes.items())} {sorted(config.items())}"
+    return make_start(
+        seed,
+        fingerprint=sha256(f"{told} {seed}".encode()).hexdigest(),
+        experiment=sha256(told.encode()).hexdigest(),
         identifier=identifier,
-        controller="pid",
-        evaluation=evaluation,
-        seed=seed,
-        config=whole,
-        overrides=overrides or [f"identifier={identifier}", f"seed={seed}"],
+        disturbance=disturbance,
+        config=config | {"seed": seed},
+        overrides=overrides,
         git_commit="0123456789abcdef",
         git_dirty=True,
-        versions={"python": "3.11.7", "numpy": "2.4.6"},
-        command=f"python -m runner identifier={identifier}",
-        code=code,
-        experiment=sha256(experiment.encode()).hexdigest(),
+        **changes,
     )
 
 
@@ -94,31 +87,33 @@ def deployed(name: str, value: float, model: str = "identified", dof: str = "all
 
 
 def coefficient(
-    term: str,
-    value: float,
-    error: float | None,
-    truth: float | None,
-    dof: str = "surge",
+    term: str, value: float, error: float | None, truth: float | None, dof: str = "surge",
     unit: str = "kg",
-) -> Coefficient:
+) -> Coefficient:  # fmt: skip
     return Coefficient("identified", dof, term, value, error, truth, unit)
+
+
+def series(kind: str, columns: Mapping[str, Any]) -> Series:
+    """Columns with the units of their names."""
+    units = {
+        name: next(unit for pattern, unit in UNITS.items() if re.fullmatch(pattern, name))
+        for name in columns
+    }
+    return Series(kind, columns, units)
 
 
 def finish(
     logbook: LogbookWriter,
     begin: RunStart,
-    metrics: Sequence[Metric] = (),
-    coefficients: Sequence[Coefficient] = (),
-    diagnostics: Sequence[Diagnostic] = (),
-    series: Sequence[Series] = (),
-    rerun: bool = False,
-    drawn: Sequence[Stream] | None = None,
+    *results: Any,
     sweep: int | None = None,
+    rerun: bool = False,
+    **more: Any,
 ) -> int:
+    """Store a run with `Results(*results, **more)`; returns its number."""
     begun = logbook.begin_run(begin, sweep, rerun=rerun)
     assert begun.state == "new"
-    results = Results(metrics, coefficients, diagnostics, series, drawn=drawn)
-    logbook.finish_run(begun.run_id, results)
+    logbook.finish_run(begun.run_id, Results(*results, **more))
     return begun.run_id
 
 
@@ -159,54 +154,43 @@ def fill_plain(logbook: LogbookWriter) -> None:
 def fill_sailed(logbook: LogbookWriter) -> None:
     """Nine runs of a sweep, with everything that a figure can show."""
     sweep = logbook.begin_sweep("sailed", "seatrial -m", [], 9)
-    for seed in range(2):
-        for identifier in ("ls", "plsr"):
-            finish(
-                logbook,
-                start(identifier, "constant", seed, config={"vessel": VESSEL}),
-                [force_mse(400.0 + seed, dof) for dof in ("surge", "sway", "yaw")],
-                _coefficients(seed),
-                [*(_orders(seed) if identifier == "plsr" else []), *_excitation()],
-                [_recording(), _residual(), _voyage("nominal", 0.5), _voyage("identified", 0.1)],
-                sweep=sweep,
-            )
+    for seed, identifier in product(range(2), ("ls", "plsr")):
+        finish(
+            logbook,
+            start(identifier, "constant", seed, config={"vessel": VESSEL}),
+            [force_mse(400.0 + seed, dof) for dof in ("surge", "sway", "yaw")],
+            _coefficients(seed),
+            [*(_orders(seed) if identifier == "plsr" else []), *_excitation()],
+            [_recording(), _residual(), _voyage("nominal", 0.5), _voyage("identified", 0.1)],
+            sweep=sweep,
+        )
     truth = [coefficient("u_dot", 1200.0, None, 1200.0), coefficient("u", 10.0, None, 10.0)]
-    finish(logbook, start("nsga2", "calm"), coefficients=truth, diagnostics=_pareto(), sweep=sweep)
-    finish(logbook, start("surface", "calm"), diagnostics=_surface(), sweep=sweep)
-    finish(
-        logbook, start("dsr", "calm"), diagnostics=_spectrum(), series=[_recording()], sweep=sweep
-    )
-    finish(
-        logbook,
-        start("iv", "calm"),
-        diagnostics=_mix(),
-        series=[_prediction(), *_planned()],
-        sweep=sweep,
-    )
     turn = {"vessel": {"length_m": 10.0}, "excitation": {"manoeuvre": "turn", "helm": "delta"}}
     value, *bounds = PREDICTED
-    finish(
-        logbook, start("none", "calm", config=turn), series=[circle()], sweep=sweep,
-        metrics=[
-            Metric("validation", "identified", "all", "manoeuvre_tactical_diameter", value, "L")
-        ],
-        diagnostics=[
-            Diagnostic(f"manoeuvre_{name}", "all", bound, "L", label="tactical diameter")
-            for name, bound in zip(("low", "high"), bounds, strict=True)
-        ],
-    )  # fmt: skip
+    diameter = Metric("validation", "identified", "all", "manoeuvre_tactical_diameter", value, "L")
+    interval = [
+        Diagnostic(f"manoeuvre_{name}", "all", bound, "L", label="tactical diameter")
+        for name, bound in zip(("low", "high"), bounds, strict=True)
+    ]
+    for begin, results in (
+        (start("nsga2"), Results(coefficients=truth, diagnostics=_pareto())),
+        (start("surface"), Results(diagnostics=_surface())),
+        (start("dsr"), Results(diagnostics=_spectrum(), series=[_recording()])),
+        (start("iv"), Results(diagnostics=_mix(), series=[_prediction(), *_planned()])),
+        (start("none", config=turn), Results([diameter], (), interval, [circle()])),
+    ):
+        logbook.finish_run(logbook.begin_run(begin, sweep).run_id, results)
 
 
 def _excitation() -> list[Diagnostic]:
     """Of surge one pair of terms cannot be told apart."""
-    numbers = {"regressor_rank": (2.0, 2.0), "regressor_unknowns": (3.0, 2.0)}
-    numbers["spectral_lines"] = (1.0, 1.0)
-    found = [
-        Diagnostic(name, dof, value)
-        for name, values in numbers.items()
-        for dof, value in zip(("surge", "yaw"), values, strict=True)
+    surge = {"regressor_rank": 2.0, "regressor_unknowns": 3.0, "spectral_lines": 1.0}
+    yaw = surge | {"regressor_unknowns": 2.0}
+    return [
+        *(Diagnostic(name, "surge", value) for name, value in surge.items()),
+        *(Diagnostic(name, "yaw", value) for name, value in yaw.items()),
+        Diagnostic("inseparable_terms", "surge", 2.0, i=0, label="u |u|u"),
     ]
-    return [*found, Diagnostic("inseparable_terms", "surge", 2.0, i=0, label="u |u|u")]
 
 
 def circle(radius_m: float = 30.0, speed_m_s: float = 2.0) -> Series:
@@ -217,9 +201,7 @@ def circle(radius_m: float = 30.0, speed_m_s: float = 2.0) -> Series:
     columns = {"t": t, "x": ahead + radius_m * np.sin(psi), "y": radius_m * (1.0 - np.cos(psi))}
     columns |= {"psi": psi, "u": np.full_like(t, speed_m_s), "v": np.zeros_like(t)}
     columns |= {"delta": np.radians(35.0) * (t > 9.95), "tau_surge": np.full_like(t, 90.0)}
-    units = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s"}
-    units |= {"delta": "rad", "tau_surge": "N"}
-    return Series("recording", columns, units)
+    return series("recording", columns)
 
 
 def _recording() -> Series:
@@ -233,9 +215,7 @@ def _recording() -> Series:
     angle = np.radians(np.full_like(t, 350.0) + 20.0 * np.sin(t))
     columns |= {"wind_north": 10.0 * np.cos(angle), "wind_east": 10.0 * np.sin(angle)}
     columns |= {"wind_surge": np.full_like(t, 30.0), "wind_yaw": np.full_like(t, -4.0)}
-    units = {name: "Nm" if "yaw" in name else "N" for name in columns}
-    units |= {"t": "s", "train": "", "x": "m", "y": "m", "psi": "rad"}
-    return Series("recording", columns, units | {"wind_north": "m/s", "wind_east": "m/s"})
+    return series("recording", columns)
 
 
 def _coefficients(seed: int) -> list[Coefficient]:
@@ -250,8 +230,7 @@ def _coefficients(seed: int) -> list[Coefficient]:
 
 def _orders(seed: int) -> list[Diagnostic]:
     found = []
-    for dof in ("surge", "yaw"):
-        unit = "N^2" if dof == "surge" else "(Nm)^2"
+    for dof, unit in (("surge", "N^2"), ("yaw", "(Nm)^2")):
         for order in range(1, 9):
             value = 3000.0 / order + 10.0 * (order - 4) ** 2 + seed
             found.append(Diagnostic("order_mse", dof, value, unit, i=order, label="blocked"))
@@ -262,12 +241,9 @@ def _orders(seed: int) -> list[Diagnostic]:
 def _residual() -> Series:
     t = np.arange(0.0, 100.0, 0.5)
     columns = {"t": t, "train": (t < 50.0).astype(float)}
-    units = {"t": "s", "train": ""}
-    for dof, unit in (("surge", "N"), ("yaw", "Nm")):
-        for model, size in (("nominal", 60.0), ("identified", 20.0)):
-            columns[f"residual_{model}_{dof}"] = size * np.sin(t / 5.0)
-            units[f"residual_{model}_{dof}"] = unit
-    return Series("residual", columns, units)
+    for dof, (model, size) in product(("surge", "yaw"), (("nominal", 60.0), ("identified", 20.0))):
+        columns[f"residual_{model}_{dof}"] = size * np.sin(t / 5.0)
+    return series("residual", columns)
 
 
 def _prediction() -> Series:
@@ -277,86 +253,72 @@ def _prediction() -> Series:
     columns = {"t": t, "start": start, "surge": u, "surge_identified": 0.9 * u}
     columns["surge_identified_std"] = np.full(len(t), 0.1)
     columns["surge_nominal"] = np.where(t < 80.0, 1.3 * u, np.nan)
-    velocities = list(columns)[2:]
     columns |= {"x": t, "x_identified": 1.1 * t, "x_identified_std": 0.1 * t}
-    units = dict.fromkeys(columns, "m") | dict.fromkeys(velocities, "m/s") | {"t": "s", "start": ""}
-    return Series("prediction", columns, units)
+    return series("prediction", columns)
 
 
 def _voyage(model: str, error: float) -> Series:
     t = np.arange(0.0, 200.0, 0.5)
     psi = 2.0 * np.pi * t / 200.0
-    columns = {
-        "t": t,
-        "x": (20.0 + error) * np.sin(psi),
-        "y": 30.0 - (30.0 + error) * np.cos(psi),
-        "psi": psi,
-        "x_d": 20.0 * np.sin(psi),
-        "y_d": 30.0 - 30.0 * np.cos(psi),
-        "e_pos": np.full_like(t, error),
-        "e_psi": 0.1 * error * np.cos(psi),
-        "wind_north": np.where(t < 100.0, 0.0, -8.0),
-        "wind_east": np.where(t < 100.0, 4.0, 0.0),
-    }
+    columns = {"t": t, "psi": psi, "x_d": 20.0 * np.sin(psi), "y_d": 30.0 - 30.0 * np.cos(psi)}
+    columns |= {"x": (20.0 + error) * np.sin(psi), "y": 30.0 - (30.0 + error) * np.cos(psi)}
+    columns |= {"e_pos": np.full_like(t, error), "e_psi": 0.1 * error * np.cos(psi)}
+    columns |= {"wind_north": np.where(t < 100.0, 0.0, -8.0)}
+    columns |= {"wind_east": np.where(t < 100.0, 4.0, 0.0)}
     columns |= {f"{name}_setpoint": columns[f"{name}_d"] for name in ("x", "y")}
     columns |= {"tau_surge": 50.0 * np.cos(psi), "tau_sway": np.full_like(t, 1e3 * error)}
     columns |= {"wind_surge": np.full_like(t, -30.0), "wind_sway": np.full_like(t, 40.0)}
-    units = dict.fromkeys(columns, "m") | {"t": "s", "psi": "rad", "e_psi": "rad"}
-    units |= {name: "N" for name in columns if name.startswith(("tau_", "wind_"))}
-    units |= {"wind_north": "m/s", "wind_east": "m/s"}
-    return Series(f"deployment_{model}", columns, units)
+    return series(f"deployment_{model}", columns)
 
 
 def _pareto() -> list[Diagnostic]:
     found = [Diagnostic("pareto_chosen", "all", 1.0, i=7)]
-    for point in range(20):
-        for j, (name, unit) in enumerate((("position MAE", "m"), ("velocity MAE", "m/s"))):
-            value = 0.1 + (point / 20.0 if j else 1.0 - point / 20.0) ** 2
-            found.append(
-                Diagnostic("pareto_objective", "all", value, unit, i=point, j=j, label=name)
-            )
+    for i, share in enumerate(np.arange(20) / 20.0):
+        for j, (way, what, unit) in enumerate(
+            ((1.0 - share, "position", "m"), (share, "velocity", "m/s"))
+        ):
+            value, label = 0.1 + way**2, f"{what} MAE"
+            found.append(Diagnostic("pareto_objective", "all", value, unit, i=i, j=j, label=label))
     return found
 
 
 def _surface() -> list[Diagnostic]:
-    found = [
-        Diagnostic("selected_order", "surge", 3.0),
-        Diagnostic("selected_variables", "surge", 6.0),
+    chosen = {"selected_order": 3.0, "selected_variables": 6.0}
+    errors = {
+        (i, j): 100.0 + 1e4 / i + 50.0 * (j - 6) ** 2 for i in range(1, 9) for j in range(i, 9)
+    }
+    return [
+        *(Diagnostic(name, "surge", value) for name, value in chosen.items()),
+        *(Diagnostic("surface_mse", "surge", v, "N^2", i=i, j=j) for (i, j), v in errors.items()),
     ]
-    for order in range(1, 9):
-        for variables in range(order, 9):
-            value = 100.0 + 1e4 / order + 50.0 * (variables - 6) ** 2
-            found.append(Diagnostic("surface_mse", "surge", value, "N^2", i=order, j=variables))
-    return found
 
 
 def _mix() -> list[Diagnostic]:
     """Two manoeuvres that are sailed, one that is not, and how the plan was kept to."""
     counts = {"zigzag_10": 2.0, "circle": 0.0, "multisine": 1.0}
-    found = [
-        Diagnostic("mix_count", "all", n, i=i, label=name)
-        for i, (name, n) in enumerate(counts.items())
-    ]
     kept = {"plan_deviation": 0.25, "sailed_clearance": 1.5}
-    return found + [Diagnostic(k, "all", v, "m") for k, v in kept.items()]
+    return [
+        *(
+            Diagnostic("mix_count", "all", n, i=i, label=k)
+            for i, (k, n) in enumerate(counts.items())
+        ),
+        *(Diagnostic(name, "all", value, "m") for name, value in kept.items()),
+    ]
 
 
 def _planned() -> list[Series]:
     """A path of two zig-zags, a multisine that is held out, passages; obstacles; as sailed."""
     t = np.arange(0.0, 80.0, 1.0)
     what = np.repeat([-1.0, 0.0, -1.0, 2.0, 0.0, -1.0, -1.0, -1.0], 10)
-    path = {"x": 5.0 + 0.4 * t, "y": 5.0 + 3.0 * np.sin(t / 9.0), "psi": 0.02 * t}
+    path = {"t": t, "x": 5.0 + 0.4 * t, "y": 5.0 + 3.0 * np.sin(t / 9.0), "psi": 0.02 * t}
     role = np.where(what == 2.0, 2.0, np.where(what == 0.0, 1.0, 0.0))
-    units = {"t": "s", "x": "m", "y": "m", "psi": "rad"}
-    plan = {"t": t, **path, "manoeuvre": what, "role": role}
     corners = np.array([[0, 0, -5], [0, 45, -5], [0, 45, 25], [0, 0, 25], [1, 10, 12], [1, 20, 12],
                         [1, 20, 20], [2, 30, -2], [2, 35, -2], [2, 35, 1]])  # fmt: skip
     waters = dict(zip(("polygon", "x", "y"), 1.0 * corners.T, strict=True))
-    waters["clearance"] = np.full(len(corners), 1.0)
     return [
-        Series("plan", plan, units | {"manoeuvre": "", "role": ""}),
-        Series("waters", waters, {"polygon": "", "x": "m", "y": "m", "clearance": "m"}),
-        Series("recording", {"t": t, **path, "tau_surge": np.sin(t)}, units | {"tau_surge": "N"}),
+        series("plan", path | {"manoeuvre": what, "role": role}),
+        series("waters", waters | {"clearance": np.full(len(corners), 1.0)}),
+        series("recording", path | {"tau_surge": np.sin(t)}),
     ]
 
 
@@ -377,13 +339,9 @@ def fill_benchmark(logbook: LogbookWriter) -> None:
     sweep = logbook.begin_sweep("benchmark_ferry_simulated", "seatrial benchmark", [], 3)
     for error, name in enumerate(("ls", "auto", "none")):
         cell = next(cells(task, [name]))
-        motion = rng.standard_normal((200, 3))
         columns = {"t": 0.1 * np.arange(200), "start": 1.0 * (np.arange(200) == 0)}
-        columns |= dict(zip(task.outputs, motion.T, strict=True))
-        predicted = motion + 0.1 * (error + 1)
-        names = [f"{dof}_identified" for dof in task.outputs]
-        columns |= dict(zip(names, predicted.T, strict=True))
-        series = Series("prediction", columns, dict.fromkeys(columns, ""))
-        begin = logbook.begin_run(start(name, overrides=cell.options), sweep)
-        logbook.finish_run(begin.run_id, Results(series=[series]))
+        for dof, motion in zip(task.outputs, rng.standard_normal((200, 3)).T, strict=True):
+            columns |= {dof: motion, f"{dof}_identified": motion + 0.1 * (error + 1)}
+        predicted = [series("prediction", columns)]
+        finish(logbook, start(name, overrides=cell.options), series=predicted, sweep=sweep)
     logbook.end_sweep(sweep)

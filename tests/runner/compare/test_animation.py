@@ -36,7 +36,7 @@ def steered(gain: float) -> Series:
     psi = 0.1 * np.cumsum(r)
     columns = {"t": T, "psi": psi, "r": r, "delta": delta, "n": np.full_like(T, 1.5)}
     columns |= {"x": 0.3 * np.cumsum(np.cos(psi)), "y": 0.3 * np.cumsum(np.sin(psi))}
-    return Series("recording", columns, dict.fromkeys(columns, ""))
+    return stored.series("recording", columns)
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +45,8 @@ def ship(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with stored.logbook_at(folder) as logbook:
         begin = stored.start("none", config={"vessel": VESSEL})
         stored.finish(logbook, begin, series=[steered(0.4)])
-        columns = {"t": T, "x": T, "psi": 0.0 * T}
-        series = Series("recording", columns, dict.fromkeys(columns, ""))
-        stored.finish(logbook, stored.start("none", seed=1), series=[series])
+        without = stored.series("recording", {"t": T, "x": T, "psi": 0.0 * T})
+        stored.finish(logbook, stored.start("none", seed=1), series=[without])
     return folder
 
 
@@ -69,7 +68,7 @@ def test_a_rudder_lies_to_the_side_to_which_the_ship_turns(gain: float) -> None:
 
 def test_thrusters_push_where_they_are_and_where_they_point() -> None:
     columns = {"t": T, "pwm_1": np.ones_like(T), "alpha_1": np.full_like(T, 0.5 * np.pi)}
-    series = Series("recording", columns, dict.fromkeys(columns, ""))
+    series = stored.series("recording", columns)
     inputs = {"pwm_1": {"low": -1.0, "high": 1.0}, "alpha_1": {"low": -3.2, "high": 3.2}}
     device = {"drive": "pwm_1", "alpha": "alpha_1", "x_m": 1.8, "y_m": -0.8}
     vessel = {"length_m": 5.0, "inputs": inputs, "devices": {"azimuth": device}}
@@ -80,10 +79,9 @@ def test_thrusters_push_where_they_are_and_where_they_point() -> None:
 
 
 def test_forces_share_a_scale_and_turn_with_the_hull() -> None:
-    units = {"t": "s", "tau_surge": "N", "tau_sway": "N"}
+    ahead = {"t": T, "tau_surge": 0.0 * T + 50.0}
     pair = [
-        Series("deployment", dict(zip(units, (T, 0 * T + 50, 0 * T + sway), strict=True)), units)
-        for sway in (500.0, 100.0)
+        stored.series("deployment", ahead | {"tau_sway": 0.0 * T + sway}) for sway in (500.0, 100.0)
     ]
     (first,), (second,) = parts_of(pair, {}, 10.0)
     body = first.end[7] - first.start[7]
@@ -135,21 +133,17 @@ def test_a_film_moves(
     assert len(pictures) == len(set(pictures)) == 6
 
 
-@pytest.mark.parametrize(
-    ("run", "name", "message"),
-    [
+def test_what_cannot_be_shown_is_refused_in_one_line(
+    program: Program, ship: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    for run, name, message in (
         ("1", "a.png", "expected the ending .html, .gif or .mp4"),
         ("1", "a.mp4", "needs the program ffmpeg"),
         ("999", "a.html", "999"),
         ("2", "a.html", "animate: run 2 has no y"),
-    ],
-)
-def test_what_cannot_be_shown_is_refused_in_one_line(
-    program: Program, ship: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    run: str, name: str, message: str,
-) -> None:  # fmt: skip
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    code, _, err = program("animate", run, *database(ship), "--to", tmp_path / name)
-    assert (code, len(err.splitlines())) == (2, 1)
-    assert message in err
-    assert not (tmp_path / name).exists()
+    ):
+        code, _, err = program("animate", run, *database(ship), "--to", tmp_path / name)
+        assert (code, len(err.splitlines())) == (2, 1)
+        assert message in err
+    assert list(tmp_path.iterdir()) == []

@@ -1,11 +1,9 @@
 """The audit names what misleads in a logbook, and nothing in one that does not."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.audit import HEADERS, audit, ranges
@@ -14,14 +12,7 @@ from seatrial.runner.compare.grid import Scalar, TextTable
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Metric
 from tests.runner.compare import stored
-
-Program = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def folder(logbook: LogbookWriter, tmp_path: Path) -> Path:
-    """What a test stores in `logbook` before it asks."""
-    return tmp_path
+from tests.runner.compare.conftest import Program
 
 
 def store(
@@ -162,14 +153,13 @@ def test_lost_runs_are_named_by_their_reason(logbook: LogbookWriter, results: Qu
 
 
 def test_run_numbers_are_shortened() -> None:
-    cases: list[tuple[list[int], int | None, str]] = [
+    for runs, most, text in (
         ([], None, ""),
         ([3, 1, 2, 2], None, "1-3"),
         ([1, 2, 4, 6, 7], None, "1-2, 4, 6-7"),
         ([1, 3, 5, 6], 2, "1, 3, … (4 runs)"),
         ([1, 3], 2, "1, 3"),
-    ]
-    for runs, most, text in cases:
+    ):
         assert ranges(runs, most) == text
 
 

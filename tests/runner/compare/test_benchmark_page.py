@@ -1,12 +1,12 @@
 """The page of the benchmark: what is on it, and that it loads nothing."""
 
-import re
 from pathlib import Path
 
 import pytest
 
 from seatrial.runner.commands import benchmark
 from seatrial.runner.compare.__main__ import run
+from tests.runner.compare.browsers import check_alone
 
 pytestmark = pytest.mark.slow
 TASK = """
@@ -61,9 +61,4 @@ def test_the_page_holds_everything_and_loads_nothing(page: Path) -> None:
         assert part in text
     figures = text.count("free run from the first measured state</figcaption>")
     assert figures == 3  # one of each case
-    loaded = re.findall(r'(?:src|action|data)\s*=\s*["\']?([^"\'> ]+)', text)
-    assert all(link.startswith(("#", "data:")) for link in loaded)
-    ids = re.findall(r'\sid="([^"]+)"', text)
-    assert len(ids) == len(set(ids))
-    references = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', text))
-    assert {one or other for one, other in references} <= set(ids)
+    check_alone(text, "src|action|data")

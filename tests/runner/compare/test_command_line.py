@@ -13,7 +13,8 @@ import pytest
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.cli import axes_of
 from seatrial.runner.compare.runs import repeat_command
-from seatrial.runner.database.engine import Address, file_url, parse
+from seatrial.runner.database import LogbookWriter
+from seatrial.runner.database.engine import file_url, parse
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 
@@ -33,32 +34,27 @@ def test_runs_lists_the_newest_first_and_failures_too(program: Program, plain: P
     assert "the newest 2; --limit shows more" in out
 
 
-def test_show_tells_all_about_a_run(program: Program, plain: Path) -> None:
+def test_show_tells_all_about_a_run_and_begins_with_what_came_of_it(
+    program: Program, plain: Path
+) -> None:
     code, out, _ = program("show", "4", *database(plain))
     assert code == 0
     for told in ("0123456789abcdef with uncommitted changes", "plant.scale", "force_mse", "u_dot"):
         assert told in out
-    code, out, _ = program("show", "4", *database(plain), "--format", "json")
-    metrics = next(part for part in json.loads(out) if part and "stage" in part[0])
-    assert metrics[0]["value"] == 50.0
-
-
-def test_show_begins_with_what_came_of_the_run(program: Program, plain: Path) -> None:
-    _, out, _ = program("show", "4", *database(plain))
     assert out.startswith("run 4, finished: ")
     places = [out.index(f"\n{title}\n") for title in ("metrics", "coefficients", "configuration")]
     assert places == sorted(places)
+    code, out, _ = program("show", "4", *database(plain), "--format", "json")
+    metrics = next(part for part in json.loads(out) if part and "stage" in part[0])
+    assert metrics[0]["value"] == 50.0
     assert program("show", "latest", *database(plain))[1].startswith("run 17, ")
 
 
 def test_show_traceback_of_a_failed_run_and_of_a_finished_one(
     program: Program, plain: Path
 ) -> None:
-    assert program("show", "14", *database(plain), "--traceback")[1].startswith("Traceback: here")
-    assert (
-        "run 1 is finished: no traceback"
-        in program("show", "1", *database(plain), "--traceback")[1]
-    )
+    for run, said in (("14", "Traceback: here"), ("1", "run 1 is finished: no traceback")):
+        assert program("show", run, *database(plain), "--traceback")[1].startswith(said)
 
 
 def test_show_command_repeats_the_run_into_the_same_logbook(program: Program, plain: Path) -> None:
@@ -69,19 +65,16 @@ def test_show_command_repeats_the_run_into_the_same_logbook(program: Program, pl
     ]
 
 
-def file(path: Path) -> Address:
-    return parse(file_url(path))
-
-
 def test_repeat_command_replaces_places_and_quotes_what_needs_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
     overrides = ["seed=1", "results_dir=/elsewhere", "database=postgresql", "rerun=false"]
-    here = repeat_command(overrides, file(tmp_path / "results" / "results.db"), rerun=False)
-    assert here == "python -m runner seed=1"
-    odd = repeat_command([], file(tmp_path / "my runs" / "it's.db"), rerun=False)
-    assert shlex.split(odd)[3:] == [
+    here, odd = (
+        parse(file_url(tmp_path / name)) for name in ("results/results.db", "my runs/it's.db")
+    )
+    assert repeat_command(overrides, here, rerun=False) == "python -m runner seed=1"
+    assert shlex.split(repeat_command([], odd, rerun=False))[3:] == [
         "results_dir='my runs'",
         "database.url='sqlite:///my runs/it\\'s.db'",
     ]
@@ -98,12 +91,9 @@ def test_repeat_command_replaces_places_and_quotes_what_needs_it(
 def test_table_and_sql_speak_every_format(program: Program, plain: Path) -> None:
     query = "SELECT identifier, count(*) AS n FROM run GROUP BY identifier ORDER BY n"
     for form in ("rich", "md", "csv", "latex", "json", "html"):
-        code, out, _ = program("sql", query, *database(plain), "--format", form)
-        assert code == 0
-        assert "plsr" in out
-        code, out, _ = program("table", *database(plain), "--format", form)
-        assert code == 0
-        assert "plsr" in out
+        for words in (("sql", query), ("table",)):
+            code, out, _ = program(*words, *database(plain), "--format", form)
+            assert (code, "plsr" in out) == (0, True), (words, form)
     _, out, _ = program("sql", query, *database(plain), "--format", "csv")
     assert out.splitlines()[:2] == ["identifier,n", "plsr,5"]
 
@@ -123,7 +113,12 @@ REFUSED = (
     (["show", "99"], "there is no run 99"),
     (["show", "first"], "got 'first', expected the number of a run, or latest"),
     (["show"], "Missing argument"),
-    (["plot", "pie"], "pie"),
+    (["plot", "pie"], "plot: got 'pie', expected one of bars, "),
+    (["plot", "no_such_module.figure"], "or the name of a module"),
+    (["plot", "seatrial.runner.pie"], "or the name of a module"),
+    (["plot", "controllers"], "controllers is gone: use plot response --rows controller"),
+    (["plot", "spectrum"], "spectrum is gone: use plot excitation"),
+    (["plot", "track", "--band", "90"], "--band: not an option of this figure, expected --run"),
     (["plot", "track"], "no finished run that matches has a series"),
     (["plot", "orders"], "has the diagnostic order_mse"),
     (["plot", "pareto"], "has the diagnostic pareto_objective"),
@@ -218,24 +213,49 @@ def test_the_command_that_show_prints_repeats_the_run_to_the_last_digit(
 
 
 def test_show_says_what_the_recording_can_tell_apart(program: Program, sailed: Path) -> None:
-    code, said, _ = program("show", "1", "--database", f"sqlite:///{sailed}/results.db")
+    code, said, _ = program("show", "1", *database(sailed))
     assert code == 0
     rows = [line.split() for line in said.splitlines() if "~" in line]
     assert rows == [["surge", "3", "2", "1", "u", "~", "|u|u"]]
 
 
 def test_show_says_how_uncertain_predictions_are_or_why_it_is_not_known(
-    program: Program, tmp_path: Path
+    program: Program, logbook: LogbookWriter, folder: Path
 ) -> None:
     said = [
         Diagnostic("model_error_lambda", "all", 0.0425),
         Diagnostic("no_band", "all", 1.0, label="models drawn about it diverge"),
         Diagnostic("condition_number", "all", 17.0),
     ]
-    with stored.logbook_at(tmp_path) as logbook:
-        stored.finish(logbook, stored.start("ls", "calm"), diagnostics=said)
-    code, shown, _ = program("show", "1", "--database", f"sqlite:///{tmp_path}/results.db")
+    stored.finish(logbook, stored.start("ls", "calm"), diagnostics=said)
+    code, shown, _ = program("show", "1", *database(folder))
     assert code == 0
     assert "0.0425" in shown
     assert "models drawn about it diverge" in shown
     assert "condition_number" not in shown
+
+
+def test_show_has_the_columns_of_a_measured_file_in_their_order(
+    program: Program, logbook: LogbookWriter, folder: Path
+) -> None:
+    """A simulated run has none."""
+    names = ("count", "mean", "std", "median", "minimum", "maximum")
+    values = {
+        "surge_vel": (7961.0, 0.04, 0.11, 0.02, -0.31, 0.27),
+        "force_x": (7961.0, 3.0, 9.0, 2.0, -30.0, 29.0),
+    }
+    found = [
+        Diagnostic(f"statistic_{name}", "all", value, i=i, label=column)
+        for i, (column, figures) in enumerate(values.items())
+        for name, value in zip(names, figures, strict=True)
+    ]
+    stored.finish(logbook, stored.start(), diagnostics=found)
+    stored.finish(logbook, stored.start(seed=1))
+    tables = json.loads(program("show", "1", *database(folder), "--format", "json")[1])
+    (rows,) = (table for table in tables if table and "median" in table[0])
+    assert [row["column"] for row in rows] == ["surge_vel", "force_x"]
+    assert rows[0] == {
+        "column": "surge_vel", "N": 7961, "mean": 0.04, "std": 0.11, "median": 0.02, "min": -0.31,
+        "max": 0.27,
+    }  # fmt: skip
+    assert "as measured" not in program("show", "2", *database(folder))[1]

@@ -1,26 +1,20 @@
 """Laws of a comparison: what counts, what is equal, what is best, and over which seeds."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
-from pathlib import Path
 
 import pytest
 
 from seatrial.runner.compare.cli import TableOptions
-from seatrial.runner.compare.frame import Queries, open_results
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import TextTable
 from seatrial.runner.compare.table import comparison
 from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
+from tests.runner.compare.test_comparison_table import record_of
 
 SEEDS = range(6)
 Values = Mapping[str, Sequence[float | None]]
-
-
-@pytest.fixture
-def results(logbook: LogbookWriter, tmp_path: Path) -> Iterator[Queries]:
-    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        yield opened
 
 
 @pytest.fixture
@@ -43,11 +37,6 @@ def table(results: Queries, **options: object) -> TextTable:
     return comparison(results, TableOptions(metric=["e_pos_mae"], **options))  # type: ignore[arg-type]
 
 
-def record(grid: TextTable, **levels: str) -> Mapping[str, object]:
-    (found,) = [r for r in grid.as_records() if levels.items() <= r.items()]
-    return found
-
-
 def best(grid: TextTable) -> set[object]:
     return {r["identifier"] for r in grid.as_records() if r["best"]}
 
@@ -59,7 +48,7 @@ def test_a_survivor_is_never_best_and_its_lost_pairs_count_as_lost(
     fill({"none": [1.0] * 6, "ls": [0.5] * 6, "plsr": survivor})
     grid = table(results, baseline=["identifier=none"], statistic=["median"])
     assert best(grid) == {"ls"}
-    lost = record(grid, identifier="plsr")
+    lost = record_of(grid, identifier="plsr")
     assert (lost["wins"], lost["pairs"], lost["lost_pairs"]) == (2, 2, 4)
     text = {row[0].text: row[1].text for row in grid.rows}
     assert text["plsr"].startswith("median 0.1500 (n=2, 4 failed)")  # the count beside the value
@@ -74,9 +63,8 @@ def test_a_number_that_a_method_cannot_have_loses_nothing(
         rows = [stored.tracking(1.0 + (identifier != "dsr"))]
         rows += [] if error is None else [stored.force_mse(error)]
         stored.finish(logbook, stored.start(identifier, "noise", seed), rows)
-    asked = TableOptions(metric=["force_mse"])
-    grid = comparison(results, asked)
-    (lacking,) = [r for r in grid.as_records() if r["identifier"] == "dsr"]
+    grid = comparison(results, TableOptions(metric=["force_mse"]))
+    lacking = record_of(grid, identifier="dsr")
     assert (lacking["not_applicable"], lacking["without_value"]) == (1, 0)
     assert best(grid) == {"ls"}  # though one of its trials has no such number
     assert best(table(results)) == {"dsr"}
@@ -117,7 +105,7 @@ def test_a_difference_below_the_resolution_or_a_millionth_is_none(
     worse, better = ([error - equal * factor for error in errors] for factor in (1.0, 3.0))
     fill({"none": errors, "ls": worse, "plsr": better})
     grid = table(results, baseline=["identifier=none"])
-    tied, won = (record(grid, identifier=name) for name in ("ls", "plsr"))
+    tied, won = (record_of(grid, identifier=name) for name in ("ls", "plsr"))
     assert (tied["wins"], tied["effect"], won["wins"], won["effect"]) == (0, 0.0, 6, 1.0)
     assert tied["p_value"] != tied["p_value"]  # nan: there is nothing to test
     assert best(table(results, where="identifier in (none, ls)")) == {"none", "ls"}
@@ -133,7 +121,7 @@ def test_levels_that_are_pooled_are_no_replicates(logbook: LogbookWriter, result
             row = stored.tracking(factor * (level + 0.1 * seed * drawn))
             stored.finish(logbook, begin, [row], drawn=["noise"] if drawn else [])
     pooled = table(results, columns="none", pool=["disturbance"], baseline=["identifier=none"])
-    own = record(pooled, identifier="ls")
+    own = record_of(pooled, identifier="ls")
     assert (own["n"], own["pairs"], own["wins"]) == (6, 6, 6)
     assert own["p_value"] == pytest.approx(2.0 / 2**6)  # of six signs, not of twelve
     assert own["mean"] == pytest.approx(0.5 * (2.0 + 0.25 * 2.0 / 3.0))
@@ -167,7 +155,7 @@ def test_p_values_of_a_table_are_corrected_for_their_number(
     worse = [1.0 + 0.1 * seed for seed in SEEDS]
     fill({"none": worse, **{name: [0.5 * v for v in worse] for name in ("ls", "plsr", "iv")}})
     grid = table(results, baseline=["identifier=none"])
-    own = record(grid, identifier="ls")
+    own = record_of(grid, identifier="ls")
     assert own["p_value"] == pytest.approx(2.0 / 2**6)
     assert own["p_holm"] == pytest.approx(6.0 / 2**6)
     assert own["effect"] == 1.0

@@ -4,8 +4,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -13,9 +12,10 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.formats import OutputFormat, render
-from seatrial.runner.compare.frame import Queries, open_results
+from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import TextTable
 from seatrial.runner.compare.table import comparison
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record import catalogue
 from seatrial.runner.record.catalogue import Definition
 from seatrial.runner.record.rows import Metric
@@ -36,19 +36,25 @@ def cells(grid: TextTable) -> dict[tuple[str, ...], str]:
     }
 
 
-def test_mean_deviation_and_count_over_seeds(results: Queries) -> None:
-    shown = cells(table(results))
-    assert shown["none", "calm"] == "102.0 ± 2.0 (n=3)"
-    assert shown["ls", "calm"] == "52.00 ± 2.6 (n=3)*"  # deviations -2, -1, 3: sqrt(14 / 2)
-    assert shown["none", "noise"] == "210.0 ± 10 (n=3)*"  # alone without a lost run
+def record_of(grid: TextTable, **levels: str) -> Mapping[str, object]:
+    """The record of the one cell with these levels."""
+    (found,) = [record for record in grid.as_records() if levels.items() <= record.items()]
+    return found
 
 
-def test_failed_diverged_and_missing_values_stand_beside_the_figure(results: Queries) -> None:
+def test_cells_are_those_worked_out_by_hand(results: Queries) -> None:
+    """Mean, deviation and count; what was lost; what is below the true model is never best."""
     grid = table(results)
-    shown = cells(grid)
-    assert shown["ls", "noise"] == "90.00 (n=1, 1 diverged, 1 failed)"
-    assert shown["plsr", "noise"] == "80.00 (n=1, 1 without value)"
-    assert any("1 diverged, 1 failed" in note for note in grid.notes)
+    assert cells(grid) == {
+        ("none", "calm"): "102.0 ± 2.0 (n=3)",
+        ("ls", "calm"): "52.00 ± 2.6 (n=3)*",  # deviations -2, -1, 3: sqrt(14 / 2)
+        ("plsr", "calm"): "41.00 ± 1.0 † (n=3)",
+        ("none", "noise"): "210.0 ± 10 (n=3)*",  # alone without a lost run
+        ("ls", "noise"): "90.00 (n=1, 1 diverged, 1 failed)",
+        ("plsr", "noise"): "80.00 (n=1, 1 without value)",
+    }
+    for said in ("1 diverged, 1 failed", "fits lag or feedback"):
+        assert any(said in note for note in grid.notes)
 
 
 def test_too_many_cells_are_refused_before_they_are_written(results: Queries) -> None:
@@ -56,12 +62,6 @@ def test_too_many_cells_are_refused_before_they_are_written(results: Queries) ->
     with pytest.raises(ConfigurationError, match=said):
         table(results, cells=5)
     assert len(cells(table(results, cells=6))) == 6
-
-
-def test_below_the_true_model_is_marked_and_never_best(results: Queries) -> None:
-    grid = table(results)
-    assert cells(grid)["plsr", "calm"] == "41.00 ± 1.0 † (n=3)"
-    assert any("fits lag or feedback" in note for note in grid.notes)
 
 
 def test_best_is_sought_among_rivals_under_equal_conditions(results: Queries) -> None:
@@ -85,9 +85,7 @@ def test_baseline_gives_ratio_wins_and_the_paired_test(results: Queries) -> None
     assert shown["none", "calm"].endswith("\nbaseline")
     assert shown["ls", "calm"].endswith("\n× 0.510, 3 pairs, won 3/3*")  # 52 / 102
     assert "won 1/2" in shown["plsr", "noise"]  # the number that is missing is a lost pair
-    record = next(
-        r for r in grid.as_records() if (r["identifier"], r["disturbance"]) == ("ls", "calm")
-    )
+    record = record_of(grid, identifier="ls", disturbance="calm")
     assert record["ratio"] == pytest.approx(52.0 / 102.0)
     assert (record["wins"], record["pairs"]) == (3, 3)
     assert math.isnan(float(record["p_value"] or 0.0))  # three pairs are too few
@@ -154,21 +152,19 @@ def test_coefficients_with_standard_errors_and_true_values(results: Queries) -> 
 
 
 def test_a_standard_error_is_of_the_estimate_unless_its_identifier_says_otherwise(
-    tmp_path: Path,
+    logbook: LogbookWriter, results: Queries
 ) -> None:
-    found = [stored.coefficient("u_dot", 1000.0, 3.0, 1050.0)]
-    with stored.logbook_at(tmp_path) as logbook:
-        for identifier, diagnostics in {
-            "iv": [stored.interval(False)], "ridge": [stored.interval(True)], "older": [],
-        }.items():  # fmt: skip
-            stored.finish(logbook, stored.start(identifier), (), found, diagnostics)
-        wider = [stored.coefficient("u_dot", 1000.0, 6.0, 1050.0)]
-        stored.finish(logbook, stored.start("iv", seed=1), (), wider, [stored.interval(False)])
-        bare = [stored.coefficient("u_dot", 1000.0, None, 1050.0)]
-        stored.finish(logbook, stored.start("none"), (), bare)
-    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
-        grid = table(results, coefficient=["u_dot"])
-        alone = table(results, coefficient=["u_dot"], where="identifier in (iv, none)")
+    for identifier, seed, error, diagnostics in (
+        ("iv", 0, 3.0, [stored.interval(False)]),
+        ("iv", 1, 6.0, [stored.interval(False)]),
+        ("ridge", 0, 3.0, [stored.interval(True)]),
+        ("older", 0, 3.0, []),
+        ("none", 0, None, []),
+    ):
+        found = [stored.coefficient("u_dot", 1000.0, error, 1050.0)]
+        stored.finish(logbook, stored.start(identifier, seed=seed), (), found, diagnostics)
+    grid = table(results, coefficient=["u_dot"])
+    alone = table(results, coefficient=["u_dot"], where="identifier in (iv, none)")
     ends = {key[0]: text.partition("\n")[2] for key, text in cells(grid).items()}
     assert {name: text.rstrip("*") for name, text in ends.items()} == {
         "iv": "se 4.7, true 1050",  # root mean square of 3 and 6
@@ -182,29 +178,27 @@ def test_a_standard_error_is_of_the_estimate_unless_its_identifier_says_otherwis
     assert not any("not of the coefficient" in note for note in alone.notes)
 
 
-def test_rounding_errors_are_neither_spread_nor_victory(tmp_path: Path) -> None:
-    with stored.logbook_at(tmp_path) as logbook:
-        for identifier, values in {"ls": (0.3, 0.1 + 0.2), "plsr": (0.3, 0.3)}.items():
-            for seed, value in enumerate(values):
-                stored.finish(
-                    logbook, stored.start(identifier, seed=seed), [stored.force_mse(value)]
-                )
-    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
-        assert {*cells(table(results)).values()} == {"0.3000 ± 0 (n=2, all equal)*"}
+def test_rounding_errors_are_neither_spread_nor_victory(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    for identifier, values in {"ls": (0.3, 0.1 + 0.2), "plsr": (0.3, 0.3)}.items():
+        for seed, value in enumerate(values):
+            begin = stored.start(identifier, seed=seed)
+            stored.finish(logbook, begin, [stored.force_mse(value)])
+    assert {*cells(table(results)).values()} == {"0.3000 ± 0 (n=2, all equal)*"}
 
 
-def test_a_repeated_run_counts_once_by_its_latest_finish(tmp_path: Path) -> None:
-    begin = stored.start("ls", "calm", 0)
-    with stored.logbook_at(tmp_path) as logbook:
-        stored.finish(logbook, begin, [stored.force_mse(10.0)])
-        stored.finish(logbook, begin, [stored.force_mse(20.0)], rerun=True)
-        begun = logbook.begin_run(begin, rerun=True)
-        logbook.fail_run(begun.run_id, "failed", "ValueError", "later failure", None)
-        mended = stored.start("plsr", "calm", 0)
-        stored.fail(logbook, mended)
-        stored.finish(logbook, mended, [stored.force_mse(30.0)])
-    with open_results(f"sqlite:///{tmp_path}/results.db") as results:
-        shown = cells(table(results))
+def test_a_repeated_run_counts_once_by_its_latest_finish(
+    logbook: LogbookWriter, results: Queries
+) -> None:
+    begin, mended = stored.start("ls"), stored.start("plsr")
+    stored.finish(logbook, begin, [stored.force_mse(10.0)])
+    stored.finish(logbook, begin, [stored.force_mse(20.0)], rerun=True)
+    begun = logbook.begin_run(begin, rerun=True)
+    logbook.fail_run(begun.run_id, "failed", "ValueError", "later failure", None)
+    stored.fail(logbook, mended)
+    stored.finish(logbook, mended, [stored.force_mse(30.0)])
+    shown = cells(table(results))
     assert shown == {("ls", "calm"): "20.00 (n=1)*", ("plsr", "calm"): "30.00 (n=1)"}
 
 
@@ -247,65 +241,59 @@ def test_machine_formats_hold_every_fact_at_full_precision(results: Queries) -> 
     assert from_csv[2]["unit"] == "N^2"
 
 
-def test_a_design_that_does_not_settle_marks_its_figures(tmp_path: Path) -> None:
+def test_a_design_that_does_not_settle_marks_its_figures(
+    logbook: LogbookWriter, results: Queries
+) -> None:
     """By run and model: the nominal design of `ls` is sound, its identified one is not."""
     radius = {"none": (0.9, 0.9), "ls": (0.9, 1.025), "plsr": (0.9, 0.95)}
-    with stored.logbook_at(tmp_path) as logbook:
-        for identifier, (nominal, identified) in radius.items():
-            found = [stored.tracking(1.0), stored.tracking(2.0, "nominal")]
-            found.append(stored.force_mse(5.0))
-            found.append(stored.deployed("spectral_radius", nominal, "nominal"))
-            found.append(stored.deployed("spectral_radius", identified))
-            tight = float(identifier == "plsr")
-            found.append(stored.deployed("infeasible_limits", tight, dof="sway"))
-            stored.finish(logbook, stored.start(identifier), found)
-    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        options = {"metric": ["e_pos_mae"], "dof": ["position"], "columns": "model"}
-        grid = table(opened, model=["all"], **options)
-        shown = {row[0].text: [cell.text for cell in row[1:]] for row in grid.rows}
-        assert shown["none"] == ["2.000 (n=1)", "1.000 (n=1)"]
-        assert shown["ls"] == ["2.000 (n=1)", "1.000 ‡ (n=1)"]
-        assert shown["plsr"] == ["2.000 (n=1)", "1.000 § (n=1)"]
-        assert any("spectral radius of 1 or more" in note for note in grid.notes)
-        assert any("infeasible_limits" in note for note in grid.notes)
-        flags = {(r["identifier"], r["model"]): r["unsettled"] for r in grid.as_records()}
-        assert [key for key, flag in flags.items() if flag] == [("ls", "identified")]
-        assert not any("‡" in cell.text for row in table(opened).rows for cell in row)
-        assert r"\ddag{}" in render(grid, OutputFormat.LATEX)
+    for identifier, (nominal, identified) in radius.items():
+        found = [stored.tracking(1.0), stored.tracking(2.0, "nominal"), stored.force_mse(5.0)]
+        found.append(stored.deployed("spectral_radius", nominal, "nominal"))
+        found.append(stored.deployed("spectral_radius", identified))
+        tight = float(identifier == "plsr")
+        found.append(stored.deployed("infeasible_limits", tight, dof="sway"))
+        stored.finish(logbook, stored.start(identifier), found)
+    options = {"metric": ["e_pos_mae"], "dof": ["position"], "columns": "model"}
+    grid = table(results, model=["all"], **options)
+    shown = {row[0].text: [cell.text for cell in row[1:]] for row in grid.rows}
+    assert shown["none"] == ["2.000 (n=1)", "1.000 (n=1)"]
+    assert shown["ls"] == ["2.000 (n=1)", "1.000 ‡ (n=1)"]
+    assert shown["plsr"] == ["2.000 (n=1)", "1.000 § (n=1)"]
+    assert any("spectral radius of 1 or more" in note for note in grid.notes)
+    assert any("infeasible_limits" in note for note in grid.notes)
+    flags = {(r["identifier"], r["model"]): r["unsettled"] for r in grid.as_records()}
+    assert [key for key, flag in flags.items() if flag] == [("ls", "identified")]
+    assert not any("‡" in cell.text for row in table(results).rows for cell in row)
+    assert r"\ddag{}" in render(grid, OutputFormat.LATEX)
 
 
-@pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Queries]:
+def test_bold_and_wins_are_what_the_catalogue_says_is_better(
+    logbook: LogbookWriter, results: Queries, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Metrics of parts from elsewhere: near 95 is good, high is good, and one nothing declares."""
     monkeypatch.setattr(catalogue, "_declared", dict(catalogue._declared))
     catalogue.register(Definition("coverage", ("validation",), "%", 95.0, "Coverage", "", note="N"))
     catalogue.register(Definition("vaf", ("validation",), "%", "higher", "VAF", ""))
+    names = ("coverage", "vaf", "speed")
     values = {
-        "none": {"coverage": (80.0, 99.0), "vaf": (60.0, 62.0), "speed": (1.0, 2.0)},
-        "ls": {"coverage": (94.0, 95.0), "vaf": (90.0, 92.0), "speed": (3.0, 4.0)},
-        "plsr": {"coverage": (99.0, 99.5), "vaf": (70.0, 61.0), "speed": (5.0, 6.0)},
+        "none": ((80.0, 99.0), (60.0, 62.0), (1.0, 2.0)),
+        "ls": ((94.0, 95.0), (90.0, 92.0), (3.0, 4.0)),
+        "plsr": ((99.0, 99.5), (70.0, 61.0), (5.0, 6.0)),
     }
-    with stored.logbook_at(tmp_path) as logbook:
-        for identifier, metrics in values.items():
-            for seed in (0, 1):
-                rows = [
-                    Metric("validation", "identified", "surge", name, by_seed[seed], "knots")
-                    for name, by_seed in metrics.items()
-                ]
-                stored.finish(logbook, stored.start(identifier, seed=seed), rows)
-    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        yield opened
-
-
-def test_bold_and_wins_are_what_the_catalogue_says_is_better(own: Queries) -> None:
-    """Of plsr against none: coverage 99, 99.5 against 80, 99; VAF 70, 61 against 60, 62."""
+    for identifier, of_names in values.items():
+        for seed, of_seed in enumerate(zip(*of_names, strict=True)):
+            rows = [
+                Metric("validation", "identified", "surge", name, value, "knots")
+                for name, value in zip(names, of_seed, strict=True)
+            ]
+            stored.finish(logbook, stored.start(identifier, seed=seed), rows)
     for name, best, won in (
         ("coverage", ["ls"], "won 1/2"), ("vaf", ["ls"], "won 1/2"), ("speed", [], None),
     ):  # fmt: skip
-        grid = table(own, metric=[name], columns="none")
+        grid = table(results, metric=[name], columns="none")
         assert [key[0] for key, text in cells(grid).items() if text.endswith("*")] == best
         assert "[knots]" in grid.title  # the stored unit
         assert ("N" in grid.notes) == (name == "coverage")
-        shown = cells(table(own, metric=[name], columns="none", baseline=["identifier=none"]))
+        shown = cells(table(results, metric=[name], columns="none", baseline=["identifier=none"]))
         (text,) = (text for key, text in shown.items() if key[0] == "plsr")
         assert (won in text) if won else ("won" not in text and "× 3.67" in text)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from seatrial.models.errors import ConfigurationError, PartError
+from seatrial.models.errors import PartError
 from seatrial.runner.compare import figures
 from seatrial.runner.compare.plots.request import PlotRequest
 from tests.runner.compare.conftest import Program
@@ -50,14 +50,6 @@ def test_a_figure_from_elsewhere_is_drawn_by_its_dotted_name(
     assert (code, "elsewhere_figures.empty has no FIGURE" in err) == (2, True)
 
 
-@pytest.mark.parametrize("name", ["pie", "no_such_module.figure", "seatrial.runner.pie"])
-def test_an_unknown_figure_is_refused_with_those_that_there_are(name: str) -> None:
-    with pytest.raises(
-        ConfigurationError, match=r"expected one of bars, .*, or the name of a module"
-    ):
-        figures.figure_of(name)
-
-
 def test_a_fault_in_a_module_from_elsewhere_is_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -70,18 +62,3 @@ def test_a_fault_in_a_module_from_elsewhere_is_its_own(
     (tmp_path / "faulty_figures" / "two.py").write_text("def drawings(*_):\n    return 1 / 0\n")
     with pytest.raises(PartError, match=r"faulty_figures\.two\.drawings: ZeroDivisionError: "):
         figures.drawings_of("faulty_figures.two")(None, PlotRequest())  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("controllers",), "controllers is gone: use plot response --rows controller"),
-        (("spectrum",), "spectrum is gone: use plot excitation"),
-        (("track", "--band", "90"), "--band: not an option of this figure, expected --run"),
-    ],
-)
-def test_what_a_figure_does_not_have_is_one_line(
-    program: Program, plain: Path, words: tuple[str, ...], said: str
-) -> None:
-    code, _, err = program("plot", *words, "--database", f"sqlite:///{plain}/results.db")
-    assert (code, err.count("\n"), said in err) == (2, 1, True), err

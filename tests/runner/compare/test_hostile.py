@@ -26,11 +26,12 @@ def named(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("named")
     with stored.logbook_at(folder) as logbook:
         for seed, name in enumerate(NAMES):
-            begin = stored.start(name, name, seed, name, {f"odd {name}": name}, overrides=[name])
+            config = {f"odd {name}": name}
+            begin = stored.start(name, name, seed, vessel=name, config=config, overrides=[name])
             terms = [stored.coefficient(name, 1.0, 0.1, 1.0)]
             warnings = [Diagnostic("warning", "all", None, label=name)]
             stored.finish(logbook, begin, [stored.force_mse(1.0 + seed)], terms, warnings)
-            stored.fail(logbook, stored.start(name, name, 100 + seed, name), error=name)
+            stored.fail(logbook, stored.start(name, name, 100 + seed, vessel=name), error=name)
     return folder / "results.db"
 
 

@@ -11,6 +11,7 @@ from seatrial.runner.export.manoeuvre_tracks import ordered_in
 from tests.data import DATA
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
+from tests.runner.compare.test_command_line import database
 
 MARIN = """
 time: {column: c1, uniform: true}
@@ -37,9 +38,8 @@ def mapped(tmp_path: Path) -> Callable[[str], Path]:
     """Writes a map."""
 
     def write(text: str) -> Path:
-        file = tmp_path / "map.yaml"
-        file.write_text(text, encoding="utf-8")
-        return file
+        (tmp_path / "map.yaml").write_text(text, encoding="utf-8")
+        return tmp_path / "map.yaml"
 
     return write
 
@@ -56,8 +56,7 @@ def circle(tmp_path: Path) -> Path:
 
 def test_the_sheet_of_a_circle_is_its_geometry(program: Program, sailed: Path) -> None:
     """A circle of three ship lengths that begins at once: advance 3, transfer 3, diameters 6."""
-    where = ("--database", f"sqlite:///{sailed}/results.db")
-    code, out, _ = program("manoeuvres", "9", *where, "--format", "json")
+    code, out, _ = program("manoeuvres", "9", *database(sailed), "--format", "json")
     assert code == 0
     rows = values(out)
     expected = {
@@ -68,20 +67,15 @@ def test_the_sheet_of_a_circle_is_its_geometry(program: Program, sailed: Path) -
     for name, value in expected.items():
         assert rows[name]["value"] == pytest.approx(value, abs=0.02), name
     assert rows["tactical diameter"]["metres"] == pytest.approx(60.0, abs=0.1)
-    assert (rows["advance"]["limit"], rows["advance"]["MSC.137(76)"]) == (4.5, "pass")
-    assert (rows["tactical diameter"]["limit"], rows["tactical diameter"]["MSC.137(76)"]) == (
-        5.0,
-        "fail",
-    )
+    for name, limit, passed in (("advance", 4.5, "pass"), ("tactical diameter", 5.0, "fail")):
+        assert (rows[name]["limit"], rows[name]["MSC.137(76)"]) == (limit, passed)
 
 
 def test_a_file_has_the_sheet_of_the_run(
     program: Program, sailed: Path, circle: Path, mapped: Callable[[str], Path]
 ) -> None:
     """The speed follows from the path, where there are no velocities."""
-    _, of_run, _ = program(
-        "manoeuvres", "9", "--database", f"sqlite:///{sailed}/results.db", "--format", "json"
-    )
+    _, of_run, _ = program("manoeuvres", "9", *database(sailed), "--format", "json")
     columns = ("--map", mapped(CIRCLE))
     code, out, _ = program("manoeuvres", circle, "--length", "10", *columns, "--format", "json")
     assert code == 0
@@ -93,16 +87,14 @@ def test_what_the_map_says_was_ordered_decides_on_the_limits(
     program: Program, circle: Path, mapped: Callable[[str], Path]
 ) -> None:
     """The helm of the file is at full; what was ordered had no limits."""
-    words = ("manoeuvres", str(circle), "--length", "10", "--format", "json", "--map")
-    code, out, err = program(*words, str(mapped(CIRCLE)))
-    assert code == 0, err
-    assert values(out)["advance"]["limit"] == 4.5
-    stated = f"{CIRCLE}manoeuvre: {{kind: turn, helm_deg: 20}}\n"
-    code, out, err = program(*words, str(mapped(stated)))
-    assert code == 0, err
-    assert values(out)["advance"]["limit"] is None
+    words = ("manoeuvres", circle, "--length", "10", "--format", "json", "--map")
+    stated = "manoeuvre: {kind: turn, helm_deg: 20}\n"
+    for text, limit in ((CIRCLE, 4.5), (CIRCLE + stated, None)):
+        code, out, err = program(*words, mapped(text))
+        assert code == 0, err
+        assert values(out)["advance"]["limit"] == limit
     assert ordered_in({"manoeuvre": {"kind": "turn", "helm_deg": 20}}).helm_deg == 20  # as stored
-    code, out, err = program(*words, str(mapped(f"{CIRCLE}manoeuvre: {{kind: loop}}\n")))
+    code, out, err = program(*words, mapped(f"{CIRCLE}manoeuvre: {{kind: loop}}\n"))
     assert (code, out) == (2, "")
     assert "excitation.manoeuvre.kind: got 'loop', expected one of turn, zigzag," in err
 
@@ -145,22 +137,20 @@ def test_wrong_maps_are_one_line(
 
 def test_the_sheet_has_what_the_identified_model_predicts(program: Program, sailed: Path) -> None:
     """Beside what was recorded, with its interval, as stored; blank where there is none."""
-    where = ("--database", f"sqlite:///{sailed}/results.db")
-    rows = values(program("manoeuvres", "9", *where, "--format", "json")[1])
+    rows = values(program("manoeuvres", "9", *database(sailed), "--format", "json")[1])
     known = rows["tactical diameter"]
     assert (known["identified"], known["90 % from"], known["90 % to"]) == stored.PREDICTED
     assert rows["advance"]["identified"] is None
-    _, text, _ = program("manoeuvres", "9", *where, "--execution", "order")
+    _, text, _ = program("manoeuvres", "9", *database(sailed), "--execution", "order")
     assert "90 % from" not in text  # stored are those from half of the step
 
 
 def test_a_run_without_a_helm_and_a_file_without_a_length_are_one_line(
     program: Program, sailed: Path, circle: Path
 ) -> None:
-    where = ("--database", f"sqlite:///{sailed}/results.db")
     for arguments, message in (
-        (("1", *where, "--length", "10"), "has no u, expected a steered vessel"),
-        (("1", *where), "the length of its vessel is not stored"),
+        (("1", *database(sailed), "--length", "10"), "has no u, expected a steered vessel"),
+        (("1", *database(sailed)), "the length of its vessel is not stored"),
         ((circle, "--map", "map.yaml"), "expected --length"),
         ((circle, "--length", "10"), "expected --map"),
     ):
@@ -171,6 +161,5 @@ def test_a_run_without_a_helm_and_a_file_without_a_length_are_one_line(
 
 def test_full_scale_is_said_of_a_model_with_a_scale(program: Program, sailed: Path) -> None:
     """L / V grows by the square root of the scale: 10 m at 2 m/s, 5 s, at 1:4 10 s."""
-    where = ("--database", f"sqlite:///{sailed}/results.db")
-    assert "L/V 5.00 s" in program("manoeuvres", "9", *where)[1]
-    assert "L/V at full scale 10.0 s" in program("manoeuvres", "9", *where, "--scale", "4")[1]
+    for words, said in (((), "L/V 5.00 s"), (("--scale", "4"), "L/V at full scale 10.0 s")):
+        assert said in program("manoeuvres", "9", *database(sailed), *words)[1]

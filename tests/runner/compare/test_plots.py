@@ -2,24 +2,23 @@
 
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.figures import drawings_of, figures
+from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.plots import draw, figures_of, paper
 from seatrial.runner.compare.plots.request import PlotRequest
-from seatrial.runner.compare.plots.style import Drawing, drawn
-from seatrial.runner.record.rows import Series
+from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
+from tests.runner.compare.drawing import axes_of, drawings, limits, line, notes
 
 VOYAGES = "disturbance=constant"  # the runs that deployed what they identified
 
@@ -30,37 +29,16 @@ def voyages(sailed: Path) -> Iterator[Queries]:
         yield opened
 
 
-@pytest.fixture
-def of_kind(voyages: Queries, ranked: Path) -> Iterator[Callable[[str], Queries]]:
-    """The results that a kind of figure can draw."""
-    with open_results(f"sqlite:///{ranked}/results.db") as ranks:
-        yield lambda kind: ranks if kind == "critical_difference" else voyages
-
-
-def drawings(kind: str, results: Queries, **options: object) -> list[Drawing]:
-    with drawn():
-        request = PlotRequest(**options)  # type: ignore[arg-type]
-        made: list[Drawing] = drawings_of(kind)(results, request)
-        for one in made:
-            one.figure.draw_without_rendering()
-    return made
-
-
-def axes_of(kind: str, results: Queries, **options: object) -> list[Axes]:
-    (drawing,) = drawings(kind, results, **options)
-    return drawing.figure.axes
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", figures())
-def test_every_kind_writes_its_files(
-    of_kind: Callable[[str], Queries], tmp_path: Path, kind: str
-) -> None:
+def test_every_kind_writes_its_files(sailed: Path, ranked: Path, tmp_path: Path, kind: str) -> None:
     """PNG and SVG, and a PDF as wide as the paper's column, with TrueType fonts; without a date."""
-    png, svg = draw(kind, of_kind(kind), PlotRequest(), tmp_path / "a" / "b")
+    folder = ranked if kind == "critical_difference" else sailed
+    with open_results(f"{folder}/results.db") as results:
+        png, svg = draw(kind, results, PlotRequest(), tmp_path / "a" / "b")
+        (path,) = draw(kind, results, PlotRequest(), tmp_path, paper.width_of("column"))
     assert png.read_bytes().startswith(b"\x89PNG")
     assert b"<dc:date>" not in svg.read_bytes()
-    (path,) = draw(kind, of_kind(kind), PlotRequest(), tmp_path, paper.width_of("column"))
     content = path.read_bytes()
     box = re.search(rb"/MediaBox \[ 0 0 (\S+) (\S+) \]", content)
     assert box is not None
@@ -95,16 +73,14 @@ def test_bars_are_means_with_deviations_and_points_are_seeds(results: Queries) -
     assert "1 diverged\n1 failed" in texts
     assert "†" in texts
     assert "1 no value" in texts
-    points = np.concatenate(
-        [line.get_ydata() for line in surge.lines if len(line.get_xdata()) == 3]
-    )
+    points = np.concatenate([one.get_ydata() for one in surge.lines if len(one.get_xdata()) == 3])
     assert {50.0, 51.0, 55.0} <= set(points.tolist())
 
 
 def test_orders_mark_what_was_selected(voyages: Queries) -> None:
     surge, yaw = axes_of("orders", voyages)
-    line, *markers = surge.lines
-    assert line.get_ydata()[0] == pytest.approx(3000.0 + 90.0 + 0.5)  # median of two seeds
+    curve, *markers = surge.lines
+    assert curve.get_ydata()[0] == pytest.approx(3000.0 + 90.0 + 0.5)  # median of two seeds
     assert [marker.get_xdata()[0] for marker in markers] == [4, 5]
     assert yaw.get_ylabel() == "Force MSE, yaw [(Nm)²]"
 
@@ -121,9 +97,8 @@ def test_track_is_north_up_with_equal_axes(voyages: Queries) -> None:
     assert nominal.get_xlabel() == "East [m]"
     assert nominal.get_ylabel() == "North [m]"
     assert nominal.get_aspect() == 1.0
-    track = next(line for line in nominal.lines if line.get_label() == "nominal model")
-    assert track.get_ydata().max() == pytest.approx(20.5)  # north
-    assert track.get_xdata().max() == pytest.approx(60.5)  # east
+    east, north = line(nominal, "nominal model").T
+    assert (east.max(), north.max()) == pytest.approx((60.5, 20.5))
     assert nominal.get_xlim() == identified.get_xlim()
     # where the heading is north the bow is the northernmost corner of the hull
     hull = nominal.patches[-1].get_path().vertices
@@ -145,23 +120,20 @@ def test_wind_arrows_point_where_it_blows_to_with_their_tips_at_the_vessel(
     np.testing.assert_allclose(arrows.V[southward], -8.0)
     radius = np.hypot(arrows.Y / 20.5, (arrows.X - 30.0) / 30.5)
     np.testing.assert_allclose(radius, 1.0, atol=0.01)  # on the track
-    assert "wind, up to 8.00 m/s" in [line.get_label() for line in axes.lines]
+    assert "wind, up to 8.00 m/s" in [one.get_label() for one in axes.lines]
+
+
+@pytest.fixture
+def recorded(logbook: LogbookWriter, results: Queries) -> Queries:
+    """A run with a recording alone."""
+    stored.finish(logbook, stored.start("none"), series=[stored._recording()])
+    return results
 
 
 def test_an_excitation_without_a_deployment_has_a_track_too(recorded: Queries) -> None:
     (axes,) = axes_of("track", recorded)
-    track = next(line for line in axes.lines if line.get_label() == "sailed")
-    assert track.get_ydata()[-1] == 199.5  # due north
-    assert np.ptp(track.get_xdata()) == 0.0
-
-
-@pytest.fixture
-def recorded(tmp_path: Path) -> Iterator[Queries]:
-    """A run with a recording alone."""
-    with stored.logbook_at(tmp_path) as logbook:
-        stored.finish(logbook, stored.start("none"), series=[stored._recording()])
-    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        yield opened
+    east, north = line(axes, "sailed").T
+    assert (north[-1], np.ptp(east)) == (199.5, 0.0)  # due north
 
 
 def test_wind_of_a_recording_has_speed_direction_and_force(recorded: Queries) -> None:
@@ -174,7 +146,7 @@ def test_wind_of_a_recording_has_speed_direction_and_force(recorded: Queries) ->
         "Wind force [N]",
         "Wind moment [Nm]",
     ]
-    assert "wind, surge" in [line.get_label() for line in force.lines]
+    assert "wind, surge" in [one.get_label() for one in force.lines]
     np.testing.assert_array_equal(moment.lines[1].get_ydata(), -4.0)
     assert moment.texts[0].get_text() == "-4.00 ± 0 Nm"
     *_, only = axes_of("excitation", recorded, dofs=("yaw",))
@@ -193,19 +165,16 @@ def test_singular_values_are_filled_within_the_order_beside_the_eigenvalues(
 
 
 def test_an_excitation_stands_against_the_limits_with_its_spectrum(voyages: Queries) -> None:
-    (drawing,) = drawings("excitation", voyages, run=1)
-    surge, spectrum, yaw, *_ = drawing.figure.axes
+    surge, spectrum, yaw, *_ = axes_of("excitation", voyages, run=1)
     assert surge.get_title(loc="left") == "peak 90.0 N, 90% of the limit"
-    limits = [line.get_ydata()[0] for line in surge.lines if line.get_label() == "limit"]
-    assert limits == [-100.0, 100.0]
-    assert not [line for line in yaw.lines if line.get_label() == "limit"]  # far away
+    assert limits(surge) == [-100.0, 100.0]
+    assert limits(yaw) == []  # far away
     frequency, size = spectrum.lines[0].get_data()
     assert frequency[np.argmax(size)] == pytest.approx(1.0 / 20.0)
     assert np.max(size) == pytest.approx(90.0)
     assert spectrum.get_title(loc="left") == "spectral lines: 1; 2 of 3 terms separable"
-    note = drawing.figure._supxlabel.get_text()
-    assert "surge, not separable: u ~ |u|u" in note
-    assert "no force in sway" in note
+    assert "surge, not separable: u ~ |u|u" in notes(surge.figure)
+    assert "no force in sway" in notes(surge.figure)
 
 
 def test_figures_over_time_take_the_newest_run_of_each_level(voyages: Queries) -> None:
@@ -220,8 +189,7 @@ def test_errors_are_in_metres_and_degrees(voyages: Queries) -> None:
     position, heading = axes_of("errors", voyages, run=1)
     assert position.get_ylabel() == "Position error [m]"
     assert [text.get_text() for text in position.texts] == ["MAE 0.500 m", "MAE 0.100 m"]
-    line = next(line for line in heading.lines if line.get_label() == "nominal model")
-    assert line.get_ydata()[0] == pytest.approx(np.degrees(0.05))
+    assert line(heading, "nominal model")[0, 1] == pytest.approx(np.degrees(0.05))
 
 
 def test_coefficients_are_relative_to_the_truth_with_their_intervals(voyages: Queries) -> None:
@@ -229,32 +197,30 @@ def test_coefficients_are_relative_to_the_truth_with_their_intervals(voyages: Qu
     ticks = [label.get_text() for label in surge.get_yticklabels()]
     assert ticks == ["u_dot: 1195 kg", "u: 13.80 kg/s", "|u|u: 55.00 kg/m"]  # u^3 is truly zero
     assert sway.get_xlabel() == "relative to the estimate"
-    marks = {line.get_label(): line for line in surge.lines if line.get_marker() == "o"}
-    assert list(marks) == ["ls"]  # the last one is of |u|u
-    spans = [line.get_xdata() for line in surge.lines if line.get_linestyle() == "--"]
+    assert {one.get_label() for one in surge.lines if one.get_marker() == "o"} == {"ls"}
+    spans = [one.get_xdata() for one in surge.lines if one.get_linestyle() == "--"]
     low, high = spans[1]
     assert 0.5 * (low + high) == pytest.approx(15.0 / 13.8)
     assert (high - low) / 2.0 == pytest.approx(1.959964 * 3.0 / 13.8, rel=1e-6)
     assert any("→" in text.get_text() for text in surge.texts)  # 9000 of 55 is off the axis
 
 
-def test_an_interval_that_does_not_cover_is_not_drawn_as_one_that_does(tmp_path: Path) -> None:
+def test_an_interval_that_does_not_cover_is_not_drawn_as_one_that_does(
+    logbook: LogbookWriter, results: Queries
+) -> None:
     found = [stored.coefficient("u_dot", 1000.0, 30.0, 1195.0)]
-    with stored.logbook_at(tmp_path) as logbook:
-        for identifier, of_estimate in (("iv", False), ("ridge", True)):
-            diagnostics = [stored.interval(of_estimate)]
-            stored.finish(logbook, stored.start(identifier), (), found, diagnostics)
-    styles, legends = {}, {}
-    with open_results(f"sqlite:///{tmp_path}/results.db") as opened:
-        for identifier in ("iv", "ridge"):
-            (axes,) = axes_of("coefficients", opened, where=f"identifier={identifier}")
-            (interval,) = [line for line in axes.lines if np.ptp([*line.get_xdata(), 1.0]) > 0.02
-                           and len(line.get_xdata()) == 2]  # fmt: skip
-            styles[identifier] = interval.get_linestyle()
-            _, labels = axes.get_legend_handles_labels()
-            legends[identifier] = [label for label in labels if "95 %" in label]
-    assert styles == {"iv": "-", "ridge": "--"}
-    assert legends == {"iv": ["95 % interval"], "ridge": ["95 % interval, without bias"]}
+    for identifier, of_estimate in (("iv", False), ("ridge", True)):
+        diagnostics = [stored.interval(of_estimate)]
+        stored.finish(logbook, stored.start(identifier), (), found, diagnostics)
+    for identifier, style, legend in (
+        ("iv", "-", "95 % interval"), ("ridge", "--", "95 % interval, without bias"),
+    ):  # fmt: skip
+        (axes,) = axes_of("coefficients", results, where=f"identifier={identifier}")
+        spans = [one for one in axes.lines if len(one.get_xdata()) == 2]
+        (interval,) = [one for one in spans if np.ptp([*one.get_xdata(), 1.0]) > 0.02]
+        assert interval.get_linestyle() == style
+        _, labels = axes.get_legend_handles_labels()
+        assert [label for label in labels if "95 %" in label] == [legend]
 
 
 def test_a_damaged_series_file_is_named(sailed: Path, tmp_path: Path) -> None:
@@ -279,15 +245,13 @@ def test_the_track_of_a_mix_shows_its_plan_and_what_is_in_the_way(voyages: Queri
     (axes,) = axes_of("track", voyages, where="identifier=iv")
     _, labels = axes.get_legend_handles_labels()
     assert sorted(labels) == ["goal", "multisine", "passage", "sailed", "start", "zigzag_10"]
-    width = {line.get_label(): line.get_linewidth() for line in axes.lines}
+    width = {one.get_label(): one.get_linewidth() for one in axes.lines}
     assert width["multisine"] < width["zigzag_10"]  # held out for testing
     corners = [patch.get_xy() for patch in axes.patches if hasattr(patch, "get_xy")]
     assert [len(one) for one in corners] == [5, 4, 4]  # closed: the area and two obstacles
     assert axes.get_aspect() == 1.0
-    drawn_at = {line.get_label(): line.get_xydata() for line in axes.lines}
-    np.testing.assert_allclose(drawn_at["start"], [[5.0, 5.0]])  # east, north
-    (text,) = [one.get_text() for one in [axes.figure._supxlabel]]
-    assert "deviated from the plan by at most 0.25 m" in text
+    np.testing.assert_allclose(line(axes, "start"), [[5.0, 5.0]])  # east, north
+    assert "deviated from the plan by at most 0.25 m" in notes(axes.figure)
 
 
 def test_bands_are_drawn_about_poses_and_velocities_at_their_level(voyages: Queries) -> None:
@@ -306,17 +270,15 @@ def test_bands_are_drawn_about_poses_and_velocities_at_their_level(voyages: Quer
         axes_of("prediction", voyages, band=100.0)
 
 
-def test_a_run_without_a_distribution_has_no_bands(tmp_path: Path) -> None:
+def test_a_run_without_a_distribution_has_no_bands(
+    logbook: LogbookWriter, results: Queries
+) -> None:
     t = np.arange(0.0, 10.0)
     columns = {"t": t, "start": 1.0 * (t == 0.0), "surge": t, "surge_identified": t}
-    with stored.logbook_at(tmp_path) as logbook:
-        series = [Series("prediction", columns, dict.fromkeys(columns, ""))]
-        stored.finish(logbook, stored.start("none", "calm"), series=series)
-    with (
-        open_results(f"sqlite:///{tmp_path}/results.db") as opened,
-        pytest.raises(ConfigurationError, match="has no bands"),
-    ):
-        axes_of("prediction", opened, band=90.0)
+    series = [stored.series("prediction", columns)]
+    stored.finish(logbook, stored.start("none", "calm"), series=series)
+    with pytest.raises(ConfigurationError, match="has no bands"):
+        axes_of("prediction", results, band=90.0)
 
 
 def test_one_panel_is_drawn_into_the_axes_of_the_caller(results: Queries) -> None:

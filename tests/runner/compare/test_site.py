@@ -3,8 +3,10 @@
 import json
 import re
 import shlex
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
@@ -15,8 +17,8 @@ from seatrial.runner.compare.site import script_of, write_site
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import complaints
 from tests.runner.compare.conftest import Program
-from tests.runner.compare.site_pages import settle, show, until
 
+T = TypeVar("T")
 HOSTILE = (
     "</script><script>document.title='stolen'</script>",
     "<img src=x onerror=\"document.title='stolen'\">",
@@ -48,6 +50,27 @@ def offline(browser: Any) -> Any:
     yield browser
     assert complaints(browser) == []
     browser.execute_cdp_cmd("Network.disable", {})
+
+
+def until(answer: Callable[[], T], seconds: float = 20.0) -> T:
+    """The first answer that is true, or the last one."""
+    end = time.monotonic() + seconds
+    while not (got := answer()) and time.monotonic() < end:
+        time.sleep(0.05)
+    return got
+
+
+def settle(browser: Any) -> None:
+    """Wait until the view of the address is shown."""
+    shown = "return document.body.dataset.shown === location.hash"
+    assert until(lambda: browser.execute_script(shown)), browser.page_source[:3000]
+
+
+def show(browser: Any, page: Path, address: str = "") -> None:
+    """Open a page of the site and wait for its view."""
+    browser.get("about:blank")
+    browser.get(f"{page.as_uri()}#{address}")
+    settle(browser)
 
 
 def click(browser: Any, selector: str) -> None:
@@ -102,7 +125,7 @@ def test_tables_are_those_of_their_commands_and_headings_sort(
 def test_runs_are_filtered_and_sorted_and_the_command_selects_the_same(
     offline: Any, site: Path, program: Program
 ) -> None:
-    show(offline, (site.parent / "runs.html").as_uri())
+    show(offline, site.parent / "runs.html")
     everything = len(rows_of(offline, "#list table"))
     click(offline, "#filters summary")
     place = next(
@@ -126,13 +149,12 @@ def test_runs_are_filtered_and_sorted_and_the_command_selects_the_same(
 
 
 def test_runs_are_overlaid_and_a_run_shows_numbers_and_figures(offline: Any, site: Path) -> None:
-    show(offline, (site.parent / "runs.html").as_uri(), "runs=18,20")
+    show(offline, site.parent / "runs.html", "runs=18,20")
     titles = [one.text for one in offline.find_elements("css selector", "figcaption")]
     for title in ("Track", "Position error", "Heading error", "Force residual"):
         assert any(text.startswith(title) for text in titles), titles
-    errors = offline.find_elements("css selector", "figure")[
-        titles.index("Position error over time")
-    ]
+    place = titles.index("Position error over time")
+    errors = offline.find_elements("css selector", "figure")[place]
     names = errors.find_element("css selector", ".legend").text.splitlines()
     assert [name[:6] for name in names] == ["run 18", "run 20"]
     offline.get((site.parent / "run-18.html").as_uri())
@@ -159,25 +181,21 @@ def test_hostile_names_are_shown_and_do_nothing(
     offline: Any, tmp_path: Path, program: Program
 ) -> None:
     with stored.logbook_at(tmp_path) as logbook:
-        sweep = logbook.begin_sweep(
-            HOSTILE[0], HOSTILE[1], [], 8, tags=[HOSTILE[2]], note=HOSTILE[3]
-        )
+        name, command, tag, note = HOSTILE
+        sweep = logbook.begin_sweep(name, command, [], 8, tags=[tag], note=note)
         for seed, name in enumerate(HOSTILE):
             config = {HOSTILE[0]: name, "plant": {"scale": name}}
             begin = stored.start(name, HOSTILE[-1 - seed], seed, vessel=name, config=config)
-            metrics = [
-                stored.force_mse(2.0),
-                stored.Metric("validation", "identified", name, name, 1.0, name),
-            ]
+            odd = stored.Metric("validation", "identified", name, name, 1.0, name)
             terms = [stored.coefficient(name, 1.0, 0.1, 2.0, unit=name)]
-            stored.finish(logbook, begin, metrics, terms, sweep=sweep)
+            stored.finish(logbook, begin, [stored.force_mse(2.0), odd], terms, sweep=sweep)
             stored.fail(logbook, stored.start(name, seed=seed + 9), error=name)
     with open_results(f"{tmp_path}/results.db") as results:
         page = write_site(results, tmp_path / "site", f"{tmp_path}/results.db", 100)
     for name in ("index", "sweep-all", "run-1", "run-8"):
         offline.get((page.parent / f"{name}.html").as_uri())
         harmless(offline)
-    show(offline, (page.parent / "runs.html").as_uri(), "runs=1,3,5,7")
+    show(offline, page.parent / "runs.html", "runs=1,3,5,7")
     harmless(offline)
     click(offline, "#filters summary")
     click(offline, "input[id^=filter-identifier-]")

@@ -1,14 +1,15 @@
 """Names, tags and notes of sweeps: they select runs, and are shown with them."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.runner.command import Command
 from tests.runner.compare import stored
+from tests.runner.compare.conftest import Program
+from tests.runner.compare.test_command_line import database
 
-Program = Callable[..., tuple[int, str, str]]
 SWEEPS = {
     "calm sea": (["thesis", "calm"], "first look", "calm", (0, 1)),
     "noisy": (["thesis"], None, "noise", (0, 1, 2)),
@@ -43,55 +44,74 @@ def test_sweeps_select_runs(program: Program, labelled: Path) -> None:
         (("--where", "sweep='calm sea'"), [2, 1]),
         (("--where", "not sweep in (noisy, sweep) and seed=0"), [1]),
     ):
-        _, out, _ = program("runs", "--database", labelled / "results.db", *words, "-f", "json")
+        _, out, _ = program("runs", *database(labelled), *words, "-f", "json")
         assert [row["run_id"] for row in json.loads(out)] == runs, words
 
 
 def test_an_unknown_label_is_refused(program: Program, labelled: Path) -> None:
     known = "all, a number or one of calm sea, thesis, calm, noisy, sweep"
     for command in (("runs",), ("table",), ("plot", "bars"), ("report",)):
-        said = program(*command, "--database", labelled / "results.db", "--sweep", "thesys")
+        said = program(*command, *database(labelled), "--sweep", "thesys")
         message = f"seatrial-results: --sweep: got 'thesys', expected {known}\n"
         assert said == (2, "", message)
 
 
 def test_runs_are_listed_with_name_and_tags(program: Program, labelled: Path) -> None:
-    _, out, _ = program("runs", "--database", labelled / "results.db", "--format", "csv")
-    header, *rows = (line.split(",") for line in out.replace('"thesis, calm"', "both").splitlines())
-    shown = [(row[header.index("sweep")], row[header.index("tags")]) for row in rows]
-    assert shown == [("sweep", "")] + 3 * [("noisy", "thesis")] + 2 * [("calm sea", "both")]
+    _, out, _ = program("runs", *database(labelled), "--format", "json")
+    shown = [(row["sweep"], row["tags"]) for row in json.loads(out)]
+    assert shown == [("sweep", None)] + 3 * [("noisy", "thesis")] + 2 * [
+        ("calm sea", "thesis, calm")
+    ]
 
 
 def test_a_table_is_of_all_sweeps_with_the_tag(program: Program, labelled: Path) -> None:
-    command = ("table", "--database", labelled / "results.db", "--format", "json", "--dof", "surge")
-    counts = {
-        words: {row["disturbance"]: row["n"] for row in json.loads(program(*command, *words)[1])}
-        for words in ((), ("--sweep", "thesis"), ("--sweep", "1"))
-    }
-    assert [*counts.values()] == [{"wind": 1}, {"calm": 2, "noise": 3}, {"calm": 2}]
-    shown = program(*command[:3], "--format", "html", "--sweep", "thesis")[1]
+    command = ("table", *database(labelled), "--dof", "surge")
+    for words, expected in (
+        ((), {"wind": 1}),
+        (("--sweep", "thesis"), {"calm": 2, "noise": 3}),
+        (("--sweep", "1"), {"calm": 2}),
+    ):
+        rows = json.loads(program(*command, *words, "--format", "json")[1])
+        assert {row["disturbance"]: row["n"] for row in rows} == expected, words
+    shown = program(*command, "--format", "html", "--sweep", "thesis")[1]
     assert "5 runs, sweep 1 (calm sea), 2 (noisy)" in shown
 
 
 def test_a_figure_is_of_the_sweeps_with_the_tag(
     program: Program, labelled: Path, tmp_path: Path
 ) -> None:
-    command = ("plot", "bars", "--database", labelled / "results.db", "-o", tmp_path / "figures")
+    command = ("plot", "bars", *database(labelled), "-o", tmp_path / "figures")
     assert program(*command, "--sweep", "calm")[0] == 0
     code, _, err = program(*command, "--sweep", "calm", "--where", "disturbance=noise")
     assert (code, "no runs match" in err) == (2, True)
 
 
 def test_show_and_report_name_the_sweep(program: Program, labelled: Path) -> None:
-    out = program("show", 1, "--database", labelled / "results.db", "--format", "csv")[1]
+    out = program("show", 1, *database(labelled), "--format", "csv")[1]
     for text in ("sweep,calm sea", 'tags of the sweep,"thesis, calm"', "note on the sweep,first"):
         assert text in out
-    assert "of the sweep" not in program("show", 6, "--database", labelled / "results.db")[1]
+    assert "of the sweep" not in program("show", 6, *database(labelled))[1]
     page = labelled / "page.html"
-    command = ("report", "--database", labelled / "results.db", "-o", page)
+    command = ("report", *database(labelled), "-o", page)
     assert program(*command, "--sweep", "calm")[0] == 0
     text = page.read_text()
     assert "calm sea" in text
     assert "; tags: thesis, calm; first look" in text
     assert program(*command, "--sweep", "sweep")[0] == 0
     assert "tags:" not in page.read_text()
+
+
+def test_a_table_names_the_runs_that_are_newer_than_its_sweep(
+    seatrial: Command, program: Program
+) -> None:
+    seatrial.pretend()
+    table = ("table", "--metric", "force_mse")
+    assert seatrial("-m", "seed=0,1").code == 0
+    assert program(*table)[2] == ""
+    assert seatrial("seed=2").code == 0
+    _, out, hint = program(*table)
+    assert "2 runs" in out
+    assert hint == "1 newer run is of no sweep and left out: --sweep all\n"
+    _, out, hint = program(*table, "--sweep", "all")
+    assert ("3 runs" in out, hint) == (True, "")
+    assert program(*table, "--where", "id=3")[2] == ""

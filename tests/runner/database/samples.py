@@ -1,10 +1,13 @@
 """A trial to begin, results to store, and changes behind the logbook's back."""
 
+import os
+from datetime import UTC, datetime, timedelta
+
 import numpy as np
 from sqlalchemy import text, update
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.runner.database import RunStart, engine
+from seatrial.runner.database import RunStart, engine, liveness
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
@@ -54,6 +57,18 @@ def change(url: str, *statements: object) -> None:
             connection.execute(text(one) if isinstance(one, str) else one)  # type: ignore[call-overload]
         connection.commit()
     writer.dispose()
+
+
+def ago(seconds: float) -> datetime:
+    return datetime.now(UTC) - timedelta(seconds=seconds)
+
+
+def gone() -> str:
+    """The identity of a process of this machine that has ended."""
+    own = liveness.identity(os.getpid())
+    assert own is not None
+    machine, _, start = own.rsplit("/", 2)
+    return f"{machine}/{2**22 + 1}/{start}"
 
 
 def pretend(url: str, run_id: int, **values: object) -> None:

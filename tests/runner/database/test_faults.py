@@ -4,7 +4,7 @@ import multiprocessing
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -33,30 +33,31 @@ def fill(folder: Path) -> str:
     return url
 
 
-def as_nobody(task: Callable[[str], object], url: str) -> object:
-    """What `task` gives, or the error it meets, to a user who may not write here."""
+def as_nobody(url: str, *tasks: Callable[[str], object]) -> list[object]:
+    """What each task gives, or the error it meets, to a user who may not write here."""
     here, there = multiprocessing.Pipe(duplex=False)
     process = multiprocessing.get_context("forkserver").Process(
-        target=_as_nobody, args=(task, url, there)
+        target=_as_nobody, args=(url, tasks, there)
     )
     process.start()
     there.close()
-    said = here.recv()
+    said = [here.recv() for _ in tasks]
     process.join(30)
     return said
 
 
-def _as_nobody(task: Callable[[str], object], url: str, to: Connection) -> None:
+def _as_nobody(url: str, tasks: Sequence[Callable[[str], object]], to: Connection) -> None:
     if os.getuid() == 0:
         with tempfile.TemporaryDirectory() as folder:
             read_statuses(fill(Path(folder)))  # imports everything while it may still be read
         os.setgroups([])
         os.setgid(NOBODY)
         os.setuid(NOBODY)
-    try:
-        to.send(task(url))
-    except BaseException as error:
-        to.send(f"{type(error).__name__}: {error}")
+    for task in tasks:
+        try:
+            to.send(task(url))
+        except BaseException as error:
+            to.send(f"{type(error).__name__}: {error}")
 
 
 def read_statuses(url: str) -> list[str]:
@@ -66,9 +67,8 @@ def read_statuses(url: str) -> list[str]:
 
 
 def write_a_run(url: str) -> None:
-    with LogbookWriter.open(
-        url, results_dir=Path(url.removeprefix("sqlite:///")).parent
-    ) as logbook:
+    folder = Path(url.removeprefix("sqlite:///")).parent
+    with LogbookWriter.open(url, results_dir=folder) as logbook:
         logbook.finish_run(logbook.begin_run(make_start(2)).run_id, make_results())
 
 
@@ -76,12 +76,12 @@ def test_a_read_only_folder_can_be_read_and_says_that_it_cannot_be_written(share
     url = fill(shared)
     (shared / "results.db-wal").touch()  # as a reader leaves it that is open when a sweep ends
     shared.chmod(0o555)
-    assert as_nobody(read_statuses, url) == ["finished"]
-    said = str(as_nobody(write_a_run, url))
+    before, said, after = as_nobody(url, read_statuses, write_a_run, read_statuses)
+    assert before == after == ["finished"]
+    assert isinstance(said, str)
     assert said.startswith(f"LogbookError: {shared}/results.db: ")
     assert "readonly" in said or "cannot open" in said
     assert "\n" not in said
-    assert as_nobody(read_statuses, url) == ["finished"]
     shared.chmod(0o755)
 
 
@@ -90,7 +90,7 @@ def test_a_reader_who_may_not_write_sees_what_a_writer_has_just_written(shared: 
     shared.chmod(0o555)
     with LogbookWriter.open(url, results_dir=shared) as logbook:
         logbook.begin_run(make_start(3))
-        assert as_nobody(read_statuses, url) == ["finished", "running"]
+        assert as_nobody(url, read_statuses) == [["finished", "running"]]
     shared.chmod(0o755)
 
 

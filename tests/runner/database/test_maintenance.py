@@ -13,7 +13,7 @@ from seatrial.runner.database import LogbookWriter, series_files
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.records import SeriesFile
 from seatrial.runner.database.tables import Base, RunRow, SeriesRow
-from tests.runner.database.samples import change, make_results, make_start
+from tests.runner.database.samples import ago, change, gone, make_results, make_start, pretend
 
 
 @pytest.fixture
@@ -31,38 +31,57 @@ def filled(logbook: LogbookWriter) -> LogbookWriter:
     return logbook
 
 
-def test_what_happened_to_series_files_is_found(filled: LogbookWriter, results_dir: Path) -> None:
+def test_what_happened_to_series_files_is_found(
+    filled: LogbookWriter, url: str, results_dir: Path
+) -> None:
     folder = results_dir / "series"
     next(folder.glob("run-000001-*.parquet")).write_bytes(b"changed")
     next(folder.glob("run-000002-*.parquet")).unlink()
-    (folder / "run-000009-0123456789ab.parquet").touch()
-    (folder / ".run-000004-0123456789ab.parquet.77.tmp").touch()
-    (folder / "run-000005-0123456789ab.parquet").touch()  # run 5 may be about to name it
-    (folder / "notes.txt").touch()  # not ours: named, and left alone
-    verified = filled.verify()
-    problems = verified.problems
-    assert [problem.where for problem in problems] == [
-        "run 1, series recording",
-        "run 2, series recording",
-    ]
-    assert "the file was changed: got SHA-256" in problems[0].what
-    assert "cannot be read: No such file" in problems[1].what
-    assert [path.name for path in verified.leftovers] == [
+    lost = filled.begin_run(make_start(6)).run_id  # of a process that was killed as it wrote
+    pretend(url, lost, process=gone())
+    left = [
         ".run-000004-0123456789ab.parquet.77.tmp",
-        "notes.txt",
+        "run-000006-0123456789ab.parquet",
         "run-000009-0123456789ab.parquet",
     ]
+    for name in left:
+        (folder / name).touch()
+    filled._write_series(5, make_results().series)  # run 5 is about to name it
+    (folder / "notes.txt").touch()  # not ours: named, and left alone
+    verified = filled.verify()
+    changed, missing = verified.problems
+    assert [changed.where, missing.where] == ["run 1, series recording", "run 2, series recording"]
+    assert "the file was changed: got SHA-256" in changed.what
+    assert "cannot be read: No such file" in missing.what
+    assert [path.name for path in verified.leftovers] == sorted([*left, "notes.txt"])
     with pytest.raises(LogbookError, match="the file was changed"):
         filled.series(1, "recording")
     with pytest.raises(LogbookError, match="run 1 has no series 'other'"):
         filled.series(1, "other")
-    assert [path.name for path in filled.remove_orphans()] == [
-        ".run-000004-0123456789ab.parquet.77.tmp",
-        "run-000009-0123456789ab.parquet",
-    ]
+    assert [path.name for path in filled.remove_orphans()] == left
     verified = filled.verify()
     assert len(verified.problems) == 2
     assert [path.name for path in verified.leftovers] == ["notes.txt"]
+    assert len(list(folder.glob("run-000005-*.parquet"))) == 1
+
+
+def test_another_logbook_in_the_same_folder_keeps_its_files(tmp_path: Path) -> None:
+    """Both begin before either has a series; then the numbers of their runs are the same."""
+    urls = [f"sqlite:///{tmp_path}/{name}.db" for name in ("one", "two")]
+    with (
+        LogbookWriter.open(urls[0], results_dir=tmp_path) as one,
+        LogbookWriter.open(urls[1], results_dir=tmp_path) as two,
+    ):
+        one.finish_run(one.begin_run(make_start(1)).run_id, make_results(1.0))
+        before = one.series(1, "recording")
+        lost = two.begin_run(make_start(1)).run_id
+        assert lost == 1
+        two._write_series(lost, make_results().series)  # and is killed before it names it
+        pretend(urls[1], lost, process=gone())
+        two.finish_run(two.begin_run(make_start(1)).run_id, make_results(2.0))
+        again = one.series(1, "recording")  # its checksum is right
+        assert (again.columns["u"] == before.columns["u"]).all()
+        assert one.verify().problems == two.verify().problems == []
 
 
 def test_rows_that_were_changed_are_found(filled: LogbookWriter, url: str) -> None:
@@ -105,10 +124,8 @@ def test_prune_deletes_rows_with_their_files(filled: LogbookWriter, results_dir:
     assert (pruned.runs, pruned.files, pruned.left) == (2, 1, [])
     assert [run.run_id for run in filled.runs()] == [1, 4, 5]
     assert filled.sql("SELECT DISTINCT run_id FROM metric ORDER BY run_id").rows == [(1,), (4,)]
-    assert sorted(path.name[:10] for path in (results_dir / "series").iterdir()) == [
-        "run-000001",
-        "run-000004",
-    ]
+    kept = [path.name[:10] for path in (results_dir / "series").iterdir()]
+    assert sorted(kept) == ["run-000001", "run-000004"]
     assert filled.verify().problems == []
     assert filled.begin_run(make_start(2)).run_id == 6  # a number is never given twice
 
@@ -117,7 +134,7 @@ def test_what_may_be_pruned(filled: LogbookWriter, url: str) -> None:
     def numbers(**conditions: object) -> list[int]:
         return [run.run_id for run in filled.prunable(**conditions)]  # type: ignore[arg-type]
 
-    old = datetime.now(UTC) - timedelta(days=40)
+    old = ago(40 * 86400.0)
     change(url, update(RunRow).where(RunRow.id.in_([2, 3])).values(started_at=old))
     assert numbers() == [1, 2, 3, 4]
     assert numbers(older_than=timedelta(days=30)) == [2, 3]

@@ -6,7 +6,6 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from threading import Timer
 
@@ -19,7 +18,7 @@ from seatrial.models.errors import LogbookError
 from seatrial.runner.database import LogbookWriter, outage
 from seatrial.runner.database.engine import parse
 from tests.runner.command import Command
-from tests.runner.database.samples import make_results, make_start, pretend
+from tests.runner.database.samples import ago, make_results, make_start, pretend
 from tests.runner.postgres import Postgres
 from tests.runner.programs import METRICS, ended, sweep, wait
 
@@ -210,8 +209,7 @@ def test_a_heartbeat_from_the_future_is_no_sign_of_life(
 ) -> None:
     """The database's clock was put back, and nobody has beaten since."""
     run = logbook.begin_run(make_start(1)).run_id
-    later = datetime.now(UTC) + timedelta(seconds=ahead_s)
-    pretend(url, run, process="another boot/pid:[1]/1/1", heartbeat_at=later)
+    pretend(url, run, process="another boot/pid:[1]/1/1", heartbeat_at=ago(-ahead_s))
     status = "interrupted" if state == "new" else "running"
     assert logbook.run(run).summary.status == status
     assert logbook.begin_run(make_start(1)).state == state
@@ -226,8 +224,7 @@ def test_runs_that_were_alive_when_the_server_left_have_time_for_a_beat(
         server.leave()
         server.come_back()
         for run, seconds in ((alive, 90.0), (dead, 300.0)):
-            beat = datetime.now(UTC) - timedelta(seconds=seconds)
-            pretend(url, run, process="another boot/pid:[1]/1/1", heartbeat_at=beat)
+            pretend(url, run, process="another boot/pid:[1]/1/1", heartbeat_at=ago(seconds))
         assert [run.status for run in logbook.runs()] == ["running", "interrupted"]
         assert logbook.begin_run(make_start(1)).state == "busy"
         assert logbook.begin_run(make_start(2)).state == "new"

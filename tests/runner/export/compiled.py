@@ -3,11 +3,14 @@
 import ctypes
 import shutil
 import subprocess
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 
 from seatrial.models.simulation.dynamics import advance, rates, scratch
 from seatrial.models.vessel.basis import Array
@@ -18,6 +21,22 @@ from seatrial.models.weather.weather import Weather
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 NONE = np.zeros((0, 0))
+WIND, CURRENT = np.array([4.0, -7.0]), np.array([0.1, 0.2])
+
+
+def octave(program: str, folder: Path, given: Mapping[str, Any]) -> dict[str, Any]:
+    """What a program of Octave saves in `answer.mat`, of what it is given in `given.mat`."""
+    found = shutil.which("octave-cli")
+    if found is None:
+        pytest.skip("no Octave: apt-get install octave")
+    scipy.io.savemat(folder / "given.mat", given)
+    done = subprocess.run(
+        [found, "--quiet", "--no-init-file", "--eval", program],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    answer: dict[str, Any] = scipy.io.loadmat(folder / "answer.mat", simplify_cells=True)
+    return answer
 
 
 def compiled(*sources: Path) -> ctypes.CDLL:

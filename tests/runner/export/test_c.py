@@ -9,33 +9,13 @@ import pytest
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.pose import Quaternion
 from seatrial.models.vessel.thruster import FirstOrderLag, SecondOrderLag
-from seatrial.runner.database import LogbookReader
 from seatrial.runner.export.equations import Equations
-from seatrial.runner.export.stored_model import read_model
-from tests.runner.compare.conftest import Program
-from tests.runner.compare.conftest import program as program
-from tests.runner.export.compiled import Ours, Theirs, compiled, relative
-from tests.runner.export.conftest import BELUGA, DIAGONAL, FERRY, SHIP, SUPPLY
+from tests.runner.export.compiled import CURRENT, WIND, Ours, Theirs, compiled, relative
+from tests.runner.export.conftest import BELUGA, DIAGONAL, FERRY, SHIP, SUPPLY, Exporter
 from tests.trials import composed
 
-WIND, CURRENT = np.array([4.0, -7.0]), np.array([0.1, 0.2])
 SURGE = 1
 EQUAL = 1e-12  # relative
-
-
-@pytest.fixture
-def exported(
-    sailed: Path, tmp_path: Path, program: Program, request: pytest.FixtureRequest
-) -> Theirs:
-    """The model of a run in C, beside our own."""
-    run, model = request.param
-    database = f"sqlite:///{sailed}/results/results.db"
-    file = tmp_path / "vessel.c"
-    words = ("--to", "c", "-o", file, "--model", model, "--database", database)
-    assert program("model", str(run), *words) == (0, f"{file}\n{file.with_suffix('.h')}\n", "")
-    with LogbookReader.read(database) as logbook:
-        vessel = read_model(logbook, run, model).parameters
-    return Theirs(compiled(file), file.stem, Ours(vessel, WIND, CURRENT))
 
 
 def agree(theirs: Theirs, largest: float = 1.0, step_s: float = 0.025) -> None:
@@ -62,14 +42,13 @@ def agree(theirs: Theirs, largest: float = 1.0, step_s: float = 0.025) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "exported",
+    ("run", "model"),
     [(SURGE, "identified"), (FERRY, "identified"), (FERRY, "plant"), (SHIP, "identified"),
      (SUPPLY, "plant"), (SUPPLY, "nominal"), (BELUGA, "identified"), (DIAGONAL, "identified")],
-    indirect=True,
-    ids=str,
 )  # fmt: skip
-def test_it_agrees_with_our_kernels(exported: Theirs) -> None:
-    agree(exported)
+def test_it_agrees_with_our_kernels(export: Exporter, run: int, model: str) -> None:
+    file = export(run, "c", "vessel.c", "--model", model)
+    agree(Theirs(compiled(file), file.stem, Ours(export.vessel(run, model), WIND, CURRENT)))
 
 
 def written(vessel: VesselParameters, folder: Path) -> Theirs:

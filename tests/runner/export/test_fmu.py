@@ -9,59 +9,58 @@ import pytest
 from docs.vessels import parameters_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.pose import Quaternion
-from seatrial.runner.database import LogbookReader
 from seatrial.runner.export.equations import Equations
 from seatrial.runner.export.fmu import fmu
-from seatrial.runner.export.stored_model import read_model
+from tests.runner.command import Command
 from tests.runner.compare.conftest import Program
-from tests.runner.compare.conftest import program as program
-from tests.runner.export.compiled import Ours
-from tests.runner.export.conftest import BELUGA, FERRY
+from tests.runner.export.compiled import CURRENT, WIND, Ours
+from tests.runner.export.conftest import BELUGA, FERRY, Exporter
 from tests.runner.export.test_steered import STEERED
 
 STEPS, PERIOD, PARTS = 10_000, 0.1, 4  # a communication step is four integration steps
 EQUAL = 1e-9
-WIND, CURRENT = np.array([4.0, -7.0]), np.array([0.1, 0.2])
 OTHERS = tuple(name for name in STEERED if name != "kvlcc2")
+needs_compiler = pytest.mark.skipif(
+    shutil.which("cc") is None, reason="no C compiler: apt-get install gcc"
+)
 
 
+@needs_compiler
+@pytest.mark.slow
 @pytest.mark.parametrize(("run", "model"), [(FERRY, "plant"), (BELUGA, "nominal")])
-def test_another_program_accepts_and_simulates_it(
-    run: int, model: str, tmp_path: Path, sailed: Path, program: Program
+def test_the_model_of_a_run_leaves_by_the_command_line(
+    export: Exporter, run: int, model: str
 ) -> None:
-    if shutil.which("cc") is None:
-        pytest.skip("no C compiler: apt-get install gcc")
-    path, database = tmp_path / "vessel.fmu", f"sqlite:///{sailed}/results/results.db"
-    words = ("--model", model, "-o", path, "--database", database)
-    assert program("model", str(run), "--to", "fmu", *words) == (0, f"{path}\n", "")
-    with LogbookReader.read(database) as logbook:
-        ours = Ours(read_model(logbook, run, model).parameters, WIND, CURRENT)
-    share = 0.03 if isinstance(ours.kinematics, Quaternion) else 0.3
-    check_alike(path, ours, ours.random_commands(STEPS, share))
+    ours = Ours(export.vessel(run, model), WIND, CURRENT)
+    check_alike(export(run, "fmu", "vessel.fmu", "--model", model), ours)
 
 
-@pytest.mark.parametrize("names", [("kvlcc2",), pytest.param(OTHERS, marks=pytest.mark.nightly)])
-def test_vessels_with_inputs_leave_with_their_devices(
+@needs_compiler
+@pytest.mark.parametrize(
+    "names",
+    [("milliampere", "beluga_full", "kvlcc2"), pytest.param(OTHERS, marks=pytest.mark.nightly)],
+)
+def test_another_program_accepts_and_simulates_it(
     names: tuple[str, ...], tmp_path: Path, subtests: pytest.Subtests
 ) -> None:
-    if shutil.which("cc") is None:
-        pytest.skip("no C compiler: apt-get install gcc")
+    """Vessels by force with three and six degrees of freedom, and with devices and their inputs."""
     for name in names:
         with subtests.test(name):
             vessel = parameters_of(name)
             equations = Equations(vessel.nominal(), vessel.thruster, name, vessel.inputs)
             path = tmp_path / f"{name}.fmu"
             path.write_bytes(fmu(equations, name, PERIOD / PARTS))
-            ours = Ours(vessel, WIND, CURRENT)
-            check_alike(path, ours, ours.random_commands(STEPS))
+            check_alike(path, Ours(vessel, WIND, CURRENT))
 
 
-def check_alike(file: Path, ours: Ours, commands: Array) -> None:
+def check_alike(file: Path, ours: Ours) -> None:
     """An FMU is valid, and has our velocities after each step."""
     pytest.importorskip("fmpy", reason="the extra fmu is not installed")
     from fmpy.validation import validate_fmu
 
     assert validate_fmu(str(file)) == []
+    share = 0.03 if isinstance(ours.kinematics, Quaternion) and not ours.vessel.inputs else 0.3
+    commands = ours.random_commands(STEPS, share)
     track = ours.sail(commands, PERIOD, PARTS)[:, -ours.n :]
     assert np.all(np.isfinite(track))
     assert np.any(np.ptp(track, axis=0) > 0.0)
@@ -100,13 +99,13 @@ def simulated(file: Path, ours: Ours, commands: Array) -> Array:
 
 
 def test_without_a_compiler_it_is_one_line(
-    sailed: Path, tmp_path: Path, program: Program, monkeypatch: pytest.MonkeyPatch
+    seatrial: Command, program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    trial = ("vessel=surge_linear", "excitation=prbs", "excitation.length_s=10", "identifier=none")
+    assert seatrial(*trial, "controller=none", "evaluation=none").code == 0
+    before = sorted(tmp_path.iterdir())
     monkeypatch.setenv("PATH", str(tmp_path))
-    database = f"sqlite:///{sailed}/results/results.db"
-    code, out, err = program(
-        "model", "1", "--to", "fmu", "-o", tmp_path / "x.fmu", "--database", database
-    )
+    code, out, err = program("model", "1", "--to", "fmu", "-o", tmp_path / "x.fmu")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "--to fmu: there is no C compiler, expected one of cc, gcc, clang in PATH" in err
-    assert list(tmp_path.iterdir()) == []
+    assert sorted(tmp_path.iterdir()) == before

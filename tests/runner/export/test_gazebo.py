@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,9 +11,7 @@ from seatrial.models.notation import ACCELERATIONS, DOFS, VELOCITIES
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.export.gazebo import parameters_of, sdf, thrusts
 from seatrial.runner.export.stored_model import StoredModel
-from tests.runner.compare.conftest import Program
-from tests.runner.compare.conftest import program as program
-from tests.runner.export.conftest import FERRY
+from tests.runner.export.conftest import FERRY, Exporter
 from tests.runner.export.test_steered import stored
 
 FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # to port and up instead of starboard and down
@@ -111,12 +108,8 @@ def test_what_is_lost_is_named_with_its_force(subtests: pytest.Subtests) -> None
 
 
 @pytest.mark.slow
-def test_a_stored_run_gives_the_motion_of_its_recording(
-    sailed: Path, tmp_path: Path, program: Program
-) -> None:
-    file, database = tmp_path / "ferry.sdf", f"sqlite:///{sailed}/results/results.db"
-    words = ("model", str(FERRY), "--to", "vrx", "-o", file, "--database", database)
-    assert program(*words) == (0, f"{file}\n", "")
+def test_a_stored_run_gives_the_motion_of_its_recording(export: Exporter) -> None:
+    file = export(FERRY, "vrx", "ferry.sdf")
     assert ElementTree.parse(file).getroot().find("model").get("name") == "ferry"
     assert re.search(r"not in vrx, .* at the recording: X_vr: [\d.]+\n", file.read_text())
 

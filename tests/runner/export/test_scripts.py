@@ -2,8 +2,6 @@
 
 import json
 import runpy
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,46 +12,19 @@ import pytest
 import scipy.io
 
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.database import LogbookReader
-from seatrial.runner.export.stored_model import read_model
-from tests.runner.compare.conftest import Program
-from tests.runner.compare.conftest import program as program
-from tests.runner.export.compiled import Ours
-from tests.runner.export.conftest import BELUGA, DIAGONAL, FERRY, LINEAR, SHIP, SUPPLY
+from tests.runner.export.compiled import WIND, Ours, octave
+from tests.runner.export.conftest import BELUGA, DIAGONAL, FERRY, LINEAR, SHIP, SUPPLY, Exporter
 from tests.runner.programs import rows
 
 pytestmark = pytest.mark.slow
 EQUAL = 1e-12
-WIND = np.array([4.0, -7.0])
 MODELS = [(1, "identified"), (FERRY, "plant"), (SHIP, "identified"), (SUPPLY, "plant"),
           (BELUGA, "identified"), (DIAGONAL, "nominal")]  # fmt: skip
 
 
-class Exporter:
-    """Writes models of the logbook."""
-
-    def __init__(self, sailed: Path, folder: Path, program: Program) -> None:
-        self.database = f"sqlite:///{sailed}/results/results.db"
-        self.folder, self.program = folder, program
-
-    def __call__(self, run: int, to: str, name: str, *words: str) -> Path:
-        file = self.folder / name
-        shown = self.program(
-            "model", str(run), "--to", to, "-o", file, "--database", self.database, *words
-        )
-        assert shown == (0, f"{file}\n", "")
-        return file
-
-    def ours(self, run: int, model: str) -> Ours:
-        """Our kernels for the same model, with Euler angles in six degrees of freedom."""
-        with LogbookReader.read(self.database) as logbook:
-            vessel = read_model(logbook, run, model).parameters
-        return Ours(replace(vessel, attitude="euler"), WIND, np.zeros(2))
-
-
-@pytest.fixture
-def export(sailed: Path, tmp_path: Path, program: Program) -> Exporter:
-    return Exporter(sailed, tmp_path, program)
+def ours_of(export: Exporter, run: int, model: str) -> Ours:
+    """Our kernels for a model, with Euler angles in six degrees of freedom."""
+    return Ours(replace(export.vessel(run, model), attitude="euler"), WIND, np.zeros(2))
 
 
 def states(ours: Ours, count: int = 50) -> tuple[Array, Array, Array]:
@@ -73,7 +44,7 @@ def close(theirs: Array, ours: Array) -> None:
 def test_the_script_for_python_control_has_our_equations(
     export: Exporter, run: int, model: str
 ) -> None:
-    ours = export.ours(run, model)
+    ours = ours_of(export, run, model)
     file = export(run, "python-control", "vessel.py", "--model", model, "--at", "u=0.3")
     script = runpy.run_path(str(file))
     theirs, own = [], []
@@ -93,33 +64,24 @@ def test_the_script_for_python_control_has_our_equations(
 
 @pytest.mark.parametrize(("run", "model"), MODELS)
 def test_octave_computes_our_accelerations(export: Exporter, run: int, model: str) -> None:
-    octave = shutil.which("octave-cli")
-    if octave is None:
-        pytest.skip("no Octave: apt-get install octave")
-    ours = export.ours(run, model)
+    ours = ours_of(export, run, model)
     export(run, "mss", "vessel.m", "--model", model)
     pose, nu, tau = states(ours)
-    given = {"eta": pose.T, "nu": nu.T, "tau": tau.T, "wind": WIND}
-    scipy.io.savemat(export.folder / "given.mat", given)
     program = (
         "load given.mat; a = zeros(size(nu));"
         "for k = 1:columns(nu) a(:, k) = vessel(eta(:, k), nu(:, k), tau(:, k), wind); end;"
         "calm = vessel(eta(:, 1), nu(:, 1), tau(:, 1)); save -v7 answer.mat a calm"
     )
-    done = subprocess.run(
-        [octave, "--quiet", "--no-init-file", "--eval", program],
-        cwd=export.folder, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    answer = scipy.io.loadmat(export.folder / "answer.mat")
+    given = {"eta": pose.T, "nu": nu.T, "tau": tau.T, "wind": WIND}
+    answer = octave(program, export.folder, given)
     own = np.array([ours.rates(*state)[ours.n :] for state in zip(pose, nu, tau, strict=True)])
-    close(answer["a"].T, own)
+    close(np.reshape(answer["a"], nu.T.shape).T, own)
     ours.weather = ours.weather._replace(wind_ned=np.zeros((1, 2)))
-    close(answer["calm"][:, 0], ours.rates(pose[0], nu[0], tau[0])[ours.n :])
+    close(np.atleast_1d(answer["calm"]), ours.rates(pose[0], nu[0], tau[0])[ours.n :])
 
 
 def test_a_linear_model_is_the_derivative_at_its_operating_point(export: Exporter) -> None:
-    ours = export.ours(FERRY, "plant")
+    ours = ours_of(export, FERRY, "plant")
     at = ("--model", "plant", "--at", "u=0.4, r=0.1,psi=0.7,wind_north=4,wind_east=-7")
     data = json.loads(export(FERRY, "statespace", "a.json", *at).read_text())
     eta, nu = np.array([0.0, 0.0, 0.7]), np.array([0.4, 0.0, 0.1])

@@ -1,7 +1,5 @@
 """Models of steered vessels leave with their devices and inputs, as vessels and as equations."""
 
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scipy.io
 from omegaconf import OmegaConf
 
 from docs.vessels import parameters_of, vessels
@@ -21,7 +18,7 @@ from seatrial.runner.configuration import options
 from seatrial.runner.export.equations import Equations
 from seatrial.runner.export.model_formats import FORMATS, write
 from seatrial.runner.export.stored_model import StoredModel
-from tests.runner.export.compiled import Ours, Theirs, compiled, relative
+from tests.runner.export.compiled import CURRENT, WIND, Ours, Theirs, compiled, octave, relative
 from tests.trials import CONF
 
 STEERED = tuple(name for name in vessels() if parameters_of(name).inputs)
@@ -30,7 +27,6 @@ SOME_AND_THE_OTHERS = pytest.mark.parametrize("names", [
     DIFFERENT,
     pytest.param(tuple(n for n in STEERED if n not in DIFFERENT), marks=pytest.mark.nightly),
 ])  # fmt: skip
-WIND, CURRENT = np.array([4.0, -7.0]), np.array([0.1, 0.2])
 STEPS, STEP_S, EQUAL = 10_000, 0.1, 1e-9
 
 
@@ -51,6 +47,7 @@ def numbers(vessel: VesselParameters) -> dict[str, Any]:
 
 
 def test_it_comes_back_to_the_last_digit(tmp_path: Path, subtests: pytest.Subtests) -> None:
+    assert len(STEERED) == 18
     for name in STEERED:
         if "\ndefaults:" in (CONF / "vessel" / f"{name}.yaml").read_text():
             continue  # not in one file
@@ -86,10 +83,6 @@ def test_a_format_without_inputs_says_so(tmp_path: Path) -> None:
 
 def equations_of(vessel: VesselParameters) -> Equations:
     return Equations(vessel.nominal(), vessel.thruster, vessel.name, vessel.inputs)
-
-
-def test_there_are_eighteen_of_them() -> None:
-    assert len(STEERED) == 18
 
 
 @pytest.mark.slow
@@ -146,14 +139,11 @@ end
 
 
 @pytest.mark.parametrize(
-    ("names", "steps"), [(DIFFERENT, 100), pytest.param(STEERED, STEPS, marks=pytest.mark.nightly)]
+    ("names", "steps"), [(DIFFERENT, 50), pytest.param(STEERED, STEPS, marks=pytest.mark.nightly)]
 )
 def test_octave_sails_as_they_do(
     names: tuple[str, ...], steps: int, tmp_path: Path, subtests: pytest.Subtests
 ) -> None:
-    octave = shutil.which("octave-cli")
-    if octave is None:
-        pytest.skip("octave is not installed")
     tracks, given = {}, {}
     for name in names:
         vessel = replace(parameters_of(name), attitude="euler")
@@ -166,17 +156,11 @@ def test_octave_sails_as_they_do(
             "current": CURRENT, "acting": ours.acting.transpose(2, 1, 0),
         }  # fmt: skip
     (tmp_path / "sail.m").write_text(SAIL)
-    scipy.io.savemat(tmp_path / "given.mat", given)
     program = (
         "g = load('given.mat'); for name = fieldnames(g)' n = name{1};"
         "answer.(n) = sail(str2func(n), g.(n)); end; save('-v7', 'answer.mat', 'answer')"
     )
-    done = subprocess.run(
-        [octave, "--quiet", "--no-init-file", "--eval", program],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    answer = scipy.io.loadmat(tmp_path / "answer.mat", simplify_cells=True)["answer"]
+    answer = octave(program, tmp_path, given)["answer"]
     for name in names:
         with subtests.test(name):
             theirs = np.reshape(answer[name], (-1, steps)).T

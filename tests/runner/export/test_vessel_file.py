@@ -14,7 +14,6 @@ from seatrial.runner.database import LogbookReader
 from seatrial.runner.record.coefficient_rows import vessel_of
 from tests.runner.command import Command
 from tests.runner.compare.conftest import Program
-from tests.runner.compare.conftest import program as program
 from tests.runner.export.conftest import BELUGA, FERRY, LINEAR, SUPPLY
 from tests.runner.programs import ended, rows
 from tests.runner.programs import program as process
@@ -65,7 +64,6 @@ def test_every_coefficient_comes_back_to_the_last_digit(
     assert node["plant_scale"] == (config["plant_scale"] if model == "nominal" else 1.0)
 
 
-@pytest.mark.slow
 def test_a_run_and_its_file_are_sailed_alike(
     seatrial: Command, here: Path, program: Program
 ) -> None:

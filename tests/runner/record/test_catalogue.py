@@ -18,7 +18,8 @@ from seatrial.runner.record.catalogue import METRICS, Definition
 from seatrial.runner.record.own_metrics import OwnMetric
 from seatrial.runner.record.rows import Metric, metric
 from seatrial.runner.trials import trial as trials
-from tests.runner.record.test_recording_results import write
+from tests.runner.record.test_optimal_design_results import SHORT
+from tests.runner.record.test_recording_results import SURGE, write
 from tests.trials import composed
 
 FORCE_IN_THE_LAG = ("identifier=ls", "disturbance=constant")  # a ferry of known thruster lag
@@ -27,16 +28,11 @@ POSITIONING = (  # set-points, limits, wind, and an allocation that cannot give 
     "excitation=prbs", "excitation.length_s=10", "identifier=none", "evaluation=setpoints",
     "evaluation.duration_s=600", "disturbance=wind",
 )  # fmt: skip
-MIX = (
-    "vessel=modulus_ship", "excitation=optimal_design", "excitation.length_s=60", "identifier=iv",
-    "controller=none",
-)  # fmt: skip
 DOCKING = (
     "excitation=prbs", "excitation.length_s=10", "identifier=none", "evaluation=docking",
     "controller=lqi",
 )  # fmt: skip
 SURGE_STEPS = ("evaluation=setpoints", "evaluation.duration_s=200", "controller=pid_ff")
-MEASURED = ("vessel=surge_linear", "excitation=recording", "identifier=ls")
 
 
 @pytest.fixture
@@ -57,23 +53,23 @@ def test_what_trials_store_is_what_is_declared(tmp_path: Path) -> None:
     stored = [
         *stored_by(*FORCE_IN_THE_LAG),
         *stored_by(*POSITIONING),
-        *stored_by(*MIX),
+        *stored_by(*SHORT),
         *stored_by(*DOCKING),
-        *stored_by(*MEASURED, f"excitation.path={write(tmp_path / 'a.csv')}"),
+        *stored_by(*SURGE, f"excitation.path={write(tmp_path / 'a.csv')}"),
     ]
     declared = {(stage, one.name) for one in METRICS for stage in one.stages}
     assert {(row.stage, row.name) for row in stored} == declared
     assert all(row.unit == catalogue.declared(row.name).unit_of(row.dof) for row in stored)
 
 
-@pytest.mark.parametrize("name", ["force", "e_pos", "e_psi", "error"])
-def test_a_mean_square_has_the_square_of_the_unit_of_the_mean(name: str) -> None:
-    mean, square = catalogue.declared(f"{name}_mae"), catalogue.declared(f"{name}_mse")
-    dofs = [dof for dof in (*DOFS, "position", "heading") if dof in mean.unit]
-    assert dofs
-    for dof in dofs:
-        unit = mean.unit_of(dof)
-        assert square.unit_of(dof) in (f"{unit}^2", f"({unit})^2")
+def test_a_mean_square_has_the_square_of_the_unit_of_the_mean() -> None:
+    for name in ("force", "e_pos", "e_psi", "error"):
+        mean, square = catalogue.declared(f"{name}_mae"), catalogue.declared(f"{name}_mse")
+        dofs = [dof for dof in (*DOFS, "position", "heading") if dof in mean.unit]
+        assert dofs
+        for dof in dofs:
+            unit = mean.unit_of(dof)
+            assert square.unit_of(dof) in (f"{unit}^2", f"({unit})^2")
 
 
 def test_what_is_not_declared_is_not_stored() -> None:
@@ -128,11 +124,11 @@ def test_a_metric_from_elsewhere_is_stored_beside_ours(own: Definition) -> None:
     assert len(found) == 5
 
 
-@pytest.mark.parametrize("nodes", ["force_mse", {"_target_": "x"}])
-def test_metrics_from_elsewhere_are_a_list(nodes: object) -> None:
+def test_metrics_from_elsewhere_are_a_list() -> None:
     trial = composed()
-    with pytest.raises(ConfigurationError, match=r"metrics: got .*, expected a list"):
-        build_trial({**trial.config, "metrics": nodes}, trial.names)
+    for nodes in ("force_mse", {"_target_": "x"}):
+        with pytest.raises(ConfigurationError, match=r"metrics: got .*, expected a list"):
+            build_trial({**trial.config, "metrics": nodes}, trial.names)
 
 
 def test_a_name_of_another_database_is_known_by_its_name_alone() -> None:

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
 from seatrial.models.identification.problem import Identified
 from seatrial.models.simulation.statespace import StateSpace
@@ -14,7 +13,7 @@ from seatrial.runner.export.stored_model import read_model
 from seatrial.runner.record.coefficient_rows import state_space_coefficients
 from seatrial.runner.trials import trial as trials
 from tests.runner.database.samples import make_start
-from tests.trials import CONF, composed
+from tests.trials import composed
 
 
 def test_identified_devices_are_stored_with_units_and_sail(tmp_path: Path) -> None:
@@ -33,12 +32,9 @@ def test_identified_devices_are_stored_with_units_and_sail(tmp_path: Path) -> No
     assert row.value not in (None, 0.312)
     assert stored_rows["identified", "propeller", "diameter_m"].unit == "m"
     assert stored_rows["identified", "propeller", "diameter_m"].std_error is None
-    config = OmegaConf.load(CONF / "vessel" / "kvlcc2.yaml")
-    node = OmegaConf.to_container(config, resolve=True)
     url = f"sqlite:///{tmp_path}/results.db"
-    start = make_start(config={"vessel": node, "integration_step_s": 0.1}, **trial.names)
     with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        begun = logbook.begin_run(start)
+        begun = logbook.begin_run(make_start(config=trial.config, **trial.names))
         logbook.finish_run(begun.run_id, results)
     with LogbookReader.read(url, results_dir=tmp_path) as reader:
         model = read_model(reader, begun.run_id)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 
 from seatrial.models.excitation.docking import DrawnDocking
 from seatrial.models.simulation.voyage import Log, Voyage
@@ -34,8 +35,9 @@ def sailed(docking: DrawnDocking, poses: Array, tau: Array | None = None) -> Sim
     return SimulatedMission(voyage, period, ControlDesign(PLANE, np.zeros(3), (1.0, 1.0, 1.0)))
 
 
-def values(docking: DrawnDocking, voyage: SimulatedMission) -> dict[str, float | None]:
-    return {row.name: row.value for row in berthing_metrics(docking, voyage, "nominal")}
+def values(docking: DrawnDocking, voyage: SimulatedMission) -> dict[str, float]:
+    rows = berthing_metrics(docking, voyage, "nominal")
+    return {row.name: row.value for row in rows if row.value is not None}
 
 
 def test_an_exact_voyage_is_berthed_with_the_gap() -> None:
@@ -58,7 +60,6 @@ def test_a_voyage_into_the_quay_and_one_beside_the_berth() -> None:
     assert into["contacts"] == 1.0
     assert into["smallest_clearance"] == 0.0
     assert into["final_position_error"] == pytest.approx(0.1)
-    assert into["time_to_berth"] is not None
     assert np.isnan(into["time_to_berth"])
     turned = values(docking, sailed(docking, poses + np.array([0.0, 0.0, np.radians(-2.0)])))
     assert turned["final_heading_error"] == pytest.approx(2.0)
@@ -87,7 +88,6 @@ def test_the_metrics_do_not_depend_on_the_frame() -> None:
     def moved_poses(at: Array) -> Array:
         return np.column_stack([moved(at[:, :2]), at[:, 2] + turn])
 
-    shapely = pytest.importorskip("shapely")
     harbour = docking.berthing.harbour
     land = shapely.transform(harbour.land, moved)
     berthing = docking.berthing._replace(
@@ -106,7 +106,6 @@ def test_the_stored_harbour_has_the_hull_and_the_land() -> None:
     corners = np.column_stack([columns["x"], columns["y"]])
     hull = corners[columns["polygon"] == 0.0]
     np.testing.assert_allclose(np.ptp(hull, axis=0), [5.0, 5.0 / 3.0])
-    shapely = pytest.importorskip("shapely")
     parts = [
         shapely.Polygon(corners[columns["polygon"] == number])
         for number in np.unique(columns["polygon"])[1:]

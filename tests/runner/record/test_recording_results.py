@@ -65,11 +65,9 @@ def write(path: Path, damping: float = 5.0) -> Path:
 
 
 def test_the_same_data_elsewhere_is_the_same_trial(tmp_path: Path) -> None:
-    first = write(tmp_path / "first.csv", 20.0)
-    moved = write(tmp_path / "moved.csv", 20.0)
-    other = write(tmp_path / "other.csv", 21.0)
     prints = []
-    for path in (first, moved, other):
+    for name, damping in (("first", 20.0), ("moved", 20.0), ("other", 21.0)):
+        path = write(tmp_path / f"{name}.csv", damping)
         trial = composed(*SURGE, f"excitation.path={path}")
         prints.append(fingerprint(trial.config, trial.names, "sources"))
     assert prints[0] == prints[1] != prints[2]

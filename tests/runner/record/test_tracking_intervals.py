@@ -7,25 +7,24 @@ import pytest
 
 from seatrial.models.excitation.missions import Mission
 from seatrial.models.identification.model_error import ModelError
-from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.identification.problem import Identified
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.trials.closed_loop import Streams, prepare
 from seatrial.runner.trials.deployment_metrics import tracking_metrics
 from seatrial.runner.trials.tracking_intervals import HIGH, LOW, tracking_intervals
-from seatrial.runner.trials.trial import excite
-from tests.trials import asked_for
+from tests.trials import asked_for, excited
 
 OPTIONS = (
     "vessel=surge_linear", "excitation=multisine", "disturbance=noise", "identifier=ls",
     "identifier.basis=physical", "evaluation=setpoints", "evaluation.duration_s=100",
+    "controller=pid_ff",
 )  # fmt: skip
 
 
-def identified_of(trial: Trial) -> Identified:
-    excited = excite(trial, Streams(0))
-    training, testing = (excited.recording.part(m) for m in (excited.training, excited.testing))
-    problem = Problem(training, testing, trial.vessel.nominal(), trial.vessel.thruster)
-    return trial.identifier.identify(problem, np.random.default_rng(0))
+def trial_and_model() -> tuple[Trial, Identified]:
+    trial = asked_for(*OPTIONS)
+    problem, _ = excited(*OPTIONS)
+    return trial, trial.identifier.identify(problem, np.random.default_rng(0))
 
 
 def bounds(trial: Trial, identified: Identified) -> dict[str, float]:
@@ -42,8 +41,7 @@ def bounds(trial: Trial, identified: Identified) -> dict[str, float]:
 
 
 def test_an_interval_grows_with_the_model_error() -> None:
-    trial = asked_for(*OPTIONS, "controller=pid_ff")
-    identified = identified_of(trial)
+    trial, identified = trial_and_model()
     widths = []
     for force in (None, 0.1, 0.4):
         error = None if force is None else ModelError(1.0, force, 1.0, np.ones(1), np.zeros(2))
@@ -56,8 +54,7 @@ def test_an_interval_grows_with_the_model_error() -> None:
 
 
 def test_without_a_distribution_or_time_there_is_no_interval() -> None:
-    trial = asked_for(*OPTIONS, "controller=pid_ff")
-    identified = identified_of(trial)
+    trial, identified = trial_and_model()
     assert set(bounds(trial, replace(identified, spread=None))) == {"e_pos_mae"}
     mission, seeds = trial.evaluation, Streams(0)
     assert isinstance(mission, Mission)

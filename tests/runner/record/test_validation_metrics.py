@@ -1,4 +1,4 @@
-"""Rows of the predictions on the held-out part."""
+"""Rows of errors and predictions on the held-out part."""
 
 from dataclasses import replace
 
@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from seatrial.models.identification.problem import Identified, Problem
+from seatrial.models.recording.recording import Recording
+from seatrial.models.vessel.basis import terms
+from seatrial.models.vessel.table import Vessel
 from seatrial.runner.trials import trial as trials
-from seatrial.runner.trials.validation_metrics import predictions
+from seatrial.runner.trials.validation_metrics import predictions, validation
 from tests.models.identification.conftest import driven, surge
 from tests.trials import asked_for
 
@@ -32,6 +35,24 @@ def test_a_model_that_cannot_be_simulated_has_every_row_without_a_value() -> Non
     assert set(predicted.free_runs) == {"nominal"}
 
 
+def test_the_median_error_is_over_the_vessels_own_terms() -> None:
+    still = np.zeros((3, 1))
+    recording = Recording(
+        ("surge",), np.arange(3.0), still, still, still, still, np.zeros((3, 3)),
+        wind=np.zeros((3, 2)),
+    )  # fmt: skip
+
+    def vessel(values: dict[str, float]) -> Vessel:
+        return Vessel("test", ("surge",), terms(values), np.array([list(values.values())]).T)
+
+    nominal = vessel({"u_dot": 100.0, "u": 10.0, "|u|u": 5.0})
+    truth = vessel({"u_dot": 100.0, "u": 20.0, "|u|u": 4.0, "|u_q|u_q": 7.0})
+    found = validation(recording, nominal, Identified(truth, truth), truth)
+    errors = {row.model: row.value for row in found if row.name == "coefficient_error_median"}
+    # errors 0, 0.5 and 0.25; that of the wind's term, 1, is not counted
+    assert errors == {"nominal": pytest.approx(0.25), "identified": 0.0}
+
+
 def test_a_free_run_ends_where_it_diverges_and_begins_again_after_a_gap() -> None:
     nominal = surge(60.0, 20.0)
     recording = driven(nominal, 10.0 * np.sin(0.1 * np.arange(300)), "rk4")
@@ -44,15 +65,10 @@ def test_a_free_run_ends_where_it_diverges_and_begins_again_after_a_gap() -> Non
     first, second = np.flatnonzero(lost[:200])[0], 200 + np.flatnonzero(lost[200:])[0]
     assert np.all(lost[first:200])
     assert np.all(lost[second:])
-    assert np.array_equal(
-        predicted.free_runs["identified"][200], [late.eta[200, 0], late.nu[200, 0]]
-    )
-    (held,) = [
-        row.value
-        for row in predicted.metrics
-        if (row.name, row.model) == ("held_free_run", "identified")
-    ]
-    assert held == pytest.approx(late.period_s * (first - 1))
+    again = predicted.free_runs["identified"][200]
+    assert np.array_equal(again, [late.eta[200, 0], late.nu[200, 0]])
+    held = {row.model: row.value for row in predicted.metrics if row.name == "held_free_run"}
+    assert held["identified"] == pytest.approx(late.period_s * (first - 1))
 
 
 def test_the_band_of_a_prediction_is_stored_and_holds_the_model_error_if_asked_for() -> None:

@@ -9,7 +9,6 @@ import pytest
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.benchmark.boards import measures
 from seatrial.runner.compare.benchmark.task import cells, task_of
-from seatrial.runner.record.rows import Series
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 
@@ -45,15 +44,16 @@ def store(name: str, losses: Mapping[str, Losses], score: str = "free_run") -> N
     values = [loss for own in losses.values() for of_case in own for loss in of_case]
     with stored.logbook_at(Path()) as logbook:
         for cell, loss in zip(cells(task_of(name)), values, strict=True):
-            begin = stored.start(cell.entrant, cell.case, cell.seed, name, overrides=cell.options)
+            begin = stored.start(
+                cell.entrant, cell.case, cell.seed, vessel=name, overrides=cell.options
+            )
             if loss is None:
                 stored.fail(logbook, begin)
                 continue
             columns = {"t": T, "start": 1.0 * (T == 0.0), "surge": MEASURED}
             columns["surge_identified"] = MEASURED + loss
             columns["surge_identified_1s"] = np.where(T > 0.0, MEASURED + 1.0 - loss, np.nan)
-            series = Series("prediction", columns, dict.fromkeys(columns, ""))
-            stored.finish(logbook, begin, series=[series])
+            stored.finish(logbook, begin, series=[stored.series("prediction", columns)])
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from seatrial.runner.compare.benchmark.scores import (
     score_after,
 )
 from seatrial.runner.record.rows import Series
+from tests.runner.compare.stored import series as stored_series
 
 N = 2000
 PAIRS = ((0, 0.1), (1, 0.2), (2, 0.3))  # seed and noise of pooled series
@@ -35,7 +36,7 @@ def series(noise: float, seed: int = 0) -> Series:
         "surge_nominal": np.where(np.arange(N) < 1500, u, np.nan),
         "surge_identified_10s": after,
     }
-    return Series("prediction", columns, dict.fromkeys(columns, ""))
+    return stored_series("prediction", columns)
 
 
 def test_errors_are_relative_to_the_spread_of_what_was_measured() -> None:
@@ -49,23 +50,17 @@ def test_errors_are_relative_to_the_spread_of_what_was_measured() -> None:
 
 def test_references() -> None:
     stored = series(0.2)
-    u = stored.columns["surge"]
-    assert score(stored, MEAN_MOTION, ("surge",)).loss == pytest.approx(1.0)
-    held = np.repeat([u[0], u[1000]], 1000)
-    expected = np.sqrt(np.mean((held - u) ** 2)) / np.std(u)
-    assert score(stored, PERSISTENCE, ("surge",)).loss == pytest.approx(expected)
-    assert score(stored, AT_REST, ("surge",)).loss == np.inf  # it has a position only
-
-
-def test_references_are_predicted_over_the_same_times() -> None:
-    stored = series(0.2)
     u, ends = stored.columns["surge"], np.arange(N) % 100 == 99
-    spread = np.std(u)
-    held = score(stored, PERSISTENCE, ("surge",), (10.0,)).after[10.0][0]
-    expected = np.sqrt(np.mean((u[ends] - u[np.flatnonzero(ends) - 100]) ** 2)) / spread
-    assert held == pytest.approx(expected)
-    mean = score(stored, MEAN_MOTION, ("surge",), (10.0,)).after[10.0][0]
-    assert mean == pytest.approx(np.sqrt(np.mean((u[ends] - u.mean()) ** 2)) / spread)
+    held = np.repeat([u[0], u[1000]], 1000)
+    for model, free, over_10_s in (
+        (MEAN_MOTION, u.mean(), u.mean()),
+        (PERSISTENCE, held, u[np.flatnonzero(ends) - 100]),
+    ):
+        found = score(stored, model, ("surge",), (10.0,))
+        assert found.loss == pytest.approx(np.sqrt(np.mean((free - u) ** 2)) / np.std(u))
+        expected = np.sqrt(np.mean((over_10_s - u[ends]) ** 2)) / np.std(u)
+        assert found.after[10.0][0] == pytest.approx(expected)
+    assert score(stored, AT_REST, ("surge",)).loss == np.inf  # it has a position only
 
 
 def test_pooled_scores_weigh_samples_alike_and_lie_in_their_interval() -> None:
@@ -105,10 +100,7 @@ def test_equal_entrants_are_told_apart_seldom_and_a_better_one_always() -> None:
 
 
 def test_one_that_diverges_differs_from_one_that_does_not() -> None:
-    own, lost = (
-        score(series(0.2), "identified", ("surge",)),
-        score(series(0.2), "nominal", ("surge",)),
-    )
+    own, lost = (score(series(0.2), model, ("surge",)) for model in ("identified", "nominal"))
     assert chance([own], [lost]) == 0.0
     assert chance([lost], [lost]) == 1.0
     assert chance([own, None], [lost, own]) == 0.0  # each lost another file
@@ -124,7 +116,7 @@ def test_position_after_a_time_is_a_distance() -> None:
     reached = np.where(t >= 5.0, 0.0, np.nan)
     for model, north, east in (("nominal", 0.0, 1.0), ("identified", 0.3, 0.4)):
         known |= {f"x_{model}_5s": x + north + reached, f"y_{model}_5s": y + east + reached}
-    series = Series("prediction", known, dict.fromkeys(known, ""))
+    series = stored_series("prediction", known)
     own = score_after(series, "identified", POSITION, 5.0)
     assert own.loss == pytest.approx(0.5)
     assert [len(piece) for piece in own.pieces()] == [10, 20]
@@ -135,16 +127,15 @@ def test_position_after_a_time_is_a_distance() -> None:
     assert at_rest.loss == pytest.approx(5.0 * np.hypot(2.0, 0.5))
     absent = score_after(series, "plant", POSITION, 5.0)
     assert absent.loss == np.inf
-    near, far = (score_after(series, name, POSITION, 5.0) for name in ("identified", "nominal"))
-    assert chance([near], [far]) < 0.05
-    assert chance([near], [absent]) == 0.0
+    assert chance([own], [score_after(series, "nominal", POSITION, 5.0)]) < 0.05
+    assert chance([own], [absent]) == 0.0
 
 
 def banded(noise: float, deviation: float) -> Series:
     """The same series with a band of a given deviation about the free run."""
     stored = series(noise)
     known = stored.columns | {"surge_identified_std": np.full(N, deviation)}
-    return Series("prediction", known, dict.fromkeys(known, ""))
+    return stored_series("prediction", known)
 
 
 def test_a_band_of_the_right_size_holds_nine_tenths_and_has_the_best_crps() -> None:
