@@ -2,6 +2,7 @@
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
@@ -13,7 +14,7 @@ from seatrial.runner.configuration.vessel_options import filled
 from seatrial.runner.record.vocabulary import GROUPS
 from seatrial.runner.sweeps.composition import order_of
 from seatrial.runner.sweeps.job import Order
-from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.closed_loop import SimulatedMission, Streams, prepare
 from seatrial.runner.trials.trial import excite
 
 CONF = Path(__file__).parents[1] / "conf"
@@ -68,3 +69,12 @@ def excited(*overrides: str, seed: int = 0) -> tuple[Problem, Vessel]:
     training, testing = (data.recording.part(mask) for mask in (data.training, data.testing))
     assert data.truth is not None
     return Problem(training, testing, trial.vessel.nominal(), trial.vessel.thruster), data.truth
+
+
+def sailed(
+    trial: Trial, mission: Any = None, model: Vessel | None = None, **options: Any
+) -> SimulatedMission:
+    """The excitation of a trial, or another mission, with a controller for the nominal model."""
+    mission = trial.excitation if mission is None else mission
+    model = trial.vessel.nominal() if model is None else model
+    return prepare(trial, Streams(trial.seed), model, mission, **options).sail()

@@ -1,4 +1,4 @@
-"""Vessels and voyages for the tests of controllers."""
+"""Vessels and voyages for the tests of controllers and of motion."""
 
 from typing import Any
 
@@ -7,6 +7,8 @@ import numpy as np
 from seatrial.models.control.estimator import Kalman
 from seatrial.models.control.lqi import Lqi
 from seatrial.models.control.mpc import Mpc
+from seatrial.models.control.pid import PidFeedforward
+from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.excitation.setpoints import Step
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import Watch, sail
@@ -16,6 +18,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
+from seatrial.models.vessel.thruster import SecondOrderLag
 from seatrial.models.weather.weather import Weather
 from seatrial.models.weather.wind import Windage
 
@@ -94,6 +97,23 @@ def voyage(
         period_s, watch=watch,
     )  # fmt: skip
     return sailed, state
+
+
+def drift(
+    vessel: Vessel, met: Weather, *, goal: Array | None = None, gain: float = 0.0,
+    lag: SecondOrderLag | None = None, start: Array | None = None, step_s: float = 0.05,
+    integrator: Any = "rk4", **options: Any,
+) -> Voyage:  # fmt: skip
+    """A vessel that nothing steers, at 10 Hz; or one that is steered to a goal, by equal gains."""
+    n, n_dof = met.force_ned.shape
+    gains, here = (gain,) * n_dof, np.zeros(n_dof)
+    pid = PidFeedforward(gains, gains, gains, feedforward=goal is not None)
+    setpoints = np.tile(here if goal is None else goal, (n, 1))
+    return sail(
+        Plant(vessel, lag, (50.0,) * n_dof, integrator=integrator), met,
+        (Timetable(setpoints), np.zeros(1)), ReferenceFilter(0.5, 0.7).table(0.1),
+        pid.build(vessel, 0.1), here if start is None else start, 0.1, step_s, **options,
+    )  # fmt: skip
 
 
 def appendix_k(n: int = 1200) -> Array:

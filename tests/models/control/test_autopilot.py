@@ -1,9 +1,11 @@
 """The autopilot on a ship that is Nomoto's equation, and on KVLCC2 in wind moment and current."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lti
 
 from docs.vessels import parameters_of
 from seatrial.models.control.autopilot import Autopilot, AutopilotTable
@@ -17,10 +19,10 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.steering import Nomoto, steering_model
 from seatrial.models.vessel.thruster import Input
-from seatrial.models.weather.weather import Weather
-from seatrial.runner.trials import closed_loop
-from seatrial.runner.trials import trial as trials
-from tests.trials import composed
+from seatrial.runner.trials.checks import check
+from seatrial.runner.trials.closed_loop import SimulatedMission
+from tests.models.control.sailing import weather
+from tests.trials import composed, sailed
 
 GAIN, TIME_S, SPEED, LENGTH = 0.2, 5.0, 1.0, 4.0
 PERIOD_S = 0.05
@@ -42,21 +44,19 @@ def nomoto_ship(gain: float = GAIN, time_s: float = TIME_S) -> VesselParameters:
     )  # fmt: skip
 
 
-def autopilot(ship: VesselParameters, **options: object) -> Autopilot:
-    options = {"shaft": ship.driven_by, "length_m": LENGTH, **options}
-    return Autopilot(
-        speed_m_s=ship.approach_speed_m_s, input_names=ship.input_names,
-        input_start=ship.input_start, input_low=ship.input_low, input_high=ship.input_high,
-        input_rates=ship.input_rates, **options,  # type: ignore[arg-type]
-    )  # fmt: skip
+def of_ship(ship: VesselParameters) -> dict[str, Any]:
+    """The options that a steering controller takes from its vessel."""
+    names = "input_names", "input_start", "input_low", "input_high", "input_rates"
+    of_inputs = {name: getattr(ship, name) for name in names}
+    return {**of_inputs, "speed_m_s": ship.approach_speed_m_s, "length_m": LENGTH}
+
+
+def autopilot(ship: VesselParameters, **options: Any) -> Autopilot:
+    return Autopilot(**{**of_ship(ship), "shaft": ship.driven_by, **options})
 
 
 def predictive(ship: VesselParameters) -> SteeredMpc:
-    return SteeredMpc(
-        speed_m_s=SPEED, length_m=LENGTH, input_names=ship.input_names,
-        input_start=ship.input_start, input_rates=ship.input_rates, input_low=ship.input_low,
-        input_high=ship.input_high, input_lags=ship.input_lags,
-    )  # fmt: skip
+    return SteeredMpc(**of_ship(ship), input_lags=ship.input_lags)
 
 
 def steered(
@@ -69,13 +69,10 @@ def steered(
     if wind_up:
         assert isinstance(parameters, AutopilotTable)
         parameters = parameters._replace(track=0.0)
-    setpoints = np.zeros((n, 3))
-    setpoints[:, 2] = heading
-    still = [np.zeros((n, 3)) for _ in range(3)]
-    force = np.zeros((n, 3))
-    force[:, 0], force[:, 2] = ahead, moment
+    setpoints = np.tile([0.0, 0.0, heading], (n, 1))
+    force = np.tile([ahead, 0.0, moment], (n, 1))
     return sail(
-        ship.plant(ship.nominal()), Weather(still[0], still[1], still[2], force),
+        ship.plant(ship.nominal()), weather(n, force_ned=force),
         (Timetable(setpoints), np.zeros(1)), Step().table(PERIOD_S), (parameters, state),
         np.zeros(3), PERIOD_S, 0.01, start_nu=np.array([SPEED, 0.0, 0.0]),
     )  # fmt: skip
@@ -99,23 +96,14 @@ def test_the_heading_settles_as_the_poles_promise(
     gain = gain if time_s > 0.0 else -gain
     ship = nomoto_ship(gain, time_s)
     controller = autopilot(ship, integral=False, feedforward=False, damping=damping)
-    step = np.radians(2.0)
-    voyage = steered(ship, controller, step, 60.0)
-    omega = controller.omega
-    t = np.maximum(voyage.t - PERIOD_S, 0.0)  # the reference comes one instant late
-    promised = step * second_order(t, omega, damping)
-    # half an instant of delay by the sampled command remains
-    np.testing.assert_allclose(voyage.log.eta[:, 2], promised, atol=0.03 * step)
-    assert voyage.log.eta[-1, 2] == pytest.approx(step, rel=1e-3)
-
-
-def second_order(t: Array, omega: float, damping: float) -> Array:
-    """Step response of omega^2 / (s^2 + 2 zeta omega s + omega^2)."""
-    if damping == 1.0:
-        return np.asarray(1.0 - (1.0 + omega * t) * np.exp(-omega * t))
-    fast = omega * np.sqrt(1.0 - damping**2)
-    decay = np.exp(-damping * omega * t)
-    return np.asarray(1.0 - decay * (np.cos(fast * t) + damping * omega / fast * np.sin(fast * t)))
+    turn, omega = np.radians(2.0), controller.omega
+    voyage = steered(ship, controller, turn, 60.0)
+    promised = lti([omega**2], [1.0, 2.0 * damping * omega, omega**2]).step(T=voyage.t)[1]
+    # the reference comes one instant late; half an instant of delay by the sampled command remains
+    psi = voyage.log.eta[:, 2] / turn
+    np.testing.assert_allclose(psi[1:], promised[:-1], atol=0.03)
+    assert psi[0] == 0.0
+    assert psi[-1] == pytest.approx(1.0, rel=1e-3)
 
 
 def test_no_steady_heading_error_under_a_constant_moment() -> None:
@@ -181,12 +169,9 @@ def test_two_propellers_steer_by_their_difference_and_drive_by_their_sum() -> No
 
 def test_the_helm_is_the_rudder_that_turns_the_vessel_most() -> None:
     """Not the planes of an underwater vehicle; a ship has its `delta`."""
-    assert (parameters_of("remus100").steered_by, parameters_of("remus100").driven_by) == (
-        "delta_r", "n"
-    )  # fmt: skip
-    assert (parameters_of("mariner").steered_by, parameters_of("mariner").driven_by) == (
-        "delta", None
-    )  # fmt: skip
+    remus, mariner = parameters_of("remus100"), parameters_of("mariner")
+    assert (remus.steered_by, remus.driven_by) == ("delta_r", "n")
+    assert (mariner.steered_by, mariner.driven_by) == ("delta", None)
     assert parameters_of("milliampere").steered_by == "delta"  # which it has not: refused
 
 
@@ -198,23 +183,22 @@ def test_a_vessel_without_the_helm_is_refused() -> None:
         autopilot(ship, shaft=("delta", "screw")).build(ship.nominal(), PERIOD_S)
 
 
-def mission(*options: str) -> closed_loop.SimulatedMission:
+def mission(*options: str) -> SimulatedMission:
     """The mission of a trial, with the controller built on the nominal vessel."""
     trial = composed("identifier=none", "evaluation=none", *options)
-    trials.check(trial)
-    nominal = trial.vessel.nominal()
-    return closed_loop.prepare(trial, closed_loop.Streams(0), nominal, trial.excitation).sail()
+    check(trial)
+    return sailed(trial)
 
 
 def across(sigma: float) -> Array:
     """Distance from a leg to the north [L] in a current to the east of a tenth of the speed."""
-    sailed = mission(
+    log = mission(
         "vessel=kvlcc2", "excitation=path_following", "controller=autopilot",
         "disturbance=current", "disturbance.current.variation=constant",
         "disturbance.current.direction_deg=90", "disturbance.current.speed_m_s=0.12",
         "excitation.waypoints=[[0,0],[120,0]]", f"excitation.sigma={sigma}",
-    )  # fmt: skip
-    return np.asarray(sailed.voyage.log.eta[:, 1] / 7.0)
+    ).voyage.log  # fmt: skip
+    return np.asarray(log.eta[:, 1] / 7.0)
 
 
 def test_integral_line_of_sight_has_no_cross_track_error_in_a_current() -> None:
@@ -252,25 +236,16 @@ def test_predictive_control_of_an_unstable_ship(gain: float) -> None:
     assert helm[-1] == pytest.approx(-0.004 / (gain / -TIME_S), rel=1e-2)
 
 
-@pytest.mark.nightly
-def test_predictive_control_steers_kvlcc2() -> None:
-    heading_changes = ("excitation=heading_changes", "controller=mpc_heading", "disturbance=calm")
-    sailed = mission("vessel=kvlcc2", *heading_changes)
-    log = sailed.voyage.log
-    assert sailed.failures == 0
-    ends = np.arange(1, 6) * len(log.eta) // 5 - 2
-    reached = np.degrees(log.eta[ends, 2])
-    np.testing.assert_allclose(reached, [0.0, 20.0, -20.0, 10.0, 0.0], atol=1.0)
-
-
 def overshoot(vessel: str, controller: str, bandwidth: float) -> float:
     """Of a change of the course by 20 degrees [deg], with a filter of a bandwidth [U / L]."""
-    voyage = mission(
+    turned = mission(
         f"vessel={vessel}", "excitation=heading_changes", "excitation.headings_deg=[0,20]",
         "excitation.hold_lengths=40", f"excitation.bandwidth={bandwidth}",
         f"controller={controller}",
-    ).voyage  # fmt: skip
+    )  # fmt: skip
+    voyage = turned.voyage
     heading = np.degrees(voyage.log.eta[:, voyage.dofs.index("yaw")])
+    assert turned.failures == 0
     assert heading[-1] == pytest.approx(20.0, abs=0.5)
     return float(np.max(heading)) - 20.0
 

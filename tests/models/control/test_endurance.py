@@ -6,9 +6,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from seatrial.runner.trials import closed_loop
 from seatrial.runner.trials.closed_loop import SimulatedMission
-from tests.trials import composed
+from tests.trials import composed, sailed
 
 DAY_S = 86400.0
 # A filter as wide as the waves: else half the day is spent at the limits, chasing them.
@@ -29,8 +28,7 @@ def keep_station(controller: str, duration_s: float) -> SimulatedMission:
         "evaluation=station_keeping", f"evaluation.duration_s={duration_s}", "sample_time_s=1.0",
         "integration_step_s=1.0", *OPTIONS[controller],
     )  # fmt: skip
-    nominal = one.vessel.nominal()
-    return closed_loop.prepare(one, closed_loop.Streams(0), nominal, one.evaluation).sail()
+    return sailed(one, one.evaluation)
 
 
 @pytest.mark.parametrize(
@@ -44,16 +42,16 @@ def test_a_day_of_station_keeping_stays_bounded_without_growing(controller: str)
     keep_station(controller, 600.0)  # what is loaded and compiled once
     gc.collect()
     tracemalloc.start()
-    sailed = keep_station(controller, DAY_S)
-    log = sailed.voyage.log
+    mission = keep_station(controller, DAY_S)
+    log = mission.voyage.log
     assert len(log.eta) == DAY_S
     hours = np.abs(log.eta).reshape(24, 3600, 3).max(axis=1)
     assert np.all(hours[:, :2] < 10.0)
     assert np.all(hours[:, 2] < np.radians(20.0))
     assert np.all(np.isfinite(log.tau))
-    assert sailed.failures == 0
+    assert mission.failures == 0
     assert not np.any(log.held)
-    del sailed, log, hours
+    del mission, log, hours
     gc.collect()
     left, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()

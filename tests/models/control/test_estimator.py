@@ -20,7 +20,6 @@ from tests.models.control.sailing import (
     WINDAGE,
     double_integrators,
     lqi,
-    note,
     ship,
     steady,
     voyage,
@@ -101,16 +100,6 @@ def test_a_bias_is_estimated_and_turns_with_the_vessel() -> None:
     np.testing.assert_allclose(state.bias, force[0], rtol=0.02)
 
 
-def test_noise_is_filtered() -> None:
-    n = 600
-    rng = np.random.default_rng(0)
-    noise = rng.normal(size=(n, 3)) * KALMAN.measurement
-    sailed, state = voyage(lqi(), np.zeros((n, 3)), met=weather(n, pose_noise=noise))
-    error = np.abs(state.x[:3] - sailed.log.eta[-1])
-    assert np.all(error < 2.0 * np.array(KALMAN.measurement))
-    assert note(lqi(), "estimator_radius") < 1.0
-
-
 def test_a_lost_measurement_is_left_out() -> None:
     n = 400
     noise = np.zeros((n, 3))
@@ -180,17 +169,18 @@ def test_the_moment_of_a_current_in_the_model_of_the_filter() -> None:
     assert np.mean(blind[:-1] * blind[1:]) > 0.1 * np.mean(blind**2)
 
 
-@pytest.mark.parametrize("name", ["process", "measurement"])
-def test_deviations_must_be_positive(name: str) -> None:
-    with pytest.raises(ConfigurationError, match=f"{name} must be 3 numbers, positive"):
-        replace(KALMAN, **{name: (1.0, 0.0, 1.0)})
-
-
-def test_a_walk_of_the_bias_along_no_axis_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="3 numbers, one of them positive"):
-        replace(KALMAN, bias_walk=(0.0, 0.0, 0.0))
-    with pytest.raises(ConfigurationError, match="bias_walk must not be negative"):
-        replace(KALMAN, bias_walk=(1.0, -1.0, 1.0))
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"process": (1.0, 0.0, 1.0)}, "process must be 3 numbers, positive"),
+        ({"measurement": (1.0, 0.0, 1.0)}, "measurement must be 3 numbers, positive"),
+        ({"bias_walk": (0.0, 0.0, 0.0)}, "3 numbers, one of them positive"),
+        ({"bias_walk": (1.0, -1.0, 1.0)}, "bias_walk must not be negative"),
+    ],
+)
+def test_wrong_deviations_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        replace(KALMAN, **changes)
 
 
 def test_what_does_not_fit_the_vessel_is_refused() -> None:

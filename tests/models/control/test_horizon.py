@@ -133,31 +133,9 @@ def test_increments_agree_with_the_oracle(rate: tuple[float, ...] | None) -> Non
             assert np.all(np.abs(found.reshape(-1, 3)) <= np.array(rate) + 1e-8)
 
 
-def test_one_step_has_its_closed_form() -> None:
-    """N = 1: u = -(B'C'QCB + P)^-1 B'C'Q (C A x + C B d - r)."""
-    h = problem("issue", 1, 10.0)
-    rng = np.random.default_rng(4)
-    theta = drawn(h, rng)
-    x, r, d = theta[:6], theta[6:9], theta[9:12]
-    G = h.C @ h.B
-    expected = -np.linalg.solve(G.T @ h.Q @ G + h.P, G.T @ h.Q @ (h.C @ h.A @ x + G @ d - r))
-    for write in (standard, reduced, condensed):
-        np.testing.assert_allclose(unconstrained_gain(h, write(h)) @ theta, expected, rtol=1e-9)
-
-
 def test_a_long_horizon_is_the_regulator() -> None:
     """As N grows the increments become those of LQ control with integral action."""
     model = design_model(ship(), LIMITS, 1.0).model
     h = problem("issue", 150, 1.0, integral=True)
     gain = unconstrained_gain(h, increments(h))[:, h.parameters[0]]
     np.testing.assert_allclose(gain, lqi_gain(model, h.Q, h.P), rtol=2e-3, atol=1e-5)
-
-
-def test_a_known_force_is_answered_before_it_comes() -> None:
-    """Ahead of a gust the first command already leans against it."""
-    h = problem("issue", 20, 1.0)
-    theta = np.zeros(h.width)
-    known = np.zeros((20, 3))
-    known[10:, 1] = 0.3
-    theta[h.parameters[2]] = known.ravel()
-    assert (unconstrained_gain(h, condensed(h)) @ theta)[1] < -1e-4

@@ -9,8 +9,7 @@ import pytest
 from seatrial.models.control.linear_design import design_model
 from seatrial.models.control.lqi import lqi_gain
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.simulation.registry import CONTROLLERS
-from seatrial.models.simulation.statespace import StateSpace, spectral_radius
+from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
 from tests.models.control.sailing import (
@@ -43,19 +42,7 @@ def test_the_gain_is_the_regulator_of_the_augmented_model() -> None:
     assert radius == pytest.approx(np.max(np.abs(poles)), rel=1e-9)
     assert note(lqi(), "spectral_radius") == pytest.approx(radius, rel=1e-9)
     assert radius < 1.0
-
-
-def test_a_scalar_integrator_has_its_closed_form() -> None:
-    """y+ = y + u: with e = y - r and Delta u the augmented loop is a double integrator.
-
-    With cheap control (P -> 0) it is dead-beat: e is gone in two samples.
-    """
-    one = np.eye(1)
-    model = StateSpace(one, one, one, 0 * one, 1.0)
-    plus = model.with_integral_action()
-    gain = lqi_gain(model, one, 1e-9 * one)
-    closed = plus.A + plus.B @ gain
-    np.testing.assert_allclose(np.linalg.matrix_power(closed, 2), np.zeros((2, 2)), atol=1e-3)
+    assert note(lqi(), "estimator_radius") < 1.0
 
 
 @pytest.mark.parametrize("make", [lqi, lambda **k: mpc("integral", **k)])
@@ -67,15 +54,6 @@ def test_integral_action_leaves_no_error_against_a_constant_wind(make: Any) -> N
         for rows in (slice(500, 560), slice(1140, 1200)):
             error = (sailed.log.eta_d - sailed.log.eta)[rows]
             assert np.all(np.abs(error.mean(axis=0)) < [0.02, 0.02, np.radians(0.01)])
-
-
-def test_without_integral_action_the_current_leaves_an_error() -> None:
-    n = 1200
-    met = weather(n, current_ned=np.tile([0.5, -0.5], (n, 1)))
-    sailed, _ = voyage(mpc("condensed", horizon=40), appendix_k(n), met=met)
-    error = (sailed.log.eta_d - sailed.log.eta)[1140:].mean(axis=0)
-    assert abs(error[0]) > 0.02
-    assert abs(error[1]) > 0.02
 
 
 @pytest.mark.parametrize(
@@ -120,16 +98,13 @@ def test_nothing_winds_up_at_a_limit() -> None:
     """However long the command stood at its limit, it leaves it as soon as the error turns."""
     samples = []
     for waited in (20, 2000):
-        table, state = lqi(estimator="measured").build(ship(), 1.0)
-        step, still, tau = CONTROLLERS[type(table)], np.zeros(3), np.empty(3)
-        for k in range(waited + 100):
-            wanted = np.array([10.0, 10.0, 0.2]) * (1.0 if k < waited else -1.0)
-            step(table, state, still, still, wanted, still, still, tau, np.empty(3))
-            if k == waited - 1:
-                np.testing.assert_allclose(tau, LIMITS)
-            if np.all(np.abs(tau) < LIMITS) and k >= waited:
-                samples.append(k - waited)
-                break
+        side = np.where(np.arange(waited + 100) < waited, 1.0, -1.0)
+        setpoints = np.outer(side, [10.0, 10.0, 0.2])
+        log = voyage(lqi(estimator="measured"), setpoints, plant=1e9 * ship())[0].log  # stays
+        turned = int(np.argmax(log.eta_d[:, 0] < 0.0))
+        np.testing.assert_allclose(log.tau[turned - 1], LIMITS)
+        within = np.all(np.abs(log.tau[turned:]) < LIMITS, axis=1)
+        samples.append(int(np.flatnonzero(within)[0]))
     assert samples[0] == samples[1] <= 1
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 
 from seatrial.models.control.estimator import filter_gain
 from seatrial.models.control.linear_design import design_model, every
@@ -144,7 +145,7 @@ def test_a_slower_controller_takes_a_model_of_several_of_its_periods() -> None:
     B, C = rng.normal(size=(4, 2)), rng.normal(size=(2, 4))
     Q, R = np.eye(4), 0.3 * np.eye(2)
     M = filter_gain(A, C, Q, R)
-    K, P = A @ M, _covariance(A, C, Q, R)
+    K, P = A @ M, solve_discrete_are(A.T, C.T, Q, R)
     F = np.linalg.cholesky(C @ P @ C.T + R)
     model = StateSpace(A, B, C, np.zeros((2, 2)), 0.5, K=K, F=F)
     slow = every(model, 2)
@@ -155,9 +156,3 @@ def test_a_slower_controller_takes_a_model_of_several_of_its_periods() -> None:
     A2, Q2 = A @ A, A @ Q @ A.T + Q
     np.testing.assert_allclose(slow.K, A2 @ filter_gain(A2, C, Q2, R), rtol=1e-6)
     assert design_model(model, (1.0, 1.0), 1.0).model.period_s == 1.0
-
-
-def _covariance(A: Array, C: Array, Q: Array, R: Array) -> Any:
-    from scipy.linalg import solve_discrete_are
-
-    return solve_discrete_are(A.T, C.T, Q, R)

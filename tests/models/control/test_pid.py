@@ -10,11 +10,11 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Log, Voyage
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
-from seatrial.runner.trials import closed_loop
-from tests.trials import composed
+from seatrial.models.vessel.thruster import SecondOrderLag
+from tests.trials import composed, sailed
 
 LAG = SecondOrderLag(2.0, 0.8)
 NONE = (0.0,) * 3
@@ -24,12 +24,7 @@ def lap(lead: bool, model: Vessel | None = None, period_s: float = 0.1) -> Voyag
     """The ferry's lap in the calm, with the controller built on its true model, or on another."""
     options = [f"controller.thruster_lead={str(lead).lower()}", f"sample_time_s={period_s}"]
     one = composed("controller=pid_ff", "identifier=none", *options, "integration_step_s=0.02")
-    truth = one.plant_scale * one.vessel.nominal()
-    return (
-        closed_loop.prepare(one, closed_loop.Streams(0), model or truth, one.excitation)
-        .sail()
-        .voyage
-    )
+    return sailed(one, model=model or one.plant_scale * one.vessel.nominal()).voyage
 
 
 def error_of(voyage: Voyage) -> float:
@@ -43,16 +38,6 @@ def test_with_the_true_model_the_lead_tracks_within_a_centimetre(milliampere: Ve
     assert error_of(lap(lead=True, period_s=0.02)) <= 0.006
     assert error_of(lap(lead=False)) > 0.04
     assert error_of(lap(lead=False, model=milliampere)) > 0.2  # the nominal model
-
-
-def test_a_ramp_arrives_without_delay_behind_the_lag() -> None:
-    """tau + T d tau/dt through the lag is the ramp, but for what dies out and the held command."""
-    ramp = 5.0 * 0.05 * np.arange(800)[:, None]
-    lead = ramp + 0.8 * np.gradient(ramp, 0.05, axis=0)
-    delayed, led = acting_force(LAG, ramp, 0.05), acting_force(LAG, lead, 0.05)
-    held = 0.5 * 0.05 * 5.0  # a command is held for a period: half of it late
-    assert (ramp - delayed)[-1, 0] == pytest.approx(5.0 * 0.8 + held, rel=1e-6)
-    assert (ramp - led)[-1, 0] == pytest.approx(held, rel=1e-5)
 
 
 def test_the_lead_is_a_backward_difference_and_nothing_at_the_first_sample() -> None:
@@ -73,41 +58,31 @@ def test_the_lead_is_a_backward_difference_and_nothing_at_the_first_sample() -> 
 
 
 def test_the_command_does_not_jump_when_the_model_does(milliampere: Vessel) -> None:
-    gains = (100.0, 550.0, 940.0), (30.0, 30.0, 0.0), (850.0, 890.0, 1850.0)
-    pid = PidFeedforward(*gains)
+    pid = PidFeedforward((100.0, 550.0, 940.0), (30.0, 30.0, 0.0), (850.0, 890.0, 1850.0))
     rng = np.random.default_rng(0)
     reference = rng.normal(size=(3, 3)) * 0.3
     eta, nu = rng.normal(size=(2, 3))
     log = Log(*(np.zeros((5, 3)) for _ in Log._fields))
     log.eta_d[:], log.nu_d[:], log.nu_dot_d[:] = reference
     parameters, state = pid.build(milliampere, 0.1)
-    step, commands = CONTROLLERS[type(parameters)], []
-    for table in (
-        parameters,
-        pid.adapt(parameters, state, 0.5 * milliampere, 0.1, NO_OUTLOOK, log, 4),
-    ):
-        tau, tau_fb, here = np.empty(3), np.empty(3), state.copy()
-        step(table, here, eta, nu, *reference, tau, tau_fb)
-        commands.append(tau)
-    first = pid.build(milliampere, 0.1)
-    before = np.empty(3)
-    step(first[0], first[1], eta, nu, *reference, before, np.empty(3))
-    np.testing.assert_allclose(commands[1][:2], before[:2], rtol=1e-12)
-    assert abs(commands[1][2] - before[2]) > 1.0  # no integral in yaw that could take it
+
+    def command(table: Any, integral: Array) -> Array:
+        tau = np.empty(3)
+        CONTROLLERS[type(table)](table, integral, eta, nu, *reference, tau, np.empty(3))
+        return tau
+
+    before = command(parameters, state.copy())
+    adapted = pid.adapt(parameters, state, 0.5 * milliampere, 0.1, NO_OUTLOOK, log, 4)
+    after = command(adapted, state)
+    np.testing.assert_allclose(after[:2], before[:2], rtol=1e-12)
+    assert abs(after[2] - before[2]) > 1.0  # no integral in yaw that could take it
 
 
 def test_feedback_while_exciting_and_none_in_an_evaluation() -> None:
     one = composed("identifier=none", "controller.deployed_feedback=false")
-    shares = {
-        deployed: closed_loop.prepare(
-            one, closed_loop.Streams(0), one.vessel.nominal(), one.excitation, deployed=deployed
-        )
-        .sail()
-        .voyage.log.tau_fb
-        for deployed in (False, True)
-    }
-    assert np.all(np.mean(np.abs(shares[False]), axis=0) > 10.0)
-    assert not np.any(shares[True])
+    exciting, evaluated = (sailed(one, deployed=deployed).voyage for deployed in (False, True))
+    assert np.all(np.mean(np.abs(exciting.log.tau_fb), axis=0) > 10.0)
+    assert not np.any(evaluated.log.tau_fb)
     with pytest.raises(ConfigurationError, match="deployed_feedback and feedforward are both off"):
         PidFeedforward(NONE, NONE, NONE, feedforward=False, deployed_feedback=False)
 

@@ -10,9 +10,7 @@ from seatrial.models.control.controller import PythonController, Signals
 from seatrial.models.control.pid import body_error_kernel
 from seatrial.models.errors import PartError
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.configuration.config import Trial
-from seatrial.runner.trials.closed_loop import SimulatedMission, Streams, prepare
-from tests.trials import composed
+from tests.trials import composed, sailed
 
 SHORT = (
     *("excitation.interval_s=5", "identifier=none", "evaluation=none", "disturbance=noise"),
@@ -53,11 +51,6 @@ class Bad(PythonController):
         if self.value == "write":
             now.eta[0] = 1.0
         return self.value  # type: ignore[no-any-return]
-
-
-def sailed(trial: Trial) -> SimulatedMission:
-    mission: Any = trial.excitation
-    return prepare(trial, Streams(0), trial.vessel.nominal(), mission).sail()
 
 
 def test_the_law_in_python_sails_as_the_compiled_one() -> None:

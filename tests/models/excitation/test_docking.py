@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.docking import Docking, DrawnDocking
+from seatrial.models.excitation.docking import DrawnDocking
 from seatrial.models.planning.harbour import clearances
 from seatrial.runner.configuration.fingerprint import fingerprint
 from seatrial.runner.configuration.harbours import read_chart
@@ -63,6 +63,7 @@ def test_the_timetable_is_clear_of_the_land_and_ends_in_the_berth(vessel: str) -
         step = np.max(np.abs(np.diff(poses, axis=0)), axis=0)
         most = np.array(mission.options.speed)[[0, 0, 2]] * mission.options.period_s
         assert np.all(step <= most * [1.0, 1.0, 1.25])  # an arc is not all of its primitive
+        assert mission.duration_s <= mission.options.length().seconds
 
 
 def test_every_competitor_starts_at_the_same_place_and_seeds_differ() -> None:
@@ -120,7 +121,6 @@ def test_the_fingerprint_depends_on_the_content_of_a_harbour(tmp_path: Path) -> 
     assert before != fingerprint(node, {}, "")
 
 
-FAR = ring([-20.0, -9.0], [-10.0, -9.0], [-10.0, 9.0], [-20.0, 9.0])
 BAD = {
     "start": (
         {"obstacle": ring([-30.0, -60.0], [30.0, -60.0], [30.0, -59.0], [-30.0, -59.0]),
@@ -154,10 +154,3 @@ def test_bad_input_is_one_line_before_anything_runs(case: str, tmp_path: Path) -
         check(composed(*QUIET, harbour, *overrides))
     assert "\n" not in str(raised.value)
     assert str(raised.value).startswith("evaluation")
-
-
-def test_a_docking_has_a_bound_of_its_length() -> None:
-    for seed in range(3):
-        mission = docking(seed=seed)
-        assert isinstance(mission.options, Docking)
-        assert mission.duration_s <= mission.options.length().seconds

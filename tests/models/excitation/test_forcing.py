@@ -9,12 +9,23 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.forcing import Forcing
 from seatrial.models.excitation.guidance import ReferenceFilter
-from seatrial.models.excitation.signals import Multisine, Prbs, Pulses, Sines, multisine, prbs
+from seatrial.models.excitation.signals import (
+    Legs,
+    Multisine,
+    Prbs,
+    Pulses,
+    Ramp,
+    SharedSignal,
+    Sines,
+    Steady,
+    multisine,
+    prbs,
+)
 from seatrial.models.notation import PLANAR
 from tests.trials import composed
 
-T = 0.1 * np.arange(1000)
-FILTER = ReferenceFilter(0.5, 0.7)
+T = 0.1 * np.arange(1200)
+FILTER, PRBS = ReferenceFilter(0.5, 0.7), Prbs(5.0, 12.0)
 
 
 def forcing(signal: Any, **changes: Any) -> Forcing:
@@ -67,11 +78,11 @@ def test_a_binary_signal_is_held_between_its_limits() -> None:
 
 def test_every_axis_has_a_binary_signal_of_its_own() -> None:
     t = 0.1 * np.arange(60_000)
-    force = forcing(Prbs(5.0, 12.0), length_s=6000.0).force(t, PLANAR, rng())
+    force = forcing(PRBS, length_s=6000.0).force(t, PLANAR, rng())
     correlation = np.corrcoef(force.T) - np.eye(3)
     assert np.max(np.abs(correlation)) < 0.15
     np.testing.assert_array_equal(np.abs(force), np.tile([10.0, 20.0, 30.0], (60_000, 1)))
-    again = forcing(Prbs(5.0, 12.0), length_s=6000.0).force(t, PLANAR, rng())
+    again = forcing(PRBS, length_s=6000.0).force(t, PLANAR, rng())
     np.testing.assert_array_equal(force, again)
 
 
@@ -89,11 +100,6 @@ def test_a_multisine_has_its_lines_and_a_low_crest() -> None:
         np.testing.assert_allclose(size[present], size[present[0]], rtol=1e-6)
         lines.append(set(present))
     assert sum(map(len, lines)) == len(set.union(*lines)) == 77  # 4 to 80 over 400 s
-
-
-def test_too_short_a_signal_has_no_line() -> None:
-    with pytest.raises(ConfigurationError, match="no line between"):
-        multisine(0.1 * np.arange(100), 0.001, 0.05, 0, 1)
 
 
 def test_axes_in_turn_are_excited_one_after_the_other() -> None:
@@ -121,45 +127,37 @@ def test_time_can_run_slower_and_an_offset_be_added() -> None:
 
 
 def test_amplitudes_are_checked_against_the_thrusters() -> None:
-    mission = forcing(Prbs(5.0, 12.0), offset={"sway": 5.0})
+    mission = forcing(PRBS, offset={"sway": 5.0})
     mission.check_limits({"surge": 10.0, "sway": 25.0, "yaw": 30.0}, 0.1)
     with pytest.raises(ConfigurationError, match=r"amplitude\.sway: the signal reaches 25"):
         mission.check_limits({"sway": 24.0}, 0.1)
 
 
-def test_what_does_not_suit_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"excitation\.axes: got sway"):
-        forcing(Prbs(5.0, 12.0)).check(("surge",))
-    with pytest.raises(ConfigurationError, match=r"excitation\.offset: got heave"):
-        forcing(Prbs(5.0, 12.0), offset={"heave": 1.0}).check(PLANAR)
-
-
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("make", "message"),
     [
-        ({"length_s": 0.0}, "length_s"), ({"time_scale": -1.0}, "time_scale"),
-        ({"amplitude": {"surge": 1.0}}, "amplitude"), ({"train_fraction": 1.0}, "train_fraction"),
+        (lambda: forcing(PRBS, length_s=0.0), "length_s"),
+        (lambda: forcing(PRBS, time_scale=-1.0), "time_scale"),
+        (lambda: forcing(PRBS, amplitude={"surge": 1.0}), "amplitude"),
+        (lambda: forcing(PRBS, train_fraction=1.0), "train_fraction"),
+        (lambda: forcing(PRBS).check(("surge",)), r"excitation\.axes: got sway"),
+        (lambda: Prbs(0.0, 1.0), "shortest_s must be at least"),
+        (lambda: Prbs(3.0, 2.0), "shortest_s must be at most longest_s"),
+        (lambda: Multisine(0.1, 0.1), "lowest_hz must be positive and below"),
+        (lambda: Sines((1.0,), ()), "periods_s must be 1 positive numbers"),
+        (lambda: Sines((1.0,), (0.0,)), "periods_s must be 1 positive numbers"),
+        (lambda: multisine(T[:100], 0.001, 0.05, 0, 1), "no line between"),
+        (lambda: Ramp(0.0), "length_s must be positive, got 0"),
+        (lambda: Legs((), 10.0), "legs: got 0 in 10 s"),
     ],
-)  # fmt: skip
-def test_wrong_options_are_refused(changes: dict[str, Any], message: str) -> None:
+)
+def test_what_cannot_be_sailed_is_refused(make: Callable[[], Any], message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
-        forcing(Prbs(5.0, 12.0), **changes)
-
-
-@pytest.mark.parametrize(
-    "signal",
-    [
-        lambda: Prbs(0.0, 1.0), lambda: Prbs(3.0, 2.0), lambda: Multisine(0.1, 0.1),
-        lambda: Sines((1.0,), ()), lambda: Sines((1.0,), (0.0,)),
-    ],
-)  # fmt: skip
-def test_wrong_signals_are_refused(signal: Callable[[], Any]) -> None:
-    with pytest.raises(ConfigurationError):
-        signal()
+        make()
 
 
 def test_a_closed_loop_keeps_its_controller_and_gets_the_force_as_well() -> None:
-    mission = forcing(Prbs(5.0, 12.0), loop="closed")
+    mission = forcing(PRBS, loop="closed")
     assert not mission.open_loop
     assert mission.steering(PLANAR, 0.1) is None
     parameters, _ = mission.guidance(T, np.array([1.0, 2.0, 0.3]))
@@ -178,3 +176,26 @@ def test_a_signal_beside_way_points_lasts_as_long_as_these() -> None:
     parameters, _ = mission.guidance(T, np.zeros(3))
     expected, _ = mission.base.guidance(T, np.zeros(3))
     np.testing.assert_array_equal(parameters.setpoints, expected.setpoints)
+
+
+def test_legs_push_and_counter_push() -> None:
+    legs = Legs(((1.0, 0.0), (0.0, 0.5), (-1.0, -1.0)), 60.0)
+    ahead, aside = (legs.sample(T, axis, 2, rng()) for axis in range(2))
+    assert ahead[[0, 99, 100, 199, 200, 399, 400, 500, 599]].tolist() == [
+        1.0, 1.0, -1.0, -1.0, 0.0, 0.0, -1.0, 1.0, 1.0
+    ]  # fmt: skip
+    assert set(aside[200:300]) == {0.5}
+    for values in (ahead, aside):  # every leg takes back the momentum that it gave
+        assert np.sum(values) == pytest.approx(0.0)
+        assert not np.any(values[600:])
+
+
+def test_a_ramp_rises_and_falls() -> None:
+    ramp = Ramp(60.0).sample(T, 0, 1, rng())
+    assert ramp[[0, 150, 300, 450, 600, 900]] == pytest.approx([0.0, 0.5, 1.0, 0.5, 0.0, 0.0])
+    assert np.trapezoid(ramp, T) == pytest.approx(30.0, abs=1e-6)
+
+
+def test_shares_are_by_axis() -> None:
+    shared = SharedSignal(Steady(), (0.5, 0.0, -1.0))
+    assert [shared.sample(T, axis, 3, rng())[0] for axis in range(3)] == [0.5, 0.0, -1.0]

@@ -9,8 +9,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.helm_sequence import HelmSequence, HelmStep, join_steps
 from seatrial.models.planning.dubins import dubins, length_of
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.trials.closed_loop import Streams, prepare
-from tests.trials import composed
+from tests.trials import composed, sailed
 
 
 def _sailed(vessel: str, *steps: HelmStep) -> tuple[Array, Array, HelmSequence]:
@@ -20,7 +19,7 @@ def _sailed(vessel: str, *steps: HelmStep) -> tuple[Array, Array, HelmSequence]:
     )
     assert isinstance(trial.excitation, HelmSequence)
     mission = replace(trial.excitation, steps=steps)
-    voyage = prepare(trial, Streams(0), trial.vessel.nominal(), mission).sail().voyage
+    voyage = sailed(trial, mission).voyage
     return voyage.t, np.degrees(voyage.log.eta[:, 2]), mission
 
 
@@ -37,7 +36,7 @@ def test_an_input_that_is_not_zero_at_the_start_steers_the_course() -> None:
     assert heading[-1] == pytest.approx(60.0, abs=5.0)
 
 
-def test_steps_last_their_time_and_train_what_they_say() -> None:
+def test_steps_last_their_time_and_train_what_they_say_and_some_are_needed() -> None:
     steps = HelmStep("turn", 10.0, train=False), HelmStep("hold", 5.0, 0.2), HelmStep("turn", 5.0)
     t, _, mission = _sailed("kvlcc2", *steps)
     assert mission.duration_s == 20.0
@@ -48,6 +47,8 @@ def test_steps_last_their_time_and_train_what_they_say() -> None:
     whole = replace(mission, steps=steps[1:]).split(t)
     assert np.any(whole.train)
     assert np.any(whole.test)
+    with pytest.raises(ConfigurationError, match="steps"):
+        replace(mission, steps=())
 
 
 def test_a_zigzag_goes_to_both_sides_of_the_start_of_its_input() -> None:
@@ -67,9 +68,3 @@ def test_a_join_lasts_as_long_as_its_path() -> None:
     turned = np.radians(sum(step.turn_deg for step in steps))
     assert np.angle(np.exp(1j * (turned - 2.0))) == pytest.approx(0.0, abs=1e-9)
     assert all(step.order * step.turn_deg >= 0.0 for step in steps)
-
-
-def test_a_sequence_without_steps_is_refused() -> None:
-    _, _, mission = _sailed("kvlcc2", HelmStep("hold", 1.0))
-    with pytest.raises(ConfigurationError, match="steps"):
-        replace(mission, steps=())

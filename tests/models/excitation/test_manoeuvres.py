@@ -1,5 +1,6 @@
 """Turning circle, zig-zag and constant-velocity runs, sailed."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,22 +8,21 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.manoeuvres import ConstantVelocity
+from seatrial.models.excitation.missions import NO_REFERENCE
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Voyage
-from seatrial.runner.trials.closed_loop import Streams, prepare
-from seatrial.runner.trials.trial import check
-from tests.trials import composed
+from seatrial.runner.trials.trial import check, skipped
+from tests.trials import composed, sailed
 
 
-def sailed(*overrides: str) -> tuple[Any, Voyage]:
+def calm(*overrides: str) -> tuple[Any, Voyage]:
     trial = composed("identifier=none", "disturbance=calm", *overrides)
     check(trial)
-    voyage = prepare(trial, Streams(0), trial.vessel.nominal(), trial.excitation).sail().voyage
-    return trial, voyage
+    return trial, sailed(trial).voyage
 
 
 def test_a_turning_circle_closes() -> None:
-    trial, voyage = sailed("excitation=turning_circle", "excitation.duration_s=600")
+    trial, voyage = calm("excitation=turning_circle", "excitation.duration_s=600")
     log = voyage.log
     straight = voyage.t < 30.0
     np.testing.assert_allclose(log.eta[straight, 1:], 0.0, atol=1e-6)
@@ -37,7 +37,7 @@ def test_a_turning_circle_closes() -> None:
 
 @pytest.mark.parametrize("turn", [10.0, 20.0])
 def test_a_zigzag_steers_back_each_time(turn: float) -> None:
-    _, voyage = sailed("excitation=zigzag", f"excitation.turn_deg={turn}")
+    _, voyage = calm("excitation=zigzag", f"excitation.turn_deg={turn}")
     log = voyage.log
     moment = log.tau[:, 2]
     assert np.all(moment[voyage.t < 30.0 - 1e-9] == 0.0)
@@ -55,8 +55,8 @@ def test_a_zigzag_steers_back_each_time(turn: float) -> None:
 
 def runs(**changes: Any) -> ConstantVelocity:
     mission = composed("vessel=beluga_diagonal", "excitation=constant_velocity").excitation
-    options = {name: getattr(mission, name) for name in ConstantVelocity.__dataclass_fields__}
-    return ConstantVelocity(**(options | changes))
+    assert isinstance(mission, ConstantVelocity)
+    return replace(mission, **changes)
 
 
 def test_the_runs_are_those_of_the_table() -> None:
@@ -101,7 +101,7 @@ def test_runs_in_axes_that_a_vessel_has_not_are_left_out() -> None:
 
 def test_six_axes_are_sailed_at_the_asked_velocity() -> None:
     """The vehicle follows the runs, turned by more than a half, and stays level."""
-    _, voyage = sailed("vessel=beluga_full", "excitation=constant_velocity")
+    _, voyage = calm("vessel=beluga_full", "excitation=constant_velocity")
     log = voyage.log
     assert np.max(np.abs(log.eta_d[:, 5])) > np.pi
     error = np.abs(log.eta_d - log.eta)
@@ -114,20 +114,17 @@ def test_six_axes_are_sailed_at_the_asked_velocity() -> None:
 def test_what_does_not_suit_is_refused(excitation: str) -> None:
     with pytest.raises(ConfigurationError, match="needs a vessel in surge and yaw"):
         check(composed("vessel=surge_linear", f"excitation={excitation}"))
-    mission = composed(f"excitation={excitation}").excitation
+    mission: Any = composed(f"excitation={excitation}").excitation
     with pytest.raises(ConfigurationError, match="at most the thrusters' 100 in yaw"):
         mission.check_limits({"yaw": 100.0}, 0.1)
     with pytest.raises(ConfigurationError, match="approach_s"):
-        composed(f"excitation={excitation}", "excitation.approach_s=400")
+        replace(mission, approach_s=400.0)
     with pytest.raises(ConfigurationError, match="turn_deg"):
         composed("excitation=zigzag", "excitation.turn_deg=0")
 
 
 def test_an_open_loop_needs_no_controller_and_cannot_be_replayed() -> None:
-    from seatrial.models.excitation.missions import NO_REFERENCE
-    from seatrial.runner.trials.trial import skipped
-
-    trial, voyage = sailed("excitation=prbs", "controller=none", "evaluation=none")
+    trial, voyage = calm("excitation=prbs", "controller=none", "evaluation=none")
     assert np.all(np.abs(voyage.log.tau[:, 0]) == 100.0)
     np.testing.assert_array_equal(voyage.log.tau_fb, 0.0)
     assert skipped(composed("excitation=prbs")) == NO_REFERENCE
@@ -138,13 +135,13 @@ def test_an_open_loop_needs_no_controller_and_cannot_be_replayed() -> None:
 
 def test_a_signal_is_added_to_the_closed_loop() -> None:
     options = ("excitation=prbs", "excitation.loop=closed", "excitation.length_s=60")
-    _, voyage = sailed(*options, "excitation.train_fraction=0.4")
+    _, voyage = calm(*options, "excitation.train_fraction=0.4")
     log = voyage.log
     np.testing.assert_allclose(
         np.abs(log.tau - log.tau_fb), np.tile([100.0, 100.0, 80.0], (600, 1))
     )
     assert np.max(np.abs(log.tau_fb)) > 10.0
-    _, free = sailed(*options[:1], options[2])
+    _, free = calm(*options[:1], options[2])
     assert np.abs(log.eta[-1, 0]) < np.abs(free.log.eta[-1, 0])  # it is held
 
 
@@ -157,17 +154,16 @@ def test_a_signal_is_added_to_the_closed_loop() -> None:
     ],
 )  # fmt: skip
 def test_every_excitation_takes_an_offset(excitation: str) -> None:
-    def force(*more: str) -> np.ndarray:
-        mission = composed(f"excitation={excitation}", *more).excitation
-        t = 0.1 * np.arange(round(mission.duration_s / 0.1))
-        found = mission.force(t, PLANAR, np.random.default_rng(3))
-        return np.zeros((len(t), 3)) if found is None else found
-
-    moved = force("excitation.offset={surge: 30.0, yaw: -7.0}") - force()
-    np.testing.assert_allclose(moved, np.tile([30.0, 0.0, -7.0], (len(moved), 1)), atol=1e-9)
-    mission = composed(f"excitation={excitation}", "excitation.offset={heave: 1.0}").excitation
+    offset = "excitation.offset={surge: 30.0, yaw: -7.0}"
+    mission: Any = composed(f"excitation={excitation}", offset).excitation
+    t = 0.1 * np.arange(round(mission.duration_s / 0.1))
+    moved, plain = (
+        one.force(t, PLANAR, np.random.default_rng(3))
+        for one in (mission, replace(mission, offset=None))
+    )
+    change = moved if plain is None else moved - plain
+    np.testing.assert_allclose(change, np.tile([30.0, 0.0, -7.0], (len(t), 1)), atol=1e-9)
     with pytest.raises(ConfigurationError, match=r"excitation\.offset: got heave"):
-        mission.check(PLANAR)
-    mission = composed(f"excitation={excitation}", "excitation.offset={sway: 2000.0}").excitation
+        replace(mission, offset={"heave": 1.0}).check(PLANAR)
     with pytest.raises(ConfigurationError, match=r"sway.*the thrusters' 1000"):
-        mission.check_limits({"sway": 1000.0}, 0.1)
+        replace(mission, offset={"sway": 2000.0}).check_limits({"sway": 1000.0}, 0.1)

@@ -17,17 +17,17 @@ from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
-from seatrial.models.weather.weather import Weather
 from seatrial.runner.trials.trial import check
+from tests.models.control.sailing import weather
 from tests.trials import composed
 
 PERIOD_S = 0.1
 # The reference of a passage moves at 0.5 m/s at once. 3 N, less the drag of 1.25 N at that speed,
 # bring 26 kg to it in v^2 / (2 a) at most.
 RUN_UP = 0.5**2 / (2.0 * (3.0 - 1.25) / 26.0)
+DESIGN = ("vessel=modulus_ship", "excitation=optimal_design", "controller=none")
 BASIN = (
-    "vessel=modulus_ship", "excitation=optimal_design", "controller=none", "excitation.length_s=60",
-    "excitation.route.area=[[0,0],[60,0],[60,40],[0,40]]",
+    "excitation.length_s=60", "excitation.route.area=[[0,0],[60,0],[60,40],[0,40]]",
     "excitation.route.obstacles=[[[15,10],[30,10],[30,20],[15,20]],"
     "[[40,25],[45,22],[48,30],[41,33]]]",
     "excitation.route.start=[5,5,0]", "excitation.route.goal=[55,35,90]",
@@ -36,9 +36,7 @@ BASIN = (
 
 @cache
 def trial(*overrides: str) -> Any:
-    return composed(
-        "vessel=modulus_ship", "excitation=optimal_design", "controller=none", *overrides
-    )
+    return composed(*DESIGN, *overrides)
 
 
 def mix(*overrides: str) -> OptimalDesign:
@@ -49,12 +47,11 @@ def mix(*overrides: str) -> OptimalDesign:
 def voyage(design: OptimalDesign, plant: Plant) -> Voyage:
     """The mix, sailed by a vessel in calm water."""
     n = len(design.schedule)
-    still, rng = np.zeros((n, 3)), np.random.default_rng(0)
-    t = PERIOD_S * np.arange(n)
+    t, rng = PERIOD_S * np.arange(n), np.random.default_rng(0)
     steering = design.steering(PLANAR, PERIOD_S)
     assert steering is not None
     return sail(
-        plant, Weather(still, still, still, still), design.guidance(t, design.start),
+        plant, weather(n), design.guidance(t, design.start),
         design.reference_filter.table(PERIOD_S), steering, design.start, PERIOD_S, 0.1,
         added=design.force(t, PLANAR, rng),
     )  # fmt: skip
@@ -82,6 +79,9 @@ def test_the_information_is_that_of_what_is_sailed() -> None:
     """Every sub-experiment begins at rest, so the mix has the sum of its parts' information."""
     one = mix()
     recording = sailed(one)
+    first = np.array(one.schedule.edges[:-1:2])
+    np.testing.assert_allclose(recording.nu[first], 0.0, atol=1e-6)
+    assert np.min(np.max(np.abs(recording.nu), axis=0)) > 0.1
     training = recording.part(one.schedule.mask("training"))
     phi = basis.evaluate(one.information.terms, training.variables())
     size = np.sqrt(np.mean(phi**2, axis=0))
@@ -91,14 +91,6 @@ def test_the_information_is_that_of_what_is_sailed() -> None:
     mixed = np.tensordot(weights, design.gammas, axes=1)
     root = np.sqrt(np.diag(mixed))
     np.testing.assert_allclose(gamma, mixed / np.outer(root, root), atol=2e-3)
-
-
-def test_sub_experiments_begin_at_rest() -> None:
-    one = mix()
-    recording = sailed(one)
-    first = np.array(one.schedule.edges[:-1:2])
-    np.testing.assert_allclose(recording.nu[first], 0.0, atol=1e-6)
-    assert np.min(np.max(np.abs(recording.nu), axis=0)) > 0.1
 
 
 def test_a_manoeuvre_again_is_the_same_motion() -> None:
@@ -115,7 +107,7 @@ def test_a_manoeuvre_again_is_the_same_motion() -> None:
 
 def test_training_is_the_mix_and_testing_what_is_held_out() -> None:
     """Along a plan too, where passages lie between the sub-experiments."""
-    for one, samples in ((mix(), 1200), (routed().excitation, 600)):
+    for one, samples in ((mix(), 1200), (trial(*BASIN).excitation, 600)):
         split = one.split(PERIOD_S * np.arange(len(one.schedule)))
         assert np.sum(split.train) == 6 * samples
         assert np.sum(split.test) == 3 * samples
@@ -144,6 +136,27 @@ def test_a_vessel_that_takes_no_forces_is_refused_before_anything_is_sailed() ->
         check(composed("vessel=mariner", "excitation=optimal_design"))
 
 
+def off_the_plan(asked: Any, model: Vessel) -> Array:
+    """Distance [m] from the plan at every sample of a vessel that sails it."""
+    log = voyage(asked.excitation, asked.vessel.plant(model)).log
+    planned = asked.excitation.plan.poses[: len(log.eta)]
+    return np.asarray(np.hypot(*(log.eta - planned)[:, :2].T))
+
+
+def test_the_nominal_vessel_sails_its_plan() -> None:
+    asked = trial(*BASIN)
+    gap = off_the_plan(asked, asked.vessel.nominal())
+    assert np.max(gap) < RUN_UP
+    assert np.median(gap) < 0.02
+    assert gap[-1] < 0.1
+
+
+def test_another_vessel_keeps_to_the_plan_by_feedback() -> None:
+    """The true ship is 15 % lighter; without feedback it would stray by metres."""
+    asked = trial(*BASIN)
+    assert np.max(off_the_plan(asked, asked.plant_scale * asked.vessel.nominal())) < RUN_UP
+
+
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
@@ -167,61 +180,21 @@ def test_a_vessel_that_takes_no_forces_is_refused_before_anything_is_sailed() ->
             "excitation.candidates.prbs_ahead: is sailed by a controller, expected an open loop",
         ),
         (["excitation.feedback.kp=[1,1]"], "excitation.feedback: got 2 and 3 numbers"),
+        ([*BASIN, "excitation.route.start=[20,15,0]"],
+         "excitation.route: start at (20, 15) m: it lies inside obstacles[0]"),
+        ([*BASIN, "excitation.route.goal=[99,15,0]"],
+         "excitation.route: goal at (99, 15) m: it lies outside area"),
+        ([*BASIN, "excitation.route.area=[[0,0],[60,0],[60,10],[0,10]]",
+          "excitation.route.goal=null", "excitation.route.clearance_m=4.5",
+          "excitation.route.obstacles=[]"],
+         "does not fit anywhere in the area between the obstacles"),
+        ([*BASIN, "excitation.route.area=null"], "obstacles: got obstacles without an area"),
+        ([*BASIN, "excitation.route.area=[[0,0],[1,1]]"],
+         "area: expected at least three corners"),
     ],
 )  # fmt: skip
 def test_what_cannot_work_is_refused_in_one_line(overrides: list[str], message: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
-        check(
-            composed(
-                "vessel=modulus_ship", "excitation=optimal_design", "controller=none", *overrides
-            )
-        )
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@cache
-def routed(*overrides: str) -> Any:
-    return composed(*BASIN, *overrides)
-
-
-def off_the_plan(asked: Any, model: Vessel) -> Array:
-    """Distance [m] from the plan at every sample of a vessel that sails it."""
-    log = voyage(asked.excitation, asked.vessel.plant(model)).log
-    planned = asked.excitation.plan.poses[: len(log.eta)]
-    return np.asarray(np.hypot(*(log.eta - planned)[:, :2].T))
-
-
-def test_the_nominal_vessel_sails_its_plan() -> None:
-    asked = routed()
-    gap = off_the_plan(asked, asked.vessel.nominal())
-    assert np.max(gap) < RUN_UP
-    assert np.median(gap) < 0.02
-    assert gap[-1] < 0.1
-
-
-def test_another_vessel_keeps_to_the_plan_by_feedback() -> None:
-    """The true ship is 15 % lighter; without feedback it would stray by metres."""
-    asked = routed()
-    assert np.max(off_the_plan(asked, asked.plant_scale * asked.vessel.nominal())) < RUN_UP
-
-
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("excitation.route.start=[20,15,0]",
-         "excitation.route: start at (20, 15) m: it lies inside obstacles[0]"),
-        ("excitation.route.goal=[99,15,0]",
-         "excitation.route: goal at (99, 15) m: it lies outside area"),
-        ("excitation.route.area=[[0,0],[60,0],[60,10],[0,10]] excitation.route.goal=null "
-         "excitation.route.clearance_m=4.5 excitation.route.obstacles=[]",
-         "does not fit anywhere in the area between the obstacles"),
-        ("excitation.route.area=null", "obstacles: got obstacles without an area"),
-        ("excitation.route.area=[[0,0],[1,1]]", "area: expected at least three corners"),
-    ],
-)  # fmt: skip
-def test_an_impossible_route_is_refused_in_one_line(override: str, message: str) -> None:
-    with pytest.raises(ConfigurationError) as caught:
-        check(composed(*BASIN, *override.split()))
+        check(composed(*DESIGN, *overrides))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)

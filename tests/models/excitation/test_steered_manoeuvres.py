@@ -8,6 +8,7 @@ import pytest
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.helm import register
 from seatrial.models.simulation.manoeuvre_measures import (
+    Track,
     reverse_spiral,
     spiral,
     steady_states,
@@ -16,7 +17,7 @@ from seatrial.models.simulation.manoeuvre_measures import (
 from seatrial.models.simulation.manoeuvre_sheet import sheet
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.steering import steering_model
-from tests.models.vessel.test_steered import sailed, track, vessel
+from tests.models.vessel.test_steered import steered, track, vessel
 
 LENGTH = {"kvlcc2": 7.0, "mariner": 160.93}
 COARSE = ("integration_step_s=0.5", "sample_time_s=0.5")  # for the long manoeuvres of the mariner
@@ -24,15 +25,24 @@ COARSE = ("integration_step_s=0.5", "sample_time_s=0.5")  # for the long manoeuv
 
 @cache
 def voyage(name: str, excitation: str, *options: str) -> Voyage:
-    return sailed(f"vessel={name}", f"excitation={excitation}", *options)
+    return steered(f"vessel={name}", f"excitation={excitation}", *options)
+
+
+def motion_of(name: str, excitation: str, *options: str) -> Track:
+    return track(voyage(name, excitation, *options), LENGTH[name])
+
+
+def growth(name: str) -> float:
+    """The largest real part of the eigenvalues of sway and yaw, ahead."""
+    ship = vessel(name)
+    model = steering_model(ship.nominal(), ship.approach_speed_m_s, np.array(ship.input_start))
+    return float(np.max(np.linalg.eigvals(model.A[1:, 1:]).real))
 
 
 def test_a_straight_stable_ship_has_no_loop() -> None:
     """The mariner's eigenvalues are stable; its bias at helm 0 is that of its Y_0 and N_0."""
-    ship = vessel("mariner")
-    model = steering_model(ship.nominal(), ship.approach_speed_m_s, np.array(ship.input_start))
-    assert np.max(np.linalg.eigvals(model.A[1:, 1:]).real) < 0.0
-    motion = track(voyage("mariner", "spiral", *COARSE), LENGTH["mariner"])
+    assert growth("mariner") < 0.0
+    motion = motion_of("mariner", "spiral", *COARSE)
     assert spiral(motion)["width of the loop"] == pytest.approx(0.0, abs=0.05)
     rate = np.degrees(steady_states(motion, motion.helm)[1])
     half = len(rate) // 2
@@ -41,11 +51,9 @@ def test_a_straight_stable_ship_has_no_loop() -> None:
 
 def test_kvlcc2_is_unstable_and_has_a_loop() -> None:
     """An unstable eigenvalue; both spirals show the loop, and a residual rate of one size."""
-    ship = vessel("kvlcc2")
-    model = steering_model(ship.nominal(), ship.approach_speed_m_s, np.array(ship.input_start))
-    assert np.max(np.linalg.eigvals(model.A[1:, 1:]).real) > 0.0
-    direct = spiral(track(voyage("kvlcc2", "spiral"), LENGTH["kvlcc2"]))
-    reverse = reverse_spiral(track(voyage("kvlcc2", "reverse_spiral"), LENGTH["kvlcc2"]))
+    assert growth("kvlcc2") > 0.0
+    direct = spiral(motion_of("kvlcc2", "spiral"))
+    reverse = reverse_spiral(motion_of("kvlcc2", "reverse_spiral"))
     assert direct["width of the loop"] > 0.1
     assert reverse["width of the loop"] > 0.1
     residual = reverse["residual yaw rate"]
@@ -54,8 +62,7 @@ def test_kvlcc2_is_unstable_and_has_a_loop() -> None:
 
 def test_both_spirals_have_the_same_stable_branches() -> None:
     """The helm that holds a rate is the helm that gives it."""
-    direct = track(voyage("kvlcc2", "spiral"), LENGTH["kvlcc2"])
-    reverse = track(voyage("kvlcc2", "reverse_spiral"), LENGTH["kvlcc2"])
+    direct, reverse = motion_of("kvlcc2", "spiral"), motion_of("kvlcc2", "reverse_spiral")
     helm, rate = np.degrees(steady_states(direct, direct.helm))
     yaw_rate = np.gradient(reverse.psi, reverse.t)
     helm_held, rate_held = np.degrees(steady_states(reverse, yaw_rate))
@@ -67,21 +74,18 @@ def test_both_spirals_have_the_same_stable_branches() -> None:
         np.testing.assert_allclose(held[branch], helm[branch], atol=0.15)
 
 
-def test_a_pull_out_leaves_the_rate_of_the_spiral_at_helm_zero() -> None:
-    """Measures before the pull-out are those of the turn without one."""
-    whole = sheet(track(voyage("kvlcc2", "rudder_turn"), 7.0)).entries
-    out = sheet(track(voyage("kvlcc2", "rudder_pull_out"), 7.0)).entries
-    plain = {entry.quantity: entry.value for entry in whole}
+def test_measures_before_a_pull_out_are_those_of_the_turn_without_one() -> None:
+    plain = sheet(motion_of("kvlcc2", "rudder_turn")).values
+    out = sheet(motion_of("kvlcc2", "rudder_pull_out")).values
     assert "residual yaw rate" not in plain
-    for entry in out:
-        if entry.quantity in plain:
-            assert entry.value == pytest.approx(plain[entry.quantity], rel=1e-3)
+    for quantity in plain.keys() & out.keys():
+        assert out[quantity] == pytest.approx(plain[quantity], rel=1e-3), quantity
 
 
 @pytest.mark.parametrize("helm", [35, -35])
 def test_a_williamson_turn_comes_back_on_its_track(helm: int) -> None:
     """Within two ship lengths of the track and one degree of the reciprocal course."""
-    found = williamson(track(voyage("kvlcc2", "williamson", f"excitation.helm_deg={helm}"), 7.0))
+    found = williamson(motion_of("kvlcc2", "williamson", f"excitation.helm_deg={helm}"))
     assert abs(found["error of the heading"]) < 1.0
     assert abs(found["offset from the track"]) < 2.0
     assert 2.0 < found["largest distance from the track"] < 8.0
@@ -91,8 +95,8 @@ def test_the_angle_of_a_williamson_turn_is_the_ships_own() -> None:
     """The offset rises with the angle of the first helm and passes through zero."""
     offsets = []
     for angle in (10, 40, 70, 100):
-        turned = voyage("mariner", "williamson", f"excitation.away_deg={angle}", *COARSE)
-        found = williamson(track(turned, LENGTH["mariner"]))
+        turned = motion_of("mariner", "williamson", f"excitation.away_deg={angle}", *COARSE)
+        found = williamson(turned)
         assert abs(found["error of the heading"]) < 2.0
         offsets.append(found["offset from the track"])
     assert np.all(np.diff(offsets) != 0.0)
@@ -103,19 +107,15 @@ def test_the_angle_of_a_williamson_turn_is_the_ships_own() -> None:
 @pytest.mark.parametrize("helm", [10, -10])
 def test_a_zigzag_of_a_ship_whose_helm_has_the_other_sign(helm: int) -> None:
     """A positive helm turns the mariner to port; overshoots as in MSS, mariner_measures."""
-    zigzag = voyage(
-        "mariner", "rudder_zigzag", f"excitation.helm_deg={helm}", "excitation.duration_s=400"
-    )
-    motion = track(zigzag, LENGTH["mariner"])
-    headings = np.degrees(motion.psi)
+    options = f"excitation.helm_deg={helm}", "excitation.duration_s=400"
+    headings = np.degrees(motion_of("mariner", "rudder_zigzag", *options).psi)
     assert np.min(headings) < -10.0 and np.max(headings) > 10.0  # noqa: PT018
     first = int(np.argmax(np.abs(headings) > 5.0))
     assert np.sign(headings[first]) == -np.sign(helm)
 
 
 def test_a_modified_zigzag_changes_sides_at_one_degree() -> None:
-    found = sheet(track(voyage("kvlcc2", "rudder_modified_zigzag"), 7.0))
-    values = {entry.quantity: entry.value for entry in found.entries}
+    values = sheet(motion_of("kvlcc2", "rudder_modified_zigzag")).values
     assert values["change of heading"] == 1.0
     assert values["helm"] == pytest.approx(5.0)
 

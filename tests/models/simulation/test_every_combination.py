@@ -4,6 +4,7 @@ What does not suit is refused by name before any work.
 """
 
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.runner.configuration.config import build_as
@@ -21,16 +22,7 @@ from tests.trials import CONF, FORCED, options
 
 PERIOD_S, ROWS = 0.1, 20
 FEW = ("milliampere", "surge_linear")  # `make nightly` sails all vessels
-
-VESSELS = {
-    "milliampere": PLANAR, "modulus_ship": PLANAR, "supply_vessel": PLANAR,
-    "cybership2": PLANAR, "semisub": PLANAR, "supply_fossen": PLANAR,
-    "surge_linear": ("surge",), "surge_nonlinear": ("surge",),
-    "surge_nonlinear_printed": ("surge",),
-    "beluga_full": DOFS, "beluga_diagonal": DOFS, "beluga_linear": DOFS,
-    "kvlcc2": PLANAR, "mariner": PLANAR,
-}  # fmt: skip
-STEERED = ("kvlcc2", "mariner")  # commanded by inputs
+OF_INPUTS = ("kvlcc2", "mariner")  # stand for all; tests/runner/test_matrix.py has the others
 FLOATING = ("wind", "wind_current", "wind_current_process", "waves", "rough")  # of what floats
 PLANE = ("waypoints", "prbs_waypoints", "four_corner", "optimal_design")  # excitations in the plane
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
@@ -58,8 +50,8 @@ def of_inputs(excitation: str) -> bool:
 
 
 def suits(vessel: str, group: str, name: str) -> bool:
-    dofs = VESSELS[vessel]
-    if group == "excitation" and of_inputs(name) != (vessel in STEERED):
+    dofs = objects(vessel, "vessel", vessel).dofs
+    if group == "excitation" and of_inputs(name) != (vessel in OF_INPUTS):
         return False
     if group == "excitation" and name == "crash_stop":  # none has data astern
         return False
@@ -68,35 +60,30 @@ def suits(vessel: str, group: str, name: str) -> bool:
     return not (name in PLANE and dofs != PLANAR) and not (name in TURNING and "yaw" not in dofs)
 
 
-def test_the_lists_are_complete() -> None:
-    """Of vessels with inputs two stand for all; tests/runner/test_matrix.py has the others."""
-    assert {*FORCED, *STEERED} == set(VESSELS)
-
-
-@pytest.mark.parametrize("vessel", ["surge_linear", "beluga_full"])
-def test_what_does_not_suit_is_refused_by_name(vessel: str) -> None:
+def test_what_does_not_suit_is_refused_by_name() -> None:
     """By the degrees of freedom alone: what is refused on one axis, in all six and in the plane."""
-    for group in ("disturbance", "excitation"):
+    for vessel, group in product(("surge_linear", "beluga_full"), ("disturbance", "excitation")):
+        dofs = objects(vessel, "vessel", vessel).dofs
         for name in options(group):
             if name == "recording" or suits(vessel, group, name) or of_inputs(name):
                 continue
+            part = objects("surge_linear", group, name)
             with pytest.raises(ConfigurationError, match="needs a vessel in"):
-                objects(vessel, group, name).check(VESSELS[vessel])
+                part.check(dofs)
 
 
 @pytest.mark.parametrize(
     ("vessel", "whole"),
     [
         *(pytest.param(name, False, marks=pytest.mark.slow) for name in FEW),
-        *(pytest.param(name, True, marks=pytest.mark.nightly) for name in VESSELS),
+        *(pytest.param(name, True, marks=pytest.mark.nightly) for name in (*FORCED, *OF_INPUTS)),
     ],
 )
 def test_every_vessel_sails_with_what_suits_it(vessel: str, whole: bool) -> None:
     """Every excitation with the disturbances in turn, or, nightly, with all of them."""
     parameters = objects(vessel, "vessel", vessel)
     dofs, table = parameters.dofs, parameters.nominal()
-    assert dofs == VESSELS[vessel]
-    name = "autopilot" if vessel in STEERED else "pid_ff"
+    name = "autopilot" if vessel in OF_INPUTS else "pid_ff"
     controller = objects(vessel, "controller", name).build(table, PERIOD_S)
     start = np.zeros(len(dofs))
     excitations, disturbances = (
@@ -128,5 +115,5 @@ def test_every_vessel_sails_with_what_suits_it(vessel: str, whole: bool) -> None
             what = f"{vessel} {disturbance} {excitation}"
             assert np.all(np.isfinite(voyage.log.nu_dot)), what
             assert len(recording_of(voyage, weather)) == ROWS
-            if mission.open_loop and vessel not in STEERED:
+            if mission.open_loop and vessel not in OF_INPUTS:
                 np.testing.assert_array_equal(voyage.log.tau_fb, 0.0)

@@ -1,13 +1,11 @@
 """Linearisation against finite differences of the equations of motion."""
 
 import numpy as np
-import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from seatrial.models import notation
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.linearisation import gradient, linearise, operating_force
 from seatrial.models.vessel import basis
@@ -70,6 +68,7 @@ def test_the_matrices_are_the_finite_differences_of_the_equations_of_motion(
     check_against_differences(vessel, nu, np.array([0.0, 0.0, psi]), wind)
 
 
+@settings(max_examples=30)
 @given(
     arrays(np.float64, 6, elements=away_from_zero(0.05, 2.0)),
     arrays(np.float64, 3, elements=away_from_zero(0.05, 1.2)),
@@ -88,6 +87,7 @@ def test_six_degrees_of_freedom_turn_by_three_angles(
     check_against_differences(vessel, nu, attitude, wind)
 
 
+@settings(max_examples=30)
 @given(arrays(np.float64, N_VARIABLES, elements=away_from_zero(0.1, 2.0)))
 def test_the_gradient_of_every_term_is_its_finite_difference(x: np.ndarray) -> None:
     terms = basis.full_basis(PLANAR) + basis.terms(["cos(psi)", "|u_dot|rsin(psi)", "V_qu_q"])
@@ -113,9 +113,3 @@ def test_a_single_axis_needs_no_heading() -> None:
     vessel = Vessel("hull", ("surge",), basis.terms(["u_dot", "u", "|u|u"]), [[60.0], [20.0], [2]])
     model = linearise(vessel, np.array([-1.5]))
     np.testing.assert_allclose(model.A, [[0.0, 1.0], [0.0, -(20.0 + 2.0 * 2.0 * 1.5) / 60.0]])
-
-
-def test_an_acceleration_in_a_product_is_refused(milliampere: Vessel) -> None:
-    odd = milliampere + Vessel("odd", PLANAR, basis.terms(["u_dotu"]), np.ones((1, 3)))
-    with pytest.raises(ConfigurationError, match="cannot be solved"):
-        linearise(odd)

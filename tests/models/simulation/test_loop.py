@@ -15,7 +15,6 @@ from seatrial.models.simulation.registry import CONTROLLERS, Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.derivatives import from_derivatives
 from seatrial.models.vessel.parameters import Plant
-from seatrial.models.vessel.table import Vessel
 from tests.models.control.sailing import WINDAGE, appendix_k, lqi, ship, steady, voyage, weather
 
 
@@ -109,16 +108,12 @@ def test_a_watch_may_change_parameters_between_its_instants(table: type) -> None
 
 
 def test_stretches_do_not_change_what_is_sailed() -> None:
-    met = weather(400, wind_ned=steady(400, 8.0, 2.0))
+    met, same = weather(400, wind_ned=steady(400, 8.0, 2.0)), ship() + WINDAGE.table(PLANAR)
     whole, _ = voyage(lqi(), appendix_k(400), met=met)
     cut = Watch(7, lambda k, log, parameters, state: parameters)
-    pieces, _ = voyage(lqi(), appendix_k(400), met=met, watch=cut, change=(111.0, _plant()))
+    pieces, _ = voyage(lqi(), appendix_k(400), met=met, watch=cut, change=(111.0, same))
     for one, other in zip(whole.log, pieces.log, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def _plant() -> Vessel:
-    return ship() + WINDAGE.table(PLANAR)
 
 
 def test_what_is_no_command_of_the_vessel_is_refused() -> None:

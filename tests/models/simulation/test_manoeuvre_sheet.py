@@ -68,8 +68,7 @@ def test_a_turn_with_a_pull_out_keeps_its_steady_circle_and_has_a_residual_rate(
     t = np.arange(0.0, 500.0, 0.1)
     rate = np.where(t < 10.0, 0.0, np.where(t < 200.0, 0.1, 0.02))
     helm = np.radians(35.0) * ((t >= 10.0) & (t < 200.0))
-    entries = sheet(track(t, np.cumsum(0.1 * rate), helm)).entries
-    turned = {entry.quantity: entry.value for entry in entries}
+    turned = sheet(track(t, np.cumsum(0.1 * rate), helm)).values
     assert turned["steady diameter"] == pytest.approx(2.0 * 2.0 / 0.1 / 10.0, rel=1e-3)
     assert turned["residual yaw rate"] == pytest.approx(np.degrees(0.02), rel=1e-6)
 
@@ -80,9 +79,7 @@ def test_the_loop_of_a_spiral_is_where_the_rate_jumps() -> None:
     unstable = {"gain": 0.05, "jump": 0.01, "fold_deg": 4.0}
     stable = {"gain": 0.05, "jump": 0.0, "fold_deg": 4.0}
     loop = spiral(spiral_track(unstable, helms))
-    assert (
-        5.0 < loop["width of the loop"] < 10.0
-    )  # the fold at 4 degrees to both sides, steps of 2.5
+    assert 5.0 < loop["width of the loop"] < 10.0  # the fold at +-4 degrees, steps of 2.5
     assert loop["residual yaw rate"] == pytest.approx(np.degrees(0.01), rel=1e-6)
     none = spiral(spiral_track(stable, helms))
     assert none["width of the loop"] == pytest.approx(0.0, abs=1e-9)
@@ -148,36 +145,34 @@ def test_intervals_are_the_quantiles_of_the_draws() -> None:
     assert np.isnan(interval(diameter, np.array([np.nan]))[0])
 
 
-def test_an_overshoot_that_only_a_drawn_model_reaches_has_no_interval() -> None:
-    """The helm of a recording: the model's own track turns away at the third order."""
+def zigzag(angle_deg: float) -> Track:
+    """A sine of the heading from 20 s on, with the helm of a recording."""
     t = np.arange(0.0, 120.0, 0.1)
     phase = 2.0 * np.pi * np.maximum(t - 20.0, 0.0) / 40.0
-    psi = np.radians(14.0) * np.sin(phase)
     helm = np.radians(10.0) * np.sign(np.cos(phase)) * (t > 15.0)
-    away = track(t, psi + 0.05 * np.maximum(t - 80.0, 0.0), helm)
-    drawn = track(t, psi, helm)
-    known, reached = ({e.quantity for e in sheet(x, "zigzag").entries} for x in (away, drawn))
+    return track(t, np.radians(angle_deg) * np.sin(phase), helm)
+
+
+def test_an_overshoot_that_only_a_drawn_model_reaches_has_no_interval() -> None:
+    """The helm of a recording: the model's own track turns away at the third order."""
+    drawn = zigzag(14.0)
+    away = track(drawn.t, drawn.psi + 0.05 * np.maximum(drawn.t - 80.0, 0.0), drawn.helm)
+    known, reached = (sheet(motion, "zigzag").values.keys() for motion in (away, drawn))
     assert reached - known
     assert set(intervals(away, [away, drawn], "zigzag")) == known
 
 
 def test_the_initial_turning_of_a_model_is_to_the_recorded_heading() -> None:
     """Under the helm of a recording a model that turns less is at 14 degrees later, or never."""
-    t = np.arange(0.0, 120.0, 0.1)
-    phase = 2.0 * np.pi * np.maximum(t - 20.0, 0.0) / 40.0
-    helm = np.radians(10.0) * np.sign(np.cos(phase)) * (t > 15.0)
 
     def path(angle_deg: float, turn_deg: float | None) -> float:
-        turning = sheet(track(t, np.radians(angle_deg) * np.sin(phase), helm), "zigzag",
-                        turn_deg=turn_deg)  # fmt: skip
-        return {e.quantity: e.value for e in turning.entries}["initial turning"]
+        return sheet(zigzag(angle_deg), "zigzag", turn_deg=turn_deg).values["initial turning"]
 
     until = 20.0 + 40.0 / (2.0 * np.pi) * np.arcsin(14.0 / 16.0)
     assert path(16.0, 14.0) == pytest.approx(2.0 * (until - 15.0) / 10.0, abs=0.05)
     assert path(16.0, None) > path(16.0, 14.0)
     assert np.isnan(path(12.0, 14.0))
-    motion, stated = track(t, np.radians(16.0) * np.sin(phase), helm), OrderedManoeuvre(turn_deg=12)
-    found = sheet(motion, "zigzag", ordered=stated).values
+    found = sheet(zigzag(16.0), "zigzag", ordered=OrderedManoeuvre(turn_deg=12)).values
     assert found["first overshoot"] == pytest.approx(4.0, abs=0.1)
 
 

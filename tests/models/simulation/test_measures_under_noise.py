@@ -38,13 +38,10 @@ def recorded(track: Track, hertz: int, seed: int | None) -> Track:
     part = track.part(slice(None, None, HERTZ[hertz]))
     if seed is None:
         return part
-    rng = np.random.default_rng(seed)
-    return part.having(
-        {
-            name: getattr(part, name) + deviation * rng.standard_normal(len(part.t))
-            for name, deviation in DEVIATION.items()
-        }
-    )
+    rng, noisy = np.random.default_rng(seed), {}
+    for name, deviation in DEVIATION.items():
+        noisy[name] = getattr(part, name) + deviation * rng.standard_normal(len(part.t))
+    return part.having(noisy)
 
 
 def held(track: Track, kind: Manoeuvre, hertz: int, seed: int | None) -> list[bool]:

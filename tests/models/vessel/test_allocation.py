@@ -18,7 +18,7 @@ from seatrial.models.vessel.allocation import (
     voltage_factors,
 )
 from seatrial.models.vessel.basis import Array
-from tests.trials import composed
+from tests.trials import composed, sailed
 
 FERRY = (
     PositionedThruster("azimuth", (1.8, 0.0, 0.0), 500.0),
@@ -213,25 +213,16 @@ def test_a_lower_voltage_takes_from_the_force() -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize("method", METHODS)
 def test_the_allocation_stands_between_controller_and_vessel(method: str) -> None:
-    from seatrial.runner.trials.closed_loop import Streams, prepare
-
-    def sailed(*overrides: str) -> Any:
-        trial = composed("identifier=none", "excitation=constant_velocity", *overrides)
-        nominal = trial.vessel.nominal()
-        return prepare(trial, Streams(0), nominal, trial.excitation).sail().voyage.log
-
     velocities = "excitation.velocities={surge: [0.3, 0.3]}"
-    free = sailed(velocities)
-    shared = sailed(velocities, f"vessel.thrusters.method={method}")
+    runs = "identifier=none", "excitation=constant_velocity", velocities
+    by_method = *runs, f"vessel.thrusters.method={method}"
+    free, shared = (sailed(composed(*words)).voyage.log for words in (runs, by_method))
     np.testing.assert_allclose(shared.eta, free.eta, atol=1e-9)  # it has force enough
     np.testing.assert_array_equal(free.applied, free.tau)
     assert np.all(reached(shared.tau, shared.applied))
     weak = [f"{{kind: azimuth, position_m: [{x}, 0, 0], ahead_n: 40.0}}" for x in (1.8, -1.8)]
-    limited = sailed(
-        velocities,
-        f"vessel.thrusters.method={method}",
-        f"vessel.thrusters.thrusters=[{','.join(weak)}]",
-    )
+    weaker = composed(*by_method, f"vessel.thrusters.thrusters=[{','.join(weak)}]")
+    limited = sailed(weaker).voyage.log
     assert 0.0 < np.mean(reached(limited.tau, limited.applied)) < 1.0
     assert np.max(np.abs(limited.applied[:, 0])) <= 80.0 + 1e-6
     assert np.max(np.abs(limited.tau[:, 0])) > 80.0
@@ -240,14 +231,11 @@ def test_the_allocation_stands_between_controller_and_vessel(method: str) -> Non
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: PositionedThruster("fixed", (0.0, 0.0, 0.0), 0.0), "ahead_n"),
-        (lambda: PositionedThruster("azimuth", (0.0, 0.0, 0.0), 1.0, 1.0), "astern_n"),
-        (lambda: PositionedThruster("fixed", (0.0, 0.0, 0.0), 1.0, -1.0), "astern_n"),
-        (
-            lambda: PositionedThruster("fixed", (0.0, 0.0, 0.0), 1.0, None, (0.0, 0.0, 0.0)),
-            "direction",
-        ),
-        (lambda: PositionedThruster("fixed", (0.0, 0.0, 0.0), 1.0, weight=0.0), "weight"),
+        (lambda: replace(SHIP[0], ahead_n=0.0), "ahead_n"),
+        (lambda: replace(SHIP[0], astern_n=-1.0), "astern_n"),
+        (lambda: replace(SHIP[0], direction=(0.0, 0.0, 0.0)), "direction"),
+        (lambda: replace(SHIP[0], weight=0.0), "weight"),
+        (lambda: replace(SHIP[2], astern_n=1.0), "astern_n"),
         (lambda: Allocation("qp", ()), "thrusters: got none"),
         (lambda: Allocation("qp", SHIP[:2]).matrix(PLANAR), "2 independent directions"),
         (lambda: Allocation("none", SHIP).allocate(np.zeros((1, 3)), PLANAR), "method: got none"),

@@ -66,39 +66,23 @@ factor = st.tuples(st.sampled_from(NAMES), st.booleans())
     st.lists(st.lists(factor, min_size=1, max_size=basis.FACTORS), min_size=1, max_size=5),
     st.integers(0, 2**32 - 1),
 )
-def test_kernel_equals_the_product_that_the_name_says(
+def test_terms_are_the_products_that_their_names_say(
     products: list[list[tuple[str, bool]]], seed: int
 ) -> None:
-    x = np.random.default_rng(seed).normal(size=(4, N_VARIABLES))
-    x[:, 0] = 1.0
-    expected = np.ones((4, len(products)))
-    chosen = []
-    for column, factors in enumerate(products):
-        codes = [VARIABLES.index(n) + (N_VARIABLES if a else 0) for n, a in factors]
-        chosen.append(basis.Term((0,) * (basis.FACTORS - len(codes)) + tuple(codes)))
-        for name, magnitude in factors:
-            value = x[:, VARIABLES.index(name)]
-            expected[:, column] *= np.abs(value) if magnitude else value
-    np.testing.assert_allclose(basis.evaluate(chosen, x), expected, rtol=1e-14)
-
-
-@given(st.lists(factor, min_size=1, max_size=basis.FACTORS), st.integers(0, 2**32 - 1))
-def test_the_canonical_name_is_the_same_function(
-    factors: list[tuple[str, bool]], seed: int
-) -> None:
-    plain = [(name.removeprefix("1"), a and "(" not in name and "/" not in name)
-             for name, a in factors]  # fmt: skip
-    one = basis.term("".join(f"|{name}|" if a else name for name, a in plain))
     x = np.random.default_rng(seed).normal(size=(5, N_VARIABLES))
     x[:, 0] = 1.0
     speed = np.abs(x[:, [basis.INDEX["U"]]])
     x[:, [basis.INDEX[name] for name in basis.SPEED]] = np.hstack([speed, 1 / speed, speed**-2])
-    expected = np.ones(5)
-    for name, magnitude in factors:
-        value = x[:, VARIABLES.index(name)]
-        expected *= np.abs(value) if magnitude and "(" not in name else value
-    np.testing.assert_allclose(basis.evaluate([one], x)[:, 0], expected, rtol=1e-13)
-    assert basis.term(one.name) == one
+    chosen, expected = [], np.ones((5, len(products)))
+    for column, factors in enumerate(products):
+        signed = [(name, a and "(" not in name and "/" not in name) for name, a in factors]
+        spelled = [f"|{name}|" if a else name.removeprefix("1") for name, a in signed]
+        chosen.append(basis.term("".join(spelled)))
+        for name, magnitude in signed:
+            value = x[:, VARIABLES.index(name)]
+            expected[:, column] *= np.abs(value) if magnitude else value
+    np.testing.assert_allclose(basis.evaluate(chosen, x), expected, rtol=1e-13)
+    assert [basis.term(one.name) for one in chosen] == chosen
 
 
 def test_variables_stand_where_their_names_say() -> None:

@@ -138,19 +138,14 @@ def test_given_numbers_are_kept_and_used() -> None:
     assert replace(tuning, current=replace(tuning.current, max_m_s=None)) == own
 
 
-def test_the_length_is_estimated_from_the_inertia() -> None:
-    """Within a third of the true one, for vessels whose length and inertia are both published."""
+def test_what_is_not_given_is_estimated() -> None:
+    """Length by the inertia within a third, limits by the length within a factor of five."""
     for name, length in (("milliampere", 5.0), ("modulus_ship", 1.25), ("beluga_diagonal", 0.8)):
         estimated = replace(parameters_of(name), length_m=None).scales.length_m
-        assert length / 1.34 < estimated < length * 1.34
-
-
-def test_the_limits_are_estimated_from_the_length() -> None:
-    """The order of those of the ferry and the model ship: within a factor of five on every axis."""
+        assert length / 1.34 < estimated < length * 1.34, name
     for name in ("milliampere", "modulus_ship"):
         vessel = parameters_of(name)
-        estimated = replace(vessel, force_limits=None).scales.limits
-        ratio = estimated / np.array(vessel.force_limits)
+        ratio = replace(vessel, force_limits=None).scales.limits / np.array(vessel.force_limits)
         assert np.all((ratio > 0.2) & (ratio < 5.0)), name
 
 

@@ -12,10 +12,10 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.device_allocation import DeviceAllocation, thrust_at
 from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.models.weather.weather import Weather
-from seatrial.runner.trials import closed_loop, deployment_metrics
-from seatrial.runner.trials import trial as trials
-from tests.trials import composed
+from seatrial.runner.trials import deployment_metrics
+from seatrial.runner.trials.checks import check
+from tests.models.control.sailing import weather
+from tests.trials import composed, sailed
 
 POSITIONED = ("milliampere_azimuths", "osv")
 PLAIN = ("excitation=rudder_prbs", "identifier=none", "controller=none", "evaluation=none")
@@ -49,8 +49,7 @@ def demands(name: str, share: float, count: int = 200) -> Array:
 @pytest.mark.parametrize("name", POSITIONED)
 def test_devices_give_the_demanded_force(name: str) -> None:
     """Inside the attainable set, and with every input within its limits."""
-    table, ship = allocation(name).table(PLANAR), vessel(name)
-    tau = demands(name, 0.3)
+    table, ship, tau = allocation(name).table(PLANAR), vessel(name), demands(name, 0.3)
     inputs = np.empty((len(tau), len(ship.inputs)))
     for k in range(len(tau)):
         allocate_step(table, tau[k], inputs[k])
@@ -113,36 +112,25 @@ def test_the_share_of_forces_beyond_the_devices_is_counted() -> None:
     tau = np.array([[100.0, 0.0, 0.0], [0.0, 1.01, 0.0], [0.0, 0.0, -3.0], [0.0, 0.5, 0.0]])
     tau[1:] *= own.limits(PLANAR)
     rows = {name: np.zeros((4, 3)) for name in Log._fields}
-    still = Weather(*(np.zeros((4, 3)) for _ in range(4)))
     voyage = Voyage(
-        np.arange(4.0), Log(**{**rows, "tau": tau}), PLANAR, still, True,
+        np.arange(4.0), Log(**{**rows, "tau": tau}), PLANAR, weather(4), True,
         inputs=vessel("milliampere_azimuths").input_names, allocation=own,
     )  # fmt: skip
     (row,) = deployment_metrics.unreached(voyage, "deployment", "nominal")
     assert row.value == 0.5
 
 
-@pytest.mark.parametrize(
-    ("name", "controller"),
-    [
-        pytest.param("milliampere_azimuths", "pid_ff", marks=pytest.mark.nightly),
-        pytest.param("osv", "lqi", marks=pytest.mark.nightly),
-        pytest.param("milliampere_azimuths", "lqi", marks=pytest.mark.nightly),
-        pytest.param("osv", "pid_ff", marks=pytest.mark.nightly),
-    ],
-)
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", POSITIONED)
+@pytest.mark.parametrize("controller", ["pid_ff", "lqi"])
 def test_station_is_kept_in_a_constant_force(name: str, controller: str) -> None:
     """Within a tenth of the length and five degrees at the end, by the devices alone."""
     trial = composed(
         f"vessel={name}", "excitation=prbs", "identifier=none", f"controller={controller}",
         "evaluation=station_keeping", "disturbance=constant",
     )  # fmt: skip
-    trials.check(trial)
-    nominal = trial.vessel.nominal()
-    setup = closed_loop.prepare(
-        trial, closed_loop.Streams(0), nominal, trial.evaluation, deployed=True
-    )
-    voyage = setup.sail().voyage
+    check(trial)
+    voyage = sailed(trial, trial.evaluation, deployed=True).voyage
     assert voyage.positioned
     last = voyage.log.eta[-len(voyage.t) // 5 :]
     length = trial.vessel.length_m

@@ -1,7 +1,5 @@
 """Estimates from dimensions: against published vessels, similarity, and what cannot be."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from docs.vessels import parameters_of
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.physical_constraints import dissipated
 from seatrial.models.vessel.scales import WATER, Hull, derivatives, hull, model, rigid_body
-from tests.data import DATA
+from tests.models.vessel.oracles import constants
 
 # Length, beam, draught [m] and mass [kg] as published, and the factors within which inertia and
 # drag in surge, sway and yaw agree. The supply vessel's draught is that of a block of 0.65.
@@ -36,14 +34,9 @@ def test_they_are_near_published_vessels(name: str) -> None:
 @pytest.mark.data
 def test_added_mass_is_near_that_of_mss() -> None:
     """X_udot of its Otter is by the same formula; those of its supply ship are integrals."""
-    otter, osv = (
-        json.loads((DATA / "oracles" / f"mss_{name}_coeffs.json").read_text())
-        for name in ("otter", "osv")
-    )
-    values = otter["values_constant_over_state"]
+    values, ship = constants("mss_otter_coeffs.json"), constants("mss_osv_coeffs.json")["vessel"]
     catamaran = hull(values["L"], values["B"], values["T"], values["m"])
     assert derivatives(catamaran)["X_udot"] == pytest.approx(values["Xudot"], rel=1e-12)
-    ship = osv["values_constant_over_state"]["vessel"]
     found = derivatives(hull(ship["L"], ship["B"], ship["T"], ship["m"]))
     expected = -np.diag(ship["MA"])[[0, 1, 5]]
     ratio = np.array([found[name] for name in ("X_udot", "Y_vdot", "N_rdot")]) / expected

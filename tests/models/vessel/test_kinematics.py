@@ -1,5 +1,7 @@
 """Rotations and the reference in body axes."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,9 @@ from hypothesis import strategies as st
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import (
     body_rates,
+    cross_matrix,
     euler_zyx,
+    frame_of_angles,
     pose_jacobian,
     quaternion_rate,
     reference_in_body,
@@ -20,21 +24,12 @@ from seatrial.models.vessel.kinematics import (
 angles = st.floats(-20.0, 20.0)
 
 
-def body_velocity(eta_dot: Array, psi: float) -> Array:
-    """nu = R(psi)' eta_dot for planar motion; eta_dot NED [m/s, m/s, rad/s], shape (3,)."""
-    return np.asarray(rotation(psi).T @ eta_dot, dtype=np.float64)
-
-
 @given(angles)
-def test_rotations_are_orthogonal(psi: float) -> None:
-    r = rotation(psi)
-    np.testing.assert_allclose(r.T @ r, np.eye(3), atol=1e-14)
-    assert np.linalg.det(r) == pytest.approx(1.0)
-
-
-@given(angles, angles)
-def test_rotations_compose(a: float, b: float) -> None:
-    np.testing.assert_allclose(rotation(a) @ rotation(b), rotation(a + b), atol=1e-12)
+def test_a_rotation_is_the_frame_of_its_heading(psi: float) -> None:
+    """Frames of any attitude are those of scipy in test_beluga.py."""
+    frame = np.empty((3, 3))
+    frame_of_angles(np.array([0.0, 0.0, psi]), frame)
+    np.testing.assert_allclose(rotation(psi), frame, atol=1e-12)
 
 
 @given(angles)
@@ -46,20 +41,36 @@ def test_wrapping_keeps_the_direction(angle: float) -> None:
 
 
 @pytest.mark.parametrize("reference", [reference_in_body, reference_in_body_kernel])
-def test_body_reference_is_the_derivative_of_the_path(reference) -> None:  # type: ignore[no-untyped-def]
-    def path(t: float) -> np.ndarray:
-        return np.array([np.sin(t), 2.0 * np.cos(0.7 * t), 0.3 * t**2])
+@pytest.mark.parametrize("axes", [[0, 1, 5], [0, 1, 2, 3, 4, 5]])
+def test_body_reference_is_the_derivative_of_the_path(
+    reference: Callable[..., None], axes: list[int]
+) -> None:
+    """R v = dp/dt, S(omega) = R' dR/dt, and the derivative of both velocities."""
 
-    t, h = 1.3, 1e-4
-    rate = (path(t + h) - path(t - h)) / (2 * h)
-    acceleration = (path(t + h) - 2 * path(t) + path(t - h)) / h**2
-    eta_d, nu_d, nu_dot_d = np.empty(3), np.empty(3), np.empty(3)
-    reference(True, np.column_stack([path(t), rate, acceleration]), eta_d, nu_d, nu_dot_d)
-    np.testing.assert_allclose(nu_d, body_velocity(rate, path(t)[2]))
-    ahead, behind = (
-        body_velocity((path(s + h) - path(s - h)) / (2 * h), path(s)[2]) for s in (t + h, t - h)
-    )
-    np.testing.assert_allclose(nu_dot_d, (ahead - behind) / (2 * h), atol=1e-5)
+    def path(t: float) -> Array:
+        pose = [np.sin(t), np.cos(2 * t), 0.1 * t**2, 0.4 * np.sin(t), 0.7 * t, 0.3 * t**2]
+        return np.where(np.isin(range(6), axes), pose, 0.0)
+
+    def frame(t: float) -> Array:
+        found = np.empty((3, 3))
+        frame_of_angles(path(t)[3:], found)
+        return found
+
+    def slope(of: Callable[[float], Array], t: float, h: float = 1e-4) -> Array:
+        return np.asarray((of(t + h) - of(t - h)) / (2 * h))
+
+    def motion(t: float) -> Array:
+        rates = slope(path, t), slope(lambda s: slope(path, s), t)
+        found, whole = np.zeros((3, len(axes))), np.zeros((3, 6))
+        reference(len(axes) == 3, np.column_stack([path(t), *rates])[axes], *found)
+        whole[:, axes] = found
+        return whole[1:]
+
+    t = 0.9
+    nu, nu_dot = motion(t)
+    np.testing.assert_allclose(frame(t) @ nu[:3], slope(path, t)[:3], atol=1e-6)
+    np.testing.assert_allclose(cross_matrix(nu[3:]), frame(t).T @ slope(frame, t), atol=1e-6)
+    np.testing.assert_allclose(nu_dot, slope(lambda s: motion(s)[0], t, 1e-3), atol=1e-5)
 
 
 def test_angular_velocity_is_that_of_the_rotation_at_every_pitch() -> None:

@@ -14,13 +14,17 @@ from seatrial.models.vessel.derivatives import Prime
 from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.pose import kinematics_of
-from seatrial.models.weather.weather import Weather
-from seatrial.runner.trials import closed_loop
-from seatrial.runner.trials import trial as trials
+from seatrial.runner.trials.checks import check
+from tests.models.control.sailing import weather
 from tests.models.vessel.oracles import close, columns, oracle, oracle_file
-from tests.trials import composed
+from tests.trials import composed, sailed
 
-STILL = Weather(*(np.zeros((0, 3)) for _ in range(4)))
+STILL = weather(0)
+TURN = {  # quantities and their names in the program's record
+    "advance": "advance_over_L", "transfer": "transfer_over_L",
+    "tactical diameter": "tactical_diameter_over_L",
+    "steady diameter": "steady_turning_diameter_over_L_2U_over_r_L",
+}  # fmt: skip
 OPEN = ("identifier=none", "controller=none", "evaluation=none", "disturbance=calm")
 
 
@@ -28,13 +32,10 @@ def vessel(name: str) -> VesselParameters:
     return composed(f"vessel={name}", "excitation=rudder_turn", *OPEN).vessel
 
 
-def sailed(*options: str) -> Voyage:
+def steered(*options: str) -> Voyage:
     trial = composed(*options, *OPEN)
-    trials.check(trial)
-    streams = closed_loop.Streams(0)
-    return (
-        closed_loop.prepare(trial, streams, trial.vessel.nominal(), trial.excitation).sail().voyage
-    )
+    check(trial)
+    return sailed(trial).voyage
 
 
 def track(voyage: Voyage, length_m: float) -> Track:
@@ -67,7 +68,7 @@ def test_kvlcc2_accelerates_as_in_mmgdynamics(name: str, file: str, column: str)
 def test_mariner_accelerates_as_in_mss() -> None:
     """About its own speed and about the random ones of the rows."""
     rows, ship = oracle("mss_mariner_xdot.csv"), vessel("mariner")
-    expected = np.stack([rows[a] for a in ("udot", "vdot", "rdot")], axis=1)
+    expected = columns(rows, "udot", "vdot", "rdot")
     found = np.empty_like(expected)
     for k, speed in enumerate(rows["U0"]):
         about = replace(ship, prime=replace(ship.prime or Prime(1.0), speed_m_s=speed))
@@ -81,13 +82,13 @@ def test_mariner_accelerates_as_in_mss() -> None:
 def test_container_accelerates_as_in_mss() -> None:
     """With roll, 300 states; there the shaft speed is in revolutions a minute."""
     rows = oracle("mss_container_xdot.csv")
-    nu = np.stack([rows[name] for name in ("u", "v", "p", "r")], axis=1)
+    nu = columns(rows, "u", "v", "p", "r")
     inputs = np.stack([rows["delta"], rows["n"] / 60.0], axis=1)
     attitude = np.zeros((len(nu), 3))
     attitude[:, 0] = rows["phi"]
     ship = vessel("container").nominal()
     found = ship.forward(np.zeros_like(nu), nu, attitude, inputs=inputs)
-    expected = np.stack([rows[a] for a in ("udot", "vdot", "pdot", "rdot")], axis=1)
+    expected = columns(rows, "udot", "vdot", "pdot", "rdot")
     close(found, expected, 1e-11)
     table = ship.plant_table()
     work, kinematics = scratch(len(table.codes), 4, 4), kinematics_of(ship.dofs)
@@ -105,7 +106,7 @@ def test_container_accelerates_as_in_mss() -> None:
 def test_mariner_turns_as_in_mss(helm: int, file: str) -> None:
     """Ten minutes; in MSS the helm has the sign of the turn."""
     rows = oracle(f"mss_mariner_{file}_t0_rk4.csv")
-    voyage = sailed(
+    voyage = steered(
         "vessel=mariner", "excitation=rudder_turn", f"excitation.helm_deg={helm}",
         "excitation.duration_s=601", "sample_time_s=0.5", "integration_step_s=0.05",
     )  # fmt: skip
@@ -135,16 +136,12 @@ def test_kvlcc2_turns_and_zigzags_as_in_mmgdynamics(name: str, case: str, step_s
         f"vessel.inputs.delta.rate_limit={printed['rudder_rate_rad_s']}",
     )  # fmt: skip
     for sign, file in ((1, "turn_p35"), (-1, "turn_m35")):
-        voyage = sailed(*start, "excitation=rudder_turn", f"excitation.helm_deg={sign * 35}")
+        voyage = steered(*start, "excitation=rudder_turn", f"excitation.helm_deg={sign * 35}")
         measures = turn(track(voyage, length), "order")
-        assert measures["advance"] == pytest.approx(printed[file]["advance_over_L"], abs=0.01)
-        assert measures["transfer"] == pytest.approx(printed[file]["transfer_over_L"], abs=0.01)
-        wide = printed[file]["tactical_diameter_over_L"]
-        assert measures["tactical diameter"] == pytest.approx(wide, abs=0.01)
-        steady = printed[file]["steady_turning_diameter_over_L_2U_over_r_L"]
-        assert measures["steady diameter"] == pytest.approx(steady, abs=0.01)
+        for quantity, key in TURN.items():
+            assert measures[quantity] == pytest.approx(printed[file][key], abs=0.01), quantity
     for angle in (10, 20):
-        voyage = sailed(
+        voyage = steered(
             *start, "excitation=rudder_zigzag", f"excitation.helm_deg={angle}",
             f"excitation.turn_deg={angle}",
         )  # fmt: skip
@@ -171,17 +168,11 @@ def test_the_loop_has_the_accelerations_of_the_table(name: str) -> None:
         np.testing.assert_allclose(nu_dot, expected, rtol=1e-12)
 
 
-def test_a_rudder_is_behind_a_device_that_comes_first() -> None:
+def test_a_device_comes_after_what_it_is_behind_and_has_its_input() -> None:
     ship = vessel("kvlcc2")
-    reversed_devices = dict(reversed(ship.devices.items()))
-    with pytest.raises(
-        ConfigurationError, match=r"behind 'propeller', expected a device .* before"
-    ):
-        replace(ship, devices=reversed_devices)
-
-
-def test_a_device_without_its_input_is_refused() -> None:
-    ship = vessel("kvlcc2")
+    backwards = dict(reversed(ship.devices.items()))
+    with pytest.raises(ConfigurationError, match=r"behind 'propeller', expected .* before"):
+        replace(ship, devices=backwards)
     with pytest.raises(ConfigurationError, match="got delta, but a device needs 'n'"):
         replace(ship, inputs={"delta": ship.inputs["delta"]})
 
@@ -231,7 +222,7 @@ def test_the_first_model_of_esso_osaka_turns_like_the_ship(
     steady = rows[int(0.6 * len(rows)) : int(0.95 * len(rows))]
     at = np.abs(np.degrees(steady[:, 8]) - helm) < 2.0
     recorded = float(np.mean(steady[at, 6]))
-    voyage = sailed(
+    voyage = steered(
         "vessel=esso_osaka", "excitation=rudder_turn", f"excitation.helm_deg={helm}",
         "excitation.duration_s=300", "sample_time_s=0.1", "integration_step_s=0.1",
     )  # fmt: skip

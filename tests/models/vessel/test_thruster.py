@@ -4,26 +4,29 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lti, step
+from scipy.signal import lti
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.commands import open_loop
-from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.notation import PLANAR
-from seatrial.models.simulation.loop import sail
-from seatrial.models.simulation.registry import Timetable
-from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import FirstOrderLag, SecondOrderLag, acting_force, no_lag
-from seatrial.models.weather.weather import Weather
+from tests.models.control.sailing import drift, weather
 
 
 @pytest.mark.parametrize("period", [0.01, 0.1, 0.5])
-def test_step_response_is_exact_at_any_sample_time(period: float) -> None:
-    n = round(5.0 / period)
-    forces = acting_force(SecondOrderLag(2.0, 0.8), np.full((n, 1), 7.0), period)[:, 0]
-    _, exact = step(lti([4.0], [1.0, 3.2, 4.0]), T=period * np.arange(n))
-    np.testing.assert_allclose(forces, 7.0 * exact, atol=1e-8)
+@pytest.mark.parametrize(
+    ("lag", "exact"),
+    [
+        (SecondOrderLag(2.0, 0.8), lti([4.0], [1.0, 3.2, 4.0])),
+        (FirstOrderLag(time_constant_s=0.7), lti([1.0], [0.7, 1.0])),
+    ],
+)
+def test_step_responses_are_exact_at_any_sample_time(
+    lag: SecondOrderLag, exact: lti, period: float
+) -> None:
+    t = period * np.arange(round(5.0 / period))
+    forces = acting_force(lag, np.full((len(t), 1), 7.0), period)[:, 0]
+    np.testing.assert_allclose(forces, 7.0 * exact.step(T=t)[1], atol=1e-8)
 
 
 def test_without_lag_the_force_is_the_command_of_the_sample_before() -> None:
@@ -32,14 +35,6 @@ def test_without_lag_the_force_is_the_command_of_the_sample_before() -> None:
     np.testing.assert_array_equal(forces[0], 0.0)
     np.testing.assert_array_equal(forces[1:], commands[:-1])
     assert np.all(no_lag(3).direct)
-
-
-@pytest.mark.parametrize("period", [0.01, 0.1, 0.5])
-def test_a_first_order_lag_is_exact_at_any_sample_time(period: float) -> None:
-    lag = FirstOrderLag(time_constant_s=0.7)
-    t = period * np.arange(round(5.0 / period))
-    forces = acting_force(lag, np.full((len(t), 1), 7.0), period)[:, 0]
-    np.testing.assert_allclose(forces, 7.0 * (1.0 - np.exp(-t / 0.7)), atol=1e-12)
 
 
 def test_the_delay_is_that_of_a_slow_command() -> None:
@@ -74,14 +69,9 @@ def test_a_rate_limit_makes_a_step_a_ramp() -> None:
 def test_a_simulation_and_the_filter_agree_on_a_limited_thruster(milliampere: Vessel) -> None:
     lag = SecondOrderLag(2.0, 0.8, amplitude_limit=(30.0,) * 3, rate_limit=(40.0,) * 3)
     command = np.random.default_rng(0).normal(size=(40, 3)).repeat(10, axis=0) * 40.0
-    weather = Weather(*(np.zeros((400, 3)) for _ in range(4)))
-    voyage = sail(
-        Plant(milliampere, lag, (20.0, 20.0, 10.0)), weather,
-        (Timetable(np.zeros((400, 3))), np.zeros(1)), ReferenceFilter(0.5, 0.7).table(0.1),
-        open_loop(), np.zeros(3), 0.1, 0.025, added=command,
-    )  # fmt: skip
-    np.testing.assert_allclose(acting_force(lag, command, 0.1), voyage.log.tau_actual, atol=1e-9)
-    assert np.max(np.abs(voyage.log.tau_actual)) == 30.0
+    acting = drift(milliampere, weather(400), lag=lag, step_s=0.025, added=command).log.tau_actual
+    np.testing.assert_allclose(acting_force(lag, command, 0.1), acting, atol=1e-9)
+    assert np.max(np.abs(acting)) == 30.0
 
 
 @pytest.mark.parametrize("name", ["amplitude_limit", "rate_limit"])

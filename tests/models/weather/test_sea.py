@@ -77,27 +77,21 @@ def test_the_white_current_of_the_source() -> None:
     assert abs(np.corrcoef(velocity[:-1, 0], velocity[1:, 0])[0, 1]) < 0.03
 
 
-def test_waves_have_their_deviation_and_peak() -> None:
-    period = 0.25
-    motion = Waves(0.2, 2.0, 8.0, 0.1).realise(100_000, period, rng())
-    np.testing.assert_allclose(motion.std(axis=0), [0.2, 0.2, np.radians(2.0)], rtol=0.05)
-    np.testing.assert_allclose(motion.mean(axis=0), 0.0, atol=0.005)
-    for column in motion.T:
-        f, density = welch(column, 1.0 / period, nperseg=4096)
-        assert f[np.argmax(density)] == pytest.approx(1.0 / 8.0, rel=0.1)
-    assert np.max(np.abs(np.corrcoef(motion.T) - np.eye(3))) < 0.05
-
-
-def test_the_spectrum_of_waves_is_fossens() -> None:
+def test_waves_have_their_deviation_and_fossens_spectrum() -> None:
     """S(w) = (K w)^2 / ((w0^2 - w^2)^2 + (2 lambda w0 w)^2), sigma^2 = K^2 / (4 lambda w0)."""
-    period, w0, damping = 0.25, 2 * np.pi / 8.0, 0.1
-    motion = Waves(1.0, 1.0, 8.0, damping).realise(400_000, period, rng(1))[:, 0]
-    f, density = welch(motion, 1.0 / period, nperseg=2048)
-    w = 2 * np.pi * f
-    gain = 4 * damping * w0
-    two_sided = gain * w**2 / ((w0**2 - w**2) ** 2 + (2 * damping * w0 * w) ** 2)
-    band = (f > 0.08) & (f < 0.3)
-    assert np.mean(density[band] / (2 * two_sided[band])) == pytest.approx(1.0, abs=0.05)
+    period, w0, damping, size = 0.25, 2 * np.pi / 8.0, 0.1, [0.2, 0.2, np.radians(2.0)]
+    motion = Waves(0.2, 2.0, 8.0, damping).realise(400_000, period, rng()) / size
+    np.testing.assert_allclose(motion.std(axis=0), 1.0, rtol=0.05)
+    np.testing.assert_allclose(motion.mean(axis=0), 0.0, atol=0.025)
+    assert np.max(np.abs(np.corrcoef(motion.T) - np.eye(3))) < 0.05
+    for column in motion.T:
+        f, density = welch(column, 1.0 / period, nperseg=2048)
+        w = 2 * np.pi * f
+        resonance = (w0**2 - w**2) ** 2 + (2 * damping * w0 * w) ** 2
+        two_sided = 4 * damping * w0 * w**2 / resonance
+        band = (f > 0.08) & (f < 0.3)
+        assert np.mean(density[band] / (2 * two_sided[band])) == pytest.approx(1.0, abs=0.05)
+        assert f[np.argmax(density)] == pytest.approx(1.0 / 8.0, rel=0.1)
 
 
 def test_sampling_does_not_change_a_process() -> None:

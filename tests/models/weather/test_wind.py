@@ -53,28 +53,17 @@ def printed(speed: float, gamma: float) -> np.ndarray:
     return 0.5 * 1.23 * speed**2 * np.array(factors)
 
 
-def test_a_wind_from_astern_pushes_ahead_and_a_head_wind_astern() -> None:
-    np.testing.assert_allclose(force_of(wind(), 0.0), [0.5 * 1.23 * 100 * 0.6 * 500, 0, 0])
-    np.testing.assert_allclose(
-        force_of(wind(), np.pi), [-0.5 * 1.23 * 100 * 0.6 * 500, 0, 0], atol=1e-9
-    )
-    np.testing.assert_allclose(
-        force_of(wind(direction="from"), 0.0), [-0.5 * 1.23 * 100 * 0.6 * 500, 0, 0], atol=1e-9
-    )
-
-
-def test_a_beam_wind_to_starboard_pushes_to_starboard() -> None:
-    found = force_of(wind(direction_deg=90.0, speed_m_s=20.0), 0.0)
-    np.testing.assert_allclose(found, [0.0, 2.16e5, 0.0], rtol=3e-3, atol=1e-9)  # ERRATA
+def test_a_wind_comes_from_where_another_goes_to() -> None:
+    coming = wind(direction="from", direction_deg=35.0)
+    np.testing.assert_allclose(force_of(coming, 0.7), force_of(wind(direction_deg=215.0), 0.7))
 
 
 @pytest.mark.parametrize("psi", [0.0, 0.7, -2.0])
 @pytest.mark.parametrize("beta", [0.0, 35.0, 120.0, 260.0])
 def test_at_rest_the_force_is_the_printed_one(psi: float, beta: float) -> None:
     expected = printed(10.0, np.radians(beta) - psi)
-    np.testing.assert_allclose(
-        force_of(wind(direction_deg=beta), psi), expected, rtol=1e-9, atol=1e-8
-    )
+    found = force_of(wind(direction_deg=beta), psi)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-8)
 
 
 def test_a_vessel_that_keeps_up_with_the_wind_feels_none() -> None:
@@ -83,19 +72,13 @@ def test_a_vessel_that_keeps_up_with_the_wind_feels_none() -> None:
 
 
 def test_the_wind_scale_is_the_printed_one() -> None:
-    """Bargouth (2022), Table 2.1; the last class is only bounded from below."""
+    """Bargouth (2022), Table 2.1; the middle of its class blows. The last has no upper bound."""
     printed = "0.5 1.8 1.9 3.3 3.4 5.4 5.5 7.9 8.0 11.0 11.1 14.1 14.2 17.2 17.3 20.8 20.9 24.4 "
     printed += "24.5 28.5 28.6 32.6 32.6 32.6"
     assert np.ravel(BEAUFORT).tolist() == [float(one) for one in printed.split()]
-    for beaufort, (low, high) in enumerate(BEAUFORT, start=1):
-        blowing = wind(beaufort=beaufort).realise(1, 1.0, rng())
-        assert low <= np.hypot(*blowing[0]) <= high
-
-
-@pytest.mark.parametrize(("beaufort", "speed"), [(1, 1.15), (6, 12.6), (12, 32.6)])
-def test_beaufort_is_the_middle_of_its_class(beaufort: int, speed: float) -> None:
-    blowing = wind(beaufort=beaufort).realise(3, 1.0, rng())
-    np.testing.assert_allclose(blowing, [[speed, 0.0]] * 3)
+    for beaufort, bounds in enumerate(BEAUFORT, start=1):
+        blowing = wind(beaufort=beaufort).realise(3, 1.0, rng())
+        np.testing.assert_allclose(blowing, [[np.mean(bounds), 0.0]] * 3)
 
 
 def test_gusts_have_their_deviation_and_time_constant() -> None:
@@ -144,9 +127,8 @@ def test_a_recorded_wind_is_interpolated_without_turning_round(tmp_path: Path) -
     path.write_text("t,speed,direction\n0,10,350\n10,10,10\n")
     blowing = wind(variation="file", file=str(path)).realise(11, 1.0, rng())
     np.testing.assert_allclose(blowing[5], [10.0 * np.cos(np.radians(10.0)), 0.0], atol=1e-9)
-    np.testing.assert_allclose(
-        blowing[0], 10.0 * np.array([np.cos(6.10865), np.sin(6.10865)]), rtol=1e-4
-    )
+    first = 10.0 * np.array([np.cos(6.10865), np.sin(6.10865)])
+    np.testing.assert_allclose(blowing[0], first, rtol=1e-4)
     with pytest.raises(ConfigurationError, match="cover 0 to 20 s"):
         wind(variation="file", file=str(path)).realise(21, 1.0, rng())
     path.write_text("t,speed\n0,10\n")
