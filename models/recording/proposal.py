@@ -81,11 +81,11 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     Raises RecordingError if no source has a column of time.
     """
     times = {name: time for name, source in sources.items() if (time := find_time(source))}
-    alike = defaultdict[tuple[str, ...], list[str]](list)  # runs, or sensors, by their columns
+    groups = defaultdict[tuple[str, ...], list[str]](list)  # runs, or sensors, by their columns
     for name in times:
         number = RUN.fullmatch(name)
-        alike[(number[1], *sources[name].columns) if number else (name,)].append(name)
-    longest = {max(names, key=lambda name: len(sources[name])) for names in alike.values()}
+        groups[(number[1], *sources[name].columns) if number else (name,)].append(name)
+    longest = {max(names, key=lambda name: len(sources[name])) for names in groups.values()}
     if not times:
         names = ", ".join(name for source in sources.values() for name in source.columns)
         raise RecordingError(

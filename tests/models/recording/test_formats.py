@@ -359,7 +359,6 @@ def test_angles_repeated_groups_and_logs_of_moos(tmp_path: Path) -> None:
     )
     sources = read_sources(file(tmp_path, "c.alog", text), ReadOptions())
     np.testing.assert_array_equal(sources["iNav"].columns["NAV_X"], np.arange(9.0))
-    assert "RUDDER" in sources["pid"].columns
 
 
 def test_text_of_gliders(tmp_path: Path) -> None:
