@@ -209,10 +209,12 @@ class _Case:
             framed = any(p.kind in ("earth", "frame", "heading") for p in problems)
             guesses = [g for g in self._guesses(state) if g.kind == "scale" or not framed]
             best = self._best(state, [defect for defect in told if defect.change], guesses)
-            if best is None:
+            steps = [best] if best else self._ahead(state)
+            if not steps:
                 break
-            problems.append(best[0])
-            state = self._compared(best[1].file, best[1].recording)  # where it agrees best
+            problems += [defect for defect, _ in steps]
+            last = steps[-1][1]
+            state = self._compared(last.file, last.recording)  # where it agrees best
         questions = [d.message for d in told if d.kind == "question"]
         told = [defect for defect in told if defect.kind != "question"]
         problems += [replace(defect, change={}) for defect in told]
@@ -294,7 +296,8 @@ class _Case:
 
     def _ahead(self, state: _State) -> list[tuple[RecordingDefect, _State]]:
         """The readings by which the vessel moves ahead, where no velocity along the body tells."""
-        if state.along or not set(PLANAR) <= set(self.known) or state.ahead > ASIDE:
+        agree = all(axis.correlation > SURE for axis in state.result.axes if axis.dof in LINEAR[:2])
+        if state.along or not (agree and set(PLANAR) <= set(self.known)) or state.ahead > ASIDE:
             return []
         text = f"the vessel moves ahead in {100.0 * max(state.ahead, 0.0):.0f} % of its way"
         ways: list[list[tuple[RecordingDefect, _State]]] = [[]]  # degrees alone, or also frames
@@ -318,6 +321,7 @@ class _Case:
         turns = set(PLANAR) <= set(self.known)
         heading, x = specs.get("position.yaw"), specs.get("position.surge")
         titled = bool(x and {"north", "northing"} & set(words_of(x.name)))
+        titled |= agrees and bool(state.file.columns.geodetic)
         for kind, axes, text, frames, sense in FRAMES if turns else ():
             turns_it = sense or "attitude" in frames  # which only a velocity along the body tells
             if ((sense and heading is None) or (titled and "position" in frames)
