@@ -34,7 +34,7 @@ from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import original_rate, sampling
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import seconds
-from seatrial.models.recording.units import BEARINGS, factor, targets_of
+from seatrial.models.recording.units import BEARINGS, factor, targets_of, words_of
 from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
@@ -42,6 +42,7 @@ UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filt
 SAMPLES_APART = 2.0  # a smaller delay is that of a filter or of sampling
 SAME_RATE = 1.05  # of the rate of the original samples
 MOST_CHANGES = 6
+ASIDE, AHEAD = 0.5, 0.9  # shares of the way ahead: of a wrong heading, and of a right one
 MOST_SAMPLES, BLOCKS = 50_000, 10  # of a longer recording, as many even blocks are compared
 LARGE = {"roll": np.pi, "pitch": np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # hardly rad, or 1/s
 LARGE_BEARING = 6.0 * np.pi  # [rad]
@@ -64,6 +65,8 @@ FRAMES: tuple[tuple[str, Sequence[str], str, dict[str, str], dict[str, str]], ..
      "pose is of east, north, up", {"body": "FLU"}, {}),
     ("heading", YAW, "the attitude is of ENU: the heading counts from east, anticlockwise",
      {"attitude": "ENU"}, {}),
+    ("frame", DOFS, "the attitude is of ENU, and the velocities are forward, left, up",
+     {"attitude": "ENU", "body": "FLU"}, {}),
     ("frame", DOFS, "the positions are east, north, up, and the attitude is of ENU",
      {"position": "ENU", "attitude": "ENU"}, {}),
     ("earth", LINEAR, "the velocities are along the axes of the earth, and all is east, north, up",
@@ -159,6 +162,18 @@ class _State(NamedTuple):
     result: Consistency
 
     @property
+    def along(self) -> bool:
+        """Whether velocities along the body are recorded, which tell the heading."""
+        columns = self.file.columns
+        return columns.frames.velocity == "body" and bool({"surge", "sway"} & set(columns.velocity))
+
+    @property
+    def ahead(self) -> float:
+        """Share of the way in the direction of the bow; the axes must be planar."""
+        u, v = (self.recording.nu[:, self.recording.dofs.index(dof)] for dof in LINEAR[:2])
+        return float(np.sum(u) / (np.sum(np.hypot(u, v)) or 1.0))
+
+    @property
     def specs(self) -> dict[str, Column]:
         """The columns of motion by option; without those that a quaternion or GNSS replaces."""
         columns = self.file.columns
@@ -186,15 +201,20 @@ class _Case:
             after = self._tried(state, slower)
             problems.append(slower if after else replace(slower, change={}))
             state = after or state
+        for defect, after in self._ahead(state):
+            problems.append(defect)
+            state = after
         for _ in range(MOST_CHANGES):
             told = [*_told(state), *self._scales(state)]
             framed = any(p.kind in ("earth", "frame", "heading") for p in problems)
             guesses = [g for g in self._guesses(state) if g.kind == "scale" or not framed]
             best = self._best(state, [defect for defect in told if defect.change], guesses)
-            if best is None:
+            steps = [best] if best else self._ahead(state)
+            if not steps:
                 break
-            problems.append(best[0])
-            state = self._compared(best[1].file, best[1].recording)  # where it agrees best
+            problems += [defect for defect, _ in steps]
+            last = steps[-1][1]
+            state = self._compared(last.file, last.recording)  # where it agrees best
         questions = [d.message for d in told if d.kind == "question"]
         told = [defect for defect in told if defect.kind != "question"]
         problems += [replace(defect, change={}) for defect in told]
@@ -274,15 +294,38 @@ class _Case:
         most = max((gain for gain, *_ in tried), default=0.0)
         return next(((d, after) for gain, d, after in tried if gain >= most - AS_GOOD), None)
 
-    def _guesses(self, state: _State) -> Iterator[RecordingDefect]:
+    def _ahead(self, state: _State) -> list[tuple[RecordingDefect, _State]]:
+        """The readings by which the vessel moves ahead, where no velocity along the body tells."""
+        agree = all(axis.correlation > SURE for axis in state.result.axes if axis.dof in LINEAR[:2])
+        if state.along or not (agree and set(PLANAR) <= set(self.known)) or state.ahead > ASIDE:
+            return []
+        text = f"the vessel moves ahead in {100.0 * max(state.ahead, 0.0):.0f} % of its way"
+        ways: list[list[tuple[RecordingDefect, _State]]] = [[]]  # degrees alone, or also frames
+        for kinds in (("scale",), ("frame", "heading")):
+            for way in list(ways):
+                now = way[-1][1] if way else state
+                guesses = [d for d in self._guesses(now, agrees=True)
+                           if d.kind in kinds and "heading_deg" not in d.change]  # fmt: skip
+                for defect in guesses[:1] if kinds == ("scale",) else guesses:
+                    if after := self._tried(now, defect):
+                        said = replace(defect, message=f"{text}: {defect.message}")
+                        ways.append([*way, (said, after)])
+        most = max(way[-1][1].ahead if way else AHEAD for way in ways) - AS_GOOD
+        return next((way for way in ways[1:] if way[-1][1].ahead > max(most, AHEAD - AS_GOOD)), [])
+
+    def _guesses(self, state: _State, agrees: bool = False) -> Iterator[RecordingDefect]:
         """Changes that no correlation tells, unless all agrees: frames, headings, and degrees."""
         specs, compared = state.specs, [axis.dof for axis in state.result.axes]
-        if state.result.quality > 1.0 - AS_GOOD:
+        if state.result.quality > 1.0 - AS_GOOD and not agrees:
             return
         turns = set(PLANAR) <= set(self.known)
-        heading = specs.get("position.yaw")
+        heading, x = specs.get("position.yaw"), specs.get("position.surge")
+        titled = bool(x and {"north", "northing"} & set(words_of(x.name)))
+        titled |= agrees and bool(state.file.columns.geodetic)
         for kind, axes, text, frames, sense in FRAMES if turns else ():
-            if sense and heading is None:
+            turns_it = sense or "attitude" in frames  # which only a velocity along the body tells
+            if ((sense and heading is None) or (titled and "position" in frames)
+                    or (turns_it and not (state.along or agrees))):  # fmt: skip
                 continue
             change: dict[str, Any] = {}
             change |= {f"columns.frames.{key}": value for key, value in frames.items()}
@@ -290,7 +333,7 @@ class _Case:
                 change |= _change({"position.yaw": replace(heading, **sense)})  # type: ignore[arg-type]
             if changed(state.file, change).columns != state.file.columns:
                 yield RecordingDefect(kind, tuple(d for d in axes if d in compared), text, change)
-        for off in (90.0, 180.0, -90.0) if turns else ():
+        for off in (90.0, 180.0, -90.0) if turns and (state.along or agrees) else ():
             degrees = (state.file.heading_deg - off + 179.0) % 360.0 - 179.0
             text = f"the heading is {-off:g} degrees off the positions"
             yield RecordingDefect("heading", YAW, text, {"heading_deg": degrees}, off)
@@ -299,10 +342,13 @@ class _Case:
                   if option in specs and specs[option].unit is None
                   and option in known and known[option].known_from == SI_ASSUMED]  # fmt: skip
         yaw = [option for option in angles if option == "position.yaw"]
-        for group in (angles, [option for option in angles if option not in yaw], yaw):
-            new = {option: replace(specs[option], unit="deg") for option in group}
+        rates = [o for dof in ANGLES if (o := f"velocity.{dof}") in specs and specs[o].unit is None
+                 and o in known and known[o].known_from == SI_ASSUMED]  # fmt: skip
+        for group in (angles, [o for o in angles if o not in yaw], yaw, [*angles, *rates]):
+            new = {o: replace(specs[o], unit="deg/s" if o in rates else "deg") for o in group}
             axes = tuple(dof for dof in ANGLES if f"position.{dof}" in group)
-            text = "the angles of the pose are in degrees"
+            also = " and their rates" if set(rates) & set(group) else ""
+            text = f"the angles of the pose{also} are in degrees"
             yield RecordingDefect("scale", axes, text, _change(new), 180.0 / np.pi)
 
     def _scales(self, state: _State) -> Iterator[RecordingDefect]:
@@ -412,6 +458,11 @@ def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
                 pulse = f"{{column: {name}, neutral: 1500, full: 1900}}"
                 line = f"is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
                 result[option] = f"{spans}: {line}"
+            elif option in ("water.speed", "wind.speed") and "ground.speed" in columns.specs:
+                beside = columns.specs["ground.speed"]
+                if beside.unit not in (None, "m/s"):
+                    line = f"{kind}: {{{key}: {{column: {name}, unit: {beside.unit}}}}}"
+                    result[option] = f"{beside.name} is in {beside.unit}, and {name}? {line}"
             elif max(abs(least), abs(most)) > large or jumps:
                 unit = f"{{column: {name}, unit: {'rpm' if of == 'n' else 'deg'}}}"
                 result[option] = f"{spans}: in which unit? {kind}: {{{key}: {unit}}}"

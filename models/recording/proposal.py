@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.column_map import QUATERNION, Column
 from seatrial.models.recording.quantities import WORDS, Quantity, kinds_of, quantity
 from seatrial.models.recording.reader import stated_unit
@@ -30,10 +30,12 @@ from seatrial.models.vessel.basis import Array
 
 SYMBOLS = {"eta": "x y z phi theta psi", "nu": "u v w p q r", "tau": "x y z k m n"}  # of matrices
 NUMBERED = re.compile(r"(.*?)[\[(_.]?(\d)[\])]?")
+RUN = re.compile(r"(.*)/\d+")
 PART = re.compile(r"(.*?)([wxyz]|\d)[\])]?")
 SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
 MIN_SAMPLES = 30  # of a record that is preferred to others
 UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
+ALMOST_SAME = 0.99  # correlation of two columns of one quantity
 UNKNOWN = Quantity("", strange=99)
 AXES_OF = {  # where a map states the axes or reference of a column
     **dict.fromkeys(("velocity.surge", "velocity.sway"), ("frames", "velocity", "earth")),
@@ -79,15 +81,30 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     Raises RecordingError if no source has a column of time.
     """
     times = {name: time for name, source in sources.items() if (time := find_time(source))}
+    groups = defaultdict[tuple[str, ...], list[str]](list)  # runs, or sensors, by their columns
+    for name in times:
+        number = RUN.fullmatch(name)
+        groups[(number[1], *sources[name].columns) if number else (name,)].append(name)
+    longest = {max(names, key=lambda name: len(sources[name])) for names in groups.values()}
     if not times:
         names = ", ".join(name for source in sources.values() for name in source.columns)
         raise RecordingError(
             f"{next(iter(sources.values())).path}: no column of time among {names[:300]}, expected "
             "one such as t or time, or a map with text: {names: [t, ...]} or time: COLUMN"
         )
-    every, texts = _candidates([sources[name] for name in times], len(sources) > 1)
-    chosen = _motion([c for c in every if c.moves])
+    every, texts = _candidates([sources[n] for n in times if n in longest], len(sources) > 1)
+    acting = {f"force.{dof}" for dof in PLANAR}  # also where they are zero
+    chosen = _motion([c for c in every if c.moves or c.option in acting])
     asked = _actions(every, wanted, chosen)
+    speed, course = (next((c.full for c in every if c.option == o and c.moves), None)
+                     for o in ("speed", "ground.course"))  # fmt: skip
+    if speed and course and not {"velocity.surge", "velocity.sway", "ground.speed"} & set(chosen):
+        asked.append(f"is {speed} over ground (ground: {{speed: {speed}, course: {course}}}) or "
+                     f"through the water (water: {{speed: {speed}}})?")  # fmt: skip
+    if {"geodetic.latitude", "position.surge"} & set(chosen) and not (
+        {"position.yaw", "orientation.w"} & set(chosen)
+    ):
+        asked.append("which column is the heading (a course is none)? position: {yaw: COLUMN}")
     clock, line = _clock(chosen, times, sources)
     sure, columns = [line], defaultdict[str, dict[str, object]](dict)
     stated = {o: stated_unit(c.source, c.name, targets_of(o)) for o, c in chosen.items()}
@@ -105,14 +122,27 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
         written = unit and origin != "the file" and factor(unit, target) != 1.0
         columns[kind][name] = {"column": c.full, "unit": unit} if written else c.full
         group, key, frame = AXES_OF.get(option, ("", "", "any"))
-        if c.frame == frame:
+        if c.frame == frame or (option == "position.surge" and _is_east(c, every)):
             columns[group][key] = frame
         if c.frame == "magnetic":
             asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
-    left = {"no column of time": [name for name in sources if name not in times]}
+    left = {"no column of time": [name for name in sources if name not in times],
+            "of the same columns as another": [n for n in times if n not in longest]}  # fmt: skip
     left |= {"not numbers": texts, "do not move": [], "look like inputs, not mapped": []}
     lines = _left_out(left, every, {c.full for c in chosen.values()})
     return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), tuple(lines))
+
+
+def _is_east(x: _Candidate, every: Sequence[_Candidate]) -> bool:
+    """Whether a position is east, by a longitude of the same source; both are there and move."""
+    beside = {c.option: c.values for c in every if c.source is x.source and c.moves}
+    both = [beside.get(f"geodetic.{name}") for name in ("latitude", "longitude")]
+    known = [values for values in both if values is not None]
+    if len(known) < 2 or not x.moves:
+        return False
+    rows = ~np.any(np.isnan([x.values, *known]), axis=0)
+    north, east = np.abs(np.corrcoef([x.values[rows], *(v[rows] for v in known)])[0, 1:])
+    return bool(east > ALMOST_SAME > north)
 
 
 def _left_out(
@@ -152,7 +182,9 @@ def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate]
             except RecordingError:
                 texts.append(full)
                 continue
-            result = quantity(titles.get(name, name), source.name, source.units.get(name))
+            known_as = (titles.get(name, name), source.title(name))
+            results = (quantity(t, source.name, source.units.get(name)) for t in known_as)
+            result = next(filter(None, results), None)
             if name in quaternion:
                 result = Quantity(f"orientation.{quaternion[name]}")
             known = values[~np.isnan(values)]
@@ -171,15 +203,19 @@ def _titles(source: Source) -> dict[str, str]:
     """Titles of the columns of matrices, `eta[2]` of three is psi, and of the forces X, Y, N."""
     forces = {"X", "N"} <= set(source.columns)
     result = {letter: f"tau {letter}" for letter in "XYZKMN"} if forces else {}
+    if {"R", "P", "Y"} <= set(source.columns):
+        result |= {"R": "roll rate", "P": "pitch rate", "Y": "yaw rate"}
     groups = defaultdict[str, list[str]](list)
     for name in source.columns:
         if match := NUMBERED.fullmatch(name):
             groups[match[1]].append(name)
     for stem, names in groups.items():
-        last = next((word for word in reversed(words_of(stem)) if word != "dot"), "")
+        words = [w for w in words_of(stem) if w != "dot" and w not in WORDS["neutral"]]
+        last = (words or words_of(source.name) or [""])[-1]
         axes = SYMBOLS.get(last, "x y z").split()
         axes = axes if len(names) == len(axes) else [*axes[:2], axes[-1]]
         if len(names) == len(axes) and (last in (*SYMBOLS, "xyz") or kinds_of(last)):
+            stem = last if not words and last in SYMBOLS else stem
             result |= {n: f"{stem} {axis}" for n, axis in zip(names, axes, strict=True)}
     return result
 
@@ -260,7 +296,7 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
     if winds:
         _, *pair = min(winds, key=lambda row: row[0])
         chosen |= zip(("wind.speed", "wind.direction"), pair, strict=True)
-    if acting := first(*(f"force.{dof}" for dof in DOFS)):
+    if (acting := first(*(f"force.{dof}" for dof in DOFS))) and acting.moves:
         take("force", DOFS, acting, only=True)
     return chosen
 

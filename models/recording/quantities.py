@@ -29,39 +29,46 @@ KINDS = (
 DEVICES = ("rudder", "shaft", "device")  # inputs of a vessel: delta, n, and those of other names
 WORDS = {name: frozenset(words.split()) for name, words in {
     "position": "position pos pose eta location coordinates", "dot": "dot",
-    "velocity": "velocity vel velo speed spd twist nu", "linear": "linear uvw",
+    "velocity": "velocity vel velo speed spd twist nu geschwindigkeit vitesse fart",
+    "linear": "linear uvw",
     "rate": "rate rates angular gyro gyr omega angvelo turn pqr",
-    "angle": "angle angles attitude euler rpy rph", "moment": "torque moment",
+    "angle": "angle angles ang attitude euler rpy rph", "moment": "torque moment",
     "force": "force forces wrench tau", "acceleration": "acceleration accelerations acc accel",
-    "rudder": "rudder delta helm", "shaft": "rpm rps shaft propeller prop engine revolutions revs",
+    "rudder": "rudder delta helm ruder ruderwinkel barre ror rorvinkel",
+    "shaft": "rpm rps shaft propeller prop engine revolutions revs drehzahl regime turtall",
     "device": "thruster thrusters thrust thr pwm servo servos motor motors throttle esc azimuth "
               "rcou actuator actuators elevator fin fins nozzle jet tunnel steering drive",
     "load": "torque moment power temperature current voltage fuel load rate dot",  # of a device
     "neutral": "estimated estimate est hat filtered filt smoothed measured meas mes actual true "
                "state states navigation nav ned enu body frame frd flu of vessel ship boat vehicle "
-               "gps gnss ins imu ekf odom odometry value data mid world local inertial vector lmc "
-               "over stamped xyz mid cg center centre",
+               "veh gps gnss ins imu ekf odom odometry value data mid world local inertial vector "
+               "lmc over stamped xyz mid cg center centre signals values log",
     "foreign": "error err std stdev cov covariance variance var bias sigma accuracy quality innov "
                "innovation residual noise current currents wave waves temp temperature pressure "
                "voltage max min offset origin home orientation power dop hdop stamp count "
                "deviation variation",  # no motion of the vessel
-    "reference": "ref reference desired des setpoint sp target goal waypoint guidance plan",
+    "reference": "ref reference desired des setpoint sp target goal waypoint guidance plan "
+                 "controller",
     "command": "cmd command commanded commands order ordered",
     "estimate": "nav navigation odom odometry estimate estimated estimator local ahrs",
     "raw": "imu gps gnss mag baro raw sensor fix compass dvl",
     "magnetic": "magnetic mag hdm compass", "earth": "ned enu earth world inertial",
-    "speed": "speed spd velocity vel velo", "direction": "direction dir angle",
-    "course": "course track", "ground": "ground grnd gnd sog", "satellite": "gps gnss rmc vtg",
+    "speed": "speed spd velocity vel velo vitesse fart geschwindigkeit",
+    "direction": "direction dir angle", "course": "course track route",
+    "ground": "ground grnd gnd sog fond", "satellite": "gps gnss rmc vtg",
     "apparent": "apparent relative rel angle",
 }.items()}  # fmt: skip
 AXES = {
     word: (kind, i)
     for kind, axes in {
         "space": ("x", "y", "z"),
-        "earth": ("north northing", "east easting", "down depth"),
-        "body": ("surge u forward fwd ahead longitudinal",
-                 "sway v vm starboard stbd abeam lateral transverse", "heave w"),
-        "angle": ("roll phi heel", "pitch theta trim", "yaw psi heading hdg hdt hdm"),
+        "earth": ("north northing nord", "east easting ost", "down depth"),
+        "body": ("surge u forward fwd ahead longitudinal longitudinale langsgeschwindigkeit",
+                 "sway v vm starboard stbd abeam lateral transverse transversale "
+                 "quergeschwindigkeit", "heave w"),
+        "angle": ("roll phi heel roulis gite", "pitch theta trim tangage",
+                  "yaw psi heading hdg hdt hdm head azimuth cap lacet kurswinkel "
+                  "steuerkurs"),
         "rate": ("p", "q", "r"),
     }.items()
     for i, words in enumerate(axes)
@@ -72,8 +79,8 @@ MOMENTS = {"k": ("angle", 0), "m": ("angle", 1), "n": ("angle", 2)}  # the same 
 ALONE = {word: Quantity(option, frame) for words, option, frame in (
     ("tws", "wind.speed", "true"), ("twd", "wind.direction", "true"),
     ("aws", "wind.speed", "apparent"), ("awa", "wind.direction", "apparent"),
-    ("sog", "ground.speed", ""), ("cog course track gcrs", "ground.course", ""),
-    ("stw bsp", "water.speed", ""), ("rot", "velocity.yaw", ""),
+    ("sog", "ground.speed", ""), ("cog course track gcrs mot", "ground.course", ""),
+    ("stw bsp", "water.speed", ""), ("rot drehrate gierrate", "velocity.yaw", ""),
     ("latitude lat", "geodetic.latitude", ""), ("longitude lng lon long", "geodetic.longitude", ""),
     ("altitude alt", "geodetic.altitude", ""),
 ) for word in words.split()}  # fmt: skip
@@ -105,7 +112,8 @@ def quantity(title: str, source: str = "", unit: str | None = None) -> Quantity 
     for end in range(len(words), max(len(words) - 4, 0), -1):
         units = TITLES.get("_".join(words[end:]), ())
         result = _matched(list(_split(words[:end])), around) if units or words[end:] == [] else None
-        stated = unit or next(iter(units), None)
+        fitting = (u for u in units if result and target_of(u, targets_of(result.option)))
+        stated = unit or next(iter((*fitting, *units)), None)
         if result and stated and target_of(stated, (stated,)):  # perhaps of its rate or integral
             kind, _, name = result.option.partition(".")
             kind = {"position": "velocity", "velocity": "position"}.get(kind, kind)
@@ -136,7 +144,8 @@ def _matched(words: Sequence[str], around: set[str]) -> Quantity | None:
     core = [word for word in words if word not in WORDS["neutral"] and not word.isdigit()]
     known, everything = set(words), set(words) | around
     ordered = bool(everything & (WORDS["command"] | WORDS["reference"]))
-    if not words or known & WORDS["foreign"]:
+    angled = any(AXES.get(word, ("",))[0] == "angle" for word in core)
+    if not words or known & WORDS["foreign"] - ({"orientation"} if angled else set()):
         return None
     kinds = {kind for word in core for kind in kinds_of(word)}
     if not kinds and {AXES[word][0] for word in core if word in AXES} == {"space"}:
@@ -148,7 +157,8 @@ def _matched(words: Sequence[str], around: set[str]) -> Quantity | None:
     if not devices and not axes:
         devices = {device for word in around for device in kinds_of(word, DEVICES)}
         devices |= {"device"} if "force" in kinds and len(core) > 1 else set()
-    if devices:
+    change = "delta" in core and (kinds - {"angle"} or {*axes} & {"x", "y", "z"})
+    if devices and not (change or core == ["azimuth"] or everything & {"wind", "vent"}):
         name = "n" if "shaft" in devices else "delta" if "rudder" in devices else ""
         result = Quantity(f"inputs.{name}", "", max(len(core) - 1, 0), ordered)
         return None if everything & WORDS["load"] else result
@@ -172,16 +182,20 @@ def _matched(words: Sequence[str], around: set[str]) -> Quantity | None:
 def _named(core: Sequence[str], known: set[str], everything: set[str]) -> Quantity | None:
     """Wind, speeds over ground and through the water, latitude and longitude, rate of turn."""
     speed, single = bool(known & WORDS["speed"]), len(core) == 1
-    if "wind" in everything:
+    course = known & WORDS["course"] or any(AXES.get(word) == ("angle", 2) for word in core)
+    if everything & {"wind", "vent"}:
+        speed = speed or "force" in known
         clear = speed or (known & WORDS["direction"] and not {"true", "angle"} <= known)
-        frame = "apparent" if everything & WORDS["apparent"] else "true"
+        frame = "apparent" if everything & WORDS["apparent"] and "earth" not in known else "true"
         return Quantity(f"wind.{'speed' if speed else 'direction'}" if clear else "", frame)
     if known & WORDS["ground"] or (speed and single and everything & WORDS["satellite"]):
-        option = "ground.course" if known & WORDS["course"] else "ground.speed"
-        rest = set(core) - WORDS["ground"] - WORDS["speed"] - WORDS["course"]
+        option = "ground.course" if course else "ground.speed"
+        rest = set(core) - WORDS["ground"] - WORDS["speed"] - WORDS["course"] - set(AXES)
         return Quantity(option, "", len(rest))
-    if speed and (known & {"water", "log"} or ("boat" in known and single)):
+    if speed and (known & {"water", "log", "surface"} or ("boat" in known and single)):
         return Quantity("water.speed")
+    if speed and single:
+        return Quantity("speed")
     if {"rate", "turn"} <= known:
         return Quantity("velocity.yaw")
     alone = None if known & WORDS["magnetic"] else next((w for w in core if w in ALONE), None)
@@ -198,7 +212,7 @@ def _option(kinds: set[str], kind: str, i: int) -> str:
         return f"force.{about if 'moment' in kinds else dof}"
     if "acceleration" in kinds or ("dot" in kinds and kind in ("body", "rate")):
         return "" if kind in ("space", "earth") else f"acceleration.{dof}"
-    if "rate" in kinds and "linear" not in kinds:
+    if ("rate" in kinds or {"angle", "velocity"} <= kinds) and "linear" not in kinds:
         return "" if kind in ("body", "earth") else f"velocity.{about}"
     if kinds & {"velocity", "dot", "linear"} or (kind in ("body", "rate") and not kinds):
         return f"velocity.{dof}"

@@ -53,6 +53,12 @@ MOTION, COMPOSED = ("position", "velocity"), ("orientation", "geodetic", "ground
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
 # Numbers that loggers write where there is none, if nothing else is near.
 SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
+NO_FIX = {
+    "geodetic.latitude": (0.0, 91.0),
+    "geodetic.longitude": (0.0, 181.0),
+    "position.yaw": (511.0,),
+    "ground.speed": (102.3,),
+}  # of AIS, and without satellites
 Sources = Mapping[str, Source]
 
 
@@ -170,7 +176,7 @@ class Reading:
                 notes += [line] if (line := disagreement(source, clock)) else []
             kind, delays = option.partition(".")[0], self.columns.delay_s
             t = clocks[source.name] - start - delays.get(source.name, delays.get(kind, 0.0))
-            values = _without_sentinels(reading.values, reading.name, notes)
+            values = _without_sentinels(option, reading.values, reading.name, notes)
             if spec.full is not None:
                 values = (values - spec.neutral) / (spec.full - spec.neutral)
             values = values * spec.sign * units.si_factor(option, reading.unit, scale)
@@ -311,11 +317,12 @@ def _shared_clock(
     return t if row is None else None
 
 
-def _without_sentinels(values: Array, name: str, notes: list[str]) -> Array:
+def _without_sentinels(option: str, values: Array, name: str, notes: list[str]) -> Array:
     """The column without numbers that stand for none, such as -999, where nothing else is near."""
-    for sentinel in (sign * size for size in SENTINELS for sign in (1.0, -1.0)):
+    known = [(sign * size, 0.5 * size) for size in SENTINELS for sign in (1.0, -1.0)]
+    for sentinel, near in (*known, *((size, 0.5) for size in NO_FIX.get(option, ()))):
         wrong = values == sentinel
-        if np.any(wrong) and not np.any(np.abs(values[~wrong] - sentinel) < 0.5 * abs(sentinel)):
+        if np.any(wrong) and not np.any(np.abs(values[~wrong] - sentinel) < near):
             notes.append(f"column {name}: {np.sum(wrong)} cells are {sentinel:g}: missing values")
             values = np.where(wrong, np.nan, values)
     return values
@@ -431,22 +438,24 @@ def _path(known: Mapping[str, Array]) -> Array:
 def _differentiated(t: Array, pose: Array, attitude: Array) -> Array:
     """Body velocities (N, 6) from the pose (N, 6) in NED, piece by piece.
 
-    The pose is low-passed forward and backward where its density first reaches four times its
-    noise floor, so that the derivative holds motion and not the noise. Angular velocities are those
-    of the rotation, not of its Euler angles.
+    The position and each angle are low-passed forward and backward where their density first
+    reaches four times its noise floor, so that the derivative holds motion and not the noise.
+    Angular velocities are those of the rotation, not of its Euler angles.
     """
     period = float(np.median(np.diff(t)))
     edges, starts = piece_edges(t, period), np.zeros(len(t), dtype=np.bool_)
     starts[edges[:-1]] = True
-    cutoff = noise_floor(pose, starts, period).cutoff_hz
+    groups = {columns: noise_floor(pose[:, columns], starts, period).cutoff_hz
+              for columns in ((0, 1, 2), (3,), (4,), (5,))}  # fmt: skip
 
     def rates(pose: Array, attitude: Array) -> Array:
         if len(pose) < 2:
             return np.zeros_like(pose)
         rate = np.gradient(pose, period, axis=0)
         rate[:, 3:] = body_rates(attitude, period)
-        if cutoff is not None and cutoff < 0.45 / period and len(pose) > MIN_PIECE:
-            rate = lowpass(rate, cutoff, period)
+        for columns, cutoff in groups.items():
+            if cutoff is not None and cutoff < 0.45 / period and len(pose) > MIN_PIECE:
+                rate[:, columns] = lowpass(rate[:, columns], cutoff, period)
         return rate
 
     nu = piecewise(rates, edges, pose, attitude)

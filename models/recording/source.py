@@ -6,7 +6,7 @@ import os
 import re
 import warnings
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -31,7 +31,8 @@ MOST_CELLS = LARGEST_BYTES // 8
 MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
 Values: TypeAlias = Array | TextArray
-TITLE = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?!\d+[\])])(?P<unit>[^\[\]()]*)[\])]")
+TITLE = re.compile(r"(.*?\S)[\s_]*[\[({](?!\d+[\])])(?:in )?([^\[\](){}]*?)(?: since .*)?[\])}]")
+PARTS = ("yea", "mon", "day", "hou", "min", "sec")  # of a time in columns of their own
 NO_UNITS = {"nodim": "", "bool": "", "enum": "", "timestamp": "s"}  # of gliders
 # Cells that stand for no sample, as programs write them, in small letters.
 MISSING = frozenset(
@@ -57,11 +58,11 @@ FORMATS: dict[str, FileFormat] = {
     name: FileFormat(tuple(suffixes.split()), *row)
     for name, suffixes, *row in (
         ("csv", ".csv .tsv", "text.read"),
-        ("dat", ".dat .txt .asc .dba .log", "text.read"),
+        ("dat", ".dat .txt .asc .dba .log .alog", "text.read"),
         ("excel", ".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
         ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]|\x89HDF"),
         ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "pymavlink",
-         rb"\xa3\x95|.{8}[\xfd\xfe].{5,}"),
+         rb"\xa3\x95|FMT, ?\d|.{8}[\xfd\xfe].{5,}"),
         ("nmea", ".nmea .nma", "nmea.read", "pynmea2", NMEA),
         ("parquet", ".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
         ("mat", ".mat", "tables.read_matlab", None, rb"MATLAB "),
@@ -169,7 +170,7 @@ def table_source(
         reasons: what was left out of the columns; `left_out`: of the table.
         cell: a cell of the file by row and number of the column.
     """
-    titles = [title.strip() or f"c{i + 1}" for i, title in enumerate(titles)]
+    titles = [title.strip() or f"c{i + 1}" for i, title in enumerate(_grouped(titles, columns))]
     groups, lines = defaultdict[str, list[int]](list), list(left_out)
     for i, title in enumerate(titles):
         if any(_equal(columns[i], columns[j]) for j in groups[title]):
@@ -188,12 +189,70 @@ def table_source(
         unit = (units[i].strip("[]() ") if units else "") or parts[titles[i]][1].strip()
         known |= {name: unit} if (unit := NO_UNITS.get(unit, unit)) else {}
         lines += [f"column {name}: {reasons[i]}"] if reasons and reasons[i] else []
+    values = {name: columns[i] for name, i in numbers.items()}
+    for name, moments, of in _dates(values):
+        values[name], known[name] = moments, "s"
+        lines.append(f"columns {', '.join(of)}: read as the time {name}")
+    for name, angles in _angles(values).items():
+        values[name], known[name] = angles, "deg"
+        lines.append(f"column {name}: degrees and minutes, read as degrees")
     return Source(
-        source, path, {name: columns[i] for name, i in numbers.items()}, known,
+        source, path, values, known,
         {name: titles[i] for name, i in numbers.items() if titles[i] != name},
         tuple(dict.fromkeys(lines)),
         _row if cell is None else lambda row, column: cell(row, numbers[column]),
     )  # fmt: skip
+
+
+def _grouped(titles: Sequence[str], columns: Sequence[Values]) -> Sequence[str]:
+    """The titles; where some repeat, those after a title without cells have it before them."""
+    result, group = list(titles), ""
+    for i, values in enumerate(columns) if len(set(titles)) < len(titles) else ():
+        empty = np.all(values == "") if values.dtype == np.object_ else np.all(np.isnan(values))
+        group = f"{titles[i]}." if empty and titles[i].strip() else group
+        result[i] = titles[i] if empty else group + titles[i]
+    return result
+
+
+def _dates(columns: Mapping[str, Values]) -> Iterator[tuple[str, Array, list[str]]]:
+    """Times [s since 1970] of which year, month ... second are columns of their own."""
+    groups = defaultdict[str, dict[str, str]](dict)
+    for name, values in columns.items():
+        match = re.fullmatch(rf"(.*?)[ _.]?({'|'.join(PARTS)})[a-z]*", name, re.IGNORECASE)
+        if match and values.dtype != np.object_:
+            groups[match[1]][match[2].lower()] = name
+    for stem, own in groups.items():
+        if set(own) == set(PARTS):
+            year, month, day, *clock = (np.asarray(columns[own[part]], float) for part in PARTS)
+            whole = np.nan_to_num([year - 1970.0, month - 1.0, day - 1.0]).astype(np.int64)
+            months = whole[0].astype("datetime64[Y]").astype("datetime64[M]") + whole[1]
+            midnight = (months.astype("datetime64[D]") + whole[2]).astype("datetime64[s]")
+            t = midnight.astype(np.float64) + np.array([3600.0, 60.0, 1.0]) @ clock
+            yield stem or "date_time", t + 0.0 * (year + month + day), list(own.values())
+
+
+def _angles(columns: Mapping[str, Values]) -> dict[str, Array]:
+    """Latitude and longitude written as DDMM.mm, in degrees; their sides may stand beside them."""
+    known = {kind: n for n, x in columns.items() if x.dtype != np.object_ and len(x)
+             for kind in ("lat", "lon") if re.search(rf"(?i)\b{kind}", n)}  # fmt: skip
+    result = dict[str, Array]()
+    largest = np.nanmax(np.abs(columns[known["lat"]])) if len(known) == 2 else 0.0
+    minutes = [np.nanmax(np.abs(columns[name]) % 100.0) for name in known.values()]
+    if not 90.0 < largest <= 9000.0 or max(minutes) >= 60.0:
+        return result
+    for kind, sides in (("lat", {"N", "S"}), ("lon", {"E", "W"})):
+        result[known[kind]] = degrees(columns[known[kind]])
+        for cells in columns.values():
+            if cells.dtype == np.object_ and (there := set(cells) - {""}) and there <= sides:
+                result[known[kind]] *= np.where(np.isin(cells, ("S", "W")), -1.0, 1.0)
+    return result
+
+
+def degrees(values: Values) -> Array:
+    """Degrees of numbers that are written as degrees and minutes, DDMM.mm, (N,)."""
+    numbers = np.asarray(values, dtype=np.float64)
+    whole = np.trunc(numbers / 100.0)
+    return np.asarray(whole + (numbers - 100.0 * whole) / 60.0)
 
 
 def _equal(one: Values, other: Values) -> bool:

@@ -1,7 +1,10 @@
 """Times of a recording: numbers of any unit, seconds with nanoseconds, dates and times of day."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +13,7 @@ from numpy.typing import NDArray
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.column_map import Column
 from seatrial.models.recording.source import MISSING, Source
+from seatrial.models.recording.units import TITLES as UNIT_TITLES
 from seatrial.models.recording.units import factor, unit_in_title, words_of
 from seatrial.models.vessel.basis import Array
 
@@ -20,24 +24,25 @@ else:
 
     pd = lazy_loader.load("pandas")
 
+RESTS = [word for word, units in UNIT_TITLES.items() if {"ns", "us", "ms"} & set(units)]
 EPOCH_S = 1e8  # [s] later times are dates
-EPOCHS = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": EPOCH_S}  # least number of an epoch since 1970
-DAY_S = 86400.0
+EPOCHS = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": 6.5e8}  # least number of an epoch since 1970
+DAY_S, WEEK_S, WORD = 86400.0, 604800.0, 2.0**32  # at which clocks start again
 PLAUSIBLE_S = (0.005, 15.0)  # [s] of a sample time
 LONGEST_STEP = 1e3  # of an epoch in s: numbers with longer steps count us or ns since the start
 RISING = 0.9  # share of steps of a time that rise
 NUMBERED = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4}|\d{2})\b")  # a date, the year last
 ISO = re.compile(r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}")
+ZONE = r"(?<=\d) ?(?:(?![AaPp][Mm])[A-Za-z]{2,5}|[Zz])$"  # only differences matter
 CLOCK = re.compile(r"-?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?")
 # Words of the title of a time, most telling first.
 TITLES = (
-    r"time|timestamp|time_stamp|utc|datetime|date_time|stamp|time_utc|utc_time|date|tid",
+    r"time|timestamp|time_stamp|utc|date_?time|stamp|time_utc|utc_time|date|zeit|temps|heure|tid",
     r"(original|elapsed|unix|gps|system|local|log|ros|rec|present|m_present|record)_?(date)?_?time(_?stamp)?",
-    r"t|(time_)?(sec|secs|second|seconds)|epoch|utime|time_(us|ms|ns|boot|since_boot|unix|gps)|tout|index",
-    r".*_stamp(_sec|_secs)?|.*(^|_)time(stamp)?",
-    r"(.*_)?(sec|secs)",
+    r"t|ts|(time_)?(sec|secs|second|seconds)|epoch|utime|tout|index",
+    r".*_stamp(_sec|_secs)?|(.*_)?time(stamp)?(_.*)?|(.*_)?utc(_.*)?|(gps_|i_?)?tow",
+    r"(.*_)?(sec|secs|seconds)(_of_.*)?",
 )
-REST = ("nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds")  # beside the last
 APART = 0.5  # of a sample time: two clocks that disagree by more are named
 
 
@@ -54,14 +59,52 @@ def seconds(source: Source, column: Column) -> Array:
     else:
         times = source.numbers(name, gaps=True)
         unit = column.unit or source.units.get(name) or unit_in_title(name, ("s",))
-        times = times * factor(unit or _epoch(times) or "s", "s")
+        if unit is None and (packed := _packed(times)) is not None:
+            times = packed
+        else:
+            size = factor(unit or _epoch(times) or "s", "s")
+            times = _unrolled(times * size, (WORD * size, WEEK_S, DAY_S), 0.95)
     if column.nanoseconds is not None:
-        times = times + 1e-9 * source.numbers(column.nanoseconds, gaps=True)
+        times = times + _rest(source, column.nanoseconds)
     if column.date is not None:
         times = seconds(source, Column(column.date)) + times % DAY_S
     if column.uniform and len(times) > 1:
         times = np.linspace(times[0], times[-1], len(times))
     return column.sign * times
+
+
+def _unrolled(times: Array, periods: Sequence[float], share: float) -> Array:
+    """Times (N,) of a counter that starts again at a period, of which it went back `share`."""
+    for period in periods:
+        steps = np.diff(times, prepend=times[:1])
+        times = times + period * np.cumsum((steps < -share * period) & (steps > -1.05 * period))
+    return times
+
+
+def _packed(values: Array) -> Array | None:
+    """Numbers such as 235959.5 or 20240507235959 as seconds, (N,); None if they are none."""
+    known = values[np.isfinite(values)]
+    day, clock = np.divmod(values, 1e6)
+    hour, rest = np.divmod(clock, 1e4)
+    minute, second = np.divmod(rest, 100.0)
+    if not len(known) or np.ptp(known) <= 40.0 or np.nanmax(minute) >= 60.0:
+        return None
+    if np.nanmax(hour) >= 24.0 or np.nanmax(second) >= 60.0 or not np.all(known >= 0.0):
+        return None
+    start = np.zeros(len(values))
+    if np.nanmin(day) > 0.0:
+        written = pd.Series(day).map("{:.0f}".format)
+        days = pd.to_datetime(written, format="%Y%m%d", errors="coerce")
+        if days.isna().all():
+            return None
+        start = days.astype("datetime64[s]").astype(np.int64).to_numpy().astype(np.float64)
+    return _unrolled(start + 3600.0 * hour + 60.0 * minute + second, (DAY_S,), 0.5)
+
+
+def _rest(source: Source, name: str) -> Array:
+    """The rest [s] of the seconds beside them, (N,): in ns, or the unit in the title."""
+    unit = unit_in_title(f"of {name}", ("s",)) or "ns"
+    return source.numbers(name, gaps=True) * factor(unit, "s")
 
 
 def _first_text(source: Source, name: str) -> str:
@@ -73,20 +116,26 @@ def _first_text(source: Source, name: str) -> str:
 
 def _epoch(times: Array) -> str | None:
     """The unit of numbers that can only be an epoch since 1970."""
-    size = float(np.nanmedian(np.abs(times))) if np.any(np.isfinite(times)) else 0.0
-    return next((unit for unit, least in EPOCHS.items() if size > least), None)
+    known = times[np.isfinite(times)]
+    size = float(np.median(np.abs(known))) if len(known) else 0.0
+    step = float(np.median(np.abs(np.diff(known)))) if len(known) > 1 else 0.0
+    likely = (unit for unit, least in EPOCHS.items() if size > least)
+    return next((unit for unit in likely if step * factor(unit, "s") <= LONGEST_STEP), None)
 
 
+@lru_cache(maxsize=8)
 def _of_texts(source: Source, name: str, column: Column) -> Array:
     """Dates, or times of day with midnight passed, as seconds."""
     cells = pd.Series([str(cell).strip() for cell in source.columns[name]])
     texts = cells.mask(cells.str.lower().isin(MISSING))
     first = _first_text(source, name)
-    if column.format is None and CLOCK.fullmatch(first.rstrip("Zz")):
-        whole = texts.str.rstrip("Zz").str.replace(",", ".")
+    if column.format is None:
+        texts = texts.str.replace(ZONE, "", regex=True)
+    if column.format is None and CLOCK.fullmatch(re.sub(ZONE, "", first)):
+        whole = texts.str.replace(",", ".")
         whole = whole.where(whole.str.count(":") != 1, whole + ":00")
         times = pd.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy(copy=True)
-        times += DAY_S * np.cumsum(np.diff(times, prepend=times[:1]) < -0.5 * DAY_S)
+        times = _unrolled(times, (DAY_S,), 0.5)
     else:
         form = column.format or (
             _format(source, name, texts) if NUMBERED.match(first) else "ISO8601"
@@ -146,10 +195,12 @@ def clocks(source: Source) -> Iterator[Column]:
     """All columns of a source that are times by their titles, the most telling first."""
     titles = {name: "_".join(words_of(name)) for name in source.columns}
     seen: set[str] = set()
-    for pattern in TITLES:
+    for pattern in (*TITLES, None):  # then what holds dates, whatever its title
         for name, title in titles.items():
             bare = re.sub(r"_(s|sec|secs|ms|us|ns|usec|msec)$", "", title)
-            if name in seen or not any(re.fullmatch(pattern, text) for text in (title, bare)):
+            dated = any(form.match(_first_text(source, name)) for form in (ISO, NUMBERED))
+            titled = pattern and any(re.fullmatch(pattern, text) for text in (title, bare))
+            if name in seen or not (titled or (pattern is None and dated)):
                 continue
             if (column := _clock(source, name, titles)) is not None:
                 seen.add(name)
@@ -160,8 +211,9 @@ def _clock(source: Source, name: str, titles: dict[str, str]) -> Column | None:
     """A column as a time, with what else is needed to read it; None if it does not rise."""
     title, siblings = titles[name], {title: other for other, title in titles.items()}
     stem, text = re.sub(r"(secs?|time|date)$", "", title), _first_text(source, name)
-    rest = next((siblings[stem + r] for r in REST if stem + r in siblings), None)
-    column = Column(name, nanoseconds=rest if re.fullmatch(TITLES[-1], title) else None)
+    beside = [other for each, other in siblings.items()
+              if each.startswith(stem) and each[len(stem) :].strip("_") in RESTS]  # fmt: skip
+    column = Column(name)
     day = next((siblings[d] for d in (f"{stem}date", "date", "day") if d in siblings), None)
     if CLOCK.match(text) and day and day != name:
         column = Column(name, date=day)
@@ -171,6 +223,11 @@ def _clock(source: Source, name: str, titles: dict[str, str]) -> Column | None:
         t = seconds(source, column)
     except (ConfigurationError, RecordingError):
         return None
+    for other in beside if np.all(t[np.isfinite(t)] % 1.0 == 0.0) else ():
+        with suppress(RecordingError):
+            if 0.0 < np.nanmax(np.abs(_rest(source, other))) < 1.0:
+                column = replace(column, nanoseconds=other)
+                t = seconds(source, column)
     steps = np.diff(t[np.isfinite(t)])
     if not len(steps) or not np.mean(steps >= 0.0) >= RISING or not np.any(steps > 0.0):
         return None
@@ -178,11 +235,11 @@ def _clock(source: Source, name: str, titles: dict[str, str]) -> Column | None:
         return column
     unit = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
     step = float(np.median(steps[steps > 0.0]))
-    if unit is None or (unit == "s" and step > LONGEST_STEP):
+    if unit is None:
         least, most = PLAUSIBLE_S
         each = ("s", "ms", "us", "ns", "day")
         unit = next((u for u in each if least <= step * factor(u, "s") <= most), None)
-    return Column(name, unit=None if unit == "s" else unit, nanoseconds=column.nanoseconds)
+    return replace(column, unit=None if unit == "s" else unit)
 
 
 def disagreement(source: Source, used: Column) -> str | None:

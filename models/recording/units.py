@@ -1,6 +1,7 @@
 """Units of recorded columns: as a map, a file or a title states them, and their factor to SI."""
 
 import re
+import unicodedata
 from collections import defaultdict
 from collections.abc import Sequence
 from functools import lru_cache
@@ -34,19 +35,21 @@ SPELLINGS = {
     "m/sec": "m/s", "sec": "s", "Nm": "N*m", "kNm": "kN*m", "rad/s2": "rad/s^2", "m/s2": "m/s^2",
     "-": "", "RPM": "rpm", "Deg": "deg", "Degrees": "deg", "Radians": "rad", "%": "percent",
     "°/min": "deg/min", "meters": "m", "metres": "m", "epoch": "s", "timestamp": "s",
+    "decimal degrees": "deg", "1/min": "rpm", "U/min": "rpm", "tr/min": "rpm", "min-1": "rpm",
 }  # fmt: skip
 # The last words of a title, in lower case; of several units the first of the quantity counts.
 TITLES = defaultdict[str, list[str]](list)
 for _unit, _words in {
     "deg": "deg degs degree degrees", "deg/min": "deg_min deg_per_min deg_p_min",
-    "deg/s": "deg_s dps deg_per_s deg_sec deg_p_s degps", "deg/s^2": "degs2",
+    "deg/s": "deg_s dps deg_per_s deg_sec deg_p_s degps degs", "deg/s^2": "degs2",
     "rad": "rad radians", "rad/s": "rad_s rad_per_s rad_sec rad_p_s radps",
     "m": "m meter meters metre metres", "cm": "cm", "mm": "mm", "km": "km", "ft": "ft feet",
     "knot": "kt kts knot knots kn", "km/h": "km_h kmh kph km_per_h",
     "m/s": "m_s mps m_per_s m_sec m_p_s ms", "m/s^2": "m_s2 mps2 m_per_s2 ms2",
-    "s": "s sec secs second seconds", "ms": "msec millis milliseconds ms",
-    "us": "us usec micros microseconds", "ns": "ns nsec nanos nanoseconds", "min": "min",
-    "h": "hours", "day": "days", "percent": "pct percent", "N": "n newton newtons",
+    "s": "s sec secs second seconds", "ms": "msec msecs millis milliseconds ms",
+    "us": "us usec micros microseconds", "min": "min", "h": "hours", "day": "days",
+    "ns": "ns nsec nsecs nano nanos nanosec nanosecs nanoseconds",
+    "percent": "pct percent", "N": "n newton newtons",
     "N*m": "nm n_m", "kN": "kn k_n", "kN*m": "knm k_nm", "rpm": "rpm", TURNS: "rps hz",
 }.items():  # fmt: skip
     for _word in _words.split():
@@ -119,7 +122,9 @@ def froude_factor(unit: str, scale: float) -> float:
 
 def words_of(title: str) -> list[str]:
     """The words of a title in lower case: `TimeUS` is time, us; `yaw_rate (deg/s)` four of them."""
-    return [word.lower() for word in WORDS.split(title) if word]
+    letters = unicodedata.normalize("NFKD", title.translate({216: "O", 248: "o"}))
+    plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
+    return [word.lower() for word in WORDS.split(plain) if word]
 
 
 def unit_in_title(title: str, targets: Sequence[str]) -> str | None:

@@ -105,10 +105,11 @@ def drafted(file: Path, wanted: Sequence[str] = ()) -> Proposal:
         asked = [str(error)]
     if known is not None:
         open_ = [f"{problem}?" for problem in known.problems if not problem.change]
-        asked = [*known.questions, *known.not_compared, *open_]
+        asked = [*known.questions, *open_]
     mended = [problem for problem in known.problems if problem.change] if known else []
     for path, value in (change for problem in mended for change in problem.change.items()):
         node = with_option(node, path.removeprefix("columns.").split("."), value)
     lines = [line for source in sources.values() for line in source.left_out]
+    lines += known.not_compared if known else ()
     return Proposal(node, (*draft.sure, *map(str, mended)), (*draft.questions, *asked),
                     (*lines, *draft.left_out))  # fmt: skip

@@ -52,9 +52,11 @@ class Report:
 def report(file: RecordedFile) -> Report:
     """Examine a recording by its map; what cannot be read is said, the rest is reported."""
     sources, columns, samplings = file.sources(), file.columns, dict[str, Sampling]()
+    used = {reading.source.name: reading for reading in readings(sources, columns).values()}
     for name, source in sources.items():
         with suppress(*FAULTS):
-            samplings[name] = sampling(seconds(source, clock_of(source, columns)))
+            t = seconds(source, clock_of(source, columns))
+            samplings[name] = sampling(t[~np.isnan(used[name].values)] if name in used else t)
     turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
     known, signals = None, list[ReadSignals]()
@@ -81,7 +83,6 @@ def report(file: RecordedFile) -> Report:
         tables.append(grid_of(f"{title} {lag:+.3f} s behind", AXES, axes))
         tables += [grid_of("Ranges", RANGES, _ranges(part), 2) for part in signals]
     left_out = dict.fromkeys(line for part in signals for line in part.left_out)
-    used = {reading.source.name for reading in readings(sources, columns).values()}
     slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
     advice = list(_advice(slow, known.recording if known else None))
     if known:

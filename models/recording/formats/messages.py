@@ -151,15 +151,16 @@ def _define(bag: Any, options: ReadOptions) -> None:
 
 
 def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
-    """The message types of a log (.bin, .tlog), `XKF1/0`, `XKF1/1` of several instances.
+    """The message types of a log (.bin, .log, .tlog), `XKF1/0`, `XKF1/1` of several instances.
 
     What a ground station received has the time of reception, and may be of several systems.
     """
     from pymavlink import DFReader, mavutil
 
+    logs = {b"\xa3\x95": DFReader.DFReader_binary, b"FM": DFReader.DFReader_text}
     with path.open("rb") as file:
-        binary = file.read(2) == b"\xa3\x95"
-    log = DFReader.DFReader_binary(str(path)) if binary else mavutil.mavlogfile(str(path))
+        flash = logs.get(file.read(2))
+    log, binary = (flash or mavutil.mavlogfile)(str(path)), flash is not None
     messages, units, read, bad = Messages(path), dict[str, dict[str, str]](), 0, 0
     while (message := log.recv_msg()) is not None:
         kind, names = message.get_type(), message.get_fieldnames()
@@ -180,7 +181,7 @@ def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
     sources = list[Source]()
     for (kind, _), name, columns in messages.tables():
         sources += _instances(path, name, columns, units[kind] | TIMES, binary)
-    lost = path.stat().st_size - read if binary else 0
+    lost = path.stat().st_size - read if flash is DFReader.DFReader_binary else 0
     reasons = {f"{lost} bytes that are no messages": lost,
                f"{bad} messages that are damaged or of an unknown type": bad,
                **{f"{name}: arrays of {n} elements": n

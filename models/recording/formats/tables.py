@@ -85,7 +85,7 @@ def read_matlab(path: Path, options: ReadOptions) -> Contents:
             if not name.startswith("__"):
                 variables[name] = _plain(value)
     leaves = [leaf for name, value in variables.items() for leaf in _leaves("", name, value)]
-    return _sources(path, leaves, {})
+    return _sources(path, leaves, {}, {})
 
 
 def read_netcdf(path: Path, options: ReadOptions) -> Contents:
@@ -93,25 +93,27 @@ def read_netcdf(path: Path, options: ReadOptions) -> Contents:
     import xarray as xr
 
     leaves: list[tuple[str, str, object]] = []
-    units: dict[str, str] = {}
+    units, titles = dict[str, str](), dict[str, str]()
     with xr.open_dataset(path, decode_timedelta=False) as stored:
         for key, variable in stored.variables.items():
             values = np.atleast_1d(variable.values)
+            titles[str(key)] = str(variable.attrs.get("long_name", key))
             if values.dtype.kind in "MOSU":  # date-times, also of other calendars, and text
                 values = _column(pd.Series(values.ravel()))
             elif unit := str(variable.attrs.get("units", "")):  # by UDUNITS: m s-1, degrees_north
                 unit = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", unit)
-                units[str(key)] = re.sub(r"^degrees?_?(north|east|[NE])?$", "deg", unit)
+                units[str(key)] = re.sub(r"^degrees?_?(north|east|[NE])?( \(.*)?$", "deg", unit)
             long = {str(name): size for name, size in variable.sizes.items() if size > 1}
             leaves.append((max(long, key=lambda name: long[name], default=""), str(key), values))
     if len({group for group, _, _ in leaves if group}) == 1:
         leaves = [("", key, values) for _, key, values in leaves]
-    return _sources(path, leaves, units)
+    return _sources(path, leaves, units, titles)
 
 
 def _sources(
-    path: Path, leaves: list[tuple[str, str, object]], units: Mapping[str, str]
-) -> Contents:
+    path: Path, leaves: list[tuple[str, str, object]], units: Mapping[str, str],
+    titles: Mapping[str, str],
+) -> Contents:  # fmt: skip
     """Vectors and matrices with a row or column a sample, by source and name, as sources.
 
     Those of equal length share a clock: the variables of a file, and the fields of one struct.
@@ -137,8 +139,8 @@ def _sources(
     for (top, size), columns in sorted(groups.items(), key=lambda item: -len(item[1])):
         name = top or path.stem
         name = f"{name}/{size}" if name in sources else name
-        known = {column: units[column] for column in columns if column in units}
-        sources[name] = Source(name, path, columns, known)
+        known, written = ({n: of[n] for n in columns if n in of} for of in (units, titles))
+        sources[name] = Source(name, path, columns, known, written)
     return list(sources.values()), [
         f"{shorten(', '.join(names), 200, placeholder=' ...')}: {kind}, no columns"
         for kind, names in lost.items()

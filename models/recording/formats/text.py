@@ -26,6 +26,7 @@ from seatrial.models.recording.source import (
     TextOptions,
     Values,
     check_size,
+    degrees,
     table_source,
 )  # fmt: skip
 
@@ -40,13 +41,26 @@ NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 TITLED = re.compile(rb"\s*[^#\s]")
 WHITE = re.compile(rb"[ \t\v\f]+")
 DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4}|\d\d?:\d\d", re.ASCII)
+ANGLE = (
+    r"^(?P<d>\d{1,3})\s*[°º\s]\s*(?P<m>\d{1,2}(?:[.,]\d+)?)\s*['’′]?\s*"
+    r"(?P<s>\d{0,2}(?:[.,]\d+)?)\s*(?:[\"″]|'')?\s*(?P<side>[NSEWO])$"
+)
+IN_DEGREES = "degrees and minutes, read as degrees"
 SIZES = {"1", "2", "4", "8"}  # bytes of the columns of a glider, in a line below the units
-INFLUX = ("_time", "_field", "_value")  # a table with a row a value
+INFLUX = {  # columns of a table with a row a value, by the names that InfluxDB gives them
+    "_time": ("_time", "time", "timestamp"), "_value": ("_value", "value"),
+    "_field": ("_field", "field", "path", "name", "variable", "signal", "parameter", "topic"),
+}  # fmt: skip
+MARKS = (b"%", b"!", b"//")  # of lines above a table that are comments
 
 
 def read(path: Path, options: ReadOptions) -> Contents:
     """The columns of a text file; raises RecordingError if it cannot be read as a table."""
     data, left_out = decoded(path, options.text.encoding)
+    if b"% LOGSTART" in data[:4096]:  # of MOOS
+        lines = (b"\t".join(line.split(None, 3)) for line in data.replace(b'"', b"'").splitlines())
+        lines = (line for line in lines if not line.startswith(b"%"))
+        data = b"\n".join([b"_time\t_field\tprocess\t_value", *lines])
     parts = {b"": data}
     if re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE):  # tables of InfluxDB
         parts = {}
@@ -117,7 +131,7 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
         raise RecordingError(
             f"{path}: got {width} columns, expected {len(text.names)} as in excitation.text.names"
         )
-    for words in (next(csv.reader([commented], delimiter=separator), []), commented.split()):
+    for words in (w for line in reversed(commented) for w in (line.split(separator), line.split())):
         if not titles and len(words) == width and not any(map(_is_number, words)):
             titles = [words]
     names = text.names or (titles[0] if titles else [""] * width)
@@ -131,10 +145,10 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
         values, reason = column_of_cells(column, decimal)
         # of a glider: degrees and minutes, DDMM.mm, more than 180 degrees where it had no position
         if units[place].strip() in ("lat", "lon") and values.dtype != np.object_:
-            whole = np.trunc(values / 100.0)
-            values = whole + (values - 100.0 * whole) / 60.0
+            values = degrees(values)
             values[np.abs(values) > 180.0] = np.nan
-            units[place], reason = "deg", "degrees and minutes, read as degrees"
+            reason = IN_DEGREES
+        units[place] = "deg" if reason == IN_DEGREES else units[place]
         columns.append(values)
         reasons.append(reason)
 
@@ -147,22 +161,24 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     return table_source(name or path.stem, path, names, columns, units, reasons, said, cell)
 
 
-def _plain(data: bytes, text: TextOptions) -> tuple[bytes, str, str, bool]:
-    """The text without comments, the last of them, the separator, and whether that is white."""
+def _plain(data: bytes, text: TextOptions) -> tuple[bytes, list[str], str, bool]:
+    """The text without comments, those above the table, the separator, and if that is white."""
     data = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data)
-    commented = ""  # the last comment before the table, which may hold its titles
-    if text.comment and (mark := text.comment.encode()) in data:
+    marks = [text.comment.encode()] if text.comment else []
+    marks += [mark for mark in MARKS if text.comment and re.match(rb"(%b[^\n]*\n){2}" % mark, data)]
+    commented = list[str]()  # comments above the table, one of which may hold its titles
+    for mark in marks:
         sign = rb"[ \t]*" + re.escape(mark) + rb"[^\r\n]*"
-        if leading := re.match(rb"(?:(?:" + sign + rb")?\r?\n)*", data):
-            words = [line.strip() for line in leading[0].decode().splitlines() if line.strip()]
-            commented = words[-1].removeprefix(text.comment).strip() if words else ""
-        data = re.sub(rb"^" + sign, b"", data, flags=re.MULTILINE)
+        leading = re.match(rb"(?:(?:" + sign + rb")?\r?\n)*", data)
+        lines = leading[0].decode().splitlines() if leading else []
+        commented += [line.strip().lstrip(mark.decode()).strip() for line in lines if line.strip()]
+        data = re.sub(rb"^" + sign, b"", data, flags=re.MULTILINE) if mark in data else data
     data = b"\n" * text.skip_lines + b"".join(data.split(b"\n", text.skip_lines)[text.skip_lines :])
     separator = text.separator or _separator(data)
     if separator != " ":
         return data, commented, separator, False
-    lines = (WHITE.sub(b"\t", line.strip()) for line in data.split(b"\n"))
-    return b"\n".join(lines), commented, "\t", True
+    rows = (WHITE.sub(b"\t", line.strip()) for line in data.split(b"\n"))
+    return b"\n".join(rows), commented, "\t", True
 
 
 def _rows(path: Path, data: bytes, separator: str) -> Iterator[tuple[int, list[str]]]:
@@ -219,7 +235,8 @@ def _header(rows: list[list[str]], decimal: str, white: bool) -> tuple[int, int]
     ]
     if not starts:  # a preamble, or a header that is too short
         return (first, 0) if white or first > 1 or len(rows[0]) == 1 < width else (0, 1)
-    return starts[0], first - starts[0] if first - starts[0] <= MOST_HEADER_LINES else 1
+    start = max(starts, key=lambda place: sum(bool(cell.strip()) for cell in rows[place]))
+    return start, first - start if first - start <= MOST_HEADER_LINES else 1
 
 
 def _cells(
@@ -281,6 +298,15 @@ def column_of_cells(cells: pa.Array | Sequence[str], decimal: str = ".") -> tupl
         written = pc.utf8_ltrim(plain, "+")
         number = pc.match_substring_regex(written, f"^(?:{NUMBER.pattern})$")
         if number.true_count < (1.0 - FEW) * (len(cells) - missing.true_count):
+            written = pc.replace_substring(cells, ",", ".")
+            parts = pc.extract_regex(written, ANGLE).flatten() if len(cells) else ()
+            if parts and parts[0].null_count < FEW * len(cells):
+                whole, minute, second = (
+                    np.array(pc.if_else(pc.equal(p, ""), "0", p).cast("float64")) for p in parts[:3]
+                )
+                south = pc.is_in(parts[3], value_set=pa.array(["S", "W"])).to_numpy(False)
+                angle = whole + minute / 60.0 + second / 3600.0
+                return np.where(south, -angle, angle), IN_DEGREES
             coded = cells.dictionary_encode()
             texts = np.array(coded.dictionary.to_pylist(), dtype=np.object_)
             return np.asarray(texts[coded.indices.to_numpy()]), ""
@@ -298,27 +324,29 @@ def column_of_cells(cells: pa.Array | Sequence[str], decimal: str = ".") -> tupl
 
 
 def _wide(source: Source) -> list[Source]:
-    """The sources of a long table of InfluxDB: one for each measurement and its tags."""
-    if not set(INFLUX) <= set(source.columns):
+    """The sources of a table with a row a value: one for each measurement and its tags."""
+    known = {k: next((n for n in own if n in source.columns), "") for k, own in INFLUX.items()}
+    fields = source.columns.get(known["_field"], np.empty(0))
+    if not all(known.values()) or fields.dtype != np.object_:
         return [source]
-    frame = pd.DataFrame(source.columns)
-    texts = [name for name, values in source.columns.items() if values.dtype == np.object_]
+    frame = pd.DataFrame(source.columns).rename(columns={n: k for k, n in known.items()})
+    texts = [name for name, values in zip(frame, source.columns.values(), strict=True)
+             if values.dtype == np.object_]  # fmt: skip
     tags = [name for name in texts if name not in (*INFLUX, "_start", "_stop", "result")
             and (name == "_measurement" or frame[name].nunique() > 1)]  # fmt: skip
     if "_time" in texts:
         times = pd.to_datetime(frame["_time"], format="ISO8601", utc=True, errors="coerce")
         frame["_time"] = (times - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
     lost = ", ".join(name for name in frame if name not in (*tags, *INFLUX))
-    again = int(frame.duplicated([*tags, *INFLUX[:2]]).sum())
+    keys = ["_time", "_field"]
+    again = int(frame.duplicated([*tags, *keys]).sum())
     counts = {"values have no time": int(frame["_time"].isna().sum()),
               "values at times that repeat": again}  # fmt: skip
     left_out = [*source.left_out, *(f"{n} {line}" for line, n in counts.items() if n)]
     left_out += [f"columns {lost}: not of the values of this long table"] if lost else []
     result = []
     for key, rows in frame.groupby(tags) if tags else [((), frame)]:
-        wide = rows.drop_duplicates(list(INFLUX[:2])).pivot(
-            index="_time", columns="_field", values="_value"
-        )
+        wide = rows.drop_duplicates(keys).pivot(index="_time", columns="_field", values="_value")
         columns: dict[str, Values] = {"_time": wide.index.to_numpy()}
         for name, values in wide.items():
             cells = values.fillna("").astype(str).to_list() if "_value" in texts else None

@@ -280,6 +280,8 @@ def test_a_wide_angle_that_no_motion_tells_is_a_question(tmp_path: Path) -> None
     assert known.questions[0].startswith("psi ranges from")
     stated = {**PLANAR_MAP["position"], "yaw": {"column": "psi", "unit": "rad"}}  # type: ignore[dict-item]
     assert examined(path, velocity={}, position=stated).questions == ()
+    path = log(tmp_path / "log.csv", psi=90.0 - np.degrees(motion().eta[:, 2]))
+    assert [p.kind for p in examined(path, velocity={}).problems] == ["scale", "heading"]
 
 
 def test_an_attitude_that_is_lost_for_a_moment_is_left_out() -> None:

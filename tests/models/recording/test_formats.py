@@ -43,6 +43,8 @@ def file(folder: Path, name: str, content: str | bytes) -> Path:
         "t,u\ns,m/s\n0,1.5\n1,-2\n2,\n",
         " t  u\n 0  1.5\n 1  -2\n 2  nan\n",
         "a log\nt\tu\n0\t1.5\t\n1\t-2\t\n2\tnan\t\n",
+        "// a log\n// of today\nt\tu\n0\t1.5\n1\t-2\n2\tnan\n",
+        "!t,u\n!0,1\n!v11\n0,1.5\n1,-2\n2,\n",
     ],
 )
 def test_layouts_of_text_are_found_out(tmp_path: Path, content: str) -> None:
@@ -357,6 +359,25 @@ def test_exports_of_influxdb(tmp_path: Path) -> None:
         "imu": ["_time", "u", "v"], "ap": ["_time", "mode"],
     }  # fmt: skip
     np.testing.assert_array_equal(sources["imu"].numbers("v"), np.arange(4.0))
+
+
+def test_angles_repeated_groups_and_logs_of_moos(tmp_path: Path) -> None:
+    for text in (
+        "lat,N/S,lon\n4030.0,S,1130.0\n4030.0,S,1130.0\n",
+        "lat;lon\n40\u00b030.000'S;11\u00b030,0 E\n40 30 0 S;011\u00b0 30.0 E\n",
+    ):
+        angles = one(file(tmp_path, "a.csv", text))
+        assert (angles.columns["lat"].tolist(), angles.units["lat"]) == ([-40.5, -40.5], "deg")
+        assert angles.columns["lon"].tolist() == [11.5, 11.5]
+    text = "t,position,x,y,linear,x,y\n" + "".join(f"{k},,{k},1,,{2 * k},3\n" for k in range(3))
+    titles = ["t", "position", "position.x", "position.y", "linear", "linear.x", "linear.y"]
+    assert list(one(file(tmp_path, "b.csv", text)).columns) == titles
+    text = "%%%%\n%% LOGSTART 1.5\n%%%%\n" + "".join(
+        f"{k}.5 NAV_X iNav {k}\n{k}.6 RUDDER pid {-k}\n{k}.7 LOG pid all is well\n"
+        for k in range(9)
+    )
+    sources = read_sources(file(tmp_path, "c.alog", text), ReadOptions())
+    np.testing.assert_array_equal(sources["iNav"].columns["NAV_X"], np.arange(9.0))
 
 
 def test_text_of_gliders(tmp_path: Path) -> None:

@@ -55,6 +55,12 @@ def source_of(folder: Path, table: dict[str, Any]) -> Source:
         ("datetime", STAMPS.strftime("%Y-%m-%dT%H:%M:%S.%fZ")),
         ("_time", STAMPS.strftime("%Y/%m/%d %H:%M:%S.%f")),
         ("elapsed_time_s", T),
+        ("Seconds of day", (T + 86340.0) % 86400.0),
+        ("time_boot_ms", ((T * 1e3).round() + 2**32 - 6e4).astype(np.int64) % 2**32),
+        ("iTOW", (T * 1e3 + 2.1e8).round().astype(int)),
+        ("UTC", STAMPS.strftime("%H%M%S.%f").astype(float)),
+        ("Time", STAMPS.strftime("%Y-%m-%d %H:%M:%S.%f CEST")),
+        ("Horodatage", STAMPS.strftime("%Y-%m-%d %H:%M:%S.%f")),
     ],
 )
 def test_times_as_loggers_write_them(title: str, values: object, tmp_path: Path) -> None:
@@ -76,6 +82,19 @@ def test_a_time_of_day_passes_midnight_and_a_date_may_stand_beside_it(tmp_path: 
     assert find_time(source) == Column("Time", date="Date")
     back = source_of(tmp_path, {"Time": ["10:00:01", "10:00:00", "10:00:02"], "x": [0, 1, 2]})
     assert np.ptp(seconds(back, Column("Time"))) == 2.0  # a clock that is set back is no midnight
+
+
+def test_a_time_in_several_columns(tmp_path: Path) -> None:
+    stamps = STAMPS.round("ms")
+    parts = {name: getattr(stamps, name.lower()) for name in ("Year", "Month", "Day", "Hour")}
+    parts |= {"Min": stamps.minute, "Sec": stamps.second + stamps.microsecond / 1e6, "x": X}
+    clock = {"time": stamps.strftime("%H:%M:%S"), "ms": stamps.microsecond // 1000, "x": X}
+    for table in (parts, clock):
+        source = source_of(tmp_path, table)
+        column = find_time(source)
+        assert column is not None
+        t = seconds(source, column)
+        np.testing.assert_allclose(t - t[0], T, atol=1e-5)
 
 
 def test_a_date_that_may_be_of_two_days_is_asked_with_the_line_that_tells(tmp_path: Path) -> None:
@@ -166,14 +185,16 @@ def test_nothing_vanishes_in_silence(tmp_path: Path) -> None:
     """Sentinels, repeated stamps, times that go back, missing values and gaps are counted."""
     t, u = T.copy(), U.copy()
     t[100], t[200], u[300:303] = t[99], t[195], -999.0
+    psi = np.where(np.arange(len(T)) == 350, 511.0, PSI)
     t[400:] += 30.0
     columns = ColumnMap("t", position={"surge": "x", "sway": "y", "yaw": "psi"},
                         velocity={"surge": "u", "sway": "v", "yaw": "r"})  # fmt: skip
-    table = {"t": t, "x": X, "y": Y, "psi": PSI, "u": u, "v": V, "r": R}
+    table = {"t": t, "x": X, "y": Y, "psi": psi, "u": u, "v": V, "r": R}
     reading = Reading(columns=columns, resample_hz=5.0, at_gap="split")
     signals = read(tmp_path, reading, **table)
     said = "\n".join(signals.left_out)
     assert "column u: 3 cells are -999: missing values" in said
+    assert "column psi: 1 cells are 511: missing values" in said
     assert "column x: 2 samples are not later than the one before" in said
     assert "1 times repeat" in said
     assert "in gaps of more than 1 s: left out, 2 pieces remain" in said
