@@ -223,7 +223,8 @@ def remember(
             past.y_last[i] = eta[i]
     k = past.instant[0]
     for i in range(known.shape[0]):
-        past.known[i] = known[i]
+        if np.isfinite(known[i]):  # else an anemometer has failed: as at the last sample
+            past.known[i] = known[i]
         past.added[i] = outlook.added[k, i] if k < outlook.added.shape[0] else 0.0
     past.axes[0] = psi
 

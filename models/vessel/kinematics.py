@@ -22,12 +22,6 @@ SPATIAL = 6  # degrees of freedom with an attitude
 Angle = TypeVar("Angle", float, Array)
 
 
-def rotation(psi: float) -> Array:
-    """Body to NED rotation about the down axis, shape (3, 3); psi [rad]. Jervan, eq. (2.2)."""
-    c, s = np.cos(psi), np.sin(psi)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
 def wrap(angle: Angle) -> Angle:
     """Wrap an angle [rad], a number or an array, to (-pi, pi]."""
     return np.pi - (np.pi - angle) % (2.0 * np.pi)

@@ -17,19 +17,10 @@ from seatrial.models.vessel.kinematics import (
     quaternion_rate,
     reference_in_body,
     reference_in_body_kernel,
-    rotation,
     wrap,
 )
 
 angles = st.floats(-20.0, 20.0)
-
-
-@given(angles)
-def test_a_rotation_is_the_frame_of_its_heading(psi: float) -> None:
-    """Frames of any attitude are those of scipy in test_beluga.py."""
-    frame = np.empty((3, 3))
-    frame_of_angles(np.array([0.0, 0.0, psi]), frame)
-    np.testing.assert_allclose(rotation(psi), frame, atol=1e-12)
 
 
 @given(angles)

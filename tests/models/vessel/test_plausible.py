@@ -42,7 +42,7 @@ def test_a_number_of_a_device_lies_in_its_range(device: str) -> None:
 
 def test_an_input_in_degrees_is_no_angle_in_radians() -> None:
     ship = tanker()
-    with pytest.raises(ConfigurationError, match=r"inputs.delta.high: got 35, expected .* rad; is it in degrees"):
+    with pytest.raises(ConfigurationError, match=r"inputs.delta.high: got 35.* in degrees\?$"):
         replace(ship, inputs=ship.inputs | {"delta": Input(-0.6, 35.0)})
     with pytest.raises(ConfigurationError, match=r"rho_kg_m3 must be at least 900.0, got 1.025"):
         Prime(7.0, rho_kg_m3=1.025)
