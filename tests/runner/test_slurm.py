@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("submitit", reason="no submitit: pip install -e '.[slurm]'")
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.sweeps.slurm_queue import QueueWatcher
 from tests.runner.programs import ended, program, rows, wait
 from tests.runner.slurm import Slurm
@@ -90,4 +91,6 @@ def test_the_jobs_of_a_sweep_that_is_stopped_are_cancelled(slurm: Slurm, tmp_pat
     assert code == 143, err
     assert err.splitlines()[-1].startswith("seatrial: interrupted")
     slurm.wait(lambda: not slurm.ask("squeue", "--me", "--noheader"))
-    assert set(rows(tmp_path, "SELECT status FROM run")) == {("interrupted",)}
+    logbook = LogbookWriter.read(f"sqlite:///{tmp_path}/results/results.db", results_dir=tmp_path)
+    with logbook:
+        assert {run.status for run in logbook.runs()} == {"interrupted"}

@@ -9,6 +9,7 @@ import pytest
 
 from seatrial.models import compiled
 from seatrial.runner.configuration.config import Trial
+from seatrial.runner.database import LogbookWriter
 from seatrial.runner.sweeps.launching import THREADS
 from seatrial.runner.trials import precompile, trial
 from seatrial.runner.trials.closed_loop import Streams, prepare
@@ -88,10 +89,11 @@ def test_a_killed_worker_loses_its_own_run_only(tmp_path: Path) -> None:
     assert code == 1, err
     assert "Traceback" not in err
     assert "4 runs: 3 finished, 0 failed, 0 diverged, 1 not done" in out
-    assert rows(tmp_path, "SELECT seed, attempt, status FROM run ORDER BY 1, 2") == [
-        *((0, 1, "finished"), (1, 1, "finished"), (2, 1, "interrupted"), (2, 2, "finished")),
-        *((3, 1, "interrupted"), (3, 2, "interrupted")),
-    ]
+    with LogbookWriter.read(f"sqlite:///{tmp_path}/results/results.db") as logbook:
+        assert sorted((run.seed, run.attempt, run.status) for run in logbook.runs()) == [
+            *((0, 1, "finished"), (1, 1, "finished"), (2, 1, "interrupted"), (2, 2, "finished")),
+            *((3, 1, "interrupted"), (3, 2, "interrupted")),
+        ]
 
 
 UNABLE = "import os, sys\nif '--multiprocessing-fork' in sys.orig_argv: os._exit(3)\n"
