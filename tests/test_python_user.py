@@ -13,6 +13,7 @@ import pytest
 from tests.runner.programs import ROOT, completed, ended, finished, program, wait
 
 GUIDE = ROOT / "docs" / "howto" / "python.md"
+BLOCK = re.compile(r'```python(?: title="([^"]+)")?\n(.*?)```', re.DOTALL)
 
 
 def test_an_import_loads_nothing_slow(tmp_path: Path) -> None:
@@ -69,7 +70,7 @@ def test_ctrl_c_ends_a_sweep_and_the_session_goes_on(tmp_path: Path, launcher: s
 def test_the_code_of_the_guide_is_typed(tmp_path: Path) -> None:
     """mypy --strict finds nothing in it, and finds what is wrong in a wrong one."""
     files: dict[str, str] = defaultdict(str)
-    for name, code in re.findall(r'```python(?: title="([^"]+)")?\n(.*?)```', GUIDE.read_text(), re.S):
+    for name, code in BLOCK.findall(GUIDE.read_text()):
         files[name or "guide.py"] += code
     guide = files["guide.py"]
     wrong = guide.replace("period_s=0.1", 'period_s="fast"').replace('where="', 'state="')
