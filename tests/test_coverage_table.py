@@ -1,5 +1,6 @@
-"""The table of coverages counts as it says."""
+"""The tables of coverages and of bands count as they say."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,23 +8,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from docs.coverage import (
-    Case,
-    Count,
-    Model,
-    Share,
-    covered,
-    proportion,
-    read,
-    setting,
-    shares_of,
-    shown,
-    total,
-    write,
-)
-from seatrial.models.identification.problem import Identified
+from docs import bands, coverage
+from docs.bands import Row, Scored, scored
+from docs.coverage import Case, Count, Model, Share, covered, shown, total
+from seatrial.models.identification.model_error import ModelError
+from seatrial.models.identification.problem import Identified, NoIdentifier
+from seatrial.models.identification.validation import prediction
 from seatrial.models.vessel.table import Vessel
-from tests.trials import composed
+from tests.trials import composed, excited
 
 
 def estimated(truth: Vessel, nominal: Vessel, size: float, claimed: float, seed: int) -> Identified:
@@ -65,36 +57,95 @@ def test_only_true_coefficients_with_a_standard_error_are_counted() -> None:
 
 def test_the_interval_of_a_share_is_that_of_wilson() -> None:
     """81 of 263 have the interval 0.2553 to 0.3662: Newcombe (1998), Table I, method 3."""
-    assert proportion((81, 263)) == "0.31 (0.26 to 0.37)"
-    assert proportion((0, 0)) == "-"
+    assert coverage.proportion((81, 263)) == "0.31 (0.26 to 0.37)"
+    assert coverage.proportion((0, 0)) == "-"
 
 
 def test_a_share_is_read_as_it_was_written_and_marked(tmp_path: Path) -> None:
     case, count = Case("milliampere", "[wind,noise]"), Count((9, 10), (19, 20))
     ls, robust = (Share(case, name, name == "robust", 5, 2, count) for name in ("ls", "robust"))
     file = tmp_path / "coverage.json"
-    write([ls, robust], file)
-    assert read(file) == [robust, ls]  # in the order of the identifiers
+    coverage.write([ls, robust], file)
+    assert coverage.read(file) == [robust, ls]  # in the order of the identifiers
     again = replace(robust, seeds=100)
-    write([again], file)  # the other stays
-    assert read(file) == [again, ls]
-    assert "| `milliampere` | wind + noise | `ls` | of the estimate | 0.90 (" in shown(read(file))
-    assert "| `robust` | coefficient |" in shown(read(file))
+    coverage.write([again], file)  # the other stays
+    assert coverage.read(file) == [again, ls]
+    table = shown(coverage.read(file))
+    assert "| `milliampere` | wind + noise | `ls` | of the estimate | 0.90 (" in table
+    assert "| `robust` | coefficient |" in table
 
 
 def test_models_are_counted_by_what_they_say_of_their_intervals() -> None:
     """Two models of three have an interval of the coefficient; a fourth seed has no model."""
     case, good, poor = Case("ferry", "noise"), Count((5, 5), (9, 10)), Count((0, 5), (3, 10))
     models = [Model(True, good), Model(False, poor), Model(True, good)]
-    assert shares_of(case, "output_error", models, 1) == [
+    assert coverage.shares_of(case, "output_error", models, 1) == [
         Share(case, "output_error", True, 2, 1, Count((10, 10), (18, 20))),
         Share(case, "output_error", False, 1, 1, poor),
     ]
-    (failed,) = shares_of(case, "iv", [], 4)
+    (failed,) = coverage.shares_of(case, "iv", [], 4)
     assert (failed.seeds, failed.failed) == (0, 4)
 
 
 def test_every_identifier_says_what_its_interval_is_of() -> None:
-    _, identifiers = setting(Case("milliampere", "noise"), ("robust", "iv", "ls", "ridge", "plsr"))
+    names = ("robust", "iv", "ls", "ridge", "plsr")
+    _, identifiers = coverage.setting(Case("milliampere", "noise"), names)
     covers = {name: identifier.interval_covers for name, identifier in identifiers.items()}
     assert covers == {"robust": True, "iv": True, "ls": False, "ridge": False, "plsr": False}
+
+
+SURGE = ("vessel=surge_linear", "excitation=multisine", "controller=none", "evaluation=none")
+
+
+def test_every_file_is_left_out_once(tmp_path: Path) -> None:
+    for name in "abc":
+        (tmp_path / f"{name}.dat").touch()
+    train = json.dumps([str(tmp_path / "b.dat")])
+    words = (f"excitation.train={train}", "seed=0", "excitation.test=[]")
+    found = dict(bands.left_out_in_turn(words))
+    assert sorted(found) == ["a", "b", "c"]
+    for name, options in found.items():
+        given = {key: value for key, _, value in (each.partition("=") for each in options)}
+        files = [Path(each).stem for each in json.loads(given["excitation.train"])]
+        assert sorted([*files, name]) == ["a", "b", "c"]
+        assert [Path(each).stem for each in json.loads(given["excitation.test"])] == [name]
+        assert given["seed"] == "0"
+
+
+@pytest.mark.parametrize("deviation", [0.5, 1.0])
+def test_white_errors_of_known_size_are_counted(deviation: float) -> None:
+    """A band of noise alone, of the right size and of half of it, with its width and CRPS."""
+    own, _ = excited(*SURGE, "disturbance=calm")
+    run = prediction(own.nominal, own.validation, None)
+    spread, rng = run.mean_motion(), np.random.default_rng(0)
+    white = 0.1 * spread * rng.standard_normal((len(own.validation), 2))
+    white[0] = 0.0  # the run begins at the true state
+    motion = run.motion() + white
+    noisy = replace(own.validation, eta=motion[:, :1], nu=motion[:, 1:])
+    error = ModelError(1.0, 0.0, 1.0, np.zeros(1), deviation * 0.1 * spread)
+    result = NoIdentifier().identify(own, rng)
+    problem = replace(own, validation=noisy)
+    done = scored(replace(result, model_error=error), problem, None)
+    assert done is not None
+    inside = 0.90 if deviation == 1.0 else 0.589
+    n = len(noisy) - 1
+    assert done.velocity.states == n
+    assert done.velocity.inside / n == pytest.approx(inside, abs=0.02)
+    moved = np.std(noisy.nu) / spread[1]
+    assert done.velocity.width / n == pytest.approx(3.29 * deviation * 0.1 / moved, rel=0.1)
+    assert done.measures == (0, 0)
+
+
+def test_rows_are_kept_and_replaced_by_case(tmp_path: Path) -> None:
+    part = Scored(bands.Count(10, 9.0, 20.0, 1.0), bands.Count(10, 5.0, 40.0, 4.0), (3, 4))
+    row = Row("ferry", "noise 0", "auto", part, part, 1.5)
+    file = tmp_path / "bands.json"
+    bands.write([row, replace(row, case="noise 1", both=None, note="it diverges")], file)
+    bands.write([replace(row, seconds=2.5)], file)
+    kept = bands.read(file)
+    assert [(each.case, each.seconds) for each in kept] == [("noise 0", 2.5), ("noise 1", 1.5)]
+    assert kept[0].both == part
+    line = bands.shown(kept).splitlines()[-1]
+    assert "0.90, 2.00, 0.100" in line
+    assert "3 of 4" in line
+    assert "1 of 2" in line  # cases

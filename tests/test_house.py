@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from docs.house import House
+from tests.runner.test_layers import house
 
 SMALL = {
     "models/errors.py": "class Wrong(Exception): ...\n",
@@ -24,9 +25,9 @@ SMALL = {
 }
 
 
-@pytest.fixture(scope="module")
-def house() -> House:
-    return House()
+@pytest.fixture(name="house")
+def of_the_checkout() -> House:
+    return house()
 
 
 def test_no_files_import_each_other_in_a_circle(house: House) -> None:

@@ -60,13 +60,9 @@ def make(checkout: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     assert MAKE is not None
     environment = {"PATH": str(checkout / "tools"), "HOME": str(checkout)}
     return subprocess.run(
-        [MAKE, "--no-print-directory", *arguments],
-        cwd=checkout,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        [MAKE, "--no-print-directory", *arguments], cwd=checkout, env=environment,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
 
 
 def asked(checkout: Path) -> str:

@@ -10,6 +10,10 @@ import pytest
 from docs.notebooks import FOLDER, executed
 
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+RUNNING = [
+    pytest.param(path, id=path.stem, marks=[pytest.mark.data] * (path.stem == "own_recording"))
+    for path in NOTEBOOKS
+]
 MACHINE = re.compile(r"/(root|home|tmp|usr|work|opt|Users|var)/|[A-Z]:\\\\|site-packages")
 
 
@@ -42,14 +46,7 @@ def test_the_committed_outputs_name_no_machine(path: Path) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(
-    "path",
-    [
-        pytest.param(path, marks=[pytest.mark.data] if path.stem == "own_recording" else [])
-        for path in NOTEBOOKS
-    ],
-    ids=lambda path: path.stem,
-)
+@pytest.mark.parametrize("path", RUNNING)
 def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for package in ("nbclient", "ipykernel"):
         pytest.importorskip(package, reason=f"{package} is not installed: it is in the extra test")

@@ -3,14 +3,14 @@
 import os
 import re
 import shutil
-import sqlite3
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.runner.programs import ROOT, completed, rows
+
 FILE = re.compile(
     r"^```(?:python|yaml|octave)\n[#%] ([\w/]+\.(?:py|yaml|m))\n(.*?)^```$",
     re.MULTILINE | re.DOTALL,
@@ -36,26 +36,15 @@ def written(folder: Path, page: str = "docs/howto/plugins.md", count: int = 8) -
 
 def call(folder: Path, *command: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """`python -m COMMAND` in a folder that holds nothing of the project."""
-    path = os.pathsep.join([str(ROOT), *filter(None, [variables.pop("PYTHONPATH", "")])])
-    python = str(Path(sys.executable).parent)  # where `python` is
-    environment = {**os.environ, "PYTHONPATH": path, "COLUMNS": "200"}
-    environment["PATH"] = os.pathsep.join([python, os.environ["PATH"]])
-    return subprocess.run(
-        [sys.executable, "-m", *command],
-        cwd=folder, env=environment | variables, capture_output=True, text=True, timeout=250,
-        check=False,
-    )  # fmt: skip
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # of `python`
+    own = {"PYTHONPATH": str(ROOT), "COLUMNS": "200", "PATH": path}
+    return completed(sys.executable, "-m", *command, folder=folder, **own | variables)
 
 
 def run(folder: Path, *command: str, **variables: str) -> str:
     done = call(folder, *command, **variables)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-def rows(folder: Path, query: str) -> list[tuple[object, ...]]:
-    with sqlite3.connect(folder / "results" / "results.db") as database:
-        return database.execute(query).fetchall()
 
 
 @pytest.mark.slow

@@ -1,58 +1,19 @@
-"""As a new user would: a script in an empty folder, in a process of its own."""
+"""As a new user would: programs in an empty folder, each a process of its own."""
 
 import os
+import re
 import signal
-import subprocess
 import sys
 import time
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
-from tests.runner.programs import ROOT, ended, program, wait
+from tests.runner.programs import ROOT, completed, ended, finished, program, wait
 
-SCRIPT = """\
-import pandas as pd
-import seatrial as st
-from sklearn.model_selection import KFold, cross_val_score
-
-if __name__ == "__main__":  # workers import this file
-    run = st.run(vessel="surge_linear", excitation="prbs", controller="none", identifier="ls")
-    print(run.status, run.metric("force_mse", dof="surge") >= 0.0)
-    frame: pd.DataFrame = run.series("recording")
-    recording = st.Recording.from_frame(frame)
-    motion = run.model.simulate({"surge": [100.0] * 20}, period_s=0.1)
-    print(len(motion), list(motion.columns))
-    estimator = st.Estimator("ls", vessel="surge_linear", basis="physical")
-    print(len(cross_val_score(estimator, recording.blocks(4), cv=KFold(2))))
-    sweep = st.sweep(
-        ["identifier=none,ls"], launcher="processes", seed=range(2), vessel="surge_linear",
-        excitation="prbs", controller="none",
-    )
-    print(len(sweep.runs(status="finished")))
-    print(sweep.table(metric="force_mse", columns="none").frame["identifier"].tolist())
-    sweep.plot("bars", metric="force_mse").savefig("bars.png")
-    try:
-        st.run(identifier="lss")
-    except st.SeatrialError as error:
-        print(error)
-"""
-SAID = """\
-finished True
-20 ['x', 'u', 'tau_surge']
-2
-4
-['none', 'ls']
-identifier: no option 'lss', did you mean ls? expected one of auto,"""
-
-
-@pytest.mark.nightly
-def test_a_script_runs_in_an_empty_folder(tmp_path: Path) -> None:
-    (tmp_path / "script.py").write_text(SCRIPT)
-    code, out, err = ended(program("script.py", folder=tmp_path))
-    assert (code, out[: len(SAID)]) == (0, SAID), err
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bars.png", "results", "script.py"]
-    assert "Traceback" not in err
+GUIDE = ROOT / "docs" / "howto" / "python.md"
+BLOCK = re.compile(r'```python(?: title="([^"]+)")?\n(.*?)```', re.DOTALL)
 
 
 def test_an_import_loads_nothing_slow(tmp_path: Path) -> None:
@@ -97,8 +58,6 @@ for attempt in range(2):
 def test_ctrl_c_ends_a_sweep_and_the_session_goes_on(tmp_path: Path, launcher: str) -> None:
     (tmp_path / "script.py").write_text(INTERRUPTED)
     process = program("script.py", launcher, folder=tmp_path)
-    from tests.runner.programs import finished
-
     wait(lambda: finished(tmp_path) >= 1)
     time.sleep(0.2)
     os.kill(process.pid, signal.SIGINT)
@@ -108,25 +67,28 @@ def test_ctrl_c_ends_a_sweep_and_the_session_goes_on(tmp_path: Path, launcher: s
 
 
 @pytest.mark.nightly
-def test_a_script_of_the_user_is_typed(tmp_path: Path) -> None:
-    """mypy --strict finds nothing in the script, and finds what is wrong in a wrong one."""
-    (tmp_path / "script.py").write_text(SCRIPT)
-    wrong = SCRIPT.replace("period_s=0.1", 'period_s="fast"').replace('status="', 'state="')
-    (tmp_path / "wrong.py").write_text(wrong)
+def test_the_code_of_the_guide_is_typed(tmp_path: Path) -> None:
+    """mypy --strict finds nothing in it, and finds what is wrong in a wrong one."""
+    files: dict[str, str] = defaultdict(str)
+    for name, code in BLOCK.findall(GUIDE.read_text()):
+        files[name or "guide.py"] += code
+    guide = files["guide.py"]
+    wrong = guide.replace("period_s=0.1", 'period_s="fast"').replace('where="', 'state="')
+    for name, code in {**files, "wrong.py": wrong}.items():
+        (tmp_path / name).write_text(code)
     links = tmp_path / "links" / "seatrial"
     links.mkdir(parents=True)
     for part in ("seatrial/__init__.py", "models", "runner", "conf"):
         (links / Path(part).name).symlink_to(ROOT / part)
     pytest.importorskip("mypy", reason="mypy is not installed: it is in the extra check")
 
-    answer = subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", "--config-file", ROOT / "pyproject.toml",
-         "--cache-dir", tmp_path / "cache", "script.py", "wrong.py"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "MYPYPATH": str(links.parent)},
+    answer = completed(
+        *(sys.executable, "-m", "mypy", "--strict", "--config-file", ROOT / "pyproject.toml"),
+        *("--cache-dir", tmp_path / "cache", *files, "wrong.py"),
+        folder=tmp_path, MYPYPATH=str(links.parent),
     )  # fmt: skip
     errors = [line for line in answer.stdout.splitlines() if ": error: " in line]
     assert len(errors) == 2, answer
     assert all(line.startswith("wrong.py:") for line in errors)
-    assert 'incompatible type "str"; expected "float"' in errors[0]
-    assert 'Unexpected keyword argument "state"' in errors[1]
+    assert 'incompatible type "str"; expected "float"' in errors[1]
+    assert 'Unexpected keyword argument "state"' in errors[0]

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import subprocess
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -12,6 +11,7 @@ import pytest
 from docs.refresh import BLOCK, DOCUMENTS, ROOT, output
 from docs.vessels import parameters_of, table, vessels
 from seatrial.models.vessel.tuning import Tuning
+from tests.runner.programs import completed
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
@@ -45,16 +45,12 @@ def test_every_number_of_a_vessel_has_a_source() -> None:
 
 @pytest.mark.nightly
 def test_tables_are_those_of_the_demo(tmp_path: Path) -> None:
-    recipe = subprocess.run(
-        ["make", "--dry-run", "demo"], cwd=ROOT, check=True, capture_output=True, text=True
-    ).stdout
+    recipe = completed("make", "--dry-run", "demo").stdout
     demo = re.search(r"-m runner (-m --variant.*?hydra/launcher=processes)", recipe, re.DOTALL)
     assert demo is not None
     words = shlex.split(demo[1].replace("\\\n", " "))
-    subprocess.run(
-        [sys.executable, "-m", "runner", *words, f"results_dir={tmp_path}"],
-        cwd=ROOT, check=True, capture_output=True,
-    )  # fmt: skip
+    done = completed(sys.executable, "-m", "runner", *words, f"results_dir={tmp_path}")
+    assert done.returncode == 0, done.stderr
     tables = [b for b in blocks("runner.compare") if "sqlite:///" not in b["command"]]
     assert len(tables) == 2
     for block in tables:

@@ -2,7 +2,6 @@
 
 import math
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +10,8 @@ import pytest
 
 from docs.robustness import Case, Cells, Outcome, cell, outcomes, page, ratios
 from seatrial.runner.compare.frame import open_results
+from tests.runner.programs import completed
 
-ROOT = Path(__file__).parents[1]
 CASE = Case("ferry", "noise", recorded=False)
 SHORT = (
     "vessel=surge_nonlinear", "excitation=multisine", "excitation.length_s=120", "controller=none",
@@ -33,8 +32,8 @@ def counted(cells: Cells) -> dict[str, list[str]]:
 
 @pytest.mark.nightly
 def test_two_runs_of_the_command_line_fill_the_tables(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "runner", "-m", *SHORT, f"results_dir={tmp_path}"]
-    subprocess.run([*command, "identifier=none,ls"], cwd=ROOT, check=True, capture_output=True)
+    words = ("-m", *SHORT, f"results_dir={tmp_path}", "identifier=none,ls")
+    assert completed(sys.executable, "-m", "runner", *words).returncode == 0
     with open_results(str(tmp_path / "results.db")) as results:
         none, ls = sorted(outcomes(results), key=lambda one: one.identifier != "none")
         shown = page(results)

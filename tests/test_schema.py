@@ -66,15 +66,15 @@ def test_it_refuses_what_a_trial_refuses() -> None:
     assert [change for change in changes if not complaints(change)] == []
 
 
-def test_defaults_and_descriptions_are_those_of_the_files() -> None:
-    period = schema()["properties"]["sample_time_s"]
+def test_defaults_and_descriptions_are_those_of_the_files(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """In what the command prints."""
+    runpy.run_path(program.__file__, run_name="__main__")
+    schema = json.loads(capsys.readouterr().out)
+    period = schema["properties"]["sample_time_s"]
     line = f"sample_time_s: {period['default']}  # {period['description']}"
     assert line in (CONF / "trial.yaml").read_text().splitlines()
-    option = schema()["$defs"]["vessel.milliampere"]
+    option = schema["$defs"]["vessel.milliampere"]
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "vessel/milliampere.yaml"))
     assert {name: one["default"] for name, one in option["properties"].items()} == node
-
-
-def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
-    runpy.run_path(program.__file__, run_name="__main__")
-    assert json.loads(capsys.readouterr().out) == schema()

@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-import sqlite3
 import subprocess
 import sys
 import venv
@@ -15,9 +14,9 @@ import pytest
 from packaging.requirements import Requirement
 
 from seatrial import __version__
+from tests.runner.programs import ROOT, rows
 from tests.test_plugins import written
 
-ROOT = Path(__file__).parents[1]
 GUIDE = ROOT / "docs" / "howto" / "python.md"
 CHECKS = """
 assert run.status == "finished"
@@ -57,14 +56,16 @@ def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess[str]:
         if name not in hidden and not name.startswith("PIP_")
     }
     return subprocess.run(
-        [str(word) for word in command],
-        cwd=folder,
-        env={**environment, "COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
+        command, cwd=folder, env=environment | {"COLUMNS": "200"}, capture_output=True, text=True,
+        timeout=600, check=False,
+    )  # fmt: skip
+
+
+def said(*command: str | Path, folder: Path) -> str:
+    """What a command says, which must succeed."""
+    answer = run(*command, folder=folder)
+    assert answer.returncode == 0, answer.stderr
+    return answer.stdout
 
 
 @pytest.fixture(scope="module")
@@ -78,8 +79,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
         shutil.copy(ROOT / name, copy)
     build = "import setuptools.build_meta as build; build.build_sdist('..')"
-    answer = run(sys.executable, "-c", build, folder=copy)
-    assert answer.returncode == 0, answer.stderr
+    said(sys.executable, "-c", build, folder=copy)
     (sources,) = folder.glob("*.tar.gz")
     return built(sources, folder)
 
@@ -125,28 +125,24 @@ def test_the_wheel_holds_every_file_under_one_name(wheel: Path) -> None:
 def test_plug_ins_need_no_fork(binaries: Path, tmp_path: Path) -> None:
     """docs/howto/plugins.md in an empty folder, with what the wheel requires alone."""
 
-    def said(program: str, *arguments: str | Path, folder: Path = tmp_path) -> str:
-        answer = run(binaries / program, *arguments, folder=folder)
-        assert answer.returncode == 0, answer.stderr
-        return answer.stdout
-
-    assert "wrote my_fit.py" in said("seatrial", "init", "plugin", "my_fit")
+    seatrial, results = binaries / "seatrial", binaries / "seatrial-results"
+    assert "wrote my_fit.py" in said(seatrial, "init", "plugin", "my_fit", folder=tmp_path)
     calls = "[getattr(t, name)() for name in dir(t) if name.startswith('test_')]"
-    said("python", "-c", f"import test_my_fit as t; {calls}")
+    said(binaries / "python", "-c", f"import test_my_fit as t; {calls}", folder=tmp_path)
     written(tmp_path)
-    assert "conf: controller=pd_python, " in said("seatrial", "--help")
+    assert "conf: controller=pd_python, " in said(seatrial, "--help", folder=tmp_path)
     surge = ("vessel=surge_linear", "excitation=prbs", "evaluation=none", "controller=none")
     program = f"--variant=identifier=fit identifier.command=[{binaries}/python,fit.py]"
-    out = said("seatrial", "-m", *surge, program, "--variant=identifier=my_fit")
+    out = said(seatrial, "-m", *surge, program, "--variant=identifier=my_fit", folder=tmp_path)
     assert "2 runs: 2 finished" in out
     empty = tmp_path / "empty"
     empty.mkdir()
     source = package(tmp_path)
     install(binaries / "python", built(source, source))
-    assert "fleet_fit" in said("seatrial", "--help", folder=empty)
-    assert "speeds: Largest speed" in said("seatrial-results", "plot", "--help", folder=empty)
-    assert "speed_max" in said("seatrial-results", "metrics", folder=empty)
-    said("seatrial", *surge, "identifier=fleet_fit", folder=empty)
+    assert "fleet_fit" in said(seatrial, "--help", folder=empty)
+    assert "speeds: Largest speed" in said(results, "plot", "--help", folder=empty)
+    assert "speed_max" in said(results, "metrics", folder=empty)
+    said(seatrial, *surge, "identifier=fleet_fit", folder=empty)
 
 
 def package(folder: Path) -> Path:
@@ -175,8 +171,7 @@ def package(folder: Path) -> Path:
 def built(source: Path, folder: Path) -> Path:
     """The wheel of a source in a folder, built with what is installed here."""
     words = ("wheel", *OFFLINE, "--no-build-isolation", source)
-    answer = run(sys.executable, "-m", "pip", *words, folder=folder)
-    assert answer.returncode == 0, answer.stderr
+    said(sys.executable, "-m", "pip", *words, folder=folder)
     (wheel,) = folder.glob("*.whl")
     return wheel
 
@@ -184,8 +179,7 @@ def built(source: Path, folder: Path) -> Path:
 def install(python: Path, wheel: Path) -> None:
     """Install a wheel into the environment of an interpreter."""
     words = ("--python", python, "install", *OFFLINE, wheel)
-    answer = run(sys.executable, "-m", "pip", *words, folder=wheel.parent)
-    assert answer.returncode == 0, answer.stderr
+    said(sys.executable, "-m", "pip", *words, folder=wheel.parent)
 
 
 # Several commands in one process; what they import comes from the wheel.
@@ -220,30 +214,23 @@ if __name__ == "__main__":  # workers import this file
 
 @pytest.mark.slow
 def test_the_commands_run_in_an_empty_folder(binaries: Path, tmp_path: Path) -> None:
-    def said(program: str, *arguments: str | Path) -> str:
-        answer = run(binaries / program, *arguments, folder=tmp_path)
-        assert answer.returncode == 0, answer.stderr
-        return answer.stdout
-
-    assert "identifier: " in said("seatrial", "--help")
+    assert "identifier: " in said(binaries / "seatrial", "--help", folder=tmp_path)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "commands.py").write_text(COMMANDS)
-    out = said("python", "commands.py", f"{ROOT}/")
+    out = said(binaries / "python", "commands.py", f"{ROOT}/", folder=tmp_path)
     assert "compare: seatrial-results table --rows identifier" in out
     assert "run 3 finished; see seatrial-results show 3" in out
     assert "wrote conf/vessel/tug.yaml" in out
     assert out.splitlines()[-1] == "inside []"
-    table = said("seatrial-results", "table", "--metric", "force_mse", "--stage", "validation")
+    words = ("table", "--metric", "force_mse", "--stage", "validation")
+    table = said(binaries / "seatrial-results", *words, folder=tmp_path)
     assert {"none", "ls"} <= set(table.split())
     results = tmp_path / "results"
     assert {path.name for path in tmp_path.iterdir()} == {"commands.py", "conf", "results"}
     assert list((results / "figures").iterdir())
     assert (results / "site" / "runs.html").is_file()
-    with sqlite3.connect(results / "results.db") as database:
-        ((commit, version),) = database.execute(
-            "SELECT git_commit, json_extract(versions, '$.seatrial') FROM run WHERE id = 3"
-        ).fetchall()
-    assert (commit, version) == (None, __version__)
+    query = "SELECT git_commit, json_extract(versions, '$.seatrial') FROM run WHERE id = 3"
+    assert rows(tmp_path, query) == [(None, __version__)]
 
 
 @pytest.mark.nightly
@@ -252,8 +239,7 @@ def test_the_guide_of_python_runs_in_an_empty_folder(binaries: Path, tmp_path: P
     blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     assert len(blocks) == 7
     (tmp_path / "guide.py").write_text("".join([*blocks, CHECKS]))
-    answer = run(binaries / "python", "guide.py", folder=tmp_path)
-    assert answer.returncode == 0, answer.stderr
-    assert answer.stdout.startswith("identifier: no option 'lss', did you mean ls?")
+    out = said(binaries / "python", "guide.py", folder=tmp_path)
+    assert out.startswith("identifier: no option 'lss', did you mean ls?")
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"guide.py", "results", "track.pdf", "boat.png", "ferry.c", "ferry.h"}

@@ -5,16 +5,15 @@ import secrets
 import signal
 import subprocess
 import sys
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import LogbookWriter
-from tests.runner.programs import METRICS, ROOT, belonging_to
+from tests.runner.programs import METRICS, ROOT, belonging_to, wait
 
 LONGEST_S = 300.0
 
@@ -75,14 +74,9 @@ class Stage:
             own["SEATRIAL_DATABASE"] = self.server
         with files[0].open("wb") as out, files[1].open("wb") as err:
             process = subprocess.Popen(
-                [sys.executable, *arguments],
-                cwd=self.folder,
-                env={**os.environ, **own},
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=err,
-                start_new_session=True,
-            )
+                [sys.executable, *arguments], cwd=self.folder, env=os.environ | own,
+                stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True,
+            )  # fmt: skip
         return Program(process, files, f"SEATRIAL_ABUSE={token}")
 
     @contextmanager
@@ -105,7 +99,7 @@ class Stage:
             with self.logbook() as logbook:
                 return logbook is not None and logbook.sql(query).rows != [(0,)]
 
-        wait(lambda: program.process.poll() is not None or has_begun())
+        wait(lambda: program.process.poll() is not None or has_begun(), LONGEST_S)
 
     def check(self, before: frozenset[str] = frozenset()) -> frozenset[str]:
         """Nothing finished is lost, doubled or damaged; returns what is finished now."""
@@ -135,11 +129,3 @@ class Stage:
             assert logbook.verify().problems == []
             finished = METRICS.replace(" ORDER BY", " WHERE status = 'finished' ORDER BY")
             return sorted((tuple(row) for row in logbook.sql(finished).rows), key=repr)
-
-
-def wait(condition: Callable[[], object], longest_s: float = LONGEST_S) -> None:
-    """Wait until a condition holds."""
-    until = time.monotonic() + longest_s
-    while not condition():
-        assert time.monotonic() < until, f"not in {longest_s:.0f} s"
-        time.sleep(0.05)

@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from tests.abuse.stage import Program, Stage, wait
+from tests.abuse.stage import Program, Stage
+from tests.runner.programs import wait
 
 SHORT = ("identifier=none", "evaluation=none", "excitation.interval_s=120")
 MANY = (*SHORT, "identifier=none,ls", "disturbance=calm,noise", "seed=range(0,3)")
@@ -97,28 +98,19 @@ def stopped(program: Program, number: signal.Signals) -> None:
     wait(lambda: not program.family(), 90.0)
 
 
+KILLS = 20
 BLOWS = (kill_all, kill_child, stop_all, kill_parent, stop_parent)
 
 
-@pytest.mark.parametrize(
-    ("launcher", "server", "kills"),
-    [
-        nightly(TWO, False, 20),
-        nightly(TWO, True, 20),
-        nightly((), False, 20),
-        nightly((), True, 20),
-    ],
-)
+@pytest.mark.nightly
+@pytest.mark.parametrize("launcher", [TWO, ()], ids=["processes", "basic"])
+@pytest.mark.parametrize("server", [False, True])
 def test_kills_leave_the_results_of_an_undisturbed_sweep(
-    launcher: tuple[str, ...],
-    server: bool,
-    kills: int,
-    calm: Calm,
-    tmp_path: Path,
+    launcher: tuple[str, ...], server: bool, calm: Calm, tmp_path: Path,
     request: pytest.FixtureRequest,
-) -> None:
+) -> None:  # fmt: skip
     chance = random.Random(20260201)
-    for first in range(0, kills, 5):
+    for first in range(0, KILLS, len(BLOWS)):
         folder = tmp_path / str(first)
         folder.mkdir()
         postgres: Any = request.getfixturevalue("postgres") if server else None

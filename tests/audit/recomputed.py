@@ -13,6 +13,7 @@ import pandas as pd
 import scipy.stats
 
 LEAST_PAIRS = 5
+RESOLUTION = 1e-6  # [m]
 EVERY = "every seed"  # of a number that depends on none
 
 
@@ -43,12 +44,7 @@ def frame(database: Path, metric: str, dof: str, sweep: int) -> pd.DataFrame:
 
 
 def table(
-    trials: pd.DataFrame,
-    rows: str,
-    columns: str,
-    baseline: str,
-    statistic: str,
-    resolution: float = 1e-6,
+    trials: pd.DataFrame, rows: str, columns: str, baseline: str, statistic: str
 ) -> pd.DataFrame:
     """The cells by row and column: statistic, n, lost, ratio, wins, pairs, p, Holm's p and best."""
     cells = {}
@@ -62,7 +58,7 @@ def table(
         own["value"] = getattr(values, statistic)() if len(values) else np.nan
         reference = cells.get((baseline, column), (values[:0], set()))[0]
         if row != baseline and len(values):
-            own |= _pairs(values, reference, lost, resolution)
+            own |= _pairs(values, reference, lost)
         found.append(own)
     result = pd.DataFrame(found)
     result["p_holm"] = _holm(result.get("p", pd.Series(np.nan, result.index)))
@@ -79,14 +75,12 @@ def table(
                 losses[index] = getattr(chosen, statistic)()
         for index, loss in losses.items():
             lowest = min(losses.values())
-            same = abs(loss - lowest) <= max(1e-6 * max(abs(loss), abs(lowest)), resolution)
+            same = abs(loss - lowest) <= max(1e-6 * max(abs(loss), abs(lowest)), RESOLUTION)
             result.loc[index, "best"] = same and len(part) > 1
     return result
 
 
-def _pairs(
-    values: pd.Series, reference: pd.Series, lost: set[str], resolution: float
-) -> dict[str, float]:
+def _pairs(values: pd.Series, reference: pd.Series, lost: set[str]) -> dict[str, float]:
     """The comparison of a cell with the baseline over the seeds that both have."""
     places = [*values.index] if EVERY in reference.index else [*reference.index]
     if EVERY not in values.index and EVERY not in reference.index:
@@ -94,7 +88,7 @@ def _pairs(
     mine = np.array([values.get(place, values.get(EVERY)) for place in places], dtype=float)
     other = np.array([reference.get(place, reference.get(EVERY)) for place in places], dtype=float)
     gain = other - mine
-    gain[np.abs(gain) <= np.maximum(1e-6 * np.maximum(abs(mine), abs(other)), resolution)] = 0.0
+    gain[np.abs(gain) <= np.maximum(1e-6 * np.maximum(abs(mine), abs(other)), RESOLUTION)] = 0.0
     known = {*reference.index}
     gone = {seed for seed in lost - {*places} if seed in known or EVERY in known}
     distinct = len({*zip(mine, other, strict=True)})

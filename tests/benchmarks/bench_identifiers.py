@@ -6,6 +6,7 @@ minute at the next size, if it grew in proportion, is not given it. About 6 minu
 """
 
 import json
+import re
 import subprocess
 import sys
 from functools import cache
@@ -22,24 +23,21 @@ LONG_S = 60.0
 TIMEOUT_S = 900.0
 LINEAR = 1.1  # slope asked of those that must be linear
 MUST = ("ls", "ridge", "iv", "plsr", "surface_plsr", "dsr")
-IDENTIFIERS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "ls": ("ls", ()),
-    "ridge": ("ridge", ()),
-    "iv": ("iv", ()),
-    "plsr": ("plsr", ()),
-    "plsr, no errors": ("plsr", ("identifier.bootstrap=null",)),
-    "surface_plsr": ("surface_plsr", ()),
-    "dsr": ("dsr", ("identifier.bootstrap=null", "identifier.force=filtered")),
-    "dsr with errors": ("dsr", ("identifier.force=filtered",)),
-    "auto": ("auto", ()),
-    "output_error": ("output_error", ()),
-    "nsga2": ("nsga2", ()),
+OPTIONS = {
+    "plsr, no errors": ("identifier.bootstrap=null",),
+    "dsr": ("identifier.bootstrap=null", "identifier.force=filtered"),
+    "dsr with errors": ("identifier.force=filtered",),
 }
+LABELS = (  # an identifier's name, and what is said of its options
+    "ls", "ridge", "iv", "plsr", "plsr, no errors", "surface_plsr", "dsr", "dsr with errors",
+    "auto", "output_error", "nsga2",
+)  # fmt: skip
 ALL = (*MUST, "plsr, no errors")  # to the last size, however long
 
 
-def child(file: Path, name: str, overrides: tuple[str, ...]) -> dict[str, Any]:
+def child(file: Path, label: str) -> dict[str, Any]:
     """What a process says of an identifier on a recording."""
+    name, overrides = re.split(r"\W", label)[0], OPTIONS.get(label, ())
     command = [sys.executable, "-m", "tests.benchmarks.identify", str(file), name, *overrides]
     try:
         done = subprocess.run(
@@ -68,7 +66,7 @@ def curve(label: str, files: dict[int, Path]) -> dict[str, Any]:
         if label not in ALL and times and times[-1] * size / sizes[-1] > LONG_S:
             why = f"stopped: {size:,} would take more than {LONG_S:.0f} s"
             break
-        found = child(file, *IDENTIFIERS[label])
+        found = child(file, label)
         if "error" in found:
             why = f"{size:,} samples: {found['error']}"
             if label in ALL or sizes:
@@ -93,7 +91,7 @@ def curve(label: str, files: dict[int, Path]) -> dict[str, Any]:
 def test_identifiers(stated: Any, tmp_path_factory: pytest.TempPathFactory) -> None:
     files = recordings(tmp_path_factory.mktemp("recordings"))
     stated(
-        lambda: {label: curve(label, files) for label in IDENTIFIERS},
+        lambda: {label: curve(label, files) for label in LABELS},
         item="7b", what="identification",
         note="memory is the peak of the whole process, about 225 MB before it reads anything; dsr "
         "on the filtered force; errors are standard errors by bootstrap",

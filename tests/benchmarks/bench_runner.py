@@ -5,8 +5,6 @@ About eight minutes: two for the sweeps of 200, one for the sweep of 1,000, thre
 
 import itertools
 import json
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -23,8 +21,8 @@ from seatrial.runner.record.rows import Metric, Results, Series
 from tests.benchmarks import sweeps
 from tests.benchmarks.conftest import growth
 from tests.runner.database.samples import make_results, make_start
+from tests.runner.programs import ROOT, completed
 
-ROOT = Path(__file__).parents[2]
 TRIALS, TURNS = 200, 3
 BASE_MS = 60.0  # what is asked
 SIZES = [10, 100, 1000]
@@ -51,23 +49,19 @@ def test_overhead(stated: Callable[..., None]) -> None:
                 "shown": f"{above:.1f} ms: {each:.1f} ms against {plain:.1f} ms,"
                 f" {each / plain:.2f} times as long",
                 "limit": f"at most {BASE_MS:g} ms",
+                "short": f"{above - BASE_MS:.1f} ms more" if above > BASE_MS else "",
                 "ours_ms": each,
                 "bare_ms": plain,
             }
         }
-        if above > BASE_MS:
-            found[next(iter(found))]["short"] = f"{above - BASE_MS:.1f} ms more"
         for name, ms in sorted(spent.items(), key=lambda item: -item[1]):
             found[f"of it {name}"] = {"shown": f"{ms:.2f} ms, {ms / whole:.0%}", "ms": ms}
         found["beside it progress, in its thread"] = {"shown": f"{progress:.2f} ms"}
         return found
 
-    stated(
-        work,
-        item="6",
-        what=f"a trial that does next to nothing, in a sweep of {TRIALS}",
-        note="start-up left out; jobs that choose the same options share what Hydra composes",
-    )
+    about = f"a trial that does next to nothing, in a sweep of {TRIALS}"
+    left_out = "start-up left out; jobs that choose the same options share what Hydra composes"
+    stated(work, item="6", what=about, note=left_out)
 
 
 def test_a_sweep_grows(stated: Callable[..., None]) -> None:
@@ -87,7 +81,7 @@ def test_a_sweep_grows(stated: Callable[..., None]) -> None:
                 "shown": f"{shown}; slope {curve['slope']:.2f}; a trial among 1,000 against one"
                 f" among 100: {apart:+.0%}",
                 "limit": "linear within 10 %",
-                **({"short": f"{apart:+.0%}"} if apart > 0.1 else {}),
+                "short": f"{apart:+.0%}" if apart > 0.1 else "",
             },
             "peak memory": {"shown": ", ".join(f"{peak:.0f} MB" for peak in peaks)},
         }
@@ -99,18 +93,17 @@ def test_planning(stated: Callable[..., None]) -> None:
     def work() -> dict[str, dict[str, Any]]:
         found, asked_s = _in_a_process("planned", 10_000), 300.0
         seconds = found["seconds"]
-        short = {"short": f"{seconds - asked_s:.0f} s more"} if seconds > asked_s else {}
+        short = f"{seconds - asked_s:.0f} s more" if seconds > asked_s else ""
         shown = f"{seconds:.0f} s of CPU, {found['megabytes']:.0f} MB"
-        return {"composed and checked": {"shown": shown, "limit": "300 s, 1,000 MB"} | short}
+        limit = "300 s, 1,000 MB"
+        return {"composed and checked": {"shown": shown, "limit": limit, "short": short}}
 
     stated(work, item="7a", what="planning 10,000 trials")
 
 
 def _in_a_process(*arguments: object) -> dict[str, float]:
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.benchmarks.sweeps", *map(str, arguments)],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    done = completed(sys.executable, "-m", "tests.benchmarks.sweeps", *map(str, arguments))
+    assert done.returncode == 0, done.stderr
     found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return found
 
@@ -227,11 +220,8 @@ def test_storing_a_run_of_the_ferry(stated: Callable[..., None], tmp_path: Path)
         limit = f"at most {asked_ms:g} ms"
         return {"its begin, its end and its file": {"shown": shown, "limit": limit} | short}
 
-    stated(
-        work,
-        item="6",
-        what="store a run of the ferry: 548 metrics, 100 coefficients, 5 series of 111 columns",
-    )
+    about = "store a run of the ferry: 548 metrics, 100 coefficients, 5 series of 111 columns"
+    stated(work, item="6", what=about)
 
 
 def test_help(stated: Callable[..., None]) -> None:
@@ -260,10 +250,7 @@ def test_help(stated: Callable[..., None]) -> None:
 
 def _wall_s(arguments: tuple[str, ...]) -> float:
     begun = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    done = completed(sys.executable, *arguments, PYTHONPATH=str(ROOT))
     seconds = time.perf_counter() - begun
-    assert "elp" in done.stdout
+    assert "elp" in done.stdout, done.stderr
     return seconds

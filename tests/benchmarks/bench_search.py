@@ -41,13 +41,8 @@ def sailed(*overrides: str) -> tuple[Nsga2, Problem]:
 
 def surge(vessel: str, *overrides: str) -> tuple[Nsga2, Problem]:
     """Ten minutes of many sines, half of them for training."""
-    return sailed(
-        f"vessel={vessel}",
-        "excitation=many_sine",
-        "excitation.length_s=600",
-        "controller=none",
-        *overrides,
-    )
+    mission = ("excitation=many_sine", "excitation.length_s=600", "controller=none")
+    return sailed(f"vessel={vessel}", *mission, *overrides)
 
 
 def numpy_errors(predictor: Predictor, points: Array) -> tuple[Array, Array]:

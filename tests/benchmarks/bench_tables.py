@@ -1,8 +1,6 @@
 """The command `table` over logbooks of 100 to 100,000 runs. About half a minute."""
 
 import csv
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -13,8 +11,8 @@ from typing import Any
 from tests.benchmarks.conftest import growth
 from tests.benchmarks.filled import disturbance_of, fill, identifier_of, value
 from tests.runner.database.samples import make_results
+from tests.runner.programs import ROOT, completed
 
-ROOT = Path(__file__).parents[2]
 SIZES = [100, 1_000, 10_000, 100_000]
 ASKED_S = 3.0  # at the largest, about
 # The command, and then its peak memory.
@@ -49,37 +47,29 @@ def test_tables(stated: Callable[..., None], tmp_path: Path) -> None:
                 **growth(SIZES, times, peaks, of="runs"),
                 "shown": shown,
                 "limit": f"about {ASKED_S:g} s for {SIZES[-1]:,} runs",
-                **({"short": f"{over:.1f} s more"} if over > 0.2 * ASKED_S else {}),
+                "short": f"{over:.1f} s more" if over > 0.2 * ASKED_S else "",
             },
             "peak memory": {"shown": ", ".join(f"{peak:.0f} MB" for peak in peaks)},
         }
 
-    stated(
-        work,
-        item="7c",
-        what="a table over runs of 30 metrics each",
-        note="the whole command, start-up included",
-    )
+    about = "a table over runs of 30 metrics each"
+    stated(work, item="7c", what=about, note="the whole command, start-up included")
 
 
 def _table(file: Path, runs: int) -> tuple[float, float]:
     """Wall time [s] and peak memory [MB] of the command; its figures are checked."""
     metric, dof, stage, model = SHOWN
     begun = time.perf_counter()
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-c", COMMAND, "table", "--database", str(file)),
-            *("--rows", "identifier", "--columns", "disturbance", "--format", "csv"),
-            *("--metric", metric, "--dof", dof, "--stage", stage, "--model", model),
-        ],
-        cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    said, peak = process.communicate()
+    done = completed(
+        *(sys.executable, "-c", COMMAND, "table", "--database", str(file)),
+        *("--rows", "identifier", "--columns", "disturbance", "--format", "csv"),
+        *("--metric", metric, "--dof", dof, "--stage", stage, "--model", model),
+        PYTHONPATH=str(ROOT),
+    )
     seconds = time.perf_counter() - begun
-    assert process.returncode == 0
-    _check(said, runs)
-    return seconds, float(peak)
+    assert done.returncode == 0, done.stderr
+    _check(done.stdout, runs)
+    return seconds, float(done.stderr)
 
 
 def _check(said: str, runs: int) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 Work = Callable[[], object]
+NO_REMARK = {"why": "", "note": ""}
 
 
 def seconds(work: Work, calls: int = 1) -> float:
@@ -30,27 +31,16 @@ def in_turn(benchmark: Any) -> Callable[..., None]:
 
     Both are called once before, which compiles what is compiled; not so with `warm=False`, where
     the benchmark has called them to compare what they give. `calls` and `peer_calls` are how
-    many calls in a row make one measurement, where one is too short for the clock. `wanted` is
-    the ratio of the medians, peer over ours, that the table compares with; `why` explains there
-    what falls short, `note` says in every case what a reader must know.
+    many calls in a row make one measurement, where one is too short for the clock. The rest is
+    for the table: `item`, `what`, `name`, `peer_name`; `wanted` is the ratio of the medians, peer
+    over ours, that it compares with, `why` explains there what falls short, `note` says in every
+    case what a reader must know.
     """
 
     def measure(
-        ours: Work,
-        peer: Work,
-        *,
-        item: str,
-        what: str,
-        name: str,
-        peer_name: str,
-        wanted: float | None = None,
-        rounds: int = 7,
-        calls: int = 1,
-        peer_calls: int = 1,
-        warm: bool = True,
-        why: str = "",
-        note: str = "",
-    ) -> None:
+        ours: Work, peer: Work, *, name: str, peer_name: str, rounds: int = 7, calls: int = 1,
+        peer_calls: int = 1, warm: bool = True, **row: Any,
+    ) -> None:  # fmt: skip
         if warm:
             ours()
             peer()
@@ -60,10 +50,9 @@ def in_turn(benchmark: Any) -> Callable[..., None]:
             setup=lambda: peers.append(seconds(peer, peer_calls)),
             rounds=rounds,
         )
-        benchmark.extra_info.update(
-            kind="ratio", item=item, what=what, ours=name, peer=peer_name, wanted=wanted,
-            why=why, note=note, calls=calls, peer_seconds=peers, load=os.getloadavg()[0],
-        )  # fmt: skip
+        measured = {"calls": calls, "peer_seconds": peers, "load": os.getloadavg()[0]}
+        named = {"kind": "ratio", "ours": name, "peer": peer_name, "wanted": None}
+        benchmark.extra_info.update(NO_REMARK | named | row | measured)
 
     return measure
 
@@ -77,19 +66,9 @@ def stated(benchmark: Any) -> Callable[..., None]:
     `results/bench.json`. Of `growth`, entries are size [-], seconds and MB.
     """
 
-    def keep(
-        work: Callable[[], dict[str, dict[str, Any]]],
-        *,
-        item: str,
-        what: str,
-        why: str = "",
-        note: str = "",
-    ) -> None:
-        found = benchmark.pedantic(work, rounds=1)
-        benchmark.extra_info.update(
-            kind="figures", item=item, what=what, why=why, note=note, found=found,
-            load=os.getloadavg()[0],
-        )  # fmt: skip
+    def keep(work: Callable[[], dict[str, dict[str, Any]]], **row: str) -> None:
+        measured = {"found": benchmark.pedantic(work, rounds=1), "load": os.getloadavg()[0]}
+        benchmark.extra_info.update(NO_REMARK | {"kind": "figures"} | row | measured)
 
     return keep
 

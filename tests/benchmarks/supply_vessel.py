@@ -7,8 +7,6 @@ PythonVehicleSimulator (bis scaled, L = 76.2 m, m = 6000 t); the quadratic dampi
 areas are of its size.
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from seatrial.models.notation import PLANAR
@@ -27,14 +25,11 @@ QUADRATIC = np.array([5.0e4, 2.2e5, 1.2e10])  # [N s^2/m^2, N s^2/m^2, Nm s^2]
 WINDAGE = Windage(500.0, 1100.0, LENGTH, 0.6, 0.8, 0.1, 1.23)
 
 
-@dataclass
 class SupplyVessel:
     """The plain one: a few small matrices are made at every step."""
 
-    M: Array = field(default_factory=lambda: INERTIA.copy())
-    D: Array = field(default_factory=lambda: LINEAR.copy())
-
-    def __post_init__(self) -> None:
+    def __init__(self) -> None:
+        self.M, self.D = INERTIA.copy(), LINEAR.copy()
         self.inverse = np.linalg.inv(self.M)
         self.areas = WINDAGE.coefficients()
 

@@ -36,12 +36,9 @@ def closed_loop() -> Callable[[], Log]:
 def interpreter() -> Iterator[Callable[[], Log]]:
     """The same in another process without a compiler, alive as long as the context."""
     with subprocess.Popen(
-        [sys.executable, "-m", __name__],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-        cwd=Path(__file__).parents[2],
-    ) as child:  # which ends with its input
+        [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, cwd=Path(__file__).parents[2],
+    ) as child:  # fmt: skip # which ends with its input
         assert child.stdin is not None
         assert child.stdout is not None
         ask, answer = child.stdin, child.stdout

@@ -1,15 +1,13 @@
 """Hoyer (2021): the surge models."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from docs.published.grid import local_minima
 from seatrial.models.identification.problem import Problem
-from seatrial.runner.record.rows import Results
 from seatrial.runner.trials import closed_loop
 from seatrial.runner.trials import trial as trials
+from tests.published.conftest import Run
 from tests.trials import composed
 
 
@@ -29,9 +27,7 @@ def test_the_printed_drag_pushes_backward_and_ours_does_not() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("excitation", ["triple_ramp", "many_sine"])
-def test_the_search_finds_the_non_linear_model_on_every_seed(
-    run: Callable[..., Results], excitation: str
-) -> None:
+def test_the_search_finds_the_non_linear_model_on_every_seed(run: Run, excitation: str) -> None:
     # Table 7.5: the printed estimates are 2 to 145 % off
     bounds = "++identifier.bounds={surge.u_dot:[10,120],surge.u:[1,40],surge.|u|u:[0,10]}"
     options = (
@@ -62,9 +58,7 @@ def test_mean_errors_vanish_at_two_printed_rows_of_table_7_5() -> None:
         assert np.all(mean < 0.03 * mae), excitation
 
 
-def test_the_coded_objective_leaves_a_curve_and_is_not_held_to_the_nominal_model(
-    run: Callable[..., Results],
-) -> None:
+def test_the_coded_objective_leaves_a_curve_and_is_not_held_to_the_nominal_model(run: Run) -> None:
     """Two equations for three unknowns; the nominal model, here the true one, is not the answer."""
     masses = []
     for seed in (0, 1):
@@ -79,7 +73,7 @@ def test_the_coded_objective_leaves_a_curve_and_is_not_held_to_the_nominal_model
     assert min(abs(mass - 60.0) for mass in masses) > 0.1
 
 
-def test_islands_along_the_valley_come_of_the_mean_error(run: Callable[..., Results]) -> None:
+def test_islands_along_the_valley_come_of_the_mean_error(run: Run) -> None:
     """Figure 7.20a shows islands; the printed objective (6.4) has none, and its lowest point is
     the truth, which the grid holds."""
     minima = {}
@@ -102,7 +96,7 @@ def test_a_minimum_is_lower_than_all_its_neighbours() -> None:
 
 
 @pytest.mark.nightly
-def test_every_number_of_predictions_is_timed_in_every_way(run: Callable[..., Results]) -> None:
+def test_every_number_of_predictions_is_timed_in_every_way(run: Run) -> None:
     """Figure 7.21; no time is asserted."""
     numbers = ("identifier.calls=[1,5]", "identifier.interpreted_calls=[1]")
     one = run("experiment=hoyer_figure_7_21", "excitation.length_s=60", *numbers)

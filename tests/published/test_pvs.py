@@ -29,17 +29,9 @@ def recorded() -> dict[str, np.ndarray]:
 
 
 @pytest.mark.data
-def test_the_columns_are_sane() -> None:
-    data = recorded()
-    assert list(data) == ["t", "N", "E", "psi", "u", "v", "r"]
-    np.testing.assert_allclose(data["t"], 10.0 * np.arange(31))
-    heading = np.cumsum(0.5 * (data["r"][1:] + data["r"][:-1])) * 10.0
-    np.testing.assert_allclose(heading[5:], data["psi"][6:], atol=0.01)
-
-
-@pytest.mark.data
 def test_a_coefficient_table_sails_the_same_track() -> None:
     data = recorded()
+    np.testing.assert_array_equal(data["t"], 10.0 * np.arange(31))
     vessel = parameters_of("supply_fossen").nominal()
     motion = np.array([data[name] for name in "uvr"]).T
     rate = (motion[-1] - motion[-2]) / 10.0  # surge is not quite steady yet

@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -91,15 +91,29 @@ class Command:
         said = self._capsys.readouterr()
         return Answer(code, said.out, said.err)
 
+    def succeeds(self, *arguments: str) -> Answer:
+        """The answer of a command that ends with exit code 0."""
+        answer = self(*arguments)
+        assert answer.code == 0, answer
+        return answer
+
     def refuses(self, *arguments: str) -> str:
-        """The one line of a command that is refused, which must leave nothing behind."""
+        """The one line of a command that is refused, which must leave the folder as it was."""
+        before = sorted(self.folder.rglob("*"))
         answer = self(*arguments)
         assert answer.code == 2, answer
         assert answer.out == ""
         assert answer.err.startswith("seatrial: ")
         assert answer.err.count("\n") == 1, answer.err
-        assert list(self.folder.iterdir()) == []
+        assert sorted(self.folder.rglob("*")) == before
         return answer.err.removeprefix("seatrial: ").rstrip("\n")
+
+    def reasons(self, variants: Iterable[str], *arguments: str) -> list[str]:
+        """Why a dry run of a sweep refuses each of its variants."""
+        words = [word for variant in variants for word in ("--variant", variant)]
+        lines = self.succeeds("-m", *words, *arguments, "dry_run=true").out.splitlines()[:-1]
+        assert {line.split()[0] for line in lines} == {"refused"}, lines
+        return [line.split("  ")[-1].strip() for line in lines]
 
 
 @contextmanager

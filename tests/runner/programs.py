@@ -18,6 +18,13 @@ METRICS = (
 )
 
 
+def patched(folder: Path, code: str) -> dict[str, str]:
+    """The variables of a program that imports this code at its start, in workers as well."""
+    folder.mkdir(exist_ok=True)
+    (folder / "sitecustomize.py").write_text(code)
+    return {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "NOTES": str(folder)}
+
+
 def program(*arguments: str, folder: Path, **variables: str) -> subprocess.Popen[str]:
     """`python ARGUMENTS` in a folder, in a process group of its own."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **variables}
@@ -26,6 +33,16 @@ def program(*arguments: str, folder: Path, **variables: str) -> subprocess.Popen
         [sys.executable, *arguments], cwd=folder, env=environment, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
+
+
+def completed(
+    *command: str | Path, folder: Path = ROOT, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """A command that has ended, with what it has said."""
+    environment = os.environ | variables
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
 
 
 def sweep(*arguments: str, folder: Path, **variables: str) -> subprocess.Popen[str]:
@@ -58,11 +75,11 @@ def finished(folder: Path) -> int:
     return len(rows(folder, "SELECT id FROM run WHERE status = 'finished'"))
 
 
-def wait(condition: Callable[[], object]) -> None:
+def wait(condition: Callable[[], object], longest_s: float = 120.0) -> None:
     """Wait until a condition holds."""
-    deadline = time.monotonic() + 120.0
+    deadline = time.monotonic() + longest_s
     while not condition():
-        assert time.monotonic() < deadline, "it took too long"
+        assert time.monotonic() < deadline, f"not in {longest_s:.0f} s"
         time.sleep(0.05)
 
 

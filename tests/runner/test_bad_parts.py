@@ -161,8 +161,9 @@ REFUSED = {
 
 
 @pytest.fixture(autouse=True)
-def _forget_modules(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """What the modules declare is forgotten as well."""
+def _forget_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Modules are found in the working folder; what they declare is forgotten as well."""
+    monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(catalogue, "_declared", dict(catalogue._declared))
     before = set(sys.modules)
     yield
@@ -171,10 +172,9 @@ def _forget_modules(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             del sys.modules[name]
 
 
-def written(folder: Path, kind: str, text: str, monkeypatch: pytest.MonkeyPatch) -> str:
+def written(folder: Path, kind: str, text: str) -> str:
     module = f"bad_{kind}"
     (folder / f"{module}.py").write_text(text)
-    monkeypatch.syspath_prepend(folder)
     importlib.invalidate_caches()
     return module
 
@@ -191,24 +191,24 @@ def check_failed(answer: Answer, line: str) -> None:
 
 @pytest.mark.slow
 def test_a_failing_part_fails_its_trial_in_one_line(
-    seatrial: Command, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+    seatrial: Command, subtests: pytest.Subtests
 ) -> None:
     for kind, ((text, option), line) in FAILING.items():
         with subtests.test(kind):
-            module = written(seatrial.folder, kind, text, monkeypatch)
+            module = written(seatrial.folder, kind, text)
             answer = seatrial(*SHORT, "identifier=none", option.format(module=module))
             check_failed(answer, f"{module}.{line}")
 
 
 @pytest.mark.slow
 def test_a_part_that_fails_at_sea_fails_its_trial_in_one_line(
-    seatrial: Command, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+    seatrial: Command, subtests: pytest.Subtests
 ) -> None:
     conf, step = seatrial.folder / "conf", "seatrial.models.excitation.setpoints.Step"
     for group in ("excitation", "controller"):
         (conf / group).mkdir(parents=True)
     for kind, (text, line) in AT_SEA.items():
-        module = written(seatrial.folder, kind, text, monkeypatch)
+        module = written(seatrial.folder, kind, text)
         if "class Course" in text:
             (conf / "excitation" / f"{kind}.yaml").write_text(
                 f"_target_: {module}.Course\nreference_filter: {{_target_: {step}}}\n"
@@ -223,11 +223,11 @@ def test_a_part_that_fails_at_sea_fails_its_trial_in_one_line(
 
 
 def test_what_is_no_part_is_refused_before_the_start(
-    seatrial: Command, monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+    seatrial: Command, subtests: pytest.Subtests
 ) -> None:
     for kind, ((text, option), line) in REFUSED.items():
         with subtests.test(kind):
-            module = written(seatrial.folder, kind, text, monkeypatch)
+            module = written(seatrial.folder, kind, text)
             words = option.format(module=module).split()
             answer = seatrial(*SHORT, "identifier=none", *words)
             assert (answer.code, answer.err.count("\n")) == (2, 1), answer
@@ -235,9 +235,9 @@ def test_what_is_no_part_is_refused_before_the_start(
     assert not (seatrial.folder / "results").exists()
 
 
-def test_the_sweep_goes_on(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_sweep_goes_on(seatrial: Command) -> None:
     (text, option), line = FAILING["raises"]
-    module = written(seatrial.folder, "raises", text, monkeypatch)
+    module = written(seatrial.folder, "raises", text)
     variants = [f"--variant={option.format(module=module)}", "--variant=seed=1"]
     answer = seatrial("-m", *variants, *SHORT, "identifier=none")
     assert answer.code == 1, answer
@@ -250,7 +250,7 @@ def test_a_bug_of_ours_stays_a_bug(seatrial: Command, monkeypatch: pytest.Monkey
     from seatrial.runner.trials import trial as trials
 
     text, others = wave("return np.zeros((n, len(dofs)))")
-    module = written(seatrial.folder, "idle", text, monkeypatch)
+    module = written(seatrial.folder, "idle", text)
 
     def broken(*_: object) -> None:
         raise KeyError("ours")

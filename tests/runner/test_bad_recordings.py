@@ -1,21 +1,26 @@
-"""Damaged, foreign and bomb-like files: one line, exit code 2, bounded memory, nothing written.
+"""Damaged, foreign, bomb-like and short files: one line, exit code 2, nothing written.
 
-All files go through the command line, one after the other, in a process with limited memory.
+Files that are no recordings go through the command line one after the other, in a process with
+limited memory.
 """
 
 import json
+import shutil
 import struct
-import subprocess
 import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
 import scipy
 from pyarrow import parquet
+
+from tests.runner.command import Command
+from tests.runner.programs import completed
 
 MEMORY = 2 * 10**9  # bytes
 ADDRESSES = 5 * 10**9  # bytes; libraries reserve more than they use
@@ -68,28 +73,25 @@ def bags(folder: Path) -> Iterator[tuple[str, bytes]]:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    one, two = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
     kind = "std_msgs/msg/Float64"
-    writer1 = Writer1(folder / "a.bag")
-    writer1.set_compression(Writer1.CompressionFormat.BZ2)
-    with writer1 as bag:
-        topic = bag.add_connection("/u", kind, typestore=one)
-        for k in range(50):
-            bag.write(topic, k, one.serialize_ros1(one.types[kind](data=float(k)), kind))
-    yield "bag", (folder / "a.bag").read_bytes()
-    (folder / "a.bag").unlink()
-    for plugin, suffix in ((StoragePlugin.SQLITE3, "db3"), (StoragePlugin.MCAP, "mcap")):
-        writer = Writer(folder / suffix, version=9, storage_plugin=plugin)
-        if suffix == "mcap":
-            writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    writers: dict[str, Any] = {
+        "bag/bag.bag": Writer1(folder / "bag" / "bag.bag"),
+        "db3/db3.db3": Writer(folder / "db3", version=9, storage_plugin=StoragePlugin.SQLITE3),
+        "mcap/mcap.mcap": Writer(folder / "mcap", version=9, storage_plugin=StoragePlugin.MCAP),
+    }
+    writers["bag/bag.bag"].set_compression(Writer1.CompressionFormat.BZ2)
+    writers["mcap/mcap.mcap"].set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    (folder / "bag").mkdir()
+    for name, writer in writers.items():
+        of_one = name.startswith("bag")
+        store = get_typestore(Stores.ROS1_NOETIC if of_one else Stores.ROS2_HUMBLE)
+        serialise = store.serialize_ros1 if of_one else store.serialize_cdr
         with writer:
-            topic2 = writer.add_connection("/u", kind, typestore=two)
+            topic = writer.add_connection("/u", kind, typestore=store)
             for k in range(50):
-                writer.write(topic2, k, two.serialize_cdr(two.types[kind](data=float(k)), kind))
-        yield suffix, (folder / suffix / f"{suffix}.{suffix}").read_bytes()
-        for path in (folder / suffix).iterdir():
-            path.unlink()
-        (folder / suffix).rmdir()
+                writer.write(topic, k, serialise(store.types[kind](data=float(k)), kind))
+        yield name.partition("/")[0], (folder / name).read_bytes()
+        shutil.rmtree((folder / name).parent)
 
 
 def bad_files(folder: Path) -> list[Path]:
@@ -131,8 +133,8 @@ def bad_files(folder: Path) -> list[Path]:
 def test_files_that_are_no_recordings(tmp_path: Path) -> None:
     paths = bad_files(tmp_path)
     before = sorted(path.name for path in tmp_path.iterdir())
-    command = [sys.executable, "-W", "error", "-c", RUNNING, *(path.name for path in paths)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    command = (sys.executable, "-W", "error", "-c", RUNNING, *(path.name for path in paths))
+    done = completed(*command, folder=tmp_path)
     results = [json.loads(line) for line in done.stdout.splitlines()]
     assert [row[0] for row in results] == [path.name for path in paths], done.stderr[-2000:]
     wrong = []
@@ -143,3 +145,61 @@ def test_files_that_are_no_recordings(tmp_path: Path) -> None:
             wrong.append((name, code, said[-600:], most))
     assert wrong == []
     assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+def words(path: Path, rows: list[list[str]]) -> tuple[str, ...]:
+    """The command of a trial on a recording of these rows."""
+    lines = ["Time,x,u,X", *(",".join(row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return (
+        "vessel=surge_linear", "excitation=recording", f"excitation.path={path}",
+        "~excitation.columns.position", "+excitation.columns.position={surge: x}",
+        "~excitation.columns.velocity", "+excitation.columns.velocity={surge: u}",
+        "~excitation.columns.force", "+excitation.columns.force={surge: X}",
+        "excitation.columns.orientation=null", "excitation.train_fraction=0.5",
+    )  # fmt: skip
+
+
+def rows(count: int) -> list[list[str]]:
+    return [
+        [f"{0.1 * k:.1f}", f"{0.01 * k:.3f}", f"{0.1 * (-1) ** k:.1f}", str(k % 7)]
+        for k in range(count)
+    ]
+
+
+@pytest.fixture
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("recordings") / "short.csv"
+
+
+def test_numbers_are_read_as_floats_are_written(seatrial: Command, path: Path) -> None:
+    recording = rows(40)
+    for cell in ("1_000", "١٢", "0x10", "1e400", "1,5", "inf"):
+        recording[17][3] = f'"{cell}"'
+        said = seatrial.refuses(*words(path, recording), "identifier=none")
+        assert f"{path}, column X, line 19: got {cell!r}, expected a finite number" in said
+    for k, cell in enumerate(("1e3", "-.5", "+2.", "1E-3", " 7 ")):
+        recording[17 + k][3] = cell
+    seatrial.succeeds(*words(path, recording), "identifier=none", "dry_run=true")
+
+
+TOO_FEW = (
+    (1, ["identifier=none"], "got 1 samples, expected at least 2"),
+    (3, ["identifier=none"], "got 1 samples for testing, expected at least 2"),
+    (20, ["identifier=plsr"], "got 10 samples for training, expected at least 12"),
+    (60, ["identifier=ls", "identifier.lowpass_hz=1.0"], "too few for a low-pass filter"),
+    (4, ["identifier=ls", "identifier.lowpass_hz=null"],
+     "got 2 samples for training after the low-pass filters, expected at least 4"),
+    (4, ["identifier=ls"], "got 2 samples, too few for a low-pass filter"),
+    (40, ["identifier=iv"], "too few for a low-pass filter"),
+    (40, ["identifier=robust"], "got 20 samples for training, expected at least 40"),
+    (40, ["identifier=none", "excitation.resample_hz=1e9"], "3.9e+09 samples from the 40 rec"),
+)  # fmt: skip
+
+
+def test_too_few_samples(seatrial: Command, path: Path, subtests: pytest.Subtests) -> None:
+    for count, options, message in TOO_FEW:
+        with subtests.test(message):
+            said = seatrial.refuses(*words(path, rows(count)), *options)
+            assert str(path) in said
+            assert message in said

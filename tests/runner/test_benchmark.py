@@ -1,18 +1,26 @@
-"""The benchmark: tasks and their files, cells that are run once, and ranks from the logbook."""
+"""The benchmark: tasks and their files, cells that are run once; nothing is tuned on test files."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from seatrial.models.errors import ConfigurationError
+from seatrial.models.errors import ConfigurationError, IdentificationError
+from seatrial.models.identification.problem import Problem
+from seatrial.models.vessel.table import Vessel
 from seatrial.runner.commands import benchmark
 from seatrial.runner.compare.benchmark.boards import boards
 from seatrial.runner.compare.benchmark.task import GROUP, cells, lacking, located, task_of
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.compare.leaderboard import grids
 from seatrial.runner.configuration import search_path
+from seatrial.runner.configuration.config import Trial
+from seatrial.runner.trials.closed_loop import ExcitationData, Streams
+from seatrial.runner.trials.trial import excite, identify
 from tests.trials import composed
 
+pytestmark = pytest.mark.usefixtures("own_folder")
 TASKS = search_path.options(GROUP)
 SMALL = """
 title: Surge under a multisine
@@ -27,11 +35,6 @@ entrants:
   none: [identifier=none]
   ls: [identifier=ls]
 """
-
-
-@pytest.fixture(autouse=True)
-def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def test_tasks_are_whole_and_test_on_nothing_that_they_train_on() -> None:
@@ -86,35 +89,35 @@ files:
 """
 
 
-def test_missing_and_damaged_files_are_named_and_their_cases_left_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of outside data with one of the two files."""
     monkeypatch.setenv("SEATRIAL_DATA", str(tmp_path))
-    small(tmp_path, FILES)
     (tmp_path / "a.csv").write_text("abc")
+    return tmp_path
+
+
+def test_missing_and_damaged_files_are_named_and_their_cases_left_out(files: Path) -> None:
+    small(files, FILES)
     task = task_of("small")
-    files = located(task)
-    assert [*lacking(task, files)] == ["one"]
-    assert [file.state for file in files] == ["found", "missing"]
+    found = located(task)
+    assert [*lacking(task, found)] == ["one"]
+    assert [file.state for file in found] == ["found", "missing"]
     assert {cell.case for cell in cells(task, ["ls"])} == {"two"}
-    (tmp_path / "b.csv").write_text("abd")
+    (files / "b.csv").write_text("abd")
     assert [file.state for file in located(task)] == ["found", "damaged"]
 
 
-def test_a_folder_is_the_files_that_are_listed_of_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("SEATRIAL_DATA", str(tmp_path))
+def test_a_folder_is_the_files_that_are_listed_of_it(files: Path) -> None:
     text = FILES.replace("train: [a.csv]}", "train: [run]}").replace("  b.csv: ", "  run/b.csv: ")
-    small(tmp_path, text.replace("test: [b.csv]", "test: [run]"))
-    (tmp_path / "run").mkdir()
-    (tmp_path / "a.csv").write_text("abc")
+    small(files, text.replace("test: [b.csv]", "test: [run]"))
+    (files / "run").mkdir()
     task = task_of("small")
     absent = lacking(task, located(task)).values()
-    assert [file.name for files in absent for file in files] == ["run/b.csv", "run/b.csv"]
-    (tmp_path / "run" / "b.csv").write_text("abc")
+    assert [file.name for some in absent for file in some] == ["run/b.csv", "run/b.csv"]
+    (files / "run" / "b.csv").write_text("abc")
     (cell, _) = cells(task, ["ls"])
-    assert f'excitation.test=["{tmp_path / "run"}"]' in cell.options
+    assert f'excitation.test=["{files / "run"}"]' in cell.options
 
 
 @pytest.mark.nightly
@@ -149,3 +152,67 @@ def test_a_task_that_is_none_is_one_line(tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match=message) as error:
             task_of("small")
         assert "\n" not in str(error.value)
+
+
+# An entrant finds the same model whatever is tested on: each of a task, on the first seconds of
+# its training data, with the test data permuted, scaled and shortened.
+LEAST, SECONDS = 300, 60.0  # samples, and time, of the training data that are used
+TASK = "blueboat"  # the quickest one
+
+
+def excited() -> ExcitationData:
+    """The recording of the task's first case whose files are there; else the test skips."""
+    first = next(cells(task_of(TASK), ["none"]), None)
+    if first is None:
+        pytest.skip(f"the files of {TASK} are not there: needs SEATRIAL_DATA=FOLDER with them")
+    trial = composed(*first.options)
+    return excite(trial, Streams(trial.seed))
+
+
+def problems(trial: Trial, data: ExcitationData) -> list[Problem]:
+    """The same training data with different test data."""
+    period = float(np.median(np.diff(data.recording.t)))
+    first = np.cumsum(data.training) <= max(LEAST, int(SECONDS / period))
+    training = data.recording.part(data.training & first)
+    testing = data.recording.part(data.testing)
+    backward = replace(testing, nu=3.0 * testing.nu[::-1], eta=testing.eta[::-1])
+    other = testing.part(slice(0, len(testing.t) // 2))
+    return [
+        Problem(training, held_out, trial.vessel.nominal(), trial.vessel.thruster)
+        for held_out in (testing, backward, other)
+    ]
+
+
+def found(trial: Trial, problem: Problem) -> tuple[str, np.ndarray]:
+    """The model that is identified: its terms, coefficients and parameters of devices."""
+    try:
+        model: Vessel = identify(trial, problem, Streams(trial.seed))[0].model
+    except IdentificationError as error:
+        return str(error), np.zeros(0)
+    terms = ", ".join(term.name for term in model.terms)
+    return terms, np.concatenate([model.theta.ravel(), model.installed.parameters])
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_the_model_does_not_depend_on_what_is_tested_on(subtests: pytest.Subtests) -> None:
+    data, known = excited(), task_of(TASK)
+    for entrant in known.entrants:
+        with subtests.test(entrant):
+            trial = composed(*next(cells(known, [entrant])).options)
+            results = [found(trial, problem) for problem in problems(trial, data)]
+            for terms, values in results[1:]:
+                assert terms == results[0][0]
+                np.testing.assert_array_equal(values, results[0][1])
+
+
+def test_the_law_sees_an_entrant_that_looks_at_the_test_data() -> None:
+    """Jervan's choice of the order by the test data, which no task has."""
+    options = (
+        "vessel=milliampere", "excitation=waypoints", "excitation.interval_s=60",
+        "disturbance=noise", "evaluation=none", "identifier=plsr", "identifier.selection=test",
+        "identifier.bootstrap=null",
+    )  # fmt: skip
+    trial = composed(*options)
+    results = [found(trial, one) for one in problems(trial, excite(trial, Streams(trial.seed)))]
+    assert any(not np.array_equal(values, results[0][1]) for _, values in results[1:])

@@ -1,4 +1,4 @@
-"""The size of a trial and of a sweep is checked before any work, and refused in one line."""
+"""Refused in one line before any work: what is too large, and unused options that are wrong."""
 
 import time
 from pathlib import Path
@@ -39,20 +39,19 @@ TOO_LARGE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("arguments", TOO_LARGE)
-def test_what_is_too_large_is_refused_at_once(arguments: str, seatrial: Command) -> None:
+def test_what_is_too_large_is_refused_at_once(seatrial: Command) -> None:
     begin = time.process_time()
-    message = seatrial.refuses(*arguments.split())
-    first, last = TOO_LARGE[arguments]
-    assert message.startswith(first)
-    assert message.endswith(last)
+    reasons = seatrial.reasons(TOO_LARGE)
     assert time.process_time() - begin < 10.0  # modules are imported the first time
+    for reason, (first, last) in zip(reasons, TOO_LARGE.values(), strict=True):
+        assert reason.startswith(first)
+        assert reason.endswith(last)
 
 
 def test_limits_are_options_and_make_no_other_trial(seatrial: Command) -> None:
     # 720 s in steps of 0.025 s, of 1200 bytes for each of 7200 samples.
     fits = ["limits.samples=28800", "limits.memory=0.00865", "dry_run=true"]
-    assert seatrial("identifier=ls", *fits).code == 0
+    seatrial.succeeds("identifier=ls", *fits)
     assert "(limits.samples)" in seatrial.refuses("identifier=ls", *fits, "limits.samples=28799")
     assert "(limits.memory)" in seatrial.refuses("identifier=ls", *fits, "limits.memory=0.0086")
     assert "must be positive" in seatrial.refuses("identifier=ls", *fits, "limits.memory=0")
@@ -89,4 +88,51 @@ def test_trials_are_counted_before_they_are_listed(seatrial: Command) -> None:
         (*variants, "seed=range(0,5)", "limits.trials=10"),
         ("-m", "seed=range(0,9)", "seed=1,2", "limits.trials=2"),
     ):
-        assert seatrial(*sweep, "dry_run=true").code == 0
+        seatrial.succeeds(*sweep, "dry_run=true")
+
+
+# Options that no chosen part uses are refused if they cannot be right.
+UNUSED = ("controller=none", "excitation=prbs")
+WRONG = {
+    "vessel.tuning.pid.kp=[nan,1,1]": "vessel.tuning.pid.kp[0]: got nan, expected a finite number",
+    "vessel.tuning.reference.interval_s=inf": (
+        "vessel.tuning.reference.interval_s: got inf, expected a finite number"
+    ),
+    "+vessel.tuning.mine=1": "vessel.tuning.mine: unknown option, expected one of pid, reference",
+    "+extra=nan": "extra: got nan, expected a finite number",
+    f"seed={2**70}": "seed: got an integer of 71 bits, expected 64",
+    "vessel.tuning.reference.interval_s=abc": (
+        "vessel.tuning.reference.interval_s: got 'abc', expected a number or null"
+    ),
+    "+vessel.tuning.pid.kpp=3": "vessel.tuning.pid.kpp: unknown option, did you mean ",
+    "+vessel.sources.inertai=book": "vessel: sources.inertai: got a source of an option",
+    "vessel.dofs=[surge,sway,heel]": "vessel: dofs: got heel, expected different ones of surge, ",
+    "vessel.inertia=[[1,2],[1,2,3],[3,4,5]]": (
+        "vessel: inertia: got rows of 2, 3, 3 numbers, expected 3 rows of 3"
+    ),
+    "vessel.inertia=[[1,0,0],[0,1e-16,0],[0,0,1]]": (
+        "vessel: inertia has a condition number of 1.0e+16, expected at most 1e+15"
+    ),
+    "+excitation.amplitude.heel=1": "excitation: amplitude.heel: expected some of surge, ",
+}
+
+
+def test_unused_options_that_cannot_be_right(seatrial: Command) -> None:
+    reasons = seatrial.reasons(WRONG, *UNUSED)
+    for reason, (argument, message) in zip(reasons, WRONG.items(), strict=True):
+        assert reason.startswith(message), argument
+
+
+def test_schedules_and_parameter_sets_that_are_not_chosen(seatrial: Command) -> None:
+    said = seatrial.refuses("evaluation=setpoints", "evaluation.schedules.appendix_h=[[0,0]]")
+    assert "schedules.appendix_h: expected a list of (north, east, heading)" in said
+    said = seatrial.refuses("vessel=supply_vessel", "+vessel.parameter_sets.as_printed.Z_w=1")
+    assert "Z_w: got heave, expected one of surge, sway, yaw" in said
+
+
+def test_unused_options_that_are_accepted(seatrial: Command) -> None:
+    seatrial.pretend()
+    condition = "vessel.coriolis=false vessel.inertia=[[1,0,0],[0,1e-12,0],[0,0,1]]"
+    read = "controller.ki=${vessel.tuning.pid.kp}"
+    variants = ("--variant", condition, "--variant", f"'{read}'")
+    assert "2 trials: 2 new" in seatrial("-m", *variants, "dry_run=true").out

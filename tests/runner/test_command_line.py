@@ -2,16 +2,16 @@
 
 import os
 import re
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.database import LogbookWriter
 from tests.runner.command import Command
-from tests.runner.programs import ended, program
+from tests.runner.programs import ROOT, completed, ended, program
 
 REFUSED = {
     "sample_time_s=-1": "sample_time_s must be positive, got -1",
@@ -22,6 +22,7 @@ REFUSED = {
     "seed=${nowhere}": "seed: Interpolation key 'nowhere' not found",
     "+seed=2": "+seed: the option exists already, write seed=...",
     "~seed": "seed is missing",
+    "~vessel": "vessel: got none, expected an option of the group",
     "bogus=1": "bogus: unknown option, see python -m runner --cfg job",
     "identifer=ls": "identifer: unknown option, did you mean identifier?",
     "vessel=null": "vessel: got null, expected one of ",
@@ -152,8 +153,6 @@ def test_a_diverged_trial_keeps_what_still_holds(seatrial: Command) -> None:
 
 
 def test_full_error_keeps_the_traceback(seatrial: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    from seatrial.models.errors import ConfigurationError
-
     seatrial.pretend()
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     with pytest.raises(ConfigurationError, match="seed must not be negative"):
@@ -163,13 +162,7 @@ def test_full_error_keeps_the_traceback(seatrial: Command, monkeypatch: pytest.M
 
 def test_a_reader_that_stops_reading_is_no_error() -> None:
     line = f"{sys.executable} -m runner --help | head -1"
-    done = subprocess.run(
-        ["bash", "-o", "pipefail", "-c", line],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        check=False,
-    )
+    done = completed("bash", "-o", "pipefail", "-c", line)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("seatrial: ")
 
@@ -192,7 +185,6 @@ def test_looking_around_imports_nothing_heavy(tmp_path: Path) -> None:
     assert "'hydra'" in said
 
 
-ROOT = Path(__file__).parents[2]
 WITHOUT = """
 import importlib.machinery, runpy, sys
 find = importlib.machinery.PathFinder.find_spec
@@ -216,10 +208,7 @@ def test_it_runs_without_the_packages_of_its_extras() -> None:
         if extra not in own
         for text in texts
     }
-    words = ["vessel=surge_linear", "identifier=ls", "dry_run=true"]
-    answer = subprocess.run(
-        [sys.executable, "-c", WITHOUT, ",".join(packages), *words], cwd=ROOT, timeout=120,
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    words = ("vessel=surge_linear", "identifier=ls", "dry_run=true")
+    answer = completed(sys.executable, "-c", WITHOUT, ",".join(packages), *words)
     assert answer.returncode == 0, answer.stderr
     assert "optuna" in packages

@@ -14,8 +14,7 @@ def completed(seatrial: Command, monkeypatch: pytest.MonkeyPatch, line: str) -> 
     """What Hydra's script in a shell is answered for a line."""
     monkeypatch.setenv("COMP_LINE", line)
     monkeypatch.setenv("COMP_POINT", str(len(line)))
-    answer = seatrial("-sc", "query=bash")
-    assert answer.code == 0, answer
+    answer = seatrial.succeeds("-sc", "query=bash")
     return answer.out.split()
 
 
@@ -35,11 +34,12 @@ def test_groups_and_options(seatrial: Command, monkeypatch: pytest.MonkeyPatch) 
 def answered(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., list[str]]:
-    """What the program of the results answers a shell that completes its words, line by line."""
+    """What the program of the results answers Typer's script in bash for a line of words."""
 
-    def answer(words: str, shell: str = "bash") -> list[str]:
-        for name, value in asked(words, shell).items():
-            monkeypatch.setenv(name, value)
+    def answer(words: str) -> list[str]:
+        monkeypatch.setenv("_SEATRIAL_RESULTS_COMPLETE", "complete_bash")
+        monkeypatch.setenv("COMP_WORDS", f"seatrial-results {words}")
+        monkeypatch.setenv("COMP_CWORD", str(len(words.split(" "))))
         with suppress(SystemExit):
             run_results([])
         said = capsys.readouterr()
@@ -58,14 +58,3 @@ def test_commands_figures_and_metrics(answered: Callable[..., list[str]]) -> Non
         ("table --metric ", {metric.name for metric in all_declared()}),
     ):
         assert {*answered(words)} == expected, words
-
-
-def asked(words: str, shell: str = "bash") -> dict[str, str]:
-    """The variables by which Typer's script in a shell asks for a line and its last word."""
-    return {
-        "_SEATRIAL_RESULTS_COMPLETE": f"complete_{shell}",
-        "COMP_WORDS": f"seatrial-results {words}", "COMP_CWORD": str(len(words.split(" "))),
-        "_TYPER_COMPLETE_ARGS": f"seatrial-results {words}",
-        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
-        "_TYPER_COMPLETE_WORD_TO_COMPLETE": words.rpartition(" ")[2],
-    }  # fmt: skip

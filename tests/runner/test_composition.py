@@ -1,7 +1,7 @@
 """Jobs composed from what they share are the jobs that Hydra composes, one by one."""
 
 import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import pytest
@@ -18,6 +18,7 @@ from omegaconf.errors import ReadonlyConfigError
 from seatrial.runner.configuration.config import Limits
 from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.sweeps.composition import Composer, SharingLoader, order_of
+from seatrial.runner.sweeps.job import Order
 from seatrial.runner.sweeps.sweep import jobs_of
 
 CHOICES = (
@@ -63,24 +64,23 @@ def loader() -> Any:
     return GlobalHydra.instance().config_loader()
 
 
-def by_hydra(master: DictConfig, job: list[str]) -> str:
-    """What Hydra makes of a job, to the types of values and the order of keys; or its error."""
+def told(compose: Callable[[list[str]], Order], job: list[str]) -> str:
+    """What is made of a job, to the types of values and the order of keys; or its error."""
     try:
+        order = compose(job)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return repr((order.config, order.names, order.overrides))
+
+
+def by_hydra(master: DictConfig, job: list[str]) -> str:
+    def compose(job: list[str]) -> Order:
         config = loader().load_sweep_config(master, job)
         HydraConfig.instance().set_config(config)
         task = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
-        order = order_of(task, config.hydra, job)
-    except Exception as error:
-        return f"{type(error).__name__}: {error}"
-    return repr((order.config, order.names, order.overrides))
+        return order_of(task, config.hydra, job)
 
-
-def shared(composer: Composer, job: list[str]) -> str:
-    try:
-        order = composer.order(job)
-    except Exception as error:
-        return f"{type(error).__name__}: {error}"
-    return repr((order.config, order.names, order.overrides))
+    return told(compose, job)
 
 
 def varied(job: Sequence[str], values: Sequence[tuple[int, str]]) -> list[list[str]]:
@@ -103,7 +103,7 @@ def test_jobs_that_share_are_those_of_hydra(
 ) -> None:
     composer = Composer(SharingLoader(loader()), master)
     for job in varied(first, values):
-        assert shared(composer, job) == by_hydra(master, job), job
+        assert told(composer.order, job) == by_hydra(master, job), job
 
 
 @pytest.mark.slow
@@ -131,7 +131,7 @@ def test_a_job_after_another(master: DictConfig, jobs: list[str]) -> None:
     composer = Composer(SharingLoader(loader()), master)
     expected = [by_hydra(master, job.split()) for job in jobs]
     for job, outcome in zip([*jobs, jobs[0]], [*expected, expected[0]], strict=True):
-        assert shared(composer, job.split()) == outcome, job
+        assert told(composer.order, job.split()) == outcome, job
 
 
 @pytest.mark.parametrize(
@@ -186,4 +186,4 @@ def test_what_a_sweep_lists(master: DictConfig, argument: str, count: int) -> No
     jobs = jobs_of(parser, {}, [], [argument, "sample_time_s=0.1,0.2"], Limits())
     assert len(jobs) == 2 * count
     for job in (jobs[0], jobs[-1]):
-        assert shared(composer, job) == by_hydra(master, job), job
+        assert told(composer.order, job) == by_hydra(master, job), job

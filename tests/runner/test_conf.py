@@ -1,4 +1,4 @@
-"""Every file under conf/ can be composed, and what it describes can be built."""
+"""Every file under conf/ can be composed, and what it describes built; disturbances add up."""
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
@@ -11,9 +11,10 @@ from annotated_types import Le
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import _bounds as declared
+from seatrial.runner.configuration.config import build_trial
 from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.record.vocabulary import GROUPS
-from tests.trials import composed
+from tests.trials import asked_for, composed, ordered
 
 # An option that only works beside others, and those.
 STEERED = ["vessel=kvlcc2", "controller=none", "evaluation=none"]
@@ -40,10 +41,9 @@ OPTIONS = {
 
 
 @pytest.fixture(autouse=True)
-def _environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def _environment(monkeypatch: pytest.MonkeyPatch, own_folder: Path) -> None:
     monkeypatch.setenv("SEATRIAL_DATA", "/data")  # composed, not read
     monkeypatch.setenv("SEATRIAL_DATABASE", "postgresql://sailor@localhost/seatrial")
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.slow
@@ -101,3 +101,23 @@ def test_the_groups_are_those_that_are_named() -> None:
     assert {*OPTIONS, "vessel"} == set(GROUPS)
     folders = {path.name for path in CONF.iterdir() if path.is_dir()}
     assert folders <= {*GROUPS, "benchmark", "database", "experiment", "hydra"}
+
+
+def test_cases_of_disturbances_add_up() -> None:
+    cases: list[tuple[str, str, set[str]]] = [
+        ("calm", "calm", set()),
+        ("[wind,noise]", "wind+noise", {"wind", "noise"}),
+        ("[current, noise, process]", "current+noise+process", {"current", "noise", "process"}),
+        ("rough", "rough", {"noise", "wind", "current", "waves"}),
+        ("[rough,constant]", "rough+constant", {"noise", "wind", "current", "waves", "force"}),
+    ]
+    for choice, name, parts in cases:
+        order = ordered(f"disturbance={choice}")
+        assert order.names["disturbance"] == name
+        made = build_trial(order.config, order.names).disturbance
+        assert {part for part in vars(made) if getattr(made, part) is not None} == parts
+
+
+def test_a_part_of_a_case_has_its_options() -> None:
+    options = ("disturbance=[wind,noise]", "disturbance.wind.beaufort=6", "seed=3")
+    assert asked_for(*options).disturbance.wind.mean_speed == 12.6

@@ -34,13 +34,12 @@ NAMES = dict.fromkeys(GROUPS, "none")
 
 
 def configuration(**changes: Any) -> dict[str, Any]:
-    """A whole configuration that sails no evaluation; `changes` by name, None removes."""
-    whole: dict[str, Any] = {
+    """A whole configuration that sails no evaluation, with changes."""
+    return {
         **{group: {} for group in GROUPS}, **PARTS, "seed": 0, "sample_time_s": 0.1,
         "integration_step_s": 0.05, "plant": {"scale": 0.5}, "results_dir": "results",
         "database": {"url": "sqlite:///results/results.db"}, "rerun": False, "dry_run": False,
-    }  # fmt: skip
-    return {key: value for key, value in (whole | changes).items() if value is not None}
+    } | changes  # fmt: skip
 
 
 def refusal(node: Any, key: str = "thruster") -> str:
@@ -63,11 +62,6 @@ def test_an_error_names_the_key_inside_a_node() -> None:
     assert said == "vessel.thruster.damping: got 'much', expected a number"
     said = refusal(VESSEL | {"thruster": VESSEL}, "vessel")
     assert said == "vessel.thruster: got a VesselParameters, expected a SecondOrderLag"
-    assert refusal(LAG | {"dampin": 1}).startswith("thruster.dampin: unknown option, did you mean")
-    assert refusal(LAG | {"zzz": 1}).startswith("thruster.zzz: unknown option, expected one of")
-    missing = {key: value for key, value in LAG.items() if key != "damping"}
-    assert refusal(missing) == "thruster.damping is missing"
-    assert refusal(LAG | {"damping": -1}) == "thruster.damping must be positive, got -1"
     said = refusal(VESSEL | {"dofs": ["surge", "surge"]}, "vessel")  # an error of the class
     assert said.startswith("vessel: ")
 
@@ -102,16 +96,13 @@ def test_builds_a_trial() -> None:
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [  # kinds of values: test_options.py
-    ({"sample_time_s": 0}, "sample_time_s must be positive, got 0"),
     ({"integration_step_s": 0.2},
      "integration_step_s must not be above sample_time_s = 0.1, got 0.2"),
     ({"plant": {}}, "plant.scale is missing"),
     ({"plant": {"scale": 1, "mass": 2}},
      "plant.mass: unknown option, expected one of scale, change"),
-    ({"seed": None}, "seed is missing"),
     ({"seeds": 1}, "seeds: unknown option, did you mean seed or sweep?"),
     ({"vessel": "ferry"}, "vessel: got 'ferry', expected a group of options"),
-    ({"vessel": {}}, "vessel: got none, expected an option of the group"),
 ]  # fmt: skip
 
 

@@ -20,10 +20,14 @@ from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Results, metric
 from seatrial.runner.sweeps import console as progress
 from seatrial.runner.sweeps.console import LiveLine, NewWarnings, PlainLines, Standing, time_left
+from tests.runner.compare.conftest import logbook as logbook
 from tests.runner.database.samples import make_start
-from tests.runner.programs import wait
+from tests.runner.programs import ROOT, wait
 
-ROOT = Path(__file__).parents[2]
+
+@pytest.fixture
+def url(tmp_path: Path) -> str:
+    return f"sqlite:///{tmp_path}/results.db"
 
 
 def test_the_time_left_is_that_of_trials_of_the_same_choices() -> None:
@@ -62,19 +66,19 @@ def told(caplog: pytest.LogCaptureFixture, what: str) -> bool:
     return any(record.getMessage().startswith(what) for record in caplog.records)
 
 
-def test_it_is_read_from_the_logbook(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    url = f"sqlite:///{tmp_path}/results.db"
-    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=0,1,2,3", ["seed=0,1,2,3"], 4)
-        logbook.finish_run(logbook.begin_run(make_start(0), sweep_id).run_id, Results())
-        with caplog.at_level(logging.INFO), progress.shown(url, sweep_id):
-            for seed in (1, 2):
-                run = logbook.begin_run(make_start(seed), sweep_id)
-                if seed == 1:
-                    logbook.finish_run(run.run_id, Results())
-                else:
-                    logbook.fail_run(run.run_id, "failed", "ValueError", "no wind", None)
-            wait(lambda: told(caplog, "run 3 failed"))
+def test_it_is_read_from_the_logbook(
+    url: str, logbook: LogbookWriter, caplog: pytest.LogCaptureFixture
+) -> None:
+    sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=0,1,2,3", ["seed=0,1,2,3"], 4)
+    logbook.finish_run(logbook.begin_run(make_start(0), sweep_id).run_id, Results())
+    with caplog.at_level(logging.INFO), progress.shown(url, sweep_id):
+        for seed in (1, 2):
+            run = logbook.begin_run(make_start(seed), sweep_id)
+            if seed == 1:
+                logbook.finish_run(run.run_id, Results())
+            else:
+                logbook.fail_run(run.run_id, "failed", "ValueError", "no wind", None)
+        wait(lambda: told(caplog, "run 3 failed"))
     said = [record.getMessage() for record in caplog.records]
     assert " left" not in said[0]  # what was done before it began has no pace
     assert any(line.startswith("run 3 failed (vessel=milliampere") for line in said)
@@ -117,13 +121,11 @@ def _read(master: int) -> bytes:
         return b""
 
 
-def test_progress_lines_command_no_terminal_and_are_short(tmp_path: Path) -> None:
+def test_progress_lines_command_no_terminal_and_are_short(logbook: LogbookWriter) -> None:
     """Names and messages of a logbook that another program has filled."""
-    url = f"sqlite:///{tmp_path}/results.db"
-    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        run = logbook.begin_run(make_start(vessel="\x1b[2J\u202egnp")).run_id
-        logbook.fail_run(run, "failed", "Bug\x07", "y" * 5000 + "\n\x9b", "trace")
-        (summary,) = logbook.runs()
+    run = logbook.begin_run(make_start(vessel="\x1b[2J\u202egnp")).run_id
+    logbook.fail_run(run, "failed", "Bug\x07", "y" * 5000 + "\n\x9b", "trace")
+    (summary,) = logbook.runs()
     line = progress.failure(summary)
     out = io.StringIO()
     with Progress(TextColumn("{task.description}"), console=Console(file=out)) as bar:
@@ -159,32 +161,28 @@ def test_runs_of_a_sweep_show_a_warning_once(
     assert lines == [f"{first} v not excited", f"{first} r not excited", *["1 of 2 done"] * 2]
 
 
-def test_what_a_trial_came_to(tmp_path: Path) -> None:
+def test_what_a_trial_came_to(url: str, logbook: LogbookWriter) -> None:
     """Nominal beside identified, at most five lines, a dash where a model was withheld."""
-    url = f"sqlite:///{tmp_path}/results.db"
     rows = [metric("e_pos_mae", "deployment", "nominal", "position", 0.25)]
     rows.append(metric("e_pos_mae", "deployment", "identified", "position", float("nan")))
     for model, value in (("nominal", 2.0), ("identified", 1.0)):
         for dof in ("surge", "sway", "heave", "roll", "pitch"):
             rows.append(metric("velocity_rmse_restarts", "validation", model, dof, value))
-    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        run = logbook.begin_run(make_start())
-        logbook.finish_run(run.run_id, Results(rows))
+    run = logbook.begin_run(make_start())
+    logbook.finish_run(run.run_id, Results(rows))
     lines = [line.split() for line in progress.result_of(run.run_id, url)]
     assert lines[0] == ["nominal", "identified"]
     assert lines[1][-2:] == ["0.25", "-"]
     assert [line[-2:] for line in lines[2:]] == [["2", "1"]] * 4
 
 
-def test_a_sweep_shows_its_table(tmp_path: Path) -> None:
+def test_a_sweep_shows_its_table(url: str, logbook: LogbookWriter) -> None:
     """By the first metric that its runs have, `none` first; nothing varied, nothing shown."""
-    url = f"sqlite:///{tmp_path}/results.db"
-    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        sweep_id = logbook.begin_sweep("sweep", "seatrial -m identifier=ls,none", [], 2)
-        for trial, (identifier, error) in enumerate((("ls", 0.5), ("none", 2.0))):
-            run = logbook.begin_run(make_start(trial, identifier=identifier), sweep_id)
-            row = metric("velocity_rmse_restarts", "validation", "identified", "surge", error)
-            logbook.finish_run(run.run_id, Results([row]))
+    sweep_id = logbook.begin_sweep("sweep", "seatrial -m identifier=ls,none", [], 2)
+    for trial, (identifier, error) in enumerate((("ls", 0.5), ("none", 2.0))):
+        run = logbook.begin_run(make_start(trial, identifier=identifier), sweep_id)
+        row = metric("velocity_rmse_restarts", "validation", "identified", "surge", error)
+        logbook.finish_run(run.run_id, Results([row]))
     lines = progress.sweep_table(url, sweep_id, ["identifier"])
     assert lines[0].startswith("velocity_rmse_restarts [m/s], surge, validation, identified: mean")
     assert [line.split()[:2] for line in lines if line.startswith((" none", " ls"))] == [
@@ -195,15 +193,14 @@ def test_a_sweep_shows_its_table(tmp_path: Path) -> None:
     assert progress.sweep_table(url, sweep_id, []) == []
 
 
-def test_a_sweep_ends_with_the_warnings_that_several_runs_have(tmp_path: Path) -> None:
-    url, told = f"sqlite:///{tmp_path}/results.db", {"short": 1, "weak\x1b[2J": 3}
+def test_a_sweep_ends_with_the_warnings_of_several_runs(url: str, logbook: LogbookWriter) -> None:
+    told = {"short": 1, "weak\x1b[2J": 3}
     told |= dict.fromkeys("abcd", 2)  # as many as are shown
-    with LogbookWriter.open(url, results_dir=tmp_path) as logbook:
-        sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=0,1,2", [], 3)
-        for trial in range(3):
-            run = logbook.begin_run(make_start(trial), sweep_id)
-            texts = [text for text, count in told.items() if trial < count]
-            rows = [Diagnostic("warning", "all", None, label=text) for text in texts]
-            logbook.finish_run(run.run_id, Results(diagnostics=rows))
+    sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=0,1,2", [], 3)
+    for trial in range(3):
+        run = logbook.begin_run(make_start(trial), sweep_id)
+        texts = [text for text, count in told.items() if trial < count]
+        rows = [Diagnostic("warning", "all", None, label=text) for text in texts]
+        logbook.finish_run(run.run_id, Results(diagnostics=rows))
     lines = progress.repeated_warnings(url, sweep_id)
     assert lines == ["  3 runs: weak\\x1b[2J", *(f"  2 runs: {text}" for text in "abcd")]

@@ -8,9 +8,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from seatrial.runner.configuration.config import Limits
 from seatrial.runner.configuration.hydra_errors import CONF
-from seatrial.runner.database import LogbookWriter
 from seatrial.runner.sweeps.sweep import jobs_of
 from tests.runner.command import Command
+from tests.runner.programs import rows
 
 PUBLISHED = CONF.parent / "docs" / "published"  # experiments with identifiers of their own
 EXPERIMENTS = sorted(
@@ -49,14 +49,11 @@ def test_values_of_yaml_are_written_as_on_the_command_line(parser: OverridesPars
 
 def test_an_experiment_with_a_sweep_needs_no_flag(seatrial: Command) -> None:
     fake = seatrial.pretend()
-    answer = seatrial("experiment=jervan_table_4_10")
-    assert answer.code == 0
+    seatrial.succeeds("experiment=jervan_table_4_10")
     assert fake.ran == [0, 0, 0]
-    with LogbookWriter.read("sqlite:///results/results.db") as logbook:
-        (sweep,) = logbook.sweeps()
-        runs = logbook.runs()
-    assert sweep.name == "jervan_table_4_10"
-    assert sorted(run.identifier for run in runs) == ["ls", "ls", "surface_plsr"]
+    query = "SELECT name, identifier FROM sweep JOIN run ON sweep.id = sweep_id ORDER BY 2"
+    identifiers = ("ls", "ls", "surface_plsr")
+    assert rows(seatrial.folder, query) == [("jervan_table_4_10", name) for name in identifiers]
 
 
 @pytest.mark.slow
@@ -68,8 +65,7 @@ def test_every_trial_of_every_experiment_passes_its_checks(
 ) -> None:
     folder = experiment.parents[1]
     more = [] if folder == CONF else [f"--config-dir={folder}"]
-    answer = seatrial(*more, f"experiment={experiment.stem}", "seed=0", "dry_run=true")
-    assert answer.code == 0, answer.err
+    answer = seatrial.succeeds(*more, f"experiment={experiment.stem}", "seed=0", "dry_run=true")
     states = {line.split()[0] for line in answer.out.splitlines()[:-1]}
     assert states <= {"new"}, answer.out
 

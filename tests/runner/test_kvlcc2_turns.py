@@ -1,7 +1,9 @@
 """From zig-zags of HSVA to turning circles in the form of MARIN, through the command line."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,15 +35,10 @@ def circle(model: Vessel, rudder_deg: float, seconds: float = 90.0) -> Recording
     delta = np.radians(np.clip(15.8 * (t - 2.0), 0.0, abs(rudder_deg))) * np.sign(rudder_deg)
     zero, nu = np.zeros((len(t), 3)), np.tile([1.18, 0.0, 0.0], (len(t), 1))
     inputs = np.column_stack([delta, np.full(len(t), 10.31)])
-    still = Recording(
-        model.dofs, t, zero, nu, zero, zero, zero, inputs=inputs,
-        input_names=("delta", "n"),
-    )  # fmt: skip
+    named: dict[str, Any] = {"inputs": inputs, "input_names": ("delta", "n")}
+    still = Recording(model.dofs, t, zero, nu, zero, zero, zero, **named)
     motion = free_run(model, course_of(still, None, None, None, 50.0), "rk4")
-    return Recording(
-        model.dofs, t, motion[:, :3], motion[:, 3:], zero, zero, zero, inputs=inputs,
-        input_names=("delta", "n"),
-    )  # fmt: skip
+    return replace(still, eta=motion[:, :3], nu=motion[:, 3:])
 
 
 def as_marin(path: Path, run: Recording) -> Path:
@@ -77,8 +74,7 @@ def test_turning_circles_are_predicted_and_measured(
     runs = {angle: circle(nominal, angle) for angle in (-35.0, 35.0)}
     files = [str(as_marin(seatrial.folder / f"tc_{a:g}.dat", runs[a])) for a in runs]
     tested = (f"excitation.train={train}", f"excitation.test={json.dumps(files)}")
-    answer = seatrial("experiment=kvlcc2_turns", *tested, *FEW)
-    assert answer.code == 0, answer.err
+    seatrial.succeeds("experiment=kvlcc2_turns", *tested, *FEW)
     capsys.readouterr()
     assert compare(["manoeuvres", "1", "--format", "json"]) == 0
     rows = {(row["file"], row["quantity"]): row for row in json.loads(capsys.readouterr().out)}

@@ -3,11 +3,10 @@
 import ast
 import re
 from collections.abc import Iterator
-from importlib.util import resolve_name
-from pathlib import Path
+from functools import cache
 
-ROOT = Path(__file__).parents[2]
-SOURCES = sorted([*(ROOT / "models").rglob("*.py"), *(ROOT / "runner").rglob("*.py")])
+from docs.house import ROOT, House, imports
+
 # From the ground up; a file is on the floor of the longest name that it lies in.
 FLOORS = (
     *("models.errors", "models.diagnostics", "models.returned", "models.ranges"),
@@ -35,20 +34,19 @@ EDGE = {
 FOREIGN_TO_MODELS = {"hydra", "omegaconf", "sqlalchemy", "matplotlib", "rich", "typer"}
 
 
-def module_of(path: Path) -> str:
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+@cache
+def house() -> House:
+    """The sources, read once."""
+    return House()
 
 
-def imports(path: Path) -> Iterator[str]:
-    """Every module a file imports, anywhere in it, for type checks as well."""
-    package = "seatrial." + module_of(path.parent / "__init__.py")
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            module = resolve_name("." * node.level + (node.module or ""), package)
-            yield from (f"{module}.{alias.name}" for alias in node.names)
+def module_of(file: str) -> str:
+    return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def imported(file: str) -> Iterator[str]:
+    """Every name that a file imports, anywhere in it, for type checks as well."""
+    return imports(module_of(file), file.endswith("__init__.py"), house().trees[file])
 
 
 def floor(name: str) -> str:
@@ -58,46 +56,48 @@ def floor(name: str) -> str:
 def refused(module: str, name: str) -> bool:
     """Whether a module must not import a name."""
     own, top = floor(module), name.partition(".")[0]
-    if top != "seatrial":
+    if top not in ("models", "runner"):
         if module.startswith("models"):
             return top in FOREIGN_TO_MODELS
         edge = module.startswith("runner.") and module.split(".")[-1] in EDGE
         return top in ("hydra", "omegaconf") and not edge
-    other = floor(name.removeprefix("seatrial."))
+    other = floor(name)
     if other in ("", own):
         return False
     return FLOORS.index(other) > FLOORS.index(own) or other not in ONLY.get(own, FLOORS)
 
 
 def test_imports_point_down() -> None:
+    assert len(house().trees) > 100
     breaches = [
-        f"{module_of(path)} imports {name}"
-        for path in SOURCES
-        for name in imports(path)
-        if refused(module_of(path), name)
+        f"{file} imports {name}"
+        for file in house().trees
+        for name in imported(file)
+        if refused(module_of(file), name)
     ]
     assert not breaches
 
 
 def test_the_rules_see_a_breach() -> None:
-    assert refused("models.vessel.table", "seatrial.runner.trials.trial.run")
+    assert refused("models.vessel.table", "runner.trials.trial.run")
     assert refused("runner.trials.trial", "hydra.utils")
-    assert refused("models.excitation.missions", "seatrial.models.control.pid.Pid")
-    assert refused("runner.compare.table", "seatrial.models.vessel.table.Vessel")
-    assert not refused("runner.trials.trial", "seatrial.models.vessel.table.Vessel")
-    assert len(SOURCES) > 100
+    assert refused("models.excitation.missions", "models.control.pid.Pid")
+    assert refused("runner.compare.table", "models.vessel.table.Vessel")
+    assert not refused("runner.trials.trial", "models.vessel.table.Vessel")
 
 
 def test_private_parts_of_other_packages_are_listed_with_their_tests() -> None:
-    listed = ast.get_docstring(ast.parse((ROOT / "runner" / "__main__.py").read_text())) or ""
+    listed = ast.get_docstring(house().trees["runner/__main__.py"]) or ""
     private = re.compile(r"hydra\._internal|submitit|joblib\.externals|loky")
+    files = house().trees
     used = {
-        name.rpartition(".")[2] for path in SOURCES for name in imports(path) if private.match(name)
+        name.rpartition(".")[2] for file in files for name in imported(file) if private.match(name)
     }
-    own = {name for path in SOURCES for name in re.findall(r"(?<![.\w])_\w+", path.read_text())}
+    texts = ((ROOT / file).read_text() for file in files)
+    own = {name for text in texts for name in re.findall(r"(?<![.\w])_\w+", text)}
     attributes = set[str]()
-    for path in (ROOT / "runner").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+    for file in (file for file in files if file.startswith("runner/")):
+        for node in ast.walk(files[file]):
             if isinstance(node, ast.Attribute) and re.match("_[a-z]", node.attr):
                 (own if isinstance(node.ctx, ast.Store) else attributes).add(node.attr)
     used |= attributes - own

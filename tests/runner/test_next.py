@@ -1,12 +1,16 @@
-"""`seatrial next`: what cannot be done is one line, and its YAML sails what its sheet says."""
+"""`seatrial next`: its YAML sails what its sheet says; `seatrial fits`: planned, or why not."""
 
 import csv
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from seatrial.runner.commands import fits
+from seatrial.runner.sweeps import in_process
+from seatrial.runner.sweeps.job import shown
 from tests.runner.command import Command
 
 SQUARE = '{"type": "Polygon", "coordinates": [[[0,0],[%s,0],[%s,%s],[0,%s],[0,0]]]}'
@@ -53,18 +57,8 @@ def test_what_cannot_be_sailed_or_predicted_is_one_line(
 @pytest.mark.slow
 def test_the_sheet_stays_in_its_area_and_time_and_its_yaml_sails_it(seatrial: Command) -> None:
     side = 60.0
-    words = (
-        "--area",
-        str(_area(Path(), side)),
-        "--start",
-        "30,30,90",
-        "--minutes",
-        "3",
-        "--clearance",
-        "2",
-    )
-    answer = seatrial(*OTTER, "--for", "coefficients=1%", *words)
-    assert answer.code == 0, answer
+    words = f"--area {_area(Path(), side)} --start 30,30,90 --minutes 3 --clearance 2"
+    answer = seatrial.succeeds(*OTTER, "--for", "coefficients=1%", *words.split())
     assert "1 % is not reached in 3 min: the best that was found is" in answer.out
     widths = [float(n) for n in re.findall(r"± ([\d.]+) %", answer.out)]
     assert widths == sorted(widths, reverse=True)
@@ -74,23 +68,59 @@ def test_the_sheet_stays_in_its_area_and_time_and_its_yaml_sails_it(seatrial: Co
     assert np.all((track >= 2.0) & (track <= side - 2.0))
     assert float(rows[-1]["t"]) <= 180.0
     assert np.hypot(*(track[-1] - track[0])) < 10.0
-    sailed = seatrial(
+    seatrial.succeeds(
         "vessel=otter", f"excitation={folder}/excitation.yaml", "identifier=none",
         "controller=none", "evaluation=none",
     )  # fmt: skip
-    assert sailed.code == 0, sailed
 
 
 @pytest.mark.nightly
 def test_what_came_is_of_the_size_that_was_expected(seatrial: Command) -> None:
-    answer = seatrial("next", "--vessel", "kvlcc2", "--for", "tactical_diameter=2%")
-    assert answer.code == 0, answer
-    sailed = seatrial(
+    seatrial.succeeds("next", "--vessel", "kvlcc2", "--for", "tactical_diameter=2%")
+    seatrial.succeeds(
         "vessel=kvlcc2", "excitation=results/next/excitation.yaml", "disturbance=noise",
         "identifier=robust", "model_error=false", "controller=none", "evaluation=none",
     )  # fmt: skip
-    assert sailed.code == 0, sailed
     after = seatrial("next", "--after", "1", "--for", "tactical_diameter=9%")
     found = re.search(r"expected ± ([\d.]+) %, came ± ([\d.]+) %", after.out)
     assert found is not None, after
     assert 0.2 < float(found[2]) / float(found[1]) < 5.0
+
+
+# What a vessel can have is what is planned, with the reasons for the rest.
+WORDS = ("fits", "vessel=surge_linear", "excitation=prbs", "identifier=ls")
+
+
+def test_what_fits_is_planned_and_the_rest_has_a_reason(seatrial: Command) -> None:
+    answer = seatrial.succeeds(*WORDS, "controller=none", "database=sqlite")
+    text = re.sub(r"\s+", " ", answer.out)
+    fitting = text.partition("evaluation ")[2].partition(" not ")[0].split(", ")
+    assert {"none", "replay"} <= set(fitting)
+    assert "not operation: " in text
+    for name in fitting:
+        planned = seatrial(*WORDS[1:], "controller=none", f"evaluation={name}", "dry_run=true")
+        assert planned.out.startswith("new"), (name, planned)
+    assert list(seatrial.folder.iterdir()) == []
+
+
+def test_a_word_that_is_no_choice_is_one_line(seatrial: Command) -> None:
+    said = seatrial.refuses("fits", "kvlcc2")
+    assert said == "fits: got 'kvlcc2', expected vessel=NAME or GROUP=OPTION"
+    several = seatrial.refuses("fits", "vessel=kvlcc2", "controller=autopilot,none")
+    assert several.startswith("fits: got 'controller=autopilot,none', expected vessel=NAME or")
+    assert "vessel" in seatrial.refuses("fits", "vessel=tugg", "excitation=prbs")
+
+
+def test_stored_trials_fit_and_vessels_that_can_have_the_same_are_shown_together(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run_sweep(listing: fits._Listing, words: Sequence[str]) -> None:
+        trials = [shown(variant) for variant in listing.variants]
+        assert all("excitation=prbs evaluation=none" in trial for trial in trials)
+        states = ["refused"] * (2 if "vessel=otter" in trials[0] else 1) + ["finished"] * 99
+        listing.list_trials([*zip(states, trials, "x" * len(trials), strict=False)])
+
+    monkeypatch.setattr(in_process, "run_sweep", run_sweep)
+    fits.main(["vessel=osv,otter,frigate", "excitation=prbs", "evaluation=none"])
+    groups = capsys.readouterr().out.split("\n\n")
+    assert [group.partition("\n")[0] for group in groups] == ["osv, frigate", "otter"]

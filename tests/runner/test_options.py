@@ -85,23 +85,20 @@ def test_no_number_is_changed(number: float) -> None:
     assert coerce(number, float) == number
 
 
+texts = st.text(max_size=3)
 trees = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: (
-        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3)
-    ),
+    st.none() | st.booleans() | st.integers() | st.floats() | texts,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
     max_leaves=6,
 )
-annotations = st.sampled_from(
-    [
-        *(float, int, bool, str, Path, Rudder, Literal["a"], float | None),
-        *(tuple[float, ...], dict[str, float], tuple[int, str], list[float]),
-        float | Literal["b"] | tuple[int, ...],
-    ]
-)
+ANNOTATIONS: list[Any] = [
+    *(float, int, bool, str, Path, Rudder, Literal["a"], float | None),
+    *(tuple[float, ...], dict[str, float], tuple[int, str], list[float]),
+    float | Literal["b"] | tuple[int, ...],
+]
 
 
-@given(trees, annotations)
+@given(trees, st.sampled_from(ANNOTATIONS))
 def test_only_ever_refuses_by_name(value: Any, annotation: Any) -> None:
     """Whatever is given, a value comes out or one line that begins with the key."""
     said = "key"

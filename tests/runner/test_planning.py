@@ -1,7 +1,5 @@
 """Plans of a sweep: what trials share is computed once, and nothing that differs is overlooked."""
 
-from pathlib import Path
-
 import pytest
 
 from seatrial.models.errors import ConfigurationError
@@ -11,6 +9,7 @@ from seatrial.runner.record.rows import Results
 from seatrial.runner.sweeps.job import Order, PlannedTrial, Planner, prepare
 from seatrial.runner.trials import trial as trials
 from tests.runner.command import Command
+from tests.runner.compare.conftest import logbook as logbook
 from tests.runner.database.samples import make_start
 from tests.trials import ordered
 
@@ -68,27 +67,25 @@ def test_the_replicates_of_an_experiment_are_checked_once(monkeypatch: pytest.Mo
     assert said[6:] == ["slow"] * 3
 
 
-def test_many_trials_are_looked_up_at_once(tmp_path: Path) -> None:
-    with LogbookWriter.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
-        starts = [make_start(seed) for seed in range(3)]
-        runs = [logbook.begin_run(start).run_id for start in starts]
-        logbook.finish_run(runs[0], Results())
-        again = logbook.begin_run(starts[0], rerun=True).run_id
-        logbook.finish_run(again, Results())
-        unknown = [f"{number:064x}" for number in range(1200)]
-        found = logbook.trials([*unknown, *(start.fingerprint for start in starts), *unknown])
-        assert found.keys() == {start.fingerprint for start in starts}
-        assert found[starts[0].fingerprint].run_id == again
+def test_many_trials_are_looked_up_at_once(logbook: LogbookWriter) -> None:
+    starts = [make_start(seed) for seed in range(3)]
+    runs = [logbook.begin_run(start).run_id for start in starts]
+    logbook.finish_run(runs[0], Results())
+    again = logbook.begin_run(starts[0], rerun=True).run_id
+    logbook.finish_run(again, Results())
+    unknown = [f"{number:064x}" for number in range(1200)]
+    found = logbook.trials([*unknown, *(start.fingerprint for start in starts), *unknown])
+    assert found.keys() == {start.fingerprint for start in starts}
+    assert found[starts[0].fingerprint].run_id == again
 
 
-def test_runs_that_are_gone_are_not_taken_over(tmp_path: Path) -> None:
-    with LogbookWriter.open(f"sqlite:///{tmp_path}/results.db", results_dir=tmp_path) as logbook:
-        done, running = (logbook.begin_run(make_start(seed)).run_id for seed in range(2))
-        logbook.finish_run(done, Results())
-        sweep = logbook.begin_sweep("sweep", "command", [], 3)
-        assert logbook.reuse(sweep, [done, running, 77]) == {done}
-        assert logbook.reuse(sweep, [done]) == {done}
-        assert logbook.sweep_status(sweep).reused == 1
+def test_runs_that_are_gone_are_not_taken_over(logbook: LogbookWriter) -> None:
+    done, running = (logbook.begin_run(make_start(seed)).run_id for seed in range(2))
+    logbook.finish_run(done, Results())
+    sweep = logbook.begin_sweep("sweep", "command", [], 3)
+    assert logbook.reuse(sweep, [done, running, 77]) == {done}
+    assert logbook.reuse(sweep, [done]) == {done}
+    assert logbook.sweep_status(sweep).reused == 1
 
 
 def test_the_order_of_a_sweep_does_not_depend_on_its_choices(seatrial: Command) -> None:
@@ -96,5 +93,5 @@ def test_the_order_of_a_sweep_does_not_depend_on_its_choices(seatrial: Command) 
     jobs = [f"seed={seed} identifier={name}" for seed in (3, 1, 2) for name in ("none", "ls")]
     answer = seatrial("-m", "seed=3,1,2", "identifier=none,ls", "dry_run=true")
     assert [line.removeprefix("new").strip() for line in answer.out.splitlines()[:-1]] == jobs
-    assert seatrial("-m", "seed=3,1,2", "identifier=none,ls").code == 0
+    seatrial.succeeds("-m", "seed=3,1,2", "identifier=none,ls")
     assert fake.ran == [3, 3, 1, 1, 2, 2]

@@ -1,10 +1,8 @@
 """Small logs as people's loggers write them: the command of each, and what a user should see."""
 
-import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,8 +11,8 @@ import pytest
 import yaml
 
 from tests.data import DATA
+from tests.runner.programs import ROOT, completed
 
-ROOT = Path(__file__).parents[2]
 PLAIN = {"surge": "north", "sway": "east", "yaw": "heading"}
 SPEED = {"surge": "u", "sway": "v", "yaw": "r"}
 FORCE = {"surge": "force_x", "sway": "force_y", "yaw": "moment_z"}
@@ -97,10 +95,7 @@ def test_a_user_sees_what_is_expected(name: str, tmp_path: Path) -> None:
     shutil.copytree(DATA / "cases" / name, folder)
     program = f"{shlex.quote(sys.executable)} -m seatrial.runner"
     command = (folder / "cmd.txt").read_text().replace("seatrial ", f"{program} ")
-    answer = subprocess.run(
-        ["bash", "-c", command], cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    answer = completed("bash", "-c", command, folder=folder, PYTHONPATH=str(ROOT))
     assert answer.returncode == 0, answer.stderr
     for check in CASES[name]:
         assert check(answer.stdout, answer.stderr), (answer.stdout, answer.stderr)

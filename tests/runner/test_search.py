@@ -51,12 +51,8 @@ class Fake:
             raise KeyboardInterrupt
         self.ran.append((kp, trial.seed))
         place = ("deployment", "identified")
-        return Results(
-            metrics=[
-                Metric(*place, "position", "e_pos_mae", self.value(kp, trial.seed), "m"),
-                Metric(*place, "heading", "e_psi_mae", kp / 100.0, "deg"),
-            ]
-        )
+        error = Metric(*place, "position", "e_pos_mae", self.value(kp, trial.seed), "m")
+        return Results([error, Metric(*place, "heading", "e_psi_mae", kp / 100.0, "deg")])
 
 
 @pytest.fixture
@@ -69,8 +65,7 @@ def test_it_finds_the_known_optimum_and_prunes(
     seatrial: Command, fake: Fake, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The second line shows all candidates, the last one repeats the best."""
-    answer = seatrial(*SEARCH, *SPACE, "search.trials=40", "sweep.name=gains")
-    assert answer.code == 0, answer
+    answer = seatrial.succeeds(*SEARCH, *SPACE, "search.trials=40", "sweep.name=gains")
     lines = answer.out.splitlines()
     (first,) = [line for line in lines if line.startswith("candidate 1:")]
     assert first == f"candidate 1: median e_pos_mae = {error(100.0, 0) + 0.025:.4g} m"
@@ -103,13 +98,13 @@ def test_a_search_goes_on_where_it_was_stopped(
     space = (SPACE[0], "seed=0,1")
     words = (*SEARCH, *space, "search.prune=false", "search.startup=3", "search.trials=4")
     whole = Fake(monkeypatch)
-    assert seatrial(*words, "results_dir=whole").code == 0
+    seatrial.succeeds(*words, "results_dir=whole")
     part = Fake(monkeypatch)
     for stop in (1, 5):
         part.stop_after = stop
         assert seatrial(*words).code == 130
     part.stop_after = math.inf
-    assert seatrial(*words).code == 0
+    seatrial.succeeds(*words)
     assert part.ran == whole.ran  # the same trials in the same order, none of them twice
     assert set(Counter(kp for kp, _ in part.ran).values()) == {2}  # nothing is pruned
     longer = seatrial(*words[:-1], "search.trials=5")
@@ -130,7 +125,7 @@ def test_a_search_stops_if_results_cannot_be_stored(
         answer = seatrial(*words)
     assert answer.code == 2
     assert re.search(r"^seatrial: lost: .*: the disk is full$", answer.err, re.MULTILINE)
-    assert seatrial(*words).code == 0
+    seatrial.succeeds(*words)
 
 
 @pytest.mark.nightly
@@ -143,8 +138,7 @@ def test_what_fails_or_diverges_is_infeasible(seatrial: Command, fake: Fake) -> 
         return error(kp, seed)
 
     fake.value = value
-    answer = seatrial(*SEARCH, *SPACE, "search.trials=40")
-    assert answer.code == 0
+    answer = seatrial.succeeds(*SEARCH, *SPACE, "search.trials=40")
     best = float(re.findall(r"controller.kp=\[([\d.]+)", answer.out)[-1])
     assert 220.0 < best <= 250.0  # the border of what is feasible
     late = [kp for kp, seed in fake.ran if seed == 0][30:]
@@ -163,8 +157,7 @@ def test_a_search_that_finds_nothing_feasible(seatrial: Command, fake: Fake) -> 
 def test_several_objectives_have_a_front(seatrial: Command, fake: Fake) -> None:
     """A lower gain turns less, so the front is the gains up to the optimum."""
     words = ("search.metric=e_pos_mae,e_psi_mae:heading", "search.trials=8")
-    answer = seatrial(*SEARCH, *SPACE, *words, "search.batch=4")
-    assert answer.code == 0, answer
+    answer = seatrial.succeeds(*SEARCH, *SPACE, *words, "search.batch=4")
     assert "8 complete, 0 pruned" in answer.out
     gains = sorted({kp for kp, _ in fake.ran})
     nearest = min(gains, key=lambda kp: error(kp, 0))
@@ -193,8 +186,7 @@ def test_what_is_better_is_known_from_the_catalogue() -> None:
 
 
 def test_a_dry_run_shows_the_space(seatrial: Command, fake: Fake) -> None:
-    answer = seatrial(*SEARCH, *SPACE, "dry_run=true")
-    assert answer.code == 0
+    answer = seatrial.succeeds(*SEARCH, *SPACE, "dry_run=true")
     assert SPACE[0] in answer.out
     assert "100 candidates, at most 400 trials" in answer.out
     assert fake.ran == list(seatrial.folder.iterdir()) == []
@@ -203,8 +195,7 @@ def test_a_dry_run_shows_the_space(seatrial: Command, fake: Fake) -> None:
 def test_a_default_that_is_not_in_the_space_is_no_candidate(seatrial: Command, fake: Fake) -> None:
     """The default identifier has no basis; the ferry's own gain is 100."""
     words = ("identifier=ls,ridge", "identifier.basis=physical", "dry_run=true")
-    answer = seatrial(*SEARCH, *words)
-    assert answer.code == 0, answer
+    answer = seatrial.succeeds(*SEARCH, *words)
     assert "identifier=ls" in answer.out or "identifier=ridge" in answer.out
     seatrial(*SEARCH, "controller.kp=[interval(20,99),550,940]", "search.trials=1")
     assert 20.0 <= fake.ran[0][0] <= 99.0

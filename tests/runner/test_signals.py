@@ -52,7 +52,7 @@ def test_a_trial_that_is_stopped_is_interrupted(seatrial: Command, number: signa
         assert stored.verify().leftovers == []
     assert {one: signal.getsignal(one) for one in handlers} == handlers
     fake.interrupted = set()
-    assert seatrial("seed=3").code == 0
+    seatrial.succeeds("seed=3")
 
 
 def _stop() -> None:
@@ -135,12 +135,11 @@ def test_a_sweep_with_workers_ends_in_one_line(
     """A terminal sends its signals to the workers as well, also while they start."""
     many = ("seed=range(0,4)", "hydra/launcher=processes", "hydra.launcher.n_jobs=2")
     process = sweep("excitation.interval_s=6000", *many, folder=tmp_path)
-    wait(
-        lambda: (
-            any("spawn_main" in command for _, command in children(process.pid))
-            or process.poll() is not None
-        )
-    )
+
+    def starting() -> bool:
+        return any("spawn_main" in command for _, command in children(process.pid))
+
+    wait(lambda: starting() or process.poll() is not None)
     workers = [pid for pid, _ in children(process.pid)]
     time.sleep(later_s)
     (os.killpg if to_all else os.kill)(process.pid, number)

@@ -55,8 +55,7 @@ def test_streams_that_are_drawn_and_their_replicates(seatrial: Command) -> None:
         (*without(SHORT, "identifier"), *SEARCH, "disturbance=noise"),
         (*without(SHORT, "excitation"), "excitation=prbs", "excitation.length_s=30"),
     ):
-        answer = seatrial(*sweep)
-        assert answer.code == 0, answer
+        seatrial.succeeds(*sweep)
     trials = stored_trials()
     assert trials["streams"].notna().all()
     runs = {tuple(map(str, row[[*FACTORS]])): run for run, row in trials.iterrows()}
@@ -88,8 +87,7 @@ def test_a_run_stores_what_its_standard_errors_are_of(
     seatrial: Command, identifier: str, value: float | None
 ) -> None:
     options = SHORT if identifier != "none" else without(SHORT, "identifier")
-    answer = seatrial(*options, f"identifier={identifier}", "disturbance=calm")
-    assert answer.code == 0, answer
+    seatrial.succeeds(*options, f"identifier={identifier}", "disturbance=calm")
     with LogbookWriter.read(DATABASE) as logbook:
         stored = [f.value for f in logbook.diagnostics(1) if f.name == "interval_of_estimate"]
         errors = [c.std_error for c in logbook.coefficients(1) if c.std_error is not None]

@@ -12,6 +12,7 @@ from tests.runner.command import Command
 from tests.runner.test_conf import check_ranges
 from tests.trials import CONF
 
+pytestmark = pytest.mark.usefixtures("own_folder")
 DEFAULTS = {"excitation": "waypoints", "controller": "pid_ff", "evaluation": "replay"}
 CHOSEN = {
     "milliampere": DEFAULTS,
@@ -21,11 +22,6 @@ CHOSEN = {
     "otter": DEFAULTS | {"excitation": "input_prbs", "controller": "none"},
     "dsrv": DEFAULTS | {"excitation": "input_prbs", "controller": "none"},
 }
-
-
-@pytest.fixture(autouse=True)
-def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def names(*overrides: str) -> dict[str, str]:

@@ -1,10 +1,11 @@
-"""Sweeps: checked as a whole, run once, resumed, summed up."""
+"""Sweeps: checked as a whole, run once, resumed, summed up; options that change together."""
 
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from seatrial.models.errors import LogbookError
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.records import RunSummary
 from tests.runner.command import Command
@@ -19,8 +20,7 @@ def runs() -> list[RunSummary]:
 
 def test_all_combinations_are_run(seatrial: Command) -> None:
     fake = seatrial.pretend()
-    answer = seatrial("-m", "identifier=none,ls", "seed=range(0,3)")
-    assert answer.code == 0
+    answer = seatrial.succeeds("-m", "identifier=none,ls", "seed=range(0,3)")
     assert sorted(fake.ran) == [0, 0, 1, 1, 2, 2]
     assert {(run.identifier, run.seed, run.status, run.sweep_id) for run in runs()} == {
         (name, seed, "finished", 1) for name in ("none", "ls") for seed in range(3)
@@ -37,15 +37,14 @@ def test_only_what_is_missing_is_run_again(seatrial: Command) -> None:
     fake.failing = {1}
     assert seatrial("-m", "seed=0,1").code == 1
     fake.failing, fake.ran = set(), []
-    answer = seatrial("-m", "seed=0,1,2")
-    assert answer.code == 0
+    answer = seatrial.succeeds("-m", "seed=0,1,2")
     assert sorted(fake.ran) == [1, 2]
     assert "seed=0: already in the logbook as run 1" in answer.err
     assert "sweep 2, 3 runs: 3 finished (1 already in the logbook), 0 failed" in answer.out
     fake.ran = []
     assert "3 finished (3 already in the logbook)" in seatrial("-m", "seed=0,1,2").out
     assert fake.ran == []
-    assert seatrial("-m", "seed=0,1", "rerun=true").code == 0
+    seatrial.succeeds("-m", "seed=0,1", "rerun=true")
     assert fake.ran == [0, 1]
 
 
@@ -103,8 +102,7 @@ def test_a_dry_run_lists_every_trial(seatrial: Command) -> None:
     fake.failing = {1}
     seatrial("-m", "seed=0,1", "plant.scale=1")
     fake.ran, fake.refused = [], {3}
-    answer = seatrial("-m", "seed=0,1,2", "plant.scale=1,3", "dry_run=true")
-    assert answer.code == 0
+    answer = seatrial.succeeds("-m", "seed=0,1,2", "plant.scale=1,3", "dry_run=true")
     assert answer.out.splitlines() == [
         "finished     seed=0 plant.scale=1  run 1",
         "refused      seed=0 plant.scale=3  plant.scale: 3 is not seaworthy",
@@ -134,15 +132,13 @@ def test_an_interrupted_sweep_is_taken_up_again(seatrial: Command) -> None:
     assert answer.err.splitlines()[-1].startswith("seatrial: interrupted")
     assert [run.status for run in runs()] == ["finished", "finished", "interrupted"]
     fake.interrupted, fake.ran = set(), []
-    assert seatrial("-m", "seed=range(0,5)").code == 0
+    seatrial.succeeds("-m", "seed=range(0,5)")
     assert fake.ran == [2, 3, 4]
 
 
 def test_what_the_logbook_cannot_take_is_lost_and_said(
     seatrial: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from seatrial.models.errors import LogbookError
-
     seatrial.pretend()
 
     def full(self: LogbookWriter, *_: Any, **__: Any) -> None:
@@ -169,15 +165,59 @@ def test_a_bug_is_not_hidden(seatrial: Command, monkeypatch: pytest.MonkeyPatch)
 
 def test_after_a_sweep_the_database_file_alone_is_whole(seatrial: Command, tmp_path: Path) -> None:
     seatrial.pretend()
-    assert seatrial("-m", "seed=0,1").code == 0
-    with LogbookWriter.read(
-        DATABASE
-    ) as reader:  # keeps the sweep from being the last to close the file
+    seatrial.succeeds("-m", "seed=0,1")
+    with LogbookWriter.read(DATABASE) as reader:  # so the sweep is not the last to close the file
         reader.runs()
-        assert seatrial("-m", "seed=2,3").code == 0
+        seatrial.succeeds("-m", "seed=2,3")
         assert Path("results/results.db-wal").stat().st_size == 0
         copy = tmp_path / "copy.db"
         copy.write_bytes(Path("results/results.db").read_bytes())
     with LogbookWriter.read(f"sqlite:///{copy}") as logbook:
         assert [run.status for run in logbook.runs()] == ["finished"] * 4
         assert [sweep.finished_at is not None for sweep in logbook.sweeps()] == [True, True]
+
+
+def trials(seatrial: Command, *arguments: str) -> list[str]:
+    """The trials of a dry run, as their overrides."""
+    answer = seatrial.succeeds("-m", *arguments, "evaluation=none", "dry_run=true")
+    lines = [line for line in answer.out.splitlines() if line.startswith("new ")]
+    return [" ".join(line.split()[1:]).replace(" evaluation=none", "") for line in lines]
+
+
+def test_an_option_is_left_out_where_a_choice_does_not_have_it(seatrial: Command) -> None:
+    assert trials(seatrial, "identifier=none,ls", "identifier.basis=physical,full") == [
+        "identifier=none",
+        "identifier=ls identifier.basis=physical",
+        "identifier=ls identifier.basis=full",
+    ]
+    # nor does the default
+    seeds = ("identifier=none,plsr", "identifier.bootstrap=null", "seed=1,2")
+    choices = ("identifier=none", "identifier.bootstrap=null identifier=plsr")
+    assert trials(seatrial, *seeds) == [f"{one} seed={n}" for one in choices for n in (1, 2)]
+
+
+def test_an_option_that_no_choice_has_is_refused(seatrial: Command) -> None:
+    said = seatrial.refuses("-m", "identifier=none,ls", "identifier.bases=physical")
+    assert "identifier.bases" in said
+    said = seatrial.refuses("-m", "identifier=none", "identifier.basis=physical", "seed=1,2")
+    assert "basis" in said
+
+
+def test_variants_change_options_together(seatrial: Command) -> None:
+    variants = ("--variant", "identifier=ls identifier.basis=physical", "--variant=identifier=none")
+    choices = ("identifier=ls identifier.basis=physical", "identifier=none")
+    expected = [f"{one} seed={n}" for one in choices for n in (1, 2)]
+    assert trials(seatrial, *variants, "seed=1,2") == expected
+    assert trials(seatrial, "--variant", "identifier=ls,none disturbance='[wind,noise]'") == [
+        f"identifier={name} disturbance=[wind,noise]" for name in ("ls", "none")
+    ]
+
+
+def test_a_wrong_variant_is_refused(seatrial: Command) -> None:
+    for arguments, message in (
+        (["-m", "--variant"], "--variant: got '', expected overrides such as"),
+        (["-m", "--variant", "identifier"], "--variant: got 'identifier', expected overrides"),
+        (["-m", "--variant", "identifier='ls"], '--variant: got "identifier=\'ls": No closing'),
+        (["--variant", "identifier=ls"], "--variant: got one trial, expected a sweep (-m)"),
+    ):
+        assert seatrial.refuses(*arguments).startswith(message)

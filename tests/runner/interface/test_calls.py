@@ -3,7 +3,6 @@
 import logging
 import os
 import shlex
-import sqlite3
 import sys
 from pathlib import Path
 
@@ -16,27 +15,24 @@ from hydra.core.plugins import Plugins
 import seatrial as st
 from seatrial.runner.configuration.hydra_errors import CONF
 from tests.runner.command import Command
+from tests.runner.programs import rows
 
 CHEAP = {"vessel": "surge_linear", "excitation": "prbs", "controller": "none", "identifier": "ls"}
 OPTIONS = [f"{name}={value}" for name, value in CHEAP.items()]
 
 
-def numbers(file: Path) -> list[tuple[object, ...]]:
-    query = "SELECT run_id, stage, model, dof, name, value FROM metric ORDER BY id"
-    with sqlite3.connect(file) as database:
-        return database.execute(query).fetchall()
+NUMBERS = "SELECT run_id, stage, model, dof, name, value FROM metric ORDER BY id"
 
 
 def test_the_command_line_and_python_store_the_same(seatrial: Command, tmp_path: Path) -> None:
     run = st.run(**CHEAP, seed=2)
     assert (run.number, run.status) == (1, "finished")
-    own = numbers(tmp_path / "results" / "results.db")
+    own = rows(tmp_path, NUMBERS)
     assert len(own) > 50
     answer = seatrial(*OPTIONS, "seed=2")
     assert "already in the logbook as run 1" in answer.out
-    answer = seatrial(*OPTIONS, "seed=2", "results_dir=shell")
-    assert answer.code == 0, answer
-    assert numbers(tmp_path / "shell" / "results.db") == own
+    seatrial.succeeds(*OPTIONS, "seed=2", "results_dir=shell/results")
+    assert rows(tmp_path / "shell", NUMBERS) == own
 
 
 def test_a_dry_run_is_for_the_command_line(seatrial: Command) -> None:
@@ -56,8 +52,7 @@ def test_the_command_of_a_run_repeats_it(seatrial: Command) -> None:
     )
     words = run.command.removeprefix("python -m runner ")
     assert words != run.command
-    answer = seatrial(*shlex.split(words))
-    assert answer.code == 0, answer
+    seatrial.succeeds(*shlex.split(words))
     assert fake.ran == [5, 5]
     assert list(run.logbook.runs().index) == [2, 1]
     (started,) = run.logbook.sql("SELECT command FROM run WHERE id = 1")["command"]

@@ -36,20 +36,18 @@ def test_a_missing_acceleration_is_the_slope_of_the_velocity(frame: pd.DataFrame
 
 
 def test_a_bad_frame_is_refused(frame: pd.DataFrame) -> None:
-    with pytest.raises(
-        st.RecordingError, match="no column 'tau_surge', expected tau_surge; it has"
-    ):
-        st.Recording.from_frame(frame.drop(columns="tau_surge"))
-    with pytest.raises(st.RecordingError, match="no column 'of a velocity'"):
-        st.Recording.from_frame(frame[["x"]])
-    with pytest.raises(st.RecordingError, match="column u, row 7: got nan"):
-        st.Recording.from_frame(frame.assign(u=frame["u"].where(np.arange(200) != 7)))
     uneven = frame.reset_index()
     uneven.loc[50:, "t"] += 0.03
-    with pytest.raises(st.RecordingError, match=r"row 50: got a step of 0.13 s, expected 0.1 s"):
-        st.Recording.from_frame(uneven)
-    with pytest.raises(st.RecordingError, match=r"row 1: got a step of -0.1 s"):
-        st.Recording.from_frame(frame.iloc[::-1])
+    lost = frame.assign(u=frame["u"].where(np.arange(200) != 7))
+    for wrong, message in (
+        (frame.drop(columns="tau_surge"), "no column 'tau_surge', expected tau_surge; it has"),
+        (frame[["x"]], "no column 'of a velocity'"),
+        (lost, "column u, row 7: got nan"),
+        (uneven, r"row 50: got a step of 0.13 s, expected 0.1 s"),
+        (frame.iloc[::-1], r"row 1: got a step of -0.1 s"),
+    ):
+        with pytest.raises(st.RecordingError, match=message):
+            st.Recording.from_frame(wrong)
 
 
 def test_blocks_are_consecutive_and_apart(frame: pd.DataFrame) -> None:

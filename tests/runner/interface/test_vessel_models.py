@@ -2,7 +2,6 @@
 
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 import seatrial as st
+from tests.runner.programs import completed
 
 GUIDE = Path(__file__).parents[3] / "docs" / "howto" / "python.md"
 TUG = """\
@@ -32,13 +32,18 @@ def tug(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> st.Vessel:
 
 
 def test_a_linear_surge_model_follows_the_exact_solution(tug: st.Vessel) -> None:
-    """m du/dt + d u = tau from rest: u = tau/d (1 - e^(-t d/m)), and x is its integral."""
-    motion = tug.simulate({"surge": np.full(600, 100.0)}, 0.1)
-    t, rate = motion.index.to_numpy(), 40.0 / 3000.0
-    rise = 1.0 - np.exp(-rate * t)
-    np.testing.assert_allclose(motion["u"], 100.0 / 40.0 * rise, atol=1e-9)
-    np.testing.assert_allclose(motion["x"], 100.0 / 40.0 * (t - rise / rate), atol=1e-8)
-    assert list(motion.columns) == ["x", "u", "tau_surge"]
+    """m du/dt + d u = tau: u - tau/d = (u_0 - tau/d) e^(-t d/m), and x is its integral."""
+    steady, rate = 100.0 / 40.0, 40.0 / 3000.0
+    force = np.full(600, 100.0)
+    for motion, x, u in (
+        (tug.simulate({"surge": force}, 0.1), 0.0, 0.0),
+        (tug.simulate(force[:, None], 0.1, pose=[7.0], velocity=[3.0]), 7.0, 3.0),
+    ):
+        t, left = motion.index.to_numpy(), np.exp(-rate * motion.index.to_numpy())
+        np.testing.assert_allclose(motion["u"], steady + (u - steady) * left, atol=1e-9)
+        travelled = steady * t + (u - steady) / rate * (1.0 - left)
+        np.testing.assert_allclose(motion["x"], x + travelled, atol=1e-8)
+        assert list(motion.columns) == ["x", "u", "tau_surge"]
 
 
 def test_a_vessel_from_numbers_is_sailed_fitted_and_drawn(
@@ -64,18 +69,10 @@ def test_the_study_of_the_guide(tmp_path: Path) -> None:
     assert sum(code.count("\n") for _, code in blocks) <= 40
     for name, code in blocks:
         (tmp_path / name).write_text(code)
-    done = subprocess.run(
-        [sys.executable, "study.py"], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
+    done = completed(sys.executable, "study.py", folder=tmp_path)
     cells = [line.split()[:2] for line in done.stdout.splitlines() if " 10.0 " in line]
     assert cells == [["lqi", "Scaling"], ["none", "10.0"], ["pid_ff", "Scaling"], ["none", "10.0"]]
     assert (tmp_path / "study.pdf").is_file()
-
-
-def test_a_start_is_a_start(tug: st.Vessel) -> None:
-    motion = tug.simulate(np.zeros((200, 1)), 0.5, pose=[7.0], velocity=[3.0])
-    assert (motion["x"].iloc[0], motion["u"].iloc[0]) == (7.0, 3.0)
-    np.testing.assert_allclose(motion["u"], 3.0 * np.exp(-40.0 / 3000.0 * motion.index), rtol=1e-6)
 
 
 def test_wrong_forces_are_refused(tug: st.Vessel) -> None:
