@@ -13,7 +13,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import PLANAR
+from seatrial.models.notation import PLANAR, ROLLING
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.runner.configuration.config import build_as
@@ -22,8 +22,9 @@ from tests.trials import CONF, FORCED, options
 
 PERIOD_S, ROWS = 0.1, 20
 FEW = ("milliampere", "surge_linear")  # `make nightly` sails all vessels
-OF_INPUTS = ("kvlcc2", "mariner")  # stand for all; tests/runner/test_matrix.py has the others
-FLOATING = ("wind", "wind_current", "wind_current_process", "waves", "rough")  # of what floats
+OF_INPUTS = ("kvlcc2", "mariner", "container")  # stand for all; test_matrix.py has the others
+WAVES = ("waves", "rough")
+FLOATING = ("wind", "wind_current", "wind_current_process", *WAVES)  # of what floats
 PLANE = ("waypoints", "prbs_waypoints", "four_corner", "optimal_design")  # excitations in the plane
 TURNING = ("turning_circle", "zigzag")  # of what surges and yaws
 HELM = (  # by inputs, beside rudder_*
@@ -56,7 +57,8 @@ def suits(vessel: str, group: str, name: str) -> bool:
     if group == "excitation" and name == "crash_stop":  # none has data astern
         return False
     if group == "disturbance":
-        return dofs == PLANAR or name not in FLOATING
+        rolling = dofs == ROLLING and name not in WAVES
+        return dofs == PLANAR or rolling or name not in FLOATING
     return not (name in PLANE and dofs != PLANAR) and not (name in TURNING and "yaw" not in dofs)
 
 
@@ -68,7 +70,7 @@ def test_what_does_not_suit_is_refused_by_name() -> None:
             if name == "recording" or suits(vessel, group, name) or of_inputs(name):
                 continue
             part = objects("surge_linear", group, name)
-            with pytest.raises(ConfigurationError, match="needs a vessel in"):
+            with pytest.raises(ConfigurationError, match=r"needs a vessel in|windage: got null"):
                 part.check(dofs)
 
 
