@@ -236,8 +236,8 @@ def _angles(columns: Mapping[str, Values]) -> dict[str, Array]:
     known = {kind: n for n, x in columns.items() if x.dtype != np.object_ and len(x)
              for kind in ("lat", "lon") if re.search(rf"(?i)\b{kind}", n)}  # fmt: skip
     result = dict[str, Array]()
-    largest = np.nanmax(np.abs(columns[known["lat"]])) if len(known) == 2 else 0.0
-    minutes = [np.nanmax(np.abs(columns[name]) % 100.0) for name in known.values()]
+    largest = np.nanmax(np.abs(columns[known["lat"]]), initial=0.0) if len(known) == 2 else 0.0
+    minutes = [np.nanmax(np.abs(columns[name]) % 100.0, initial=0.0) for name in known.values()]
     if not 90.0 < largest <= 9000.0 or max(minutes) >= 60.0:
         return result
     for kind, sides in (("lat", {"N", "S"}), ("lon", {"E", "W"})):

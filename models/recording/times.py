@@ -225,7 +225,7 @@ def _clock(source: Source, name: str, titles: dict[str, str]) -> Column | None:
         return None
     for other in beside if np.all(t[np.isfinite(t)] % 1.0 == 0.0) else ():
         with suppress(RecordingError):
-            if 0.0 < np.nanmax(np.abs(_rest(source, other))) < 1.0:
+            if 0.0 < np.nanmax(np.abs(_rest(source, other)), initial=0.0) < 1.0:
                 column = replace(column, nanoseconds=other)
                 t = seconds(source, column)
     steps = np.diff(t[np.isfinite(t)])
