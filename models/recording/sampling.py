@@ -11,15 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from seatrial.models.recording.times import is_later
 from seatrial.models.vessel.basis import Array
 
 GAP = 1.5  # in sample times; a longer time step is a gap
 STRAIGHT_LINE = 1e-6  # of the typical second difference: smaller ones are those of a straight line
-ROUNDED = 2.5  # bends of a column, in its smallest ones, that are those of its last digit
-STEADY = 4.0  # times the mean of the runs: longer ones are of a steady motion, or of few digits
 MADE_UP = 0.3  # share of samples on straight lines, or held, that makes a file a resampled one
 MIN_SAMPLES = 20  # samples for an original rate
 FEWEST_PAIRS = 100  # amplitudes and their images
@@ -77,31 +74,15 @@ def original_rate(values: Array, rate_hz: float) -> float | None:
     moving = np.std(steps, axis=0) > 0.0
     if not np.any(moving):
         return None
-    bends = np.abs(np.diff(steps, axis=0))
-    bends[bends <= STRAIGHT_LINE * np.std(steps, axis=0)] = 0.0
-    for i in np.flatnonzero(moving):  # few digits look like straight lines
-        sizes = bends[bends[:, i] > 0.0, i]
-        moving[i] = not len(sizes) or np.median(sizes) > ROUNDED * np.percentile(sizes, 5)
-    if not np.any(moving):
-        return None
-    steps, bent = steps[:, moving], np.any(bends[:, moving] > 0.0, axis=1)
-    changes = np.any(steps != 0.0, axis=1)
-    if float(np.mean(changes)) < 1.0 - MADE_UP:
-        return rate_hz * float(np.mean(changes)) if _regular(changes) else None
+    steps = steps[:, moving]
+    bent = np.any(np.abs(np.diff(steps, axis=0)) > STRAIGHT_LINE * np.std(steps, axis=0), axis=1)
+    if (stepping := float(np.mean(np.any(steps != 0.0, axis=1)))) < 1.0 - MADE_UP:
+        return rate_hz * stepping
     if 1.0 - float(np.mean(bent)) <= MADE_UP:
         return _rate_of_images(values[:, moving], rate_hz)
-    if not _regular(bent):
-        return None
     # A sample between two of the new ones bends the line at both of them.
     runs = int(np.sum(bent[1:] & ~bent[:-1])) + int(bent[0])
     return rate_hz * runs / len(bent)
-
-
-def _regular(marks: NDArray[np.bool_]) -> bool:
-    """Whether marked samples (N,) are spread as evenly as original ones among new ones."""
-    runs = np.diff(np.flatnonzero(marks), prepend=-1, append=len(marks))
-    long = np.sum(runs[runs > STEADY * np.mean(runs)])
-    return bool(long <= 0.5 * np.count_nonzero(~marks))
 
 
 def _rate_of_images(values: Array, rate_hz: float) -> float | None:

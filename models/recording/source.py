@@ -97,6 +97,7 @@ class Source:
     titles: Mapping[str, str] = field(default_factory=dict)  # as written, where names differ
     left_out: tuple[str, ...] = ()  # what of the file was left out, and why
     cell: Cell = _row  # a cell of the file, by row and column
+    times: dict[object, Array] = field(default_factory=dict, init=False, repr=False)  # as read
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))

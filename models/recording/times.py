@@ -4,7 +4,6 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,7 +54,9 @@ def seconds(source: Source, column: Column) -> Array:
     name = source.find(column.name) or column.name
     text = _first_text(source, name)
     if column.format or any(form.match(text) for form in (CLOCK, ISO, NUMBERED)):
-        times = _of_texts(source, name, column)
+        if (name, column) not in source.times:
+            source.times[name, column] = _of_texts(source, name, column)
+        times = source.times[name, column]
     else:
         times = source.numbers(name, gaps=True)
         unit = column.unit or source.units.get(name) or unit_in_title(name, ("s",))
@@ -123,7 +124,6 @@ def _epoch(times: Array) -> str | None:
     return next((unit for unit in likely if step * factor(unit, "s") <= LONGEST_STEP), None)
 
 
-@lru_cache(maxsize=8)
 def _of_texts(source: Source, name: str, column: Column) -> Array:
     """Dates, or times of day with midnight passed, as seconds."""
     cells = pd.Series([str(cell).strip() for cell in source.columns[name]])
