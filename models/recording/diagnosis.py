@@ -201,6 +201,9 @@ class _Case:
             after = self._tried(state, slower)
             problems.append(slower if after else replace(slower, change={}))
             state = after or state
+        for defect, after in self._ahead(state):
+            problems.append(defect)
+            state = after
         for _ in range(MOST_CHANGES):
             told = [*_told(state), *self._scales(state)]
             framed = any(p.kind in ("earth", "frame", "heading") for p in problems)
