@@ -51,10 +51,14 @@ def run(
 
     Args:
         *overrides: options as on the command line, such as `"plant.scale=0.8"`.
-        vessel, disturbance, excitation, identifier, controller, evaluation: an option of the group;
-            for the vessel also a path, `run:17`, a `Vessel` or a `Model`, for the disturbance also
-            a list. An object of the group, such as an `Identifier`, or a mapping with `_target_`
-            replaces what the group has; any other mapping sets options of it.
+        vessel: an option of the group, a path, `run:17`, a `Vessel` or a `Model`. An object of the
+            group or a mapping with `_target_` replaces what the group has; any other mapping sets
+            options of it.
+        disturbance: likewise, or a list.
+        excitation: likewise.
+        identifier: likewise, such as an `Identifier`.
+        controller: likewise.
+        evaluation: likewise.
         database: file or address of the logbook; by default `results/results.db` in the working
             folder.
         **options: any other option; a double underscore stands for a dot:

@@ -70,8 +70,8 @@ class Logbook:
         Args:
             status: only runs of this status: finished, failed, diverged, running or interrupted.
             limit: largest number of runs.
-            where, sweep: which runs, as for the command `runs`: `where="seed<10 and
-                identifier=ls"`.
+            where: which runs, as for the command `runs`, such as `"seed<10 and identifier=ls"`.
+            sweep: number, name or tag of a sweep; by default all.
 
         Returns:
             One row a run; its index `run_id` is the number of the run.
@@ -91,7 +91,8 @@ class Logbook:
 
         Args:
             names: only these metrics; all by default.
-            where, sweep: which runs, as for the command `runs`; by default all.
+            where: which runs, as for the command `runs`.
+            sweep: number, name or tag of a sweep; by default all.
 
         Returns:
             Columns run_id, the choices of the run, seed, stage, model, dof, name, value and unit.

@@ -103,7 +103,8 @@ class Model:
                 column that is missing is zero.
             period_s: time between two rows [s].
             step_s: longest integration step [s].
-            pose, velocity: at the start [m, rad] and [m/s, rad/s]; zero by default.
+            pose: at the start [m, rad], shape (n_dof,); zero by default.
+            velocity: at the start [m/s, rad/s], shape (n_dof,); zero by default.
 
         Returns:
             Pose, body velocity and command by time t [s], before the command of the row acts.
