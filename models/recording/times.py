@@ -25,7 +25,8 @@ else:
 
 RESTS = [word for word, units in UNIT_TITLES.items() if {"ns", "us", "ms"} & set(units)]
 EPOCH_S = 1e8  # [s] later times are dates
-EPOCHS = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": 6.5e8}  # least number of an epoch since 1970
+# Least number of an epoch since 1970; the milliseconds of a week of GPS are fewer than the last.
+EPOCHS = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": 6.5e8}
 DAY_S, WEEK_S, WORD = 86400.0, 604800.0, 2.0**32  # at which clocks start again
 PLAUSIBLE_S = (0.005, 15.0)  # [s] of a sample time
 LONGEST_STEP = 1e3  # of an epoch in s: numbers with longer steps count us or ns since the start
@@ -198,9 +199,11 @@ def clocks(source: Source) -> Iterator[Column]:
     for pattern in (*TITLES, None):  # then what holds dates, whatever its title
         for name, title in titles.items():
             bare = re.sub(r"_(s|sec|secs|ms|us|ns|usec|msec)$", "", title)
-            dated = any(form.match(_first_text(source, name)) for form in (ISO, NUMBERED))
-            titled = pattern and any(re.fullmatch(pattern, text) for text in (title, bare))
-            if name in seen or not (titled or (pattern is None and dated)):
+            if pattern is None:
+                found = any(form.match(_first_text(source, name)) for form in (ISO, NUMBERED))
+            else:
+                found = any(re.fullmatch(pattern, text) for text in (title, bare))
+            if name in seen or not found:
                 continue
             if (column := _clock(source, name, titles)) is not None:
                 seen.add(name)
