@@ -4,15 +4,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
+from hydra import initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.types import RunMode
 
 from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.configuration.config import Trial, build_trial
-from seatrial.runner.configuration.vessel_options import filled
-from seatrial.runner.record.vocabulary import GROUPS
-from seatrial.runner.sweeps.composition import order_of
+from seatrial.runner.sweeps import in_process
+from seatrial.runner.sweeps.composition import Composer, SharingLoader
 from seatrial.runner.sweeps.job import Order
 from seatrial.runner.trials.closed_loop import SimulatedMission, Streams, prepare
 from seatrial.runner.trials.trial import excite
@@ -34,32 +34,29 @@ FORCED = tuple(name for name in options("vessel") if name not in STEERED)
 
 
 @cache
-def composed(*overrides: str) -> Trial:
-    """The trial that `python -m runner OVERRIDES` would run."""
+def _composer() -> Composer:
+    """What composes the trials of a sweep: those that choose the same options share most of it."""
+    in_process.register(())
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = compose("trial", list(overrides), return_hydra_config=True)
-        choices = dict(config.hydra.runtime.choices)
-        OmegaConf.set_struct(config, False)
-        del config["hydra"]
-        resolved = OmegaConf.to_container(config, resolve=True)
-    assert isinstance(resolved, dict)
-    nodes = filled({str(key): node for key, node in resolved.items()})
-    return build_trial(nodes, {group: choices[group] for group in GROUPS})
+        hydra = GlobalHydra.instance().hydra
+        assert hydra is not None
+        master = hydra.compose_config("trial", [], run_mode=RunMode.RUN)
+        return Composer(SharingLoader(hydra.config_loader), master)
 
 
 def ordered(*overrides: str) -> Order:
     """The order that `python -m runner OVERRIDES` makes; disturbance cases may be added up."""
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = compose("trial", list(overrides), return_hydra_config=True)
-        OmegaConf.set_struct(config, False)
-        hydra = config.pop("hydra")
-        return order_of(config, hydra, list(overrides))
+    return _composer().order(list(overrides))
 
 
 def asked_for(*overrides: str) -> Trial:
     """The trial of that order."""
     order = ordered(*overrides)
     return build_trial(order.config, order.names)
+
+
+# What is composed once for all tests.
+composed = cache(asked_for)
 
 
 def excited(*overrides: str, seed: int = 0) -> tuple[Problem, Vessel]:

@@ -37,10 +37,13 @@ class Lap:
         return self.truth - self.problem.nominal
 
 
+option = cache(lambda group, name: OmegaConf.load(CONF / group / f"{name}.yaml"))
+
+
 def configured(group: str, name: str, **changes: Any) -> Any:
     """The object of a configuration file, sailing the ferry, with some options changed."""
-    node = OmegaConf.merge(OmegaConf.load(CONF / group / f"{name}.yaml"), changes)
-    config = {"vessel": OmegaConf.load(CONF / "vessel" / "milliampere.yaml"), group: node}
+    node = OmegaConf.merge(option(group, name), changes)
+    config = {"vessel": option("vessel", "milliampere"), group: node}
     nodes: Any = OmegaConf.to_container(OmegaConf.create(config), resolve=True)
     return build_as(object, filled(nodes)[group], group)
 

@@ -21,7 +21,7 @@ from tests.trials import asked_for, composed
 
 REFUSED = (
     (["identifier=plsr", "identifier.lowpass_hz=9"], "identifier.lowpass_hz must lie between 0"),
-    (["controller=none"], "controller=none: excitation=waypoints needs a controller"),
+    (["controller=none", "excitation=waypoints"], "excitation=waypoints needs a controller"),
     (["vessel=surge_linear", "excitation=waypoints"], "excitation=waypoints: a lap of way-points"),
     (["vessel=surge_linear", "excitation=zigzag"], "excitation=zigzag: .* surge and yaw"),
     (

@@ -106,6 +106,7 @@ def test_a_script_holds_any_text() -> None:
         assert json.loads(told) == {"text": text}
 
 
+@pytest.mark.slow
 def test_tables_are_those_of_their_commands_and_headings_sort(
     offline: Any, site: Path, program: Program
 ) -> None:
@@ -122,6 +123,7 @@ def test_tables_are_those_of_their_commands_and_headings_sort(
     assert shown == [*map(number_text, sorted(last))]
 
 
+@pytest.mark.slow
 def test_runs_are_filtered_and_sorted_and_the_command_selects_the_same(
     offline: Any, site: Path, program: Program
 ) -> None:
