@@ -39,7 +39,7 @@ def order_of(
     """Return the order of a composed configuration.
 
     Args:
-        config: the configuration.
+        config: the configuration, without Hydra's part.
         hydra: Hydra's part.
         overrides: those of the job; None takes them from Hydra's part.
     """
@@ -276,8 +276,11 @@ class Composer:
     def order(self, job: list[str]) -> Order:
         """Return the order of one job; raises errors of Hydra and OmegaConf."""
         config = self._loader.load_sweep_config(self._master, job)
-        HydraConfig.instance().cfg = cast(Any, config)  # for interpolations of Hydra's part
-        return order_of(config, config.hydra, job)
+        HydraConfig.instance().set_config(config)  # for interpolations of Hydra's part
+        hydra = config.hydra
+        with open_dict(config), read_write(config):
+            del config["hydra"]
+        return order_of(config, hydra, job)
 
     def choices(self, job: list[str]) -> list[str]:
         """Return the options that a job chooses; empty if it cannot be split or read."""

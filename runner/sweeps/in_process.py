@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from threading import current_thread, main_thread
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 from hydra import initialize_config_dir
 from hydra._internal.sources_registry import SourcesRegistry
@@ -106,8 +106,12 @@ def composed(overrides: Sequence[str]) -> Order:
     """Return the resolved configuration of a trial; raises SeatrialError, in one line."""
     with _hydra(overrides, Call(overrides)) as hydra:
         config = hydra.compose_config("trial", list(overrides), run_mode=RunMode.RUN)
-        HydraConfig.instance().cfg = cast(Any, config)  # for interpolations of Hydra's part
-        return order_of(config, config.hydra)
+        HydraConfig.instance().set_config(config)
+        task = config.copy()
+        task._set_flag("readonly", False)
+        task._set_flag("struct", False)
+        del task["hydra"]
+        return order_of(task, config.hydra)
 
 
 def register(overrides: Sequence[str]) -> None:
