@@ -126,6 +126,8 @@ def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
                 grid = comparison.table.comparison(results, options)
             except ConfigurationError:  # none of these runs has it, or they differ in too much
                 continue
+            if all(cell.sort is None for row in grid.rows for cell in row[grid.labels :]):
+                continue  # other runs of the logbook have it
             text = formats.render(
                 replace(grid, notes=grid.notes[:1]), formats.OutputFormat.RICH, width
             )

@@ -177,12 +177,15 @@ def test_what_a_trial_came_to(url: str, logbook: LogbookWriter) -> None:
 
 
 def test_a_sweep_shows_its_table(url: str, logbook: LogbookWriter) -> None:
-    """By the first metric that its runs have, `none` first; nothing varied, nothing shown."""
+    """By the first metric that its own runs have, `none` first; nothing varied, nothing shown."""
     sweep_id = logbook.begin_sweep("sweep", "seatrial -m identifier=ls,none", [], 2)
     for trial, (identifier, error) in enumerate((("ls", 0.5), ("none", 2.0))):
         run = logbook.begin_run(make_start(trial, identifier=identifier), sweep_id)
         row = metric("velocity_rmse_restarts", "validation", "identified", "surge", error)
         logbook.finish_run(run.run_id, Results([row]))
+    other = logbook.begin_run(make_start(9))
+    row = metric("e_pos_mae", "deployment", "identified", "position", 0.1)
+    logbook.finish_run(other.run_id, Results([row]))
     lines = progress.sweep_table(url, sweep_id, ["identifier"])
     assert lines[0].startswith("velocity_rmse_restarts [m/s], surge, validation, identified: mean")
     assert [line.split()[:2] for line in lines if line.startswith((" none", " ls"))] == [
