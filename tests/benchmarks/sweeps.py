@@ -2,8 +2,8 @@
 
 The trial is the cheapest that can be composed: a vessel of one degree of freedom, forty seconds
 without a controller, no identification and no evaluation; 5 ms of work, kept apart below. The bare
-application composes the same configuration for the same jobs with Hydra's own sweeper, and does
-nothing with it.
+application composes the same configuration for the same jobs with Hydra's own sweeper, which reads
+the files anew for each, and does nothing with it.
 
     python -m tests.benchmarks.sweeps ours 1000     seconds, and peak memory [MB], as JSON
 """
@@ -21,7 +21,8 @@ from typing import Any
 from unittest.mock import patch
 
 import hydra
-from hydra._internal.core_plugins import basic_launcher
+from hydra._internal.core_plugins import basic_launcher, file_config_source
+from hydra._internal.sources_registry import SourcesRegistry
 
 from seatrial.runner.__main__ import main
 from seatrial.runner.configuration.hydra_errors import CONF
@@ -75,7 +76,11 @@ def planned(trials: int) -> float:
 def bare(trials: int) -> float:
     """Seconds that a bare Hydra application takes for as many jobs."""
     seen = []
-    with started(*TRIAL, f"seed=range(0,{trials})", "hydra/sweeper=basic"):
+    of_hydra = {"file": file_config_source.FileConfigSource}
+    with (
+        started(*TRIAL, f"seed=range(0,{trials})", "hydra/sweeper=basic"),
+        patch.dict(SourcesRegistry.instance().types, of_hydra),
+    ):
         begun = time.perf_counter()
         hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(
             lambda config: seen.append(config.seed)

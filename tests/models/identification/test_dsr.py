@@ -256,7 +256,9 @@ def test_the_nominal_model_is_kept_where_it_predicts_better(identifier, rng) -> 
     assert np.all(np.isnan(kept.std_error))
     dofs = [f.dof for f in kept.diagnostics if f.name == "worse_than_nominal"]
     assert dofs == list(truth.dofs)
+    assert f"nominal equations: {', '.join(dofs)}" in kept.notes[-1]
     better = identified(dsr, problem, rng)
+    assert better.notes == ()
     np.testing.assert_allclose(np.diag(better.model.inertia), np.diag(INERTIA), rtol=0.1)
     assert better.control_model is not None
     dropped = better.residual.terms.index(basis.term("|u|u"))
