@@ -169,7 +169,8 @@ def outcome_line(outcome: "Outcome", url: str) -> str:
 def result_of(run: int | None, url: str) -> list[str]:
     """Return what a trial came to: the metrics of `SHOWN` that it has, nominal beside identified.
 
-    A model without a value, such as one that is not deployed, has a dash. Empty without a run.
+    A model without a value, such as one that is not deployed, has a dash; of what is below the
+    resolution of its metric no digit counts. Empty without a run.
     """
     if run is None:
         return []
@@ -183,7 +184,12 @@ def result_of(run: int | None, url: str) -> list[str]:
         unit = values[name, dof, "identified"].unit
         where = "" if dof in COMBINED else f", {dof}"
         found = [values.get((name, dof, model)) for model in SAILED]
-        numbers = ["-" if row is None or row.value is None else f"{row.value:.4g}" for row in found]
+        numbers = [
+            "-" if row is None or row.value is None
+            else f"< {definition.resolution:g}" if abs(row.value) < definition.resolution
+            else f"{row.value:.4g}"
+            for row in found
+        ]  # fmt: skip
         rows.append((f"{definition.label}{where} [{unit}]", *numbers))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
