@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.vessel.basis import Array
@@ -70,4 +70,4 @@ def gauss_markov(shape: tuple[int, ...], period_s: float, rng: np.random.Generat
     phi = np.exp(-period_s / CORRELATION_S)
     white = rng.standard_normal(shape)
     white[1:] *= np.sqrt(1.0 - phi**2)
-    return np.asarray(lfilter([1.0], [1.0, -phi], white, axis=0))
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -phi], white, axis=0))

@@ -19,7 +19,6 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy
-import scipy.signal
 from scipy.fft import next_fast_len
 
 from seatrial.models.vessel.basis import Array

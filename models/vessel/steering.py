@@ -12,7 +12,7 @@ K and T are negative for a ship that is straight-line unstable. Fossen (2021), s
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
@@ -144,4 +144,4 @@ def _steady(vessel: Vessel, inputs: Array, highest_m_s: float) -> float | None:
     if not len(falls):
         return None
     low, high = speeds[falls[-1]], speeds[falls[-1] + 1]
-    return float(brentq(lambda u: acceleration(np.array([u]))[0], low, high, xtol=1e-12))
+    return float(scipy.optimize.brentq(lambda u: acceleration(np.array([u]))[0], low, high, xtol=1e-12))
