@@ -185,6 +185,20 @@ def test_looking_around_imports_nothing_heavy(tmp_path: Path) -> None:
     assert "'hydra'" in said
 
 
+def test_planning_imports_what_it_needs(tmp_path: Path) -> None:
+    """These take a second together: a stored trial asked again needs none of them."""
+    code = (
+        "import sys\n"
+        "from seatrial.runner.__main__ import main\n"
+        "sys.argv = ['seatrial', 'disturbance=noise', 'identifier=ls', 'dry_run=true']\n"
+        "assert main() == 0\n"
+        "heavy = {'scipy.signal', 'scipy.stats', 'sklearn', 'pymoo', 'matplotlib'}\n"
+        "sys.exit(str(found) if (found := heavy & set(sys.modules)) else 0)\n"
+    )
+    status, _, said = ended(program("-c", code, folder=tmp_path))
+    assert status == 0, said
+
+
 WITHOUT = """
 import importlib.machinery, runpy, sys
 find = importlib.machinery.PathFinder.find_spec
