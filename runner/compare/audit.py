@@ -6,8 +6,8 @@ from dataclasses import replace
 import pandas as pd
 
 from seatrial.runner.compare.comparability import EXPERIMENT, differing, of_runs, with_conditions
-from seatrial.runner.compare.frame import BELOW_TRUE_MODEL, FINISHED, Queries, diverged_predictions
-from seatrial.runner.compare.grid import TextTable, grid_of, number_text, one_line
+from seatrial.runner.compare.frame import BELOW_TRUE_MODEL, FINISHED, LIMITED, Queries
+from seatrial.runner.compare.grid import TextTable, grid_of, one_line
 from seatrial.runner.compare.runs import runs_of
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.records import RunSummary
@@ -38,12 +38,11 @@ def audit(results: Queries, where: str | None, sweep: str | None) -> TextTable:
     condition, scope = results.selected(where, sweep or "all")
     runs = results.trials(condition)
     finished = runs[runs["status"] == FINISHED]
-    marks = results.marks(condition)
-    marks = marks[marks["run"].isin(finished.index)].join(finished["identifier"], on="run")
+    marks = results.marks(condition).join(finished["identifier"], on="run", how="inner")
     entries = [
         *_unlike(results, finished, condition),
         *_below_true_model(marks[marks["metric"] == BELOW_TRUE_MODEL]),
-        *_diverged(results, finished, marks, condition),
+        *_diverged(results, marks[marks["metric"].isin(LIMITED.values())], condition),
         *_without_coverage(results, finished, condition),
         *_lost(results, condition),
     ]
@@ -53,10 +52,8 @@ def audit(results: Queries, where: str | None, sweep: str | None) -> TextTable:
         [[check, ranges(own, most), what, remedy] for check, own, what, remedy in entries]
         for most in (None, MOST_RANGES)
     )
-    records = grid_of("", HEADERS, whole).as_records()
-    return replace(
-        grid_of(f"{checked}: {found}", HEADERS, shown, labels=len(HEADERS)), records=records
-    )
+    grid = grid_of(f"{checked}: {found}", HEADERS, shown, labels=len(HEADERS))
+    return replace(grid, records=grid_of("", HEADERS, whole).as_records())
 
 
 def ranges(runs: Iterable[int], most: int | None = None) -> str:
@@ -79,63 +76,52 @@ def _unlike(results: Queries, finished: pd.DataFrame, condition: Condition) -> I
     parts = of_runs(finished, "validation"), of_runs(finished[deployed], "deployment")
     frame, facts = with_conditions(results, finished, pd.concat(parts, ignore_index=True))
     for levels, own in frame.groupby([*CELL], observed=True, sort=False):
-        factors = differing(facts, own["stage"], own["condition"])
+        factors, runs = differing(facts, own["stage"], own["condition"]), own["run"]
         if "code" in factors:
             codes = own["of_code"].nunique(dropna=False)
-            what = f"{_cell(levels)}: computed by {codes} versions of the code"
-            yield _entry("code", own["run"], what)
-        names = [name for name in factors if name != "code"]
-        if names:
+            yield _entry("code", runs, f"{_cell(levels)}: computed by {codes} versions of the code")
+        if names := [name for name in factors if name != "code"]:
             listed = one_line(", ".join(names), 120)
-            yield _entry("pooled", own["run"], f"{_cell(levels)}: would be averaged over {listed}")
-    yield from _replicates(frame[frame["stage"] == "validation"])
-
-
-def _replicates(frame: pd.DataFrame) -> Iterator[Entry]:
-    """Find experiments that are stored more than once, by what their runs differ in."""
-    experiments = frame.groupby([*EXPERIMENT], observed=True, sort=False)
-    varied = {name: experiments[name].transform("nunique") > 1 for name in ("seed", "evaluation")}
-    stored = frame.assign(**varied, number=experiments.ngroup())
-    stored = stored[experiments["run"].transform("size") > 1]
-    for key, runs in stored.groupby([*CELL, *varied], observed=True, sort=False):
-        several = [name for name, varies in zip(varied, key[len(CELL) :], strict=True) if varies]
-        under = (
-            f"under several {' and '.join(f'{name}s' for name in several)}" if several else "again"
-        )
-        reason = ", but nothing random was drawn" if "seed" in several else ""
-        count = runs["number"].nunique()
+            yield _entry("pooled", runs, f"{_cell(levels)}: would be averaged over {listed}")
+    # experiments that are stored more than once, by what their runs differ in
+    frame = frame[frame["stage"] == "validation"]
+    each = frame.groupby([*EXPERIMENT], observed=True, sort=False)
+    varied = {name: each[name].transform("nunique") > 1 for name in ("seed", "evaluation")}
+    stored = frame.assign(**varied, number=each.ngroup())[each["run"].transform("size") > 1]
+    for key, own in stored.groupby([*CELL, *varied], observed=True, sort=False):
+        several = [
+            f"{name}s" for name, varies in zip(varied, key[len(CELL) :], strict=True) if varies
+        ]
+        under = f"under several {' and '.join(several)}" if several else "again"
+        reason = ", but nothing random was drawn" if "seeds" in several else ""
+        count = own["number"].nunique()
         number = "one experiment is" if count == 1 else f"{count} experiments are"
         what = f"{_cell(key[: len(CELL)])}: {number} stored {under}{reason}"
-        yield _entry("replicates", runs["run"], what)
+        yield _entry("replicates", own["run"], what)
 
 
 def _below_true_model(flags: pd.DataFrame) -> Iterator[Entry]:
-    for (identifier,), rows in flags.groupby(["identifier"], observed=True, sort=False):
+    for identifier, rows in flags.groupby("identifier", observed=True, sort=False):
         dofs = ", ".join(dof for dof in DOF_ORDER if (rows["dof"] == dof).any())
         what = f"identifier={identifier}: force error below the true plant's in {dofs}"
         yield _entry("below true model", rows["run"], what)
 
 
-def _diverged(
-    results: Queries, finished: pd.DataFrame, marks: pd.DataFrame, condition: Condition
-) -> Iterator[Entry]:
+def _diverged(results: Queries, limited: pd.DataFrame, condition: Condition) -> Iterator[Entry]:
     """Find predictions that diverged, and models that cannot be simulated."""
     reasons = results.diagnostics(["no_prediction"], condition)
     impossible = {(row.run, str(row.label).split()[0]) for row in reasons.itertuples()}
-    lost = diverged_predictions(marks).join(finished["identifier"], on="run")
-    lost["singular"] = [pair in impossible for pair in zip(lost["run"], lost["model"], strict=True)]
-    for (identifier, model, singular), rows in lost.groupby(
+    singular = [pair in impossible for pair in zip(limited["run"], limited["model"], strict=True)]
+    groups = limited.assign(singular=singular).groupby(
         ["identifier", "model", "singular"], observed=True, sort=False
-    ):
+    )
+    for (identifier, model, is_singular), rows in groups:
         about = f"identifier={identifier}, {model} model"
-        if singular:
+        horizons = ", ".join(h for h, name in LIMITED.items() if (rows["metric"] == name).any())
+        if is_singular:
             yield _entry("inertia", rows["run"], f"{about}: its inertia is not positive definite")
         else:
-            horizons = ", ".join(rows["horizon"].unique())
-            known = rows["held_s"].dropna()
-            ends = dict.fromkeys(number_text(end, 3) for end in (known.min(), known.max()))
-            held = f"; the free run held {' to '.join(ends)} s" if len(known) else ""
-            yield _entry("diverged validation", rows["run"], f"{about}: {horizons} diverged{held}")
+            yield _entry("diverged validation", rows["run"], f"{about}: {horizons} diverged")
 
 
 def _without_coverage(

@@ -1,4 +1,4 @@
-"""The tables of the benchmark: entrants by task, measures of manoeuvres, and a summary."""
+"""The tables of the benchmark: entrants by task, and a summary."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 from seatrial.runner.compare.benchmark.boards import Board, overall
 from seatrial.runner.compare.benchmark.boards import boards as boards
 from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, REFERENCES, interval, pooled
-from seatrial.runner.compare.grid import TableCell, TextTable, number_text, with_unit
+from seatrial.runner.compare.grid import TableCell, TextTable, number_text
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.configuration.invocation import trial_program
 
@@ -24,7 +24,7 @@ NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first
 
 def grids(boards: Sequence[Board]) -> list[TextTable]:
     """Return the tables of the tasks."""
-    return [grid for board in boards for grid in (leaderboard(board), *manoeuvre_grids(board))]
+    return [leaderboard(board) for board in boards]
 
 
 def leaderboard(board: Board) -> TextTable:
@@ -61,18 +61,13 @@ def _columns(board: Board, name: str, best: bool = False) -> dict[str, TableCell
     }
     row |= {f"{dof} FIT": _number(f, 3) for dof, f in zip(task.outputs, fits, strict=True)}
     for s in task.horizons_s:
-        after = [float(np.mean(each.after[s])) for each in good if s in each.after]
-        row[f"NRMSE {s:g} s"] = _number(_mean(after), 2)
+        row[f"NRMSE {s:g} s"] = _number(_mean(after[s] for after in own["after"] if after), 2)
     if task.score != "free_run":
         row[_score_name(board)] = _number(score(board, name), 3)
     covered = _pooled_mean([each for one in good if (each := one.covered) is not None])
     row[f"in {100.0 * BAND_LEVEL:.0f} % band [%]"] = _number(100.0 * covered, 3)
     row["CRPS"] = _number(_pooled_mean([one.crps for one in good]), 2)
-    if any(board.entries["measures"]):
-        errors = [100.0 * measure.error for each in own["measures"] for measure in each]
-        row["manoeuvre [%]"] = _number(_mean(errors), 2)
     row["diverged"] = TableCell(f"{board.lost(name)} of {len(own)}")
-    row["parameters"] = _number(_mean(own["parameters"]), 3)
     row["training [s]"] = _number(_mean(own["training_s"]), 2)
     return row
 
@@ -121,32 +116,6 @@ def interval_text(board: Board, name: str) -> str:
         return "–"
     low, high = interval(good)
     return f"{100.0 * (1.0 - high):.0f} to {100.0 * (1.0 - low):.0f}"
-
-
-def manoeuvre_grids(board: Board) -> list[TextTable]:
-    """Return the measures of the manoeuvres of a task, measured and predicted; none without any."""
-    entries = board.entries
-    entries = entries[(entries["seed"] == 0) & entries["measures"].astype(bool)]
-    names = [name for name in board.ranked.order() if name in entries["entrant"].unique()]
-    rows = []
-    for case in board.task.cases:
-        own = entries[entries["case"] == case]
-        by_entrant = {
-            entrant: {(m.file, m.quantity): m for m in measures}
-            for entrant, measures in zip(own["entrant"], own["measures"], strict=True)
-        }
-        listed = {key: m for name in names for key, m in by_entrant.get(name, {}).items()}
-        for (file, quantity), first in listed.items():
-            label = case if file == 0 else f"{case}, {file + 1}"
-            values = [by_entrant.get(name, {}).get((file, quantity)) for name in names]
-            predicted = [_number(m.predicted if m else math.nan, 3) for m in values]
-            named = TableCell(with_unit(quantity, first.unit))
-            rows.append([TableCell(label), named, _number(first.measured, 3), *predicted])
-    if not rows:
-        return []
-    title = f"{board.task.title}: measures of the manoeuvres, in the free run"
-    headers = ["case", "quantity", "measured", *names]
-    return [TextTable(title, headers, rows, 2, ["L: ship lengths"])]
 
 
 def summary(boards: Sequence[Board]) -> TextTable:

@@ -9,6 +9,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -66,16 +67,13 @@ def summary(sample: Sample, names: Sequence[str]) -> dict[str, float | int]:
             values["n"] = int(sample.size)
         elif name == "ci":
             values["ci_low"], values["ci_high"] = confidence_interval(sample)
+        elif not sample.size:
+            values[name] = math.nan
+        elif name in SIMPLE:
+            values[name] = float(SIMPLE[name](sample))
         else:
-            values[name] = _statistic(sample, name) if sample.size else math.nan
+            values[name] = float(np.quantile(sample, int(name[1:]) / 100.0))
     return values
-
-
-def _statistic(sample: Sample, name: str) -> float:
-    quantile = _QUANTILE.fullmatch(name)
-    if quantile:
-        return float(np.quantile(sample, int(quantile[1]) / 100.0))
-    return float(SIMPLE[name](sample))
 
 
 def confidence_interval(sample: Sample) -> tuple[float, float]:
@@ -220,7 +218,6 @@ class Cell:
     missing: Mapping[str, int] = field(default_factory=dict)
     experiments: int = 0
     flagged: int = 0
-    held_s: float = math.nan  # median time that the diverged free runs held
     lost_seeds: frozenset[str] = frozenset()
     units: frozenset[str] = frozenset()
     uneven: int = 0
@@ -295,53 +292,42 @@ def pivot(frame: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str] =
     finite, own = frame["reason"] == "", frame["reason"].isin([DIVERGED, WITHOUT])
     known, lacking = (distinct(frame[chosen], ["cell"]) for chosen in (finite, own))
     missing = pd.concat([lacking, frame[~finite & ~own]])
-    contents: dict[int, dict[str, object]] = defaultdict(dict)
-    for name, of_cells in _contents(frame, known, missing):
-        for cell, value in of_cells.items():
-            contents[cell][name] = value
-    values = by_seed(known)
-    for (cell,), group in values[values["whole"]].groupby(["cell"], sort=False):
-        contents[cell]["by_seed"] = dict(zip(group["replicate"], group["value"], strict=True))
-    for (cell,), group in missing.groupby(["cell"]):
-        counts = group.groupby("reason", observed=True)["run"].nunique()
-        contents[cell]["missing"] = {str(reason): int(n) for reason, n in counts.items()}
-    for cell, uneven in (~values["whole"]).groupby(values["cell"]).sum().items():
-        contents[cell]["uneven"] = int(uneven)
+    lost = missing[missing["reason"] != NOT_APPLICABLE].groupby("cell")["seed"]
+    observed, values = known.groupby("cell"), by_seed(known)
+    of_estimate = ["of_estimate"] if "of_estimate" in frame else []
+    contents: dict[str, Mapping[int, object]] = {
+        "experiments": observed.size().to_dict(),
+        "flagged": known[known[BELOW_TRUE_MODEL]].groupby("cell")["run"].nunique().to_dict(),
+        "uneven": (~values["whole"]).groupby(values["cell"]).sum().to_dict(),
+        "lost_seeds": lost.agg(frozenset).to_dict(),
+        "units": frame[frame["unit"].notna()].groupby("cell")["unit"].agg(frozenset).to_dict(),
+        **observed[["condition", "metric", "stage"]].first().to_dict(),
+        **observed[["unstable", "infeasible", *of_estimate]].any().to_dict(),
+        **observed[["is_baseline"]].all().to_dict(),
+    }
+    if of_estimate:
+        squares, truth = (known["std_error"] ** 2).groupby(known["cell"]), observed["true_value"]
+        contents["std_error"] = np.sqrt(squares.mean()).to_dict()
+        contents["true_value"] = truth.first().where(truth.nunique(dropna=False) == 1).to_dict()
+    seeds, counts = (defaultdict[int, dict[str, Any]](dict) for _ in range(2))
+    for row in values[values["whole"]].itertuples():
+        seeds[row.cell][row.replicate] = row.value
+    lacks = missing.groupby(["cell", "reason"], observed=True)["run"].nunique()
+    for (cell, reason), number in lacks.items():
+        counts[cell][reason] = int(number)
+    contents |= {"by_seed": seeds, "missing": counts}
     split = len(rows)
     levels = frame.loc[~frame["cell"].duplicated(), list(factors)].astype(str)
     keys = [tuple(each) for each in levels.itertuples(index=False)] if factors else [()]
     places = [(key[:split], key[split:]) for key in keys]
-    cells = {place: Cell(**contents[n]) for n, place in enumerate(places)}  # type: ignore[arg-type]
+    cells = {
+        place: Cell(**{name: of_cell[n] for name, of_cell in contents.items() if n in of_cell})  # type: ignore[arg-type]
+        for n, place in enumerate(places)
+    }
     return Pivot(
         rows, columns, _sorted((row for row, _ in places), rows, metrics),
         _sorted((column for _, column in places), columns, metrics), cells, known, places,
     )  # fmt: skip
-
-
-def _contents(
-    frame: pd.DataFrame, known: pd.DataFrame, missing: pd.DataFrame
-) -> Iterable[tuple[str, "pd.Series[object]"]]:
-    """Yield the name and the values by cell of what cells hold, apart from counts and values."""
-    observed = known.groupby("cell")
-    yield "experiments", observed.size()
-    yield "condition", observed["condition"].first()
-    for name in ("metric", "stage"):
-        yield name, observed[name].first()
-    yield "flagged", known[known[BELOW_TRUE_MODEL]].groupby("cell")["run"].nunique()
-    for name in ("unstable", "infeasible"):
-        yield name, observed[name].any()
-    yield "is_baseline", observed["is_baseline"].all()
-    held = frame[frame["reason"] == DIVERGED].groupby("cell")["held_s"]
-    yield "held_s", held.agg(lambda times: float(np.median(times)))
-    lost = missing[missing["reason"] != NOT_APPLICABLE]
-    yield "lost_seeds", lost.groupby("cell")["seed"].agg(frozenset)
-    yield "units", frame[frame["unit"].notna()].groupby("cell")["unit"].agg(frozenset)
-    if "std_error" in frame:
-        squares = known.assign(std_error=known["std_error"] ** 2).groupby("cell")["std_error"]
-        yield "std_error", np.sqrt(squares.mean())
-        truth = known.groupby("cell")["true_value"]
-        yield "true_value", truth.first().where(truth.nunique(dropna=False) == 1)
-        yield "of_estimate", observed["of_estimate"].any()
 
 
 def _sorted(keys: Iterable[Key], factors: Key, metrics: Sequence[str]) -> list[Key]:

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -19,6 +20,7 @@ from seatrial.runner.compare.frame import (
     NOT_APPLICABLE,
     WITHOUT,
     Queries,
+    as_numbers,
     codes,
     complete,
     observations,
@@ -51,17 +53,14 @@ from seatrial.runner.record.vocabulary import NOT_STARTED, UNFINISHED
 
 EMPTY = "–"
 MIXED = "mixed"
-FLAG_NOTE = (
-    f"{MARK} below_true_model: the force error is below that of the true plant, so the model fits"
-    " lag or feedback, not the vessel; such a value is never set in bold"
-)
-UNSETTLED_NOTE = (
-    f"{UNSETTLED} the controller's closed loop has a spectral radius of 1 or more on its own model:"
-    " the design is not asymptotically stable"
-)
-INFEASIBLE_NOTE = (
-    f"{INFEASIBLE} infeasible_limits: the weather needs more force than the limits allow"
-)
+MARK_NOTES = {
+    MARK: f"{MARK} below_true_model: the force error is below that of the true plant, so the model"
+    " fits lag or feedback, not the vessel; such a value is never set in bold",
+    UNSETTLED: f"{UNSETTLED} the controller's closed loop has a spectral radius of 1 or more on its"
+    " own model: the design is not asymptotically stable",
+    INFEASIBLE: f"{INFEASIBLE} infeasible_limits: the weather needs more force than the limits"
+    " allow",
+}
 TEST_NOTE = (
     "× is the ratio of means to {} with all else equal, over pairs of the same seed (of scores the"
     " difference, + or -); p is that of the two-sided Wilcoxon signed-rank test over at least five"
@@ -208,9 +207,7 @@ def _read(
                 f"--rows/--columns: no run has {', '.join(names)} by file, expected "
                 f"one of {', '.join(PER_FILE)} of runs with several files for testing"
             )
-        both = pd.concat([numbers.astype(object), of_files.astype(object)], ignore_index=True)
-        kinds = numbers.dtypes.to_dict().items()  # the levels of both, not of the first alone
-        numbers = both.astype({n: "category" if kind == "category" else kind for n, kind in kinds})
+        numbers = as_numbers(pd.concat([numbers, of_files], ignore_index=True))
     for name in names:  # one that only these runs lack gives an empty cell
         if name not in known and known:
             near = [each for each in sorted(known) if each.startswith(name)]
@@ -264,8 +261,13 @@ class _Writer:
         ]
         labels = [*map(self._name, self.table.row_factors), *(["unit"] if by_row else [])]
         headers = [*labels, *(self._header(c, not by_row) for c in self.table.column_keys)]
+        records = [
+            self._record(row, column)
+            for row, column in product(self.row_keys, self.table.column_keys)
+            if (row, column) in self.table.cells
+        ]
         notes = self._qualifications()
-        return TextTable(self._title(), headers, rows, len(labels), notes, self._records())
+        return TextTable(self._title(), headers, rows, len(labels), notes, records)
 
     def _name(self, factor: str) -> str:
         """Return the displayed name of a factor: the name of a coefficient is its term."""
@@ -320,52 +322,35 @@ class _Writer:
         return f"{', '.join(about)}: {self._statistics_text()}, {counted}"
 
     def _qualifications(self) -> list[str]:
-        notes, cells = [], self.table.cells.values()
-        if self.best:
-            notes.append(BOLD_NOTE)
-        if self.selection.split:
+        cells, apart = self.table.cells.values(), ", ".join(self.selection.split)
+        notes = [BOLD_NOTE] if self.best else []
+        if apart:
+            pool = apart.replace(" ", "")
             notes.append(
-                f"split by {', '.join(self.selection.split)}, in which runs of one cell differ"
-                f" (--pool {','.join(self.selection.split)} averages over it)"
+                f"split by {apart}, in which runs of one cell differ (--pool {pool} averages over"
+                " it)"
             )
-        if pool := split(self.options.pool):
-            notes.append(f"cells average over {', '.join(pool)}, as requested")
-        if any(cell.flagged for cell in cells):
-            notes.append(FLAG_NOTE)
+        if pooled := split(self.options.pool):
+            notes.append(f"cells average over {', '.join(pooled)}, as requested")
         notes += sorted({definition_of(cell.metric).note for cell in cells} - {""})
-        notes += [UNSETTLED_NOTE] if any(cell.unstable for cell in cells) else []
-        notes += [INFEASIBLE_NOTE] if any(cell.infeasible for cell in cells) else []
-        if self.tests:
-            notes.append(TEST_NOTE.format(self.baseline))
-        if any(cell.of_estimate for cell in cells):
-            notes.append(ESTIMATE_NOTE)
-        diverged = sum(cell.missing.get(DIVERGED, 0) for cell in cells)
-        if diverged:
+        marks = {mark for cell in cells for mark in cell.marks}
+        notes += [note for mark, note in MARK_NOTES.items() if mark in marks]
+        notes += [TEST_NOTE.format(self.baseline)] if self.tests else []
+        notes += [ESTIMATE_NOTE] if any(cell.of_estimate for cell in cells) else []
+        if diverged := sum(cell.missing.get(DIVERGED, 0) for cell in cells):
             notes.append(DIVERGED_NOTE.format(diverged, "s"[: diverged != 1]))
         statuses = self.selection.trials["status"]
-        unfinished = Counter(statuses[statuses != FINISHED])
-        if unfinished:
-            counts = ", ".join(f"{n} {status}" for status, n in sorted(unfinished.items()))
+        unfinished = sorted(Counter(statuses[statuses != FINISHED]).items())
+        if counts := ", ".join(f"{n} {status}" for status, n in unfinished):
             notes.append(f"not included: {counts} (see: runs --status failed)")
         return notes
 
-    def _records(self) -> list[dict[str, Scalar]]:
-        """Return one record for each cell, at full precision."""
-        return [
-            self._record(row, column)
-            for row in self.row_keys
-            for column in self.table.column_keys
-            if (row, column) in self.table.cells
-        ]
-
     def _record(self, row: Key, column: Key) -> dict[str, Scalar]:
+        """Return the facts of a cell, at full precision."""
         place, table = (row, column), self.table
-        cell = table.cells[place]
-        record: dict[str, Scalar] = {}
-        for factor, level in zip(
-            (*table.row_factors, *table.column_factors), row + column, strict=True
-        ):
-            record[self._name(factor)] = level
+        cell, test = table.cells[place], self.tests.get(place)
+        named = map(self._name, (*table.row_factors, *table.column_factors))
+        record: dict[str, Scalar] = dict(zip(named, row + column, strict=True))
         for factor in METRIC_FACTORS[: None if self.selection.by_file else -1]:
             if factor != "stage" or not self.options.of_coefficients:
                 record.setdefault(self._name(factor), self.selection.fixed.get(factor))
@@ -377,17 +362,18 @@ class _Writer:
         record["n"] = len(cell.by_seed)
         for reason in (*UNFINISHED, WITHOUT, NOT_APPLICABLE):
             record[reason.replace(" ", "_")] = cell.missing.get(reason, 0)
-        record["diverged_predictions"] = cell.missing.get(DIVERGED, 0)
-        record["held_s"] = None if math.isnan(cell.held_s) else cell.held_s
-        record["deterministic"] = cell.deterministic
-        record["below_true_model"] = cell.flagged
-        record["unsettled"], record["infeasible"] = cell.unstable, cell.infeasible
-        record["best"] = place in self.best
+        record |= {
+            "diverged_predictions": cell.missing.get(DIVERGED, 0),
+            "deterministic": cell.deterministic,
+            "below_true_model": cell.flagged,
+            "unsettled": cell.unstable,
+            "infeasible": cell.infeasible,
+            "best": place in self.best,
+        }
         if self.baseline:
+            names = ("ratio", "difference", "p_value", "p_holm", "effect", "wins", "pairs")
             record["baseline"] = self.baseline
-            test = self.tests.get(place)
-            for name in ("ratio", "difference", "p_value", "p_holm", "effect", "wins", "pairs"):
-                record[name] = getattr(test, name, None)
+            record |= {name: getattr(test, name, None) for name in names}
             record["lost_pairs"] = test.lost if test else None
         return record
 
@@ -420,12 +406,8 @@ class _Writer:
 
     def _counts_text(self, cell: Cell) -> str:
         """Return ` (n=18, 2 failed)`; what is missing is shown with any choice of statistics."""
-        counts = []
-        for reason in (*sorted(UNFINISHED), DIVERGED, WITHOUT, NOT_APPLICABLE):
-            if count := cell.missing.get(reason):
-                held = reason == DIVERGED and not math.isnan(cell.held_s)
-                time = f", held {number_text(cell.held_s, 2)} s" if held else ""
-                counts.append(f"{count} {reason}{time}")
+        reasons = (*sorted(UNFINISHED), DIVERGED, WITHOUT, NOT_APPLICABLE)
+        counts = [f"{n} {reason}" for reason in reasons if (n := cell.missing.get(reason))]
         if cell.uneven:
             counts.append(f"{cell.uneven} seed{'s'[: cell.uneven != 1]} without all levels")
         if cell.experiments and ("n" in self.statistics or counts):

@@ -8,16 +8,13 @@ its entrants have run.
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
-import numpy as np
 import pandas as pd
 import sqlalchemy as sa
 
-from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.benchmark.scores import (
     AT_REST,
     POSITION,
@@ -25,7 +22,6 @@ from seatrial.runner.compare.benchmark.scores import (
     Score,
     chance,
     score,
-    score_after,
 )
 from seatrial.runner.compare.benchmark.task import GROUP, Task, cells, task_of
 from seatrial.runner.compare.frame import FINISHED, Queries
@@ -34,42 +30,24 @@ from seatrial.runner.compare.statistics import holm
 from seatrial.runner.configuration import search_path
 from seatrial.runner.database.tables import DiagnosticRow
 from seatrial.runner.database.tables import RunRow as RunTable
-from seatrial.runner.export.manoeuvre_tracks import COMPARED, DIAGNOSTIC
-from seatrial.runner.record.rows import Coefficient, Series
-from seatrial.runner.record.vocabulary import DOFS, ENDINGS, NO_RESULT, TRAINING_TIME
+from seatrial.runner.record.rows import Series
+from seatrial.runner.record.vocabulary import ENDINGS, NO_RESULT, TRAINING_TIME
 
-ORDERED = ("helm", "change of heading")  # of a sheet: no result
 SPELLING = re.compile(r"[\s'\"]+")
 CELL = ["task", "case", "seed"]  # what is the same for all entrants of a cell
 ENTRY = (
-    *(*CELL, "entrant", "run", "status", "error", "duration_s", "training_s", "parameters"),
-    *("score", "judged", "measures"),
+    *(*CELL, "entrant", "run", "status", "error", "duration_s", "training_s"),
+    *("score", "judged", "after", "loss"),
 )
-
-
-class Measure(NamedTuple):
-    """A quantity of the manoeuvre of one test file; NaN for what is not reached."""
-
-    file: int
-    quantity: str
-    unit: str  # L: ship lengths
-    measured: float
-    predicted: float
-
-    @property
-    def error(self) -> float:
-        """Error over the measured value; inf for what the model does not reach."""
-        error = abs(self.predicted - self.measured) / abs(self.measured)
-        return error if math.isfinite(error) else math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class Board:
     """A task with the cells that have been run, references included: a row of `entries` each.
 
-    Columns are those of ENTRY and the loss: times in seconds, NaN if they are not stored; the
-    number of `parameters` that differ from the nominal ones; the `score` of the free run, and the
-    one that ranks (`judged`), None without a prediction; the `measures` of manoeuvres.
+    Columns are those of ENTRY: times in seconds, NaN if they are not stored; the `score` of the
+    free run, and the one that ranks (`judged`), None without a prediction; the NRMSE by horizon [s]
+    (`after`) if the free run did not diverge; the loss, inf for a trial that failed or diverged.
     """
 
     task: Task
@@ -114,8 +92,7 @@ class Board:
 
     def scores(self, entrant: str, kind: str = "judged") -> list[Score]:
         """The scores of an entrant, `judged` or `score`, of the cells that did not diverge."""
-        scores = self.of(entrant)[kind]
-        return [each for each in scores if each is not None and math.isfinite(each.loss)]
+        return [each for each in self.of(entrant)[kind] if each and math.isfinite(each.loss)]
 
     def has_skill(self, entrant: str) -> bool:
         """Whether an entrant identifies something, and is better than every trivial rival."""
@@ -175,48 +152,40 @@ def _entries(results: Queries, task: Task, entrants: Sequence[str]) -> pd.DataFr
     newest = {_normal(row.overrides): row for row in results.reader.select(query)}
     timed = sa.select(d.run_id, d.value).where(d.name == TRAINING_TIME)
     training_s = {row.run_id: row.value for row in results.reader.select(timed)}
+    references = [name for name in REFERENCES if name != AT_REST or task.score == "position"]
     own: list[dict[str, object]] = []
     trivial: dict[tuple[str, int], list[dict[str, object]]] = {}
     for cell in cells(task, entrants):
         row = newest.get(_normal(cell.options))
         if row is None:
             continue
-        place: dict[str, object] = {**dict.fromkeys(ENTRY, 0), **cell._asdict()}
-        place |= {"run": row.id, "status": row.status, "error": "", "measures": ()}
+        place = {**cell._asdict(), "run": row.id, "status": row.status, "error": row.error or ""}
+        place |= {"duration_s": 0.0, "training_s": 0.0}
+        own.append(place | {"score": None, "judged": None, "after": {}, "loss": math.inf})
         end = row.finished_at
-        entry = place | {
-            "error": row.error or "",
-            "duration_s": (end - row.started_at).total_seconds() if end else math.nan,
-            "training_s": training_s.get(row.id, math.nan),
-            "parameters": parameters(results.reader.coefficients(row.id)),
-            **{"score": None, "judged": None},
-        }
-        own.append(entry)
-        if row.status != FINISHED:
-            continue
-        series = results.reader.series(row.id, "prediction")
-        entry |= _scores(series, "identified", task)
-        if task.cases[cell.case].manoeuvre is not None:
-            entry["measures"] = tuple(measures(results.reader.diagnostics(row.id)))
-        if (cell.case, cell.seed) not in trivial:
-            trivial[cell.case, cell.seed] = [
-                place | {"entrant": name} | _scores(series, name, task)
-                for name in REFERENCES
-                if name != AT_REST or task.score == "position"
-            ]
+        own[-1]["duration_s"] = (end - row.started_at).total_seconds() if end else math.nan
+        own[-1]["training_s"] = training_s.get(row.id, math.nan)
+        if row.status == FINISHED:
+            series = results.reader.series(row.id, "prediction")
+            own[-1] |= _scores(series, "identified", task)
+            if (cell.case, cell.seed) not in trivial:
+                trivial[cell.case, cell.seed] = [
+                    place | {"entrant": name} | _scores(series, name, task) for name in references
+                ]
     rows = [*own, *(row for of_cell in trivial.values() for row in of_cell)]
     frame = pd.DataFrame(rows, columns=[*ENTRY], dtype=object)
-    losses = [math.inf if judged is None else judged.loss for judged in frame["judged"]]
-    return frame.assign(loss=np.array(losses, dtype=np.float64))
+    return frame.astype(dict.fromkeys(("duration_s", "training_s", "loss"), "float64"))
 
 
 def _scores(series: Series, model: str, task: Task) -> dict[str, object]:
-    """Return the score of the free run, and the one that the task ranks by."""
-    judged = free_run = score(series, model, task.outputs, task.horizons_s)
-    if task.score != "free_run" and task.after_s is not None:
+    """Return the score of the free run, the one that the task ranks by, and the other errors."""
+    judged = free_run = score(series, model, task.outputs)
+    if task.score != "free_run":
         outputs = POSITION if task.score == "position" else task.outputs
-        judged = score_after(series, model, outputs, task.after_s)
-    return {"score": free_run, "judged": judged}
+        judged = score(series, model, outputs, task.after_s)
+    sound = math.isfinite(free_run.loss)
+    after = {s: score(series, model, task.outputs, s).loss for s in task.horizons_s if sound}
+    return {"score": free_run, "judged": judged, "after": after, "loss": judged.loss}
 
 
 def _normal(options: Iterable[str]) -> tuple[str, ...]:
@@ -224,37 +193,3 @@ def _normal(options: Iterable[str]) -> tuple[str, ...]:
     return tuple(
         sorted(SPELLING.sub("", text) for text in options if not text.startswith(NO_RESULT))
     )
-
-
-def measures(rows: Iterable[Diagnostic]) -> Iterator[Measure]:
-    """Yield what a run has stored of the manoeuvres of its test files, measured and identified.
-
-    Compared are results with a value to which an error is relative, and not what was ordered.
-    """
-    values: dict[tuple[int | None, str, str], dict[int | None, float | None]] = {}
-    for row in rows:
-        if row.name.startswith(DIAGNOSTIC):
-            quantity = row.name.removeprefix(DIAGNOSTIC).replace("_", " ")
-            values.setdefault((row.i, quantity, row.unit), {})[row.j] = row.value
-    for (file, quantity, unit), own in values.items():
-        measured, predicted = (own.get(COMPARED.index(n)) for n in ("measured", "identified model"))
-        known = measured is not None and math.isfinite(measured) and measured != 0.0
-        lasting = unit in ("L", "deg") or quantity == "period P"
-        if measured is not None and known and lasting and quantity not in ORDERED:
-            reached = math.nan if predicted is None else predicted
-            yield Measure(file or 0, quantity, unit, measured, reached)
-
-
-def parameters(rows: Iterable[Coefficient]) -> int:
-    """Number of parameters of a run's model that differ from those of the nominal one.
-
-    These are coefficients, parameters of devices, and entries of the matrices of a state space.
-    """
-    value = {(row.model, row.dof, row.term): row.value for row in rows}
-    count = 0
-    for (model, dof, term), own in value.items():
-        if model in ("residual", "state_space"):
-            count += own not in (0.0, 1.0) if model == "state_space" else own != 0.0
-        elif model == "identified" and dof not in DOFS:
-            count += own != value.get(("nominal", dof, term))
-    return count
