@@ -63,18 +63,33 @@ def examined() -> Iterator[Check]:
             lines += [f'{line}; extra == "{extra}"' for line in own]
     else:
         supported, lines = metadata("seatrial")["Requires-Python"], requires("seatrial") or []
-    needed = list(map(Requirement, lines))
+    extras = sorted(set(re.findall(r"extra == [\"'](\w+)", "\n".join(lines))) - {*OF_PROJECT})
+    of_extra: dict[str, list[Check]] = {extra: [] for extra in extras}
     yield Check("ok", "seatrial", program_version(), str(ROOT))
     yield _version("Python", platform.python_version(), SpecifierSet(supported))
-    yield from (_package(r) for r in needed if r.marker is None or r.marker.evaluate({"extra": ""}))
-    for extra in sorted(set(re.findall(r"extra == [\"'](\w+)", "\n".join(lines))) - {*OF_PROJECT}):
-        yield _extra(extra, needed)
+    for requirement in map(Requirement, lines):
+        marker = requirement.marker
+        if marker is None or marker.evaluate({"extra": ""}):
+            yield _package(requirement)
+            continue
+        for extra in extras:
+            if marker.evaluate({"extra": extra}):
+                of_extra[extra].append(_package(requirement))
+    for extra, checks in of_extra.items():
+        found = ", ".join(f"{check.name} {check.result}" for check in checks)
+        wrong = [check for check in checks if check.verdict == "problem"]
+        verdict, note = ("problem", wrong[0].note) if wrong else ("ok", "")
+        if any(check.result == "not installed" for check in wrong):
+            verdict, note = "absent", f"pip install 'seatrial[{extra}]'"
+        yield Check(verdict, f"extra {extra}", found, note)
     yield _cache()
-    if data := os.environ.get("SEATRIAL_DATA"):
-        own = ("ok", "") if Path(data).is_dir() else ("problem", "not a folder")
-        yield Check(own[0], "SEATRIAL_DATA", data, own[1])
-    else:
+    data = os.environ.get("SEATRIAL_DATA")
+    if not data:
         yield Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
+    elif Path(data).is_dir():
+        yield Check("ok", "SEATRIAL_DATA", data)
+    else:
+        yield Check("problem", "SEATRIAL_DATA", data, "not a folder")
     yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else DEFAULT_DATABASE)
 
 
@@ -89,23 +104,6 @@ def _version(name: str, result: str, versions: SpecifierSet) -> Check:
     if versions.contains(result, prereleases=True):
         return Check("ok", name, result)
     return Check("problem", name, result, f"expected {versions}")
-
-
-def _extra(name: str, needed: Sequence[Requirement]) -> Check:
-    """Check an extra: absent if a package is not installed, a problem if a version is wrong."""
-    checks = [
-        _package(requirement)
-        for requirement in needed
-        if requirement.marker
-        and requirement.marker.evaluate({"extra": name})
-        and not requirement.marker.evaluate({"extra": ""})
-    ]
-    found = ", ".join(f"{check.name} {check.result}" for check in checks)
-    if any(check.result == "not installed" for check in checks):
-        return Check("absent", f"extra {name}", found, f"pip install 'seatrial[{name}]'")
-    problems = [check for check in checks if check.verdict == "problem"]
-    verdict = problems[0] if problems else Check("ok", name, found)
-    return verdict._replace(name=f"extra {name}", result=found)
 
 
 def _cache() -> Check:

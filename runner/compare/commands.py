@@ -1,7 +1,5 @@
 """The commands of `seatrial-results`: functions of an open logbook; see `cli.command`."""
 
-import re
-from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -33,8 +31,6 @@ from seatrial.runner.record.vocabulary import LOST
 
 if TYPE_CHECKING:
     from seatrial.runner.compare.frame import Queries
-
-MINUTES = {"m": 1, "h": 60, "d": 24 * 60, "w": 7 * 24 * 60}
 
 
 @command()
@@ -259,21 +255,18 @@ def export(results: "Queries", folder: Path) -> list[Path]:
 @command()
 def prune(
     results: "Queries",
-    older_than: str | None = None,
     status: Several = None,
     where: str | None = None,
     orphans: bool = False,
     yes: bool = False,
 ) -> TextTable:
     """Show which runs would be deleted with their files, and with --yes delete them."""
-    statuses = split(status)
+    statuses, chosen = split(status), bool(status or where)
     compare.runs.check_statuses(statuses, (*LOST, "finished"))
     if status and not statuses:
         raise ConfigurationError("--status: got no status, expected one of those of the help")
-    chosen = bool(older_than or statuses or where)
     if orphans == chosen:
-        got = "both" if chosen else "none"
-        expected = "--older-than, --status or --where, or --orphans alone"
+        got, expected = "both" if chosen else "none", "--status or --where, or --orphans alone"
         raise ConfigurationError(f"prune: got {got}, expected {expected}")
     ids: list[int] | None = None
     if orphans:
@@ -281,11 +274,8 @@ def prune(
         sizes, title = [[str(path), path.stat().st_size] for path in files], f"{len(files)} files"
         grid = grid_of(f"{title} that belong to no run", ("file", "bytes"), sizes, labels=2)
     else:
-        summaries = results.reader.prunable(
-            *results.names.clauses(results.where(where)),
-            older_than=age(older_than) if older_than else None,
-            statuses=statuses,
-        )
+        conditions = results.names.clauses(results.where(where))
+        summaries = results.reader.prunable(*conditions, statuses=statuses)
         ids = [run.run_id for run in summaries]
         title = f"{len(ids)} runs with {sum(run.series for run in summaries)} series"
         grid = compare.runs.run_table(results, summaries, title)
@@ -313,16 +303,6 @@ def _delete(results: "Queries", runs: list[int] | None) -> str:
     if pruned.left:
         raise LogbookError(f"{text}; could not delete {', '.join(pruned.left)}")
     return text
-
-
-def age(text: str) -> timedelta:
-    """Parse a duration such as 30d; raises ConfigurationError for any other text."""
-    match = re.fullmatch(r"(\d{1,6})([mhdw])", text.strip(), re.ASCII)
-    if match is None:
-        raise ConfigurationError(
-            f"--older-than: got {text!r}, expected an age such as 30d, 12h, 2w"
-        )
-    return timedelta(minutes=MINUTES[match[2]] * int(match[1]))
 
 
 @command()
