@@ -8,13 +8,12 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from seatrial.runner.compare.benchmark.boards import Board, overall
 from seatrial.runner.compare.benchmark.scores import REFERENCES
 from seatrial.runner.compare.benchmark.task import Case, located
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
-from seatrial.runner.compare.leaderboard import leaderboard, summary
+from seatrial.runner.compare.leaderboard import Board, leaderboard, overall, summary
 from seatrial.runner.compare.page import (
     Section,
     code,
