@@ -1,6 +1,7 @@
 """The sheet of a standard manoeuvre: of a stored run, or of a file of recorded motion."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -57,18 +58,18 @@ def newest_manoeuvres(
     results: Queries, runs: Sequence[StoredRun], kinds: Sequence[str] = MANOEUVRES
 ) -> list[tuple[StoredRun, Recorded]]:
     """The newest finished run of each vessel and excitation that is one of the manoeuvres."""
-    finished = [run for run in runs if run.status == FINISHED]
-    newest = {(run.levels["vessel"], run.levels["excitation"]): run for run in finished}
+    newest = {
+        (run.levels["vessel"], run.levels["excitation"]): run
+        for run in runs
+        if run.status == FINISHED
+    }
     chosen = sorted(newest.values(), key=lambda run: -run.id)
     configs = results.configs_of([run.id for run in chosen])
-    key = "excitation.manoeuvre"
-    found = [run for run in chosen if configs.get(run.id, {}).get(key) in kinds][:MAX_MANOEUVRES]
+    found = [run for run in chosen if configs[run.id].get("excitation.manoeuvre") in kinds]
     known = []
-    for run in found:
-        try:
+    for run in found[:MAX_MANOEUVRES]:
+        with suppress(ConfigurationError):  # of a vessel without a position, such as in yaw alone
             known.append((run, stored(results.reader, run.id, RECORDING)))
-        except ConfigurationError:  # of a vessel that has no position, such as one in yaw alone
-            continue
     return known
 
 
@@ -79,36 +80,30 @@ def grid_of_sheet(
 
     `predicted` are the quantities that the identified model predicts.
     """
-    known = dict(predicted or {}) if result.execution == STORED else {}
-    values = {entry.quantity: entry.value for entry in result.entries}
-    if not any(  # a prediction that differs from the measure, or has an interval, says more
-        np.isfinite(low) or not np.isclose(value, values[name], rtol=1e-9)
-        for name, (value, low, _) in known.items()
+    values, told = result.values, predicted or {}
+    known = result.execution == STORED and any(  # says more than the measure
+        np.isfinite(one.low) or not np.isclose(one.value, values[name], rtol=1e-9)
+        for name, one in told.items()
         if name in values
-    ):
-        known = {}
+    )
     noisy = any(  # an interval is wide enough to be seen in the table
-        entry.low is not None
-        and entry.high is not None
-        and entry.high - entry.low > VISIBLE * abs(entry.value)
+        None not in (entry.low, entry.high)
+        and (entry.high or 0.0) - (entry.low or 0.0) > VISIBLE * abs(entry.value)
         for entry in result.entries
     )
+    headers = ["quantity", "value", *(["from", "to"] if noisy else []), "unit", "metres", "limit"]
+    headers += ["MSC.137(76)", *(["identified", "90 % from", "90 % to"] if known else [])]
     rows: list[list[Scalar]] = []
     for entry in result.entries:
-        bounds = [entry.low, entry.high] if noisy else []
         metres = entry.value * result.length_m if entry.unit == "L" else None
-        row = [entry.quantity, entry.value, *bounds, entry.unit, metres, entry.limit, entry.verdict]
-        if known:
-            own = known.get(entry.quantity, (None,) * 3)
-            row += [None if value is None or np.isnan(value) else value for value in own]
-        rows.append(row)
-    headers = ["quantity", "value", *(["from", "to"] if noisy else []), "unit", "metres", "limit"]
-    headers.append("MSC.137(76)")
+        row = [entry.quantity, entry.value, *([entry.low, entry.high] if noisy else [])]
+        row += [entry.unit, metres, entry.limit, entry.verdict]
+        own = told.get(entry.quantity, (np.nan,) * 3) if known else ()
+        rows.append([*row, *(None if np.isnan(value) else value for value in own)])
     notes = notes_of(result)
     if noisy:
         notes.append("from, to: 90 % interval, due to noise and sample time of the recording")
     if known:
-        headers += ["identified", "90 % from", "90 % to"]
         notes.append("identified: the model's own manoeuvre in calm water, with its 90 % interval")
     return grid_of(f"{title}: {result.manoeuvre.replace('_', ' ')}", headers, rows, notes=notes)
 
