@@ -15,7 +15,6 @@ All queries of tables and figures are here. SQL selects and names; what comes ba
 Columns of text are categorical, so that a row of 100,000 runs takes a byte and not a string.
 """
 
-import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -124,9 +123,8 @@ class Queries:
     def names(self) -> ColumnNames:
         """The names that are valid in conditions, rows and columns."""
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
-        text = sa.cast(RUN.c.config, sa.Text).label("text")  # also of one that is damaged
-        rows = self.reader.select(sa.select(text).where(RUN.c.id.in_(newest)))
-        keys = {key for row in rows for key in _keys(row.text)}
+        rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
+        keys = {key for row in rows for key in flat(row.config)}
         columns: dict[str, Expression] = {column.name: column for column in RUN.c}
         columns["status"] = run_overview.c.status
         columns["sweep"] = run_overview.c.sweep
@@ -163,11 +161,8 @@ class Queries:
                     f"--sweep: got {sweep!r}, expected all, a number or one of {expected}"
                 )
         condition = Condition(condition.text, tuple(one.id for one in chosen))
-        names = {one.name for one in chosen}
-        if len(names) < 2:  # sweep 1, 2 (name), or sweep 1 (name), 2 (other)
-            numbers = ", ".join(str(one.id) for one in chosen)
-            return condition, "".join(f"sweep {numbers} ({name})" for name in names)
-        return condition, f"sweep {', '.join(f'{one.id} ({one.name})' for one in chosen)}"
+        words = ", ".join(f"{one.id} ({one.name})" for one in chosen)
+        return condition, f"sweep {words}" if chosen else ""
 
     def left_out(self, where: str | None, sweep: str | None) -> Iterator[str]:
         """Yield one line if single runs are newer than the sweep that is shown by default."""
@@ -473,15 +468,6 @@ def codes(frame: pd.DataFrame, columns: Sequence[str]) -> pd.Series:
 def chooses(condition: Condition) -> bool:
     """Return whether a condition is about certain runs or sweeps."""
     return bool(names_in(condition.text) & {"id", "sweep_id", "sweep"})
-
-
-def _keys(config: str) -> list[str]:
-    """Return the dotted keys of a configuration; none if it is damaged."""
-    try:
-        parsed = json.loads(config)
-        return list(flat(parsed)) if isinstance(parsed, dict) else []
-    except (ValueError, TypeError, RecursionError):
-        return []
 
 
 def level_text(value: object) -> str:
