@@ -155,12 +155,13 @@ def manoeuvres(
 
     The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
     """
-    sheets, measured = compare.manoeuvre_comparison, (execution, manoeuvre, helm, length, scale)
+    sheets = compare.manoeuvre_comparison
+    how = {"execution": execution, "manoeuvre": manoeuvre, "scale": scale}
     if not is_run(subject) or Path(subject).exists():
-        return sheets.file_sheet(Path(subject), map_file, *measured)
+        return sheets.file_sheet(Path(subject), map_file, helm, length, **how)
     with compare.frame.open_results(database, results_dir) as results:
         run = newest(results) if subject == "latest" else int(subject)
-        return sheets.run_sheet(results, run, series, *measured)
+        return sheets.run_sheet(results, run, series, helm, length, **how)
 
 
 @command()

@@ -198,7 +198,8 @@ class Queries:
         columns = ("run", "status", *NO_LEVELS)
         data = dict(zip((*columns, *names), map(list, zip(*rows, strict=True)), strict=True))
         data["streams"] = [None if each is None else " ".join(each) for each in data["streams"]]
-        data |= {name: list(map(level_text, data[name])) for name in names}
+        for name in names:
+            data[name] = ["none" if level is None else str(level) for level in data[name]]
         if planned:
             for row in self._not_started(condition, {name: data[name] for name in names}):
                 for name, values in data.items():
@@ -468,11 +469,6 @@ def codes(frame: pd.DataFrame, columns: Sequence[str]) -> pd.Series:
 def chooses(condition: Condition) -> bool:
     """Return whether a condition is about certain runs or sweeps."""
     return bool(names_in(condition.text) & {"id", "sweep_id", "sweep"})
-
-
-def level_text(value: object) -> str:
-    """Return a level as tables show it."""
-    return "none" if value is None else str(value)
 
 
 def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from seatrial.runner.export.manoeuvre_tracks import (
     INSTANTS,
     MANOEUVRES,
     Execution,
-    Manoeuvre,
     PredictedMeasure,
     Recorded,
     Sheet,
@@ -32,26 +32,23 @@ MAX_MANOEUVRES = 6  # manoeuvres in a report
 
 
 def run_sheet(
-    results: Queries, run: int, series: str, execution: Execution, manoeuvre: Manoeuvre | None,
-    helm: str | None, length_m: float | None, scale: float,
-) -> TextTable:  # fmt: skip
+    results: Queries, run: int, series: str, helm: str | None, length_m: float | None, **how: Any
+) -> TextTable:
     """Return the sheet of a run, or the measures that are stored of its recorded manoeuvres."""
     predicted = [row for row in results.reader.diagnostics(run) if row.name.startswith(DIAGNOSTIC)]
     if predicted and series == RECORDING:
         return comparison(predicted, f"Run {run}")
     recorded = stored(results.reader, run, series, helm, length_m)
-    result = measured_sheet(recorded.track, manoeuvre, execution, scale, ordered=recorded.ordered)
+    result = measured_sheet(recorded.track, ordered=recorded.ordered, **how)
     return grid_of_sheet(result, f"Run {run}", recorded.predicted)
 
 
 def file_sheet(
-    path: Path, map_file: Path | None, execution: Execution, manoeuvre: Manoeuvre | None,
-    helm: str | None, length_m: float | None, scale: float,
-) -> TextTable:  # fmt: skip
-    """Return the sheet of a recorded file."""
+    path: Path, map_file: Path | None, helm: str | None, length_m: float | None, **how: Any
+) -> TextTable:
+    """Return the sheet of a recorded file; `how` it is measured are options of `sheet`."""
     track, ordered = file_track(path, map_file, helm, length_m)
-    result = measured_sheet(track, manoeuvre, execution, scale, ordered=ordered)
-    return grid_of_sheet(result, str(path))
+    return grid_of_sheet(measured_sheet(track, ordered=ordered, **how), str(path))
 
 
 def newest_manoeuvres(

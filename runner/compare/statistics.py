@@ -320,10 +320,10 @@ def pivot(frame: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str] =
     levels = frame.loc[~frame["cell"].duplicated(), list(factors)].astype(str)
     keys = [tuple(each) for each in levels.itertuples(index=False)] if factors else [()]
     places = [(key[:split], key[split:]) for key in keys]
-    cells = {
-        place: Cell(**{name: of_cell[n] for name, of_cell in contents.items() if n in of_cell})  # type: ignore[arg-type]
-        for n, place in enumerate(places)
-    }
+    cells = {}
+    for n, place in enumerate(places):
+        held: dict[str, Any] = {name: each[n] for name, each in contents.items() if n in each}
+        cells[place] = Cell(**held)
     return Pivot(
         rows, columns, _sorted((row for row, _ in places), rows, metrics),
         _sorted((column for _, column in places), columns, metrics), cells, known, places,
@@ -362,28 +362,24 @@ def best_cells(
         if factor in ("metric", "stage", "dof", "file")
         or not within(factor, (*COMPARED, *METRIC_FACTORS))
     ]  # fmt: skip
-    groups: dict[Hashable, list[Place]] = defaultdict(list)
+    groups: dict[Hashable, dict[Place, Cell]] = defaultdict(dict)
     for place, cell in table.cells.items():
         own = tuple((place[0] + place[1])[k] for k in apart)
-        groups[own, int(shared[cell.condition]) if cell.experiments else -1].append(place)
-    best = set()
-    for members in groups.values():
-        cells = {place: table.cells[place] for place in members}
-        seeds = reference_seeds(cells.values())
-        losses = {
-            place: cell.loss(location(np.array([*on_seeds(cell, seeds).values()])))
-            for place, cell in cells.items()
-            if cell.experiments and not (cell.flagged or cell.lost_seeds or cell.uneven)
-            and (cell.deterministic or seeds <= cell.by_seed.keys())
-        }  # fmt: skip
-        finite = {place: value for place, value in losses.items() if np.isfinite(value)}
-        if len(members) > 1 and finite:
-            lowest = min(finite.values())
-            best |= {
-                place
-                for place, value in finite.items()
-                if equal(np.array([value]), lowest, cells[place].resolution)[0]
-            }
+        groups[own, int(shared[cell.condition]) if cell.experiments else -1][place] = cell
+    best = set[Place]()
+    for cells in groups.values():
+        seeds, losses = reference_seeds(cells.values()), dict[Place, float]()
+        for place, cell in cells.items():
+            whole = cell.deterministic or seeds <= cell.by_seed.keys()
+            if whole and cell.experiments and not (cell.flagged or cell.lost_seeds or cell.uneven):
+                values = [v for k, v in cell.by_seed.items() if cell.deterministic or k in seeds]
+                losses[place] = cell.loss(location(np.array(values)))
+        lowest = min((loss for loss in losses.values() if np.isfinite(loss)), default=math.nan)
+        best |= {
+            place
+            for place, loss in losses.items()
+            if len(cells) > 1 and equal(np.array([loss]), lowest, cells[place].resolution)[0]
+        }
     return best
 
 
@@ -397,11 +393,6 @@ def reference_seeds(cells: Iterable[Cell]) -> frozenset[str]:
     counts = Counter(seed for cell in reference or drawn for seed in cell.by_seed)
     most = 0 if reference else len(drawn) / 2.0
     return frozenset(seed for seed, n in counts.items() if seed != EVERY_SEED and n > most)
-
-
-def on_seeds(cell: Cell, seeds: frozenset[str]) -> Mapping[str, float]:
-    """Return the values of a cell over some seeds; a deterministic cell has every seed."""
-    return {seed: v for seed, v in cell.by_seed.items() if seed == EVERY_SEED or seed in seeds}
 
 
 def against_baseline(
