@@ -12,6 +12,7 @@ configuration (plant.scale, identifier.force). Names are looked up before any SQ
 values are bound as parameters, so text from the command line never becomes SQL.
 """
 
+import ast
 import operator as op
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -19,6 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from difflib import get_close_matches
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -33,13 +35,18 @@ Expression = sa.ColumnElement[object]
 ORDERINGS: dict[str, Callable[[Any, Any], Any]] = {
     "<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge,
 }  # fmt: skip
-MOST_NESTED = 100  # parentheses within each other, and negations
-KEYWORDS = ("and", "or", "not", "in")
-SIGNS = {"=": "=", "==": "=", "!=": "!=", "<>": "!=", **{sign: sign for sign in ORDERINGS}}
+OPERATORS: dict[type[ast.cmpop], str] = {
+    ast.Eq: "=", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
+    ast.In: "in", ast.NotIn: "in",
+}  # fmt: skip
 CONSTANTS: dict[str, Value] = {"true": True, "false": False, "null": None}
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
-QUOTED, WORD = r"""'(?:[^']|'')*'|"(?:[^"]|"")*\"""", r"[A-Za-z0-9_.+\-:/]+"
-TOKEN = re.compile(rf"{QUOTED}|<=|>=|!=|<>|==|{WORD}|\S")
+# Tokens of a condition, and those that mean something in Python.
+TOKEN = re.compile(
+    r"""(?P<name>'(?:[^']|'')*'|"(?:[^"]|"")*"|[A-Za-z0-9_.+\-:/]+)|<=|>=|!=|<>|==|\S"""
+)
+PYTHON = {"=": "==", "<>": "!=", **{own: own for own in ("==", "!=", "<", "<=", ">", ">=")}}
+PYTHON |= {own: own for own in ("and", "or", "not", "in", "(", ")", ",")}
 NAME = re.compile(r"[A-Za-z_]\w*(\.\w+)*", re.ASCII)
 _INTEGER = re.compile(r"[+-]?\d{1,18}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -60,98 +67,64 @@ EVERY_RUN = Condition()
 def parse(text: str, compare: Compared) -> Any:
     """Return the meaning of a text: that of its comparisons, combined by `&`, `|` and `~`.
 
-    `compare` gives the meaning of `name operator value`; the operator `in` takes a tuple. Raises
-    ConfigurationError if the text breaks the grammar above.
+    `compare` gives the meaning of `name operator value`; the operator `in` takes a tuple. Python
+    reads the text, with the numbers of its tokens in place of names and values and each token on a
+    line of its own. Raises ConfigurationError if the text breaks the grammar above.
     """
-    reader = _Reader(text, compare)
-    meaning = reader.condition()
-    reader.require(not reader.token)
-    return meaning
+    tokens = [*TOKEN.finditer(text)]
 
+    def refused(number: int) -> ConfigurationError:
+        place = tokens[number].start() if number < len(tokens) else len(text.rstrip())
+        rest = text[place:].strip()
+        return ConfigurationError(
+            f"--where: cannot read {repr(rest[:20]) if rest else 'the end'} at character"
+            f' {place + 1}; expected comparisons such as "seed<10 and identifier=ls"'
+        )
 
-class _Reader:
-    """Reads the tokens of a text by recursive descent; each rule returns its meaning."""
-
-    def __init__(self, text: str, compare: Compared) -> None:
-        self.text, self.compare, self.depth = text, compare, 0
-        self.tokens = [*TOKEN.finditer(text)][::-1]
-
-    @property
-    def token(self) -> str:
-        """The next token; empty at the end."""
-        return self.tokens[-1][0] if self.tokens else ""
-
-    def take(self, *tokens: str) -> bool:
-        """Go on if the next token is one of these."""
-        taken = self.token.lower() in tokens
-        if taken:
-            self.tokens.pop()
-        return taken
-
-    def require(self, fits: object) -> None:
-        """Refuse the next token if it does not fit."""
-        if not fits:
-            place = self.tokens[-1].start() if self.tokens else len(self.text.rstrip())
-            rest = self.text[place:].strip()
-            raise ConfigurationError(
-                f"--where: cannot read {repr(rest[:20]) if rest else 'the end'} at character"
-                f' {place + 1}; expected comparisons such as "seed<10 and identifier=ls"'
-            )
-
-    def condition(self) -> Any:
-        meaning = self.conjunction()
-        while self.take("or"):
-            meaning = meaning | self.conjunction()
-        return meaning
-
-    def conjunction(self) -> Any:
-        meaning = self.negation()
-        while self.take("and"):
-            meaning = meaning & self.negation()
-        return meaning
-
-    def negation(self) -> Any:
-        self.depth += 1
-        if self.depth > MOST_NESTED + 1:
-            raise ConfigurationError(
-                f"--where: got more than {MOST_NESTED} parentheses and negations within each other"
-            )
-        if self.take("not"):
-            meaning = ~self.negation()
-        elif self.take("("):
-            meaning = self.condition()
-            self.require(self.take(")"))
-        else:
-            meaning = self.comparison()
-        self.depth -= 1
-        return meaning
-
-    def comparison(self) -> Any:
-        self.require(NAME.fullmatch(self.token) and self.token.lower() not in KEYWORDS)
-        name = self.tokens.pop()[0]
-        negated = self.take("not")
-        if self.take("in"):
-            self.require(self.take("("))
-            values = [self.value()]
-            while self.take(","):
-                values.append(self.value())
-            self.require(self.take(")"))
-            among = self.compare(name, "in", tuple(values))
-            return ~among if negated else among
-        self.require(self.token in SIGNS and not negated)  # `not` goes before `in`
-        sign, value = SIGNS[self.tokens.pop()[0]], self.value()
-        if sign in ORDERINGS and (value is None or isinstance(value, bool)):
-            raise ConfigurationError(
-                f"--where: {name} {sign} {str(value).lower()} has no meaning; use = or !="
-            )
-        return self.compare(name, sign, value)
-
-    def value(self) -> Value:
+    def value(node: ast.expr) -> Value:
         """A quoted text, or what an unquoted word looks like."""
-        quoted, word = re.fullmatch(QUOTED, self.token), re.fullmatch(WORD, self.token)
-        self.require(quoted or (word and self.token.lower() not in KEYWORDS))
-        token = self.tokens.pop()[0]
+        if not isinstance(node, ast.Constant):
+            raise refused(node.lineno - 1)
+        token = tokens[node.value][0]
+        quoted = token[0] in "'\""
         return token[1:-1].replace(2 * token[0], token[0]) if quoted else bare_value(token)
+
+    def meaning(node: ast.expr) -> Any:
+        match node:
+            case ast.BoolOp(op=joined, values=parts):
+                both = op.and_ if isinstance(joined, ast.And) else op.or_
+                return reduce(both, map(meaning, parts))
+            case ast.UnaryOp(op=ast.Not(), operand=part):
+                return ~meaning(part)
+            case ast.Compare(left=ast.Constant(value=number), ops=[sign], comparators=[right]):
+                name, operator = tokens[number][0], OPERATORS[type(sign)]
+                if not NAME.fullmatch(name):
+                    raise refused(number)
+                if operator == "in":
+                    each = right.elts if isinstance(right, ast.Tuple) else [right]
+                    among = compare(name, operator, tuple(map(value, each or [right])))
+                    return ~among if isinstance(sign, ast.NotIn) else among
+                other = value(right)
+                if operator in ORDERINGS and (other is None or isinstance(other, bool)):
+                    raise ConfigurationError(
+                        f"--where: {name} {operator} {str(other).lower()} has no meaning;"
+                        " use = or !="
+                    )
+                return compare(name, operator, other)
+        raise refused(node.lineno - 1)
+
+    lines = [PYTHON.get(token[0].lower(), str(number)) for number, token in enumerate(tokens)]
+    for number, token in enumerate(tokens):
+        if lines[number].isdigit() and token["name"] is None:
+            raise refused(number)
+    try:
+        return meaning(ast.parse("\\\n".join(lines), mode="eval").body)
+    except SyntaxError as error:
+        if "too many nested" not in str(error):
+            raise refused((error.lineno or 1) - 1) from None
+    except (MemoryError, RecursionError):
+        pass
+    raise ConfigurationError("--where: got too many parentheses and negations within each other")
 
 
 def names_in(text: str | None) -> set[str]:
