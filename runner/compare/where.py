@@ -106,10 +106,8 @@ def parse(text: str, compare: Compared) -> Any:
                     return ~among if isinstance(sign, ast.NotIn) else among
                 other = value(right)
                 if operator in ORDERINGS and (other is None or isinstance(other, bool)):
-                    raise ConfigurationError(
-                        f"--where: {name} {operator} {str(other).lower()} has no meaning;"
-                        " use = or !="
-                    )
+                    told = f"{name} {operator} {str(other).lower()}"
+                    raise ConfigurationError(f"--where: {told} has no meaning; use = or !=")
                 return compare(name, operator, other)
         raise refused(node.lineno - 1)
 
