@@ -10,18 +10,8 @@ from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner import compare
 from seatrial.runner import database as databases
 from seatrial.runner import export as exports
-from seatrial.runner.compare.cli import (
-    PlotOptions,
-    Several,
-    TableOptions,
-    axes_of,
-    command,
-    is_run,
-    newest,
-    show_grids,
-    shown_path,
-    split,
-)
+from seatrial.runner.compare import cli
+from seatrial.runner.compare.cli import PlotOptions, Several, TableOptions, command, split
 from seatrial.runner.compare.figures import figures
 from seatrial.runner.compare.formats import OutputFormat
 from seatrial.runner.compare.grid import TextTable, grid_of
@@ -113,7 +103,7 @@ def plot(results: "Queries", options: PlotOptions) -> list[Path]:
     """
     request = compare.plots.request_of(options)
     width = None if options.width is None else compare.plots.paper.width_of(options.width)
-    folder = options.output or shown_path(results.reader.results_dir / "figures")
+    folder = options.output or cli.shown_path(results.reader.results_dir / "figures")
     return compare.plots.draw(options.kind, results, request, folder, width)
 
 
@@ -123,7 +113,7 @@ def animate(results: "Queries", run: int, to: Path | None = None) -> Path:
 
     The hull is to scale, with thrust and rudder; nominal and identified model are side by side.
     """
-    return shown_path(compare.animation.animate(results, run, to))
+    return cli.shown_path(compare.animation.animate(results, run, to))
 
 
 @command()
@@ -157,10 +147,10 @@ def manoeuvres(
     """
     sheets = compare.manoeuvre_comparison
     how = {"execution": execution, "manoeuvre": manoeuvre, "scale": scale}
-    if not is_run(subject) or Path(subject).exists():
+    if not cli.is_run(subject) or Path(subject).exists():
         return sheets.file_sheet(Path(subject), map_file, helm, length, **how)
     with compare.frame.open_results(database, results_dir) as results:
-        run = newest(results) if subject == "latest" else int(subject)
+        run = cli.newest(results) if subject == "latest" else int(subject)
         return sheets.run_sheet(results, run, series, helm, length, **how)
 
 
@@ -213,8 +203,9 @@ def report(
     database: str = DEFAULT_DATABASE,
 ) -> Path:
     """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
-    request = compare.report.ReportRequest(*axes_of(rows, columns), where, sweep, title, database)
-    file = output or shown_path(results.reader.results_dir / "report" / "report.html")
+    axes = cli.axes_of(rows, columns)
+    request = compare.report.ReportRequest(*axes, where, sweep, title, database)
+    file = output or cli.shown_path(results.reader.results_dir / "report" / "report.html")
     compare.report.write_report(results, request, file)
     return file
 
@@ -227,7 +218,7 @@ def site(
 
     Tables, figures, runs and failures; every view has a link and the command that repeats it.
     """
-    folder = to or shown_path(results.reader.results_dir / "site")
+    folder = to or cli.shown_path(results.reader.results_dir / "site")
     return compare.site.write_site(results, folder, database, runs)
 
 
@@ -319,7 +310,7 @@ def verify(results: "Queries", form: OutputFormat = OutputFormat.RICH) -> None:
     if report.leftovers:
         verdict += f", {len(report.leftovers)} unused files (prune --orphans)"
     title = f"checked {report.runs} runs and {report.series} series files: {verdict}"
-    show_grids([grid_of(title, ("where", "problem"), rows, labels=2)], form)
+    cli.show_grids([grid_of(title, ("where", "problem"), rows, labels=2)], form)
     if report.problems:
         raise typer.Exit(1)
 
