@@ -438,12 +438,13 @@ def complete(frame: pd.DataFrame, trials: pd.DataFrame, factors: Sequence[str]) 
     have; trials whose levels no number has may have all of them.
     """
     columns = list(METRIC_FACTORS)
-    kinds = frame[columns].drop_duplicates()
-    every = trials.reset_index(names="run").merge(
-        kinds if len(kinds) else pd.DataFrame([dict.fromkeys(columns, "")]), how="cross"
-    )
-    own, known = (pd.MultiIndex.from_frame(each[["run", *columns]]) for each in (every, frame))
-    lacking = every[~own.isin(known)]
+    kind = codes(frame, columns)
+    kinds = frame.loc[~kind.duplicated(), columns]
+    kinds = kinds if len(kinds) else pd.DataFrame([dict.fromkeys(columns, "")])
+    count, runs = len(kinds), trials.reset_index(names="run")
+    every = runs.merge(kinds.assign(_kind=range(count)), how="cross")
+    known = frame["run"] * count + kind
+    lacking = every[~(every["run"] * count + every["_kind"]).isin(known)].drop(columns="_kind")
     status = lacking["status"].astype(str)
     reason = pd.Categorical(np.where(status == FINISHED, NOT_APPLICABLE, status), dtype=REASONS)
     whole = pd.concat([frame, lacking.assign(reason=reason, condition=-1)], ignore_index=True)
