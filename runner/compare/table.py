@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import product
@@ -87,22 +87,7 @@ def comparison(results: Queries, options: TableOptions) -> TextTable:
 
     Raises ConfigurationError for unknown names, if no run matches, or for too many cells.
     """
-    statistics = stats.checked(split(options.statistic) or stats.DEFAULT)
-    selection, columns = select(results, options), options.axes[1]
-    whole = complete(selection.shown, selection.trials, (*selection.rows, *columns))
-    axes = {"rows": selection.rows, "columns": columns}
-    sizes = {axis: int(codes(whole, own).max()) + 1 for axis, own in axes.items()}
-    if (cells := math.prod(sizes.values())) > options.cells:
-        axis = max(sizes, key=lambda each: sizes[each])
-        raise ConfigurationError(
-            f"--{axis} {','.join(axes[axis])}: got {sizes[axis]} {axis}, {cells} cells; "
-            f"expected at most {options.cells} cells (--cells)"
-        )
-    table = stats.pivot(whole, selection.rows, columns, options.names)
-    tests = {}
-    if options.baseline:
-        tests = stats.against_baseline(table, selection.frame, selection.facts, options.reference)
-    return _Writer(options, selection, table, tests, statistics).grid()
+    return _Comparison(results, options).grid()
 
 
 def select(results: Queries, options: TableOptions, apart: Key = ()) -> Selection:
@@ -195,24 +180,32 @@ def _read(results: Queries, options: TableOptions, condition: Condition) -> pd.D
     return numbers
 
 
-class _Writer:
-    """Turns a pivot into a grid: texts, bold, marks, notes and records."""
+class _Comparison:
+    """The cells of a table, and their texts, bold, marks, notes and records."""
 
-    def __init__(
-        self,
-        options: TableOptions,
-        selection: Selection,
-        table: stats.Pivot,
-        tests: Mapping[Place, stats.PairedTest],
-        statistics: Sequence[str],
-    ) -> None:
-        self.options, self.selection = options, selection
-        self.table, self.tests, self.statistics = table, tests, statistics
+    def __init__(self, results: Queries, options: TableOptions) -> None:
+        self.options = options
+        self.statistics = stats.checked(split(options.statistic) or stats.DEFAULT)
+        self.selection = chosen = select(results, options)
+        axes = {"rows": chosen.rows, "columns": options.axes[1]}
+        whole = complete(chosen.shown, chosen.trials, (*axes["rows"], *axes["columns"]))
+        sizes = {axis: int(codes(whole, own).max()) + 1 for axis, own in axes.items()}
+        if (cells := math.prod(sizes.values())) > options.cells:
+            axis = max(sizes, key=lambda each: sizes[each])
+            raise ConfigurationError(
+                f"--{axis} {','.join(axes[axis])}: got {sizes[axis]} {axis}, {cells} cells; "
+                f"expected at most {options.cells} cells (--cells)"
+            )
+        self.table = stats.pivot(whole, *axes.values(), options.names)
         self.baseline = ", ".join(f"{name}={level}" for name, level in options.reference.items())
-        samples = {place: cell.sample for place, cell in table.cells.items()}
-        self.figures = {place: stats.summary(own, statistics) for place, own in samples.items()}
+        self.tests = {}
+        if self.baseline:
+            of_baseline = chosen.frame, chosen.facts, options.reference
+            self.tests = stats.against_baseline(self.table, *of_baseline)
+        samples = {place: cell.sample for place, cell in self.table.cells.items()}
+        self.figures = {k: stats.summary(own, self.statistics) for k, own in samples.items()}
         self.location = {place: self._location(own) for place, own in samples.items()}
-        self.best = stats.best_cells(table, selection.facts, self._location)
+        self.best = stats.best_cells(self.table, chosen.facts, self._location)
 
     def grid(self) -> TextTable:
         """Return the table; it has a column of units if the rows have different units."""

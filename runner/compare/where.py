@@ -68,8 +68,8 @@ def parse(text: str, compare: Compared) -> Any:
     """Return the meaning of a text: that of its comparisons, combined by `&`, `|` and `~`.
 
     `compare` gives the meaning of `name operator value`; the operator `in` takes a tuple. Python
-    reads the text, with the numbers of its tokens in place of names and values and each token on a
-    line of its own. Raises ConfigurationError if the text breaks the grammar above.
+    reads the text, each token on a line of its own, and a zero in place of every name and value.
+    Raises ConfigurationError if the text breaks the grammar above.
     """
     tokens = [*TOKEN.finditer(text)]
 
@@ -85,7 +85,7 @@ def parse(text: str, compare: Compared) -> Any:
         """A quoted text, or what an unquoted word looks like."""
         if not isinstance(node, ast.Constant):
             raise refused(node.lineno - 1)
-        token = tokens[node.value][0]
+        token = tokens[node.lineno - 1][0]
         quoted = token[0] in "'\""
         return token[1:-1].replace(2 * token[0], token[0]) if quoted else bare_value(token)
 
@@ -96,10 +96,10 @@ def parse(text: str, compare: Compared) -> Any:
                 return reduce(both, map(meaning, parts))
             case ast.UnaryOp(op=ast.Not(), operand=part):
                 return ~meaning(part)
-            case ast.Compare(left=ast.Constant(value=number), ops=[sign], comparators=[right]):
-                name, operator = tokens[number][0], OPERATORS[type(sign)]
+            case ast.Compare(left=ast.Constant() as left, ops=[sign], comparators=[right]):
+                name, operator = tokens[left.lineno - 1][0], OPERATORS[type(sign)]
                 if not NAME.fullmatch(name):
-                    raise refused(number)
+                    raise refused(left.lineno - 1)
                 if operator == "in":
                     each = right.elts if isinstance(right, ast.Tuple) else [right]
                     among = compare(name, operator, tuple(map(value, each or [right])))
@@ -111,9 +111,9 @@ def parse(text: str, compare: Compared) -> Any:
                 return compare(name, operator, other)
         raise refused(node.lineno - 1)
 
-    lines = [PYTHON.get(token[0].lower(), str(number)) for number, token in enumerate(tokens)]
+    lines = [PYTHON.get(token[0].lower(), "0") for token in tokens]
     for number, token in enumerate(tokens):
-        if lines[number].isdigit() and token["name"] is None:
+        if lines[number] == "0" and token["name"] is None:
             raise refused(number)
     try:
         return meaning(ast.parse("\\\n".join(lines), mode="eval").body)
