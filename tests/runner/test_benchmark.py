@@ -142,7 +142,7 @@ def test_an_entrant_may_bring_its_own_vessel(
 def test_a_task_that_is_none_is_one_line(tmp_path: Path) -> None:
     small(tmp_path)
     for old, new, message in (
-        ("outputs: [surge]", "outputs: [u]", r"outputs: got 'u', expected some of surge"),
+        ("outputs: [surge]", "outputs: [u]", r"outputs\[0\]: got 'u', expected one of surge"),
         ("  b.csv: ", "  c.csv: ", r"cases\.one: b\.csv has no SHA-256"),
         ("title: Files", "titel: Files", r"benchmark/small"),
         ("title: Files", "- x", r"small\.yaml"),
