@@ -265,8 +265,8 @@ class Cell:
 class Pivot:
     """Cells by row key and column key; a key holds one level for each factor.
 
-    `known` are the distinct numbers with a value, each with the number of its `cell`, and `places`
-    the keys of the cells by that number.
+    `known` are the distinct numbers with a value, each with the number of its `cell`, which is its
+    place among the `cells`.
     """
 
     row_factors: Key
@@ -275,7 +275,6 @@ class Pivot:
     column_keys: Sequence[Key]
     cells: Mapping[Place, Cell]
     known: pd.DataFrame
-    places: Sequence[Place]
 
     def cell(self, row: Key, column: Key) -> Cell:
         """Return the cell, which is empty if no run belongs to it."""
@@ -316,18 +315,15 @@ def pivot(frame: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str] =
     for (cell, reason), number in lacks.items():
         counts[cell][reason] = int(number)
     contents |= {"by_seed": seeds, "missing": counts}
-    split = len(rows)
     levels = frame.loc[~frame["cell"].duplicated(), list(factors)].astype(str)
     keys = [tuple(each) for each in levels.itertuples(index=False)] if factors else [()]
-    places = [(key[:split], key[split:]) for key in keys]
     cells = {}
-    for n, place in enumerate(places):
+    for n, key in enumerate(keys):
         held: dict[str, Any] = {name: each[n] for name, each in contents.items() if n in each}
-        cells[place] = Cell(**held)
-    return Pivot(
-        rows, columns, _sorted((row for row, _ in places), rows, metrics),
-        _sorted((column for _, column in places), columns, metrics), cells, known, places,
-    )  # fmt: skip
+        cells[key[: len(rows)], key[len(rows) :]] = Cell(**held)
+    row_keys = _sorted((row for row, _ in cells), rows, metrics)
+    column_keys = _sorted((column for _, column in cells), columns, metrics)
+    return Pivot(rows, columns, row_keys, column_keys, cells, known)
 
 
 def _sorted(keys: Iterable[Key], factors: Key, metrics: Sequence[str]) -> list[Key]:
@@ -410,10 +406,9 @@ def against_baseline(
     beside, seeds = pairs(both, facts, baseline, named)
     of_cell, known_of = dict(iter(beside.groupby("cell"))), seeds.groupby("cell")["replicate"]
     known = known_of.agg(set).to_dict()
-    tests = {}
+    tests, cells = {}, [*table.cells.items()]
     for number in sorted(own["cell"].unique()):
-        place = table.places[number]
-        cell, pair = table.cells[place], of_cell.get(number, beside[:0])
+        (place, cell), pair = cells[number], of_cell.get(number, beside[:0])
         of_baseline = known.get(number, set())
         lost = {
             seed for seed in cell.lost_seeds - {*pair["replicate"]}
