@@ -65,7 +65,7 @@ def examined() -> Iterator[Check]:
         supported, lines = metadata("seatrial")["Requires-Python"], requires("seatrial") or []
     extras = sorted(set(re.findall(r"extra == [\"'](\w+)", "\n".join(lines))) - {*OF_PROJECT})
     of_extra: dict[str, list[Check]] = {extra: [] for extra in extras}
-    yield Check("ok", "seatrial", program_version(), str(ROOT))
+    yield _check("seatrial", program_version(), note=str(ROOT))
     yield _version("Python", platform.python_version(), SpecifierSet(supported))
     for requirement in map(Requirement, lines):
         marker = requirement.marker
@@ -78,50 +78,48 @@ def examined() -> Iterator[Check]:
     for extra, checks in of_extra.items():
         found = ", ".join(f"{check.name} {check.result}" for check in checks)
         wrong = [check for check in checks if check.verdict == "problem"]
-        verdict, note = ("problem", wrong[0].note) if wrong else ("ok", "")
         if any(check.result == "not installed" for check in wrong):
-            verdict, note = "absent", f"pip install 'seatrial[{extra}]'"
-        yield Check(verdict, f"extra {extra}", found, note)
+            yield Check("absent", f"extra {extra}", found, f"pip install 'seatrial[{extra}]'")
+        else:
+            yield _check(f"extra {extra}", found, wrong[0].note if wrong else "")
     yield _cache()
-    data = os.environ.get("SEATRIAL_DATA")
-    if not data:
-        yield Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
-    elif Path(data).is_dir():
-        yield Check("ok", "SEATRIAL_DATA", data)
+    if data := os.environ.get("SEATRIAL_DATA"):
+        yield _check("SEATRIAL_DATA", data, "" if Path(data).is_dir() else "not a folder")
     else:
-        yield Check("problem", "SEATRIAL_DATA", data, "not a folder")
+        yield Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
     yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else DEFAULT_DATABASE)
+
+
+def _check(name: str, result: str, problem: str = "", note: str = "") -> Check:
+    return Check("problem" if problem else "ok", name, result, problem or note)
 
 
 def _package(requirement: Requirement) -> Check:
     try:
         return _version(requirement.name, version(requirement.name), requirement.specifier)
     except PackageNotFoundError:
-        return Check("problem", requirement.name, "not installed", f"expected {requirement}")
+        return _check(requirement.name, "not installed", f"expected {requirement}")
 
 
 def _version(name: str, result: str, versions: SpecifierSet) -> Check:
-    if versions.contains(result, prereleases=True):
-        return Check("ok", name, result)
-    return Check("problem", name, result, f"expected {versions}")
+    fits = versions.contains(result, prereleases=True)
+    return _check(name, result, "" if fits else f"expected {versions}")
 
 
 def _cache() -> Check:
     """Check that machine code can be kept: every process would compile again otherwise."""
     folder, wanted = cache_home(), os.environ.get("SEATRIAL_CACHE")
-    if wanted and folder != Path(wanted):
-        return Check("problem", "compiled code", str(folder), f"{wanted} cannot be written")
+    problem = f"{wanted} cannot be written" if wanted and folder != Path(wanted) else ""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        return Check("problem", "compiled code", str(folder), f"not writable: {error.strerror}")
+        problem = problem or f"not writable: {error.strerror}"
+    sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+    note = f"{sum(sizes) / 1e6:.0f} MB in {len(sizes)} files; it may be deleted"
     if folder.is_relative_to(tempfile.gettempdir()) and not wanted:
         note = "temporary: set SEATRIAL_CACHE to a folder that stays"
-    else:
-        sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
-        note = f"{sum(sizes) / 1e6:.0f} MB in {len(sizes)} files; it may be deleted"
-    return Check("ok", "compiled code", str(folder), note)
+    return _check("compiled code", str(folder), problem, note)
 
 
 def _logbook(url: str) -> Check:
@@ -131,8 +129,8 @@ def _logbook(url: str) -> Check:
         shown = database.engine.display_url(url)
         address = database.engine.parse(url)
         if address.path is not None and not address.path.exists():
-            return Check("ok", "logbook", shown, f"made by the first trial of {trial_program()}")
+            return _check("logbook", shown, note=f"made by the first trial of {trial_program()}")
         condition = database.schema.inspect(address)
     except SeatrialError as error:
-        return Check("problem", "logbook", shown, str(error))
-    return Check("ok", "logbook", shown, f"schema: {condition.value}")
+        return _check("logbook", shown, str(error))
+    return _check("logbook", shown, note=f"schema: {condition.value}")

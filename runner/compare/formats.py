@@ -145,36 +145,29 @@ def html_table(grid: TextTable) -> Markup:
     values follow it at once.
     """
 
-    def others(texts: Sequence[str]) -> str:
-        text = ", ".join(filter(None, texts[1 : grid.labels]))
-        return f' data-others="{_html_text(text)}"' if text and grid.labels < len(texts) else ""
+    def line(cells: Sequence[TableCell], head: bool = False) -> str:
+        others = ", ".join(cell.text for cell in cells[1 : grid.labels] if cell.text)
+        more = f' data-others="{_html_text(others)}"' if others and grid.labels < len(cells) else ""
+        texts = ""
+        for index, cell in enumerate(cells):
+            is_label, text = index < grid.labels, _html_text(cell.text)
+            tag = "th" if head or is_label else "td"
+            attributes = ' scope="col"' if head else ' scope="row"' if is_label else ""
+            attributes += " class=label" if head and is_label else " class=text" * cell.prose
+            attributes += "" if cell.sort is None else f' data-value="{cell.sort!r}"'
+            text = f"<strong>{text}</strong>" if cell.bold else text
+            texts += f"<{tag}{attributes}{'' if index else more}>{text}</{tag}>"
+        return f"<tr>{texts}</tr>"
 
-    heads = "".join(
-        f'<th scope="col"{" class=label" if index < grid.labels else ""}'
-        f"{'' if index else others(grid.headers)}>{_html_text(header)}</th>"
-        for index, header in enumerate(grid.headers)
-    )
-    rows = ""
-    for row in grid.rows:
-        more = others([cell.text for cell in row])
-        cells = (_html_cell(c, i < grid.labels, "" if i else more) for i, c in enumerate(row))
-        rows += f"<tr>{''.join(cells)}</tr>\n"
     title = _html_text(grid.title)
     caption = f'<p class="small">{title}</p>' if title else ""  # a <caption> would not wrap
+    head = line([TableCell(header) for header in grid.headers], head=True)
+    rows = "".join(f"{line(row)}\n" for row in grid.rows)
     notes = "".join(f'<p class="small">{_html_text(note)}</p>' for note in grid.notes)
-    return Markup(  # every text in it is escaped by _html_text
-        f'{caption}<div class="scroll" tabindex="0"><table><thead><tr>{heads}</tr></thead>'
+    return Markup(  # every text in it is escaped by _html_text; a number sorts by its data-value
+        f'{caption}<div class="scroll" tabindex="0"><table><thead>{head}</thead>'
         f"<tbody>{rows}</tbody></table></div>{notes}"
     )
-
-
-def _html_cell(cell: TableCell, is_label: bool, more: str) -> str:
-    """Return one cell; `data-value` is the number by which a sortable table sorts it."""
-    text, tag = _html_text(cell.text), "th" if is_label else "td"
-    text = f"<strong>{text}</strong>" if cell.bold else text
-    attributes = (' scope="row"' if is_label else "") + (" class=text" if cell.prose else "")
-    attributes += "" if cell.sort is None else f' data-value="{cell.sort!r}"'
-    return f"<{tag}{attributes}{more}>{text}</{tag}>"
 
 
 def _html_text(text: str) -> str:
