@@ -292,7 +292,8 @@ def command(database: str = DEFAULT_DATABASE, **more: Any) -> Callable[[F], F]:
         name, signature = function.__name__, inspect.signature(function)
         opens, own = "results" in signature.parameters, dict(signature.parameters)
         own.pop("results", None)
-        record = next((p.annotation for p in own.values() if is_dataclass(p.annotation)), None)
+        kinds = [each.annotation for each in own.values() if is_dataclass(each.annotation)]
+        record: Any = kinds[0] if kinds else None
         own = own if record is None else dict(inspect.signature(record).parameters)
         added: dict[str, tuple[Any, Any]] = {}
         if opens:
@@ -309,6 +310,7 @@ def command(database: str = DEFAULT_DATABASE, **more: Any) -> Callable[[F], F]:
         def run(**values: Any) -> None:
             given = {each: values[each] for each in own}
             place = values.get("database", database), values.get("results_dir")
+            results: Any  # None of a function that does not take them
             with frame.open_results(*place) if opens else nullcontext() as results:
                 if opens and given.get("run") == LATEST:
                     given["run"] = newest(results)

@@ -263,8 +263,9 @@ def prune(
     ids: list[int] | None = None
     if orphans:
         files = [path for path in results.reader.orphans() if path.exists()]
-        sizes, title = [[str(path), path.stat().st_size] for path in files], f"{len(files)} files"
-        grid = grid_of(f"{title} that belong to no run", ("file", "bytes"), sizes, labels=2)
+        sizes: list[tuple[str, int]] = [(str(path), path.stat().st_size) for path in files]
+        title = f"{len(files)} files that belong to no run"
+        grid = grid_of(title, ("file", "bytes"), sizes, labels=2)
     else:
         conditions = results.names.clauses(results.where(where))
         summaries = results.reader.prunable(*conditions, statuses=statuses)

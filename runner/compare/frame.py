@@ -261,7 +261,9 @@ class Queries:
         query = sa.select(*(c[name] for name in columns)).order_by(c.id)
         rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition)), *where))
         values = map(list, zip(*rows, strict=True)) if rows else ([] for _ in columns)
-        frame = pd.DataFrame(dict(zip(columns, values, strict=True)))
+        frame = pd.DataFrame(
+            dict(zip(columns, values, strict=True)), dtype=None if rows else object
+        )
         return frame.rename(columns={"run_id": "run"})
 
     def metrics(

@@ -56,8 +56,8 @@ def headlines(
     rows, columns = axes_of(options.rows, options.columns)
     levels = {run.levels.get(rows) for run in runs}
     baseline = [f"{rows}=none"] if "none" in levels and len(levels) > 1 else []
-    named = {"--rows": rows, "--columns": columns, "--baseline": ",".join(baseline)}
-    named |= {"--where": options.where, "--sweep": options.sweep}
+    chosen = {"--where": options.where, "--sweep": options.sweep}
+    named = {"--rows": rows, "--columns": columns, "--baseline": ",".join(baseline), **chosen}
     words = [word for pair in named.items() if pair[1] for word in map(str, pair)]
     stored, found, messages = results.metric_names(), [], []
     for metric, shown in TABLES.items():

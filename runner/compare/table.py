@@ -196,7 +196,7 @@ class _Comparison:
                 f"--{axis} {','.join(axes[axis])}: got {sizes[axis]} {axis}, {cells} cells; "
                 f"expected at most {options.cells} cells (--cells)"
             )
-        self.table = stats.pivot(whole, *axes.values(), options.names)
+        self.table = stats.pivot(whole, axes["rows"], axes["columns"], options.names)
         self.baseline = ", ".join(f"{name}={level}" for name, level in options.reference.items())
         self.tests = {}
         if self.baseline:
