@@ -98,6 +98,7 @@ Clause = sa.ColumnElement[bool]
 Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
 LABELS = (*GROUPS, "seed")
 NO_LEVELS = ("of_sweep", "of_experiment", "streams", "of_code")  # columns of trials, no factors
+METRIC = ("run_id", "stage", "model", "dof", "name", "value", "unit")
 COEFFICIENT_STAGE = "coefficient"
 MOST_VARIABLES = 5_000  # in one statement
 
@@ -208,13 +209,10 @@ class Queries:
         return trials.astype({name: "category" for name in trials if name != "of_sweep"})
 
     def runs(
-        self,
-        condition: Condition = EVERY_RUN,
-        factors: Sequence[str] = (),
-        superseded: bool = False,
+        self, condition: Condition = EVERY_RUN, factors: Sequence[str] = ()
     ) -> list[StoredRun]:
         """Return the trials as objects, for figures of single runs."""
-        return stored_runs(self.trials(condition, factors, superseded))
+        return stored_runs(self.trials(condition, factors))
 
     def _not_started(
         self, condition: Condition, levels: Mapping[str, Sequence[str]]
@@ -271,19 +269,14 @@ class Queries:
         names: Sequence[str],
         condition: Condition = EVERY_RUN,
         only: Mapping[str, Sequence[str]] | None = None,
-        *where: Clause,
     ) -> pd.DataFrame:
         """Return the named metrics of the runs that meet the condition.
 
         `only` restricts stage, model and dof to the given levels; an empty list means all levels.
-        `where` are further clauses on the table of metrics.
         """
         m = MetricRow.__table__.c
         levels = [m[column].in_(own) for column, own in (only or {}).items() if own]
-        columns = ("run_id", "stage", "model", "dof", "name", "value", "unit")
-        return as_numbers(
-            self._rows(MetricRow, columns, condition, m.name.in_(names), *levels, *where)
-        )
+        return as_numbers(self._rows(MetricRow, METRIC, condition, m.name.in_(names), *levels))
 
     def of_files(self, names: Sequence[str], condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the named errors of the runs on each file that was tested on.
@@ -297,13 +290,10 @@ class Queries:
         rows["file"] = [file for file, _, _ in parts]
         return as_numbers(rows.drop(columns=["i", "j", "label"]).assign(stage="validation"))
 
-    def coefficients(
-        self, condition: Condition = EVERY_RUN, terms: Sequence[str] = ()
-    ) -> pd.DataFrame:
-        """Return the coefficients of the runs that meet the condition; all without `terms`."""
+    def coefficients(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
+        """Return the coefficients of the runs that meet the condition."""
         columns = ("run_id", "model", "dof", "term", "value", "unit", "std_error", "true_value")
-        own = [CoefficientRow.term.in_(terms)] if terms else []
-        return as_numbers(self._rows(CoefficientRow, columns, condition, *own))
+        return as_numbers(self._rows(CoefficientRow, columns, condition))
 
     def marks(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the metrics that qualify other numbers, where they do.
@@ -312,8 +302,8 @@ class Queries:
         """
         value, name = MetricRow.value, MetricRow.name
         told = sa.or_(value >= 1.0, name.not_in(DESIGN_FLAWS) & (value > 0))
-        names = (BELOW_TRUE_MODEL, *LIMITED.values(), *DESIGN_FLAWS)
-        return self.metrics(names, condition, None, told)
+        names = name.in_((BELOW_TRUE_MODEL, *LIMITED.values(), *DESIGN_FLAWS))
+        return as_numbers(self._rows(MetricRow, METRIC, condition, names, told))
 
     def diagnostics(self, names: Sequence[str], condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the named diagnostics: run, name, dof, i, j, label, value (NaN), unit."""
