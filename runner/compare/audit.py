@@ -18,7 +18,7 @@ HEADERS = ("check", "runs", "what", "remedy")
 Entry = tuple[str, Iterable[int], str]  # check, the runs that it is about, and what it found
 CELL = ("identifier", "disturbance")  # the factors of a table without options
 DEPLOYED = ("tau_mean_abs", "e_pos_mae")  # metrics that every deployment has
-MOST_RANGES = 8
+WIDEST = 60  # characters of the numbers of runs; the records have all
 REMEDIES = {
     "pooled": "table splits them or refuses: name them in --rows, or select by --sweep, --where",
     "code": "select one by --where code=..., or start their command again",
@@ -47,27 +47,24 @@ def audit(results: Queries, where: str | None, sweep: str | None) -> TextTable:
     ]
     found = f"{len(entries)} diagnostic{'s'[: len(entries) != 1]}" if entries else "nothing found"
     checked = f"checked {len(runs)} run{'s'[: len(runs) != 1]}" + (f" of {scope}" if scope else "")
-    whole, shown = (
-        [[check, ranges(own, most), what, REMEDIES[check].format(min(own))]
-         for check, own, what in entries]
-        for most in (None, MOST_RANGES)
-    )  # fmt: skip
-    grid = grid_of(f"{checked}: {found}", HEADERS, shown, labels=len(HEADERS))
-    return replace(grid, records=grid_of("", HEADERS, whole).as_records())
+    rows = [
+        {"check": check, "runs": ranges(own), "what": what,
+         "remedy": REMEDIES[check].format(min(own))}
+        for check, own, what in entries
+    ]  # fmt: skip
+    shown = [[*(row | {"runs": one_line(row["runs"], WIDEST)}).values()] for row in rows]
+    return replace(grid_of(f"{checked}: {found}", HEADERS, shown, len(HEADERS)), records=rows)
 
 
-def ranges(runs: Iterable[int], most: int | None = None) -> str:
-    """Return run numbers as `1-6, 9`; of more than `most` ranges, the first and the total."""
+def ranges(runs: Iterable[int]) -> str:
+    """Return run numbers as `1-6, 9`."""
     parts: list[tuple[int, int]] = []
-    for run in (numbers := sorted(set(runs))):
+    for run in sorted(set(runs)):
         if parts and run == parts[-1][1] + 1:
             parts[-1] = parts[-1][0], run
         else:
             parts.append((run, run))
-    texts = [str(a) if a == b else f"{a}-{b}" for a, b in parts]
-    if most is not None and len(texts) > most:
-        texts = [*texts[:most], f"… ({len(numbers)} runs)"]
-    return ", ".join(texts)
+    return ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in parts)
 
 
 def _unlike(results: Queries, finished: pd.DataFrame, condition: Condition) -> Iterator[Entry]:
