@@ -186,13 +186,9 @@ def rank_biserial(gain: Sample) -> float:
 
 def holm(p_values: Sequence[float]) -> list[float]:
     """Adjust p-values so that a family of tests keeps its level. Holm (1979); NaN stays NaN."""
-    values = np.asarray(p_values, dtype=np.float64)
-    known = np.flatnonzero(~np.isnan(values))
-    adjusted, largest = np.full(len(values), np.nan), 0.0
-    for place, k in enumerate(known[np.argsort(values[known], kind="stable")]):
-        largest = max(largest, min((len(known) - place) * float(values[k]), 1.0))
-        adjusted[k] = largest
-    return adjusted.tolist()
+    known = pd.Series(p_values, dtype="float64").dropna().sort_values(kind="stable")
+    steps = known * np.arange(len(known), 0, -1)
+    return steps.cummax().clip(upper=1.0).reindex(range(len(p_values))).tolist()
 
 
 Key = tuple[str, ...]
