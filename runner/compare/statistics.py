@@ -188,7 +188,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
     """Adjust p-values so that a family of tests keeps its level. Holm (1979); NaN stays NaN."""
     known = pd.Series(p_values, dtype="float64").dropna().sort_values(kind="stable")
     steps = known * np.arange(len(known), 0, -1)
-    return steps.cummax().clip(upper=1.0).reindex(range(len(p_values))).tolist()
+    adjusted: list[float] = steps.cummax().clip(upper=1.0).reindex(range(len(p_values))).tolist()
+    return adjusted
 
 
 Key = tuple[str, ...]
