@@ -10,20 +10,12 @@ from typing import Annotated
 import typer
 
 from seatrial.models.errors import SeatrialError
-from seatrial.runner.compare.benchmark.task import (
-    DATA_FOLDER,
-    GROUP,
-    VARIABLE,
-    cells,
-    lacking,
-    located,
-    task_of,
-)
+from seatrial.runner.compare.benchmark import task as tasks
 from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.sweeps import in_process
-from seatrial.runner.sweeps.console import terminal_view
+from seatrial.runner.sweeps.console import duration, terminal_view
 
 app = typer.Typer(name="seatrial benchmark", pretty_exceptions_enable=False, add_completion=False)
 
@@ -52,13 +44,13 @@ def benchmark(
 ) -> None:
     """Run the cells; the exit code is 1 if a trial failed or an entrant cannot take part."""
     code, began = 0, perf_counter()
-    for name in task or search_path.options(GROUP):
-        known, began_task = task_of(name), perf_counter()
-        for case, wrong in lacking(known, located(known)).items():
+    for name in task or search_path.options(tasks.GROUP):
+        known, began_task = tasks.task_of(name), perf_counter()
+        for case, wrong in tasks.lacking(known, tasks.located(known)).items():
             files = ", ".join(f"{file.name} is {file.state}" for file in wrong)
             print(f"{name}: {case} is left out: {files}; see seatrial data get {name}")
         words = [f"results_dir={results_dir}", f"sweep.name=benchmark_{name}"]
-        listed = cells(known, entrant or ())
+        listed = tasks.cells(known, entrant or ())
         for label, own in groupby(listed, key=lambda cell: cell.entrant):
             variants = [list(cell.options) for cell in own]
             if dry_run:
@@ -67,15 +59,15 @@ def benchmark(
             else:
                 launched = [*words, f"hydra/launcher={launcher}"]
                 code = max(code, _sweep(f"{name}, {label}", launched, variants))
-        print(f"{name}: {_since(began_task)}")
-    print(f"benchmark: {_since(began)}")
+        print(f"{name}: {duration(perf_counter() - began_task)}")
+    print(f"benchmark: {duration(perf_counter() - began)}")
     raise typer.Exit(code)
 
 
 def get(task: Annotated[str, typer.Argument(help="A task of the benchmark.")]) -> None:
     """Say where the files of a task are, and how to get those that are missing or damaged."""
-    known = task_of(task)
-    files = located(known)
+    known = tasks.task_of(task)
+    files = tasks.located(known)
     for file in files:
         print(f"{file.state:8} {file.path}")
     if known.source is None:
@@ -85,7 +77,8 @@ def get(task: Annotated[str, typer.Argument(help="A task of the benchmark.")]) -
     print(f"{source.name}\n{source.url}\nlicence: {source.licence}\n{source.get}")
     wrong = sum(file.state != "found" for file in files)
     if wrong:
-        print(f"{wrong} of {len(files)} files to get; folders: ${VARIABLE}, then {DATA_FOLDER}")
+        places = f"${tasks.VARIABLE}, then {tasks.DATA_FOLDER}"
+        print(f"{wrong} of {len(files)} files to get; folders: {places}")
         raise typer.Exit(1)
 
 
@@ -101,9 +94,3 @@ def _sweep(label: str, words: Sequence[str], variants: list[list[str]]) -> int:
         return 1
     print(f"{label}: {call.lines[0]}")
     return call.exit_code
-
-
-def _since(instant: float) -> str:
-    """The time since an instant, as `12 min 3 s`."""
-    minutes, seconds = divmod(round(perf_counter() - instant), 60)
-    return f"{minutes} min {seconds} s"

@@ -63,67 +63,63 @@ def examined() -> Iterator[Check]:
             lines += [f'{line}; extra == "{extra}"' for line in own]
     else:
         supported, lines = metadata("seatrial")["Requires-Python"], requires("seatrial") or []
-    needed = list(map(Requirement, lines))
-    yield Check("ok", "seatrial", program_version(), str(ROOT))
+    extras = sorted(set(re.findall(r"extra == [\"'](\w+)", "\n".join(lines))) - {*OF_PROJECT})
+    of_extra: dict[str, list[Check]] = {extra: [] for extra in extras}
+    yield _check("seatrial", program_version(), note=str(ROOT))
     yield _version("Python", platform.python_version(), SpecifierSet(supported))
-    yield from (_package(r) for r in needed if r.marker is None or r.marker.evaluate({"extra": ""}))
-    for extra in sorted(set(re.findall(r"extra == [\"'](\w+)", "\n".join(lines))) - {*OF_PROJECT}):
-        yield _extra(extra, needed)
+    for requirement in map(Requirement, lines):
+        marker = requirement.marker
+        if marker is None or marker.evaluate({"extra": ""}):
+            yield _package(requirement)
+            continue
+        for extra in extras:
+            if marker.evaluate({"extra": extra}):
+                of_extra[extra].append(_package(requirement))
+    for extra, checks in of_extra.items():
+        found = ", ".join(f"{check.name} {check.result}" for check in checks)
+        wrong = [check for check in checks if check.verdict == "problem"]
+        if any(check.result == "not installed" for check in wrong):
+            yield Check("absent", f"extra {extra}", found, f"pip install 'seatrial[{extra}]'")
+        else:
+            yield _check(f"extra {extra}", found, wrong[0].note if wrong else "")
     yield _cache()
     if data := os.environ.get("SEATRIAL_DATA"):
-        own = ("ok", "") if Path(data).is_dir() else ("problem", "not a folder")
-        yield Check(own[0], "SEATRIAL_DATA", data, own[1])
+        yield _check("SEATRIAL_DATA", data, "" if Path(data).is_dir() else "not a folder")
     else:
         yield Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
     yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else DEFAULT_DATABASE)
+
+
+def _check(name: str, result: str, problem: str = "", note: str = "") -> Check:
+    return Check("problem" if problem else "ok", name, result, problem or note)
 
 
 def _package(requirement: Requirement) -> Check:
     try:
         return _version(requirement.name, version(requirement.name), requirement.specifier)
     except PackageNotFoundError:
-        return Check("problem", requirement.name, "not installed", f"expected {requirement}")
+        return _check(requirement.name, "not installed", f"expected {requirement}")
 
 
 def _version(name: str, result: str, versions: SpecifierSet) -> Check:
-    if versions.contains(result, prereleases=True):
-        return Check("ok", name, result)
-    return Check("problem", name, result, f"expected {versions}")
-
-
-def _extra(name: str, needed: Sequence[Requirement]) -> Check:
-    """Check an extra: absent if a package is not installed, a problem if a version is wrong."""
-    checks = [
-        _package(requirement)
-        for requirement in needed
-        if requirement.marker
-        and requirement.marker.evaluate({"extra": name})
-        and not requirement.marker.evaluate({"extra": ""})
-    ]
-    found = ", ".join(f"{check.name} {check.result}" for check in checks)
-    if any(check.result == "not installed" for check in checks):
-        return Check("absent", f"extra {name}", found, f"pip install 'seatrial[{name}]'")
-    problems = [check for check in checks if check.verdict == "problem"]
-    verdict = problems[0] if problems else Check("ok", name, found)
-    return verdict._replace(name=f"extra {name}", result=found)
+    fits = versions.contains(result, prereleases=True)
+    return _check(name, result, "" if fits else f"expected {versions}")
 
 
 def _cache() -> Check:
     """Check that machine code can be kept: every process would compile again otherwise."""
     folder, wanted = cache_home(), os.environ.get("SEATRIAL_CACHE")
-    if wanted and folder != Path(wanted):
-        return Check("problem", "compiled code", str(folder), f"{wanted} cannot be written")
+    problem = f"{wanted} cannot be written" if wanted and folder != Path(wanted) else ""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        return Check("problem", "compiled code", str(folder), f"not writable: {error.strerror}")
+        problem = problem or f"not writable: {error.strerror}"
+    sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
+    note = f"{sum(sizes) / 1e6:.0f} MB in {len(sizes)} files; it may be deleted"
     if folder.is_relative_to(tempfile.gettempdir()) and not wanted:
         note = "temporary: set SEATRIAL_CACHE to a folder that stays"
-    else:
-        sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
-        note = f"{sum(sizes) / 1e6:.0f} MB in {len(sizes)} files; it may be deleted"
-    return Check("ok", "compiled code", str(folder), note)
+    return _check("compiled code", str(folder), problem, note)
 
 
 def _logbook(url: str) -> Check:
@@ -133,8 +129,8 @@ def _logbook(url: str) -> Check:
         shown = database.engine.display_url(url)
         address = database.engine.parse(url)
         if address.path is not None and not address.path.exists():
-            return Check("ok", "logbook", shown, f"made by the first trial of {trial_program()}")
+            return _check("logbook", shown, note=f"made by the first trial of {trial_program()}")
         condition = database.schema.inspect(address)
     except SeatrialError as error:
-        return Check("problem", "logbook", shown, str(error))
-    return Check("ok", "logbook", shown, f"schema: {condition.value}")
+        return _check("logbook", shown, str(error))
+    return _check("logbook", shown, note=f"schema: {condition.value}")

@@ -15,7 +15,7 @@ from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare import commands  # noqa: F401 - adds the commands
 from seatrial.runner.compare.cli import app, run_typer
 from seatrial.runner.configuration import plugins
-from seatrial.runner.configuration.invocation import REPLACED, import_from_working_folder
+from seatrial.runner.configuration.invocation import import_from_working_folder, replaced
 from seatrial.runner.database.terminal import error_line, refuse_passwords
 
 
@@ -38,9 +38,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except SeatrialError as error:
         message = str(error)
         for text in (*map(" ".join, pairwise(words)), *words):
-            replaced = REPLACED.get(f"{app.info.name} {text}")
-            if replaced and text.split()[-1] in message:  # which is about this word
-                message = f"{text} is gone: {replaced}"
+            instead = replaced().get(f"{app.info.name} {text}")
+            if instead and text.split()[-1] in message:  # which is about this word
+                message = f"{text} is gone: {instead}"
                 break
         if message:  # else the help was printed
             print(f"{app.info.name}: {error_line(message)}", file=sys.stderr)

@@ -8,13 +8,12 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from seatrial.runner.compare.benchmark.boards import Board, overall
 from seatrial.runner.compare.benchmark.scores import REFERENCES
 from seatrial.runner.compare.benchmark.task import Case, located
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
-from seatrial.runner.compare.leaderboard import leaderboard, manoeuvre_grids, summary
+from seatrial.runner.compare.leaderboard import Board, leaderboard, overall, summary
 from seatrial.runner.compare.page import (
     Section,
     code,
@@ -93,7 +92,7 @@ def _chapter(results: Queries, board: Board) -> Section:
         for file in located(board.task)
         if file.state != "found"
     ]
-    blocks += map(html_table, [leaderboard(board), *manoeuvre_grids(board)])
+    blocks.append(html_table(leaderboard(board)))
     if board.ranked.cases:
         figure = chart(title, board.ranked)
         blocks.append(picture(figure, f"{title}: mean ranks", f"{board.task.name}-ranks-"))

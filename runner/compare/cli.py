@@ -8,6 +8,7 @@ import inspect
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, is_dataclass
 from functools import cached_property
 from pathlib import Path
@@ -39,6 +40,132 @@ F = TypeVar("F", bound=Callable[..., Any])
 app = typer.Typer(name="seatrial-results", no_args_is_help=True, pretty_exceptions_enable=False)
 
 
+def is_run(text: str) -> bool:
+    """Return whether a text names a run: by its number, or as the latest."""
+    return text == "latest" or bool(text.isascii() and text.isdigit() and int(text))
+
+
+def _run_number(text: str) -> int:
+    if not is_run(text):
+        raise typer.BadParameter(f"got {text!r}, expected the number of a run, or latest")
+    return LATEST if text == "latest" else int(text)
+
+
+def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return the completion of an option with comma-separated values."""
+
+    def completed(incomplete: str) -> list[str]:
+        given, comma, last = incomplete.rpartition(",")
+        return [f"{given}{comma}{name}" for name in names() if name.startswith(last)]
+
+    return completed
+
+
+# The options of all commands by name, or by command and name where these differ.
+HELP = {
+    "at": "Operating point of a linear model: u=0.5,psi=1.57,wind_north=5 (m/s, rad, rad/s)."
+    "  [default: at rest; for statespace the identified linear model, if there is one]",
+    "band": "Level of the bands about a prediction.",
+    "baseline": "Reference, such as identifier=none; adds ratio, paired test and wins.",
+    "cells": "Most cells, rows times columns.",
+    "coefficient": "Term whose coefficient is shown, such as u_dot.",
+    "coefficients": "All coefficients, by DOF and term.",
+    "columns": "Factors of the columns, or none.  [default: disturbance]",
+    "command": "Print only the command that repeats it.",
+    "database": "URL or file of the logbook; SEATRIAL_DATABASE for the URL in this variable.",
+    "digits": "Significant digits.",
+    "dof": "surge, sway, yaw, position, ... or all.",
+    "entrant": "An entrant, beside those of the task.",
+    "execution": "Instant of execution: helm past half, or leaving.",
+    "facet": "One figure for each level of this factor.",
+    "folder": "Output folder.",
+    "force": "Replace files that exist.",
+    "form": "Output format of the table.",
+    "helm": "Input that turns the ship.  [default: the run's, or delta]",
+    "kind": "Kind of figure: a name below, or the name of a module with a figure.",
+    "length": "Length of the ship [m], if it is not stored.",
+    "limit": "Largest number of rows, of runs the newest.",
+    "log": "Scale of the bars.  [default: by the range of the values]",
+    "manoeuvre": "Kind of manoeuvre.  [default: by helm and heading]",
+    "map_file": "Map of the columns.",
+    "metric": "Metric (see: metrics); repeated or comma-separated.",
+    "model": "nominal, identified, plant, or all.  [default: identified]",
+    "model model": "Which model.",
+    "model output": "Path of the file.  [default: named by the vessel and the run]",
+    "model to": "yaml, json, statespace, python-control, mss, pvs, gazebo, vrx, c or fmu.",
+    "orphans": "Series files that belong to no run, instead of runs.",
+    "output": "Folder of the files.  [default: figures in the results folder]",
+    "page": "Also write tables and free runs to this HTML file.",
+    "plot metric": "Metric of the bars.",
+    "plot model": "nominal, identified or plant.",
+    "plot run": "Run of a figure over time.  [default: newest]",
+    "pool": "Factors that a cell may average over, or all.",
+    "prune status": "failed, diverged, interrupted, finished.",
+    "query": "A query that only reads.",
+    "report output": "Output file.  [default: report/report.html in the results folder]",
+    "results_dir": "Folder of the series files, if not beside the database.",
+    "retry status": "failed, diverged, interrupted.  [default: failed, interrupted]",
+    "rows": "Factors of the rows, comma-separated.  [default: identifier]",
+    "run": "Number of the run, or latest.",
+    "runs": "Newest runs with details and time series.",
+    "scale": "Length of the ship over that of the model.",
+    "series": "Series of the run.",
+    "site to": "Output folder.  [default: site in the results folder]",
+    "stage": "validation, deployment, identification.",
+    "statistic": "mean, std, n, median, min, max, q05 ... q95, ci.",
+    "status": "Only runs of this status.",
+    "subject": "A run (a number, or latest) or a recording.",
+    "summary": "Only one line for each task.",
+    "sweep": "Sweeps of this number, name or tag, or all.  [default: the newest sweep]",
+    "task": "A task; by default all.",
+    "timeout": "Longest time of the query [s].",
+    "title": "Title of the page.",
+    "to": "A file ending in .html, .gif or .mp4; MP4 needs the program ffmpeg."
+    "  [default: an HTML file in the folder of the figures]",
+    "traceback": "Print only its traceback.",
+    "where": 'Only runs that meet this condition: "seed<10 and identifier=ls".',
+    "width": "A PDF for print of this width, 86 or 178 mm or a number, instead of PNG and SVG.",
+    "yes": "Delete; without it the runs are only listed.",
+} | dict.fromkeys(
+    ("runs sweep", "audit sweep"), "Sweeps of this number, name or tag, or all.  [default: all]"
+)
+FLAGS = {  # where they are more than the name
+    "columns": ("--columns", "-c"), "form": ("--format", "-f"), "log": ("--log/--linear",),
+    "map_file": ("--map",), "metric": ("--metric", "-m"), "output": ("--output", "-o"),
+    "rows": ("--rows", "-r"), "statistic": ("--statistic", "-s"),
+}  # fmt: skip
+METRIC_NAMES = _completing(lambda: [metric.name for metric in all_declared()])
+MORE: dict[str, dict[str, Any]] = {
+    "at": {"metavar": "POINT"}, "band": {"metavar": "PERCENT"}, "cells": {"min": 1},
+    "database": {"metavar": "URL"}, "digits": {"min": 1, "max": 15}, "folder": {"metavar": "DIR"},
+    "kind": {"autocompletion": _completing(figures)}, "length": {"min": 1e-3},
+    "limit": {"min": 1, "max": MAX_ROWS}, "map_file": {"metavar": "MAP.yaml"},
+    "metric": {"autocompletion": METRIC_NAMES}, "pool": {"metavar": "NAME"},
+    "query": {"metavar": "SELECT"},
+    "run": {"parser": _run_number, "metavar": "RUN"}, "runs": {"min": 0, "max": MAX_ROWS},
+    "scale": {"min": 1.0}, "site to": {"metavar": "FOLDER"}, "subject": {"metavar": "RUN|FILE"},
+    "timeout": {"min": 0.001, "max": 86400.0}, "to": {"metavar": "FILE"},
+    "model to": {"metavar": "FORMAT"}, "width": {"metavar": "column|page|MM"},
+}  # fmt: skip
+
+
+def _described(command: str, parameter: inspect.Parameter) -> inspect.Parameter:
+    """Return a parameter of a function as an option of its command.
+
+    It is an argument if it has no default and may be given by its place.
+    """
+    name, keyword = parameter.name, inspect.Parameter.KEYWORD_ONLY
+    own = f"{command} {name}"
+    told: dict[str, Any] = {"help": HELP.get(own) or HELP[name]}
+    told |= MORE.get(own) or MORE.get(name, {})
+    if parameter.default is parameter.empty and parameter.kind is not keyword:
+        info: Any = typer.Argument(**told)
+    else:
+        info = typer.Option(*FLAGS.get(name, (f"--{name.replace('_', '-')}",)), **told)
+    annotated: Any = Annotated
+    return parameter.replace(kind=keyword, annotation=annotated[parameter.annotation, info])
+
+
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"{app.info.name} {program_version()}")
@@ -55,72 +182,6 @@ def _program(
     """Compare the runs that are stored in a results database."""
 
 
-def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Return the completion of an option with comma-separated values."""
-
-    def completed(incomplete: str) -> list[str]:
-        given, comma, last = incomplete.rpartition(",")
-        return [f"{given}{comma}{name}" for name in names() if name.startswith(last)]
-
-    return completed
-
-
-def is_run(text: str) -> bool:
-    """Return whether a text names a run: by its number, or as the latest."""
-    return text == "latest" or bool(text.isascii() and text.isdigit() and int(text))
-
-
-def _run_number(text: str) -> int:
-    if not is_run(text):
-        raise typer.BadParameter(f"got {text!r}, expected the number of a run, or latest")
-    return LATEST if text == "latest" else int(text)
-
-
-METRIC_NAMES = _completing(lambda: [metric.name for metric in all_declared()])
-RunNumber = Annotated[
-    int, typer.Argument(help="Number of the run, or latest.", parser=_run_number, metavar="RUN")
-]
-Database = Annotated[
-    str,
-    typer.Option(
-        "--database",
-        metavar="URL",
-        help="URL or file of the logbook; SEATRIAL_DATABASE for the URL in this variable.",
-    ),
-]
-ResultsDir = Annotated[
-    Path | None,
-    typer.Option("--results-dir", help="Folder of the series files, if not beside the database."),
-]
-Form = Annotated[OutputFormat, typer.Option("--format", "-f", help="Output format of the table.")]
-Where = Annotated[
-    str | None,
-    typer.Option(
-        "--where", help='Only runs that meet this condition: "seed<10 and identifier=ls".'
-    ),
-]
-SWEEP = "Sweeps of this number, name or tag, or all."
-Sweep = Annotated[str | None, typer.Option("--sweep", help=f"{SWEEP}  [default: the newest sweep]")]
-EverySweep = Annotated[str | None, typer.Option("--sweep", help=f"{SWEEP}  [default: all]")]
-Pool = Annotated[
-    Several,
-    typer.Option("--pool", help="Factors that a cell may average over, or all.", metavar="NAME"),
-]
-Rows = Annotated[
-    str | None,
-    typer.Option(
-        "--rows", "-r", help="Factors of the rows, comma-separated.  [default: identifier]"
-    ),
-]
-Columns = Annotated[
-    str | None,
-    typer.Option(
-        "--columns", "-c", help="Factors of the columns, or none.  [default: disturbance]"
-    ),
-]
-Dofs = Annotated[Several, typer.Option("--dof", help="surge, sway, yaw, position, ... or all.")]
-
-
 @dataclass(frozen=True)
 class TableOptions:
     """Options of `table`, and what follows from them.
@@ -128,41 +189,21 @@ class TableOptions:
     Levels that are empty mean all of them, and so do the names of coefficients.
     """
 
-    rows: Rows = None
-    columns: Columns = None
-    metric: Annotated[
-        Several,
-        typer.Option(
-            "--metric",
-            "-m",
-            help="Metric (see: metrics); repeated or comma-separated.",
-            autocompletion=METRIC_NAMES,
-        ),
-    ] = None
-    coefficient: Annotated[
-        Several, typer.Option(help="Term whose coefficient is shown, such as u_dot.")
-    ] = None
-    coefficients: Annotated[
-        bool, typer.Option("--coefficients", help="All coefficients, by DOF and term.")
-    ] = False
-    dof: Dofs = None
-    stage: Annotated[Several, typer.Option(help="validation, deployment, identification.")] = None
-    model: Annotated[
-        Several, typer.Option(help="nominal, identified, plant, or all.  [default: identified]")
-    ] = None
-    statistic: Annotated[
-        Several,
-        typer.Option("--statistic", "-s", help="mean, std, n, median, min, max, q05 ... q95, ci."),
-    ] = None
-    baseline: Annotated[
-        Several,
-        typer.Option(help="Reference, such as identifier=none; adds ratio, paired test and wins."),
-    ] = None
-    where: Where = None
-    sweep: Sweep = None
-    pool: Pool = None
-    digits: Annotated[int, typer.Option(min=1, max=15, help="Significant digits.")] = 4
-    cells: Annotated[int, typer.Option(min=1, help="Most cells, rows times columns.")] = MOST_CELLS
+    rows: str | None = None
+    columns: str | None = None
+    metric: Several = None
+    coefficient: Several = None
+    coefficients: bool = False
+    dof: Several = None
+    stage: Several = None
+    model: Several = None
+    statistic: Several = None
+    baseline: Several = None
+    where: str | None = None
+    sweep: str | None = None
+    pool: Several = None
+    digits: int = 4
+    cells: int = MOST_CELLS
 
     def __post_init__(self) -> None:
         if self.of_coefficients and self.metric:
@@ -198,9 +239,8 @@ class TableOptions:
             for text in texts
         )
         if self.coefficients and not self.coefficient:
-            own = ("dof", "metric")
-            wanted = (*own, *(name for name in rows if name not in own))
-            rows = tuple(name for name in wanted if name not in columns)
+            named = dict.fromkeys(("dof", "metric", *rows))
+            rows = tuple(name for name in named if name not in columns)
         return rows, columns
 
     @property
@@ -222,102 +262,69 @@ class TableOptions:
 class PlotOptions:
     """Options of `plot`."""
 
-    kind: Annotated[
-        str,
-        typer.Argument(
-            help="Kind of figure: a name below, or the name of a module with a figure.",
-            autocompletion=_completing(figures),
-        ),
-    ]
-    run: Annotated[
-        int | None,
-        typer.Option(
-            help="Run of a figure over time.  [default: newest]", parser=_run_number, metavar="RUN"
-        ),
-    ] = None
-    metric: Annotated[
-        str, typer.Option("--metric", "-m", help="Metric of the bars.", autocompletion=METRIC_NAMES)
-    ] = "force_mse"
-    rows: Rows = None
-    columns: Columns = None
-    dof: Dofs = None
-    model: Annotated[str, typer.Option(help="nominal, identified or plant.")] = "identified"
-    facet: Annotated[str | None, typer.Option(help="One figure for each level of this factor.")] = (
-        None
-    )
-    band: Annotated[
-        float | None, typer.Option(metavar="PERCENT", help="Level of the bands about a prediction.")
-    ] = None
-    log: Annotated[
-        bool | None,
-        typer.Option(
-            "--log/--linear", help="Scale of the bars.  [default: by the range of the values]"
-        ),
-    ] = None
-    width: Annotated[
-        str | None,
-        typer.Option(
-            metavar="column|page|MM",
-            help="A PDF for print of this width, 86 or 178 mm or a number, instead of PNG and SVG.",
-        ),
-    ] = None
-    where: Where = None
-    sweep: Sweep = None
-    pool: Pool = None
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="Folder of the files.  [default: figures in the results folder]"
-        ),
-    ] = None
+    kind: str
+    run: int | None = None
+    metric: str = "force_mse"
+    rows: str | None = None
+    columns: str | None = None
+    dof: Several = None
+    model: str = "identified"
+    facet: str | None = None
+    band: float | None = None
+    log: bool | None = None
+    width: str | None = None
+    where: str | None = None
+    sweep: str | None = None
+    pool: Several = None
+    output: Path | None = None
 
 
-def command(
-    name: str | None = None, database: str = DEFAULT_DATABASE, **more: Any
-) -> Callable[[F], F]:
+def command(database: str = DEFAULT_DATABASE, **more: Any) -> Callable[[F], F]:
     """Make a command of a function of an open logbook; the function itself is for Python.
 
-    What it takes after the logbook are the options of the command: its arguments, or the fields of
-    one dataclass. The options that open the logbook are added, and the format of what it prints if
-    it returns tables. It may also return paths or text, which are printed.
+    What it takes after the logbook, `results`, are the options of the command: its parameters, or
+    the fields of one dataclass. The options that open the logbook are added, and the format of what
+    it prints if it returns tables. It may also return paths or text, which are printed. A function
+    that does not take `results` has its own options only.
     """
 
     def register(function: F) -> F:
-        signature = inspect.signature(function)
-        _, *own = signature.parameters.values()
-        record: Any = own[0].annotation if is_dataclass(own[0].annotation) else None
-        options = {each.name: each for each in own}
-        if record is not None:
-            options = dict(inspect.signature(record).parameters)
-        added = {"database": (Database, database), "results_dir": (ResultsDir, None)}
+        name, signature = function.__name__, inspect.signature(function)
+        opens, own = "results" in signature.parameters, dict(signature.parameters)
+        own.pop("results", None)
+        kinds = [each.annotation for each in own.values() if is_dataclass(each.annotation)]
+        record: Any = kinds[0] if kinds else None
+        own = own if record is None else dict(inspect.signature(record).parameters)
+        added: dict[str, tuple[Any, Any]] = {}
+        if opens:
+            added = {"database": (str, database), "results_dir": (Path | None, None)}
         if "TextTable" in str(signature.return_annotation):
-            added["form"] = Form, OutputFormat.RICH
+            added["form"] = OutputFormat, OutputFormat.RICH
         keyword = inspect.Parameter.KEYWORD_ONLY
-        parameters = [each.replace(kind=keyword) for each in options.values()]
-        parameters += [
-            inspect.Parameter(each, keyword, default=default, annotation=annotation)
-            for each, (annotation, default) in added.items()
-            if each not in options
+        parameters = [_described(name, each) for each in own.values()] + [
+            _described(name, inspect.Parameter(each, keyword, default=default, annotation=kind))
+            for each, (kind, default) in added.items()
+            if each not in own
         ]
 
         def run(**values: Any) -> None:
-            with frame.open_results(values["database"], values["results_dir"]) as results:
-                if values.get("run") == LATEST:
-                    values["run"] = newest(results)
-                given = {each: values[each] for each in options}
-                if record is None:
-                    result = function(results, **given)
-                else:
-                    result = function(results, record(**given))
-                    hint = results.left_out(given["where"], given["sweep"])
-                    if hint and given.get("run") is None:
+            given = {each: values[each] for each in own}
+            place = values.get("database", database), values.get("results_dir")
+            results: Any  # None of a function that does not take them
+            with frame.open_results(*place) if opens else nullcontext() as results:
+                if opens and given.get("run") == LATEST:
+                    given["run"] = newest(results)
+                called = given if record is None else {"options": record(**given)}
+                result = function(**called, **({"results": results} if opens else {}))
+                if record is not None and given.get("run") is None:
+                    for hint in results.left_out(given["where"], given["sweep"]):
                         typer.echo(hint, err=True)
             show(result, values.get("form", OutputFormat.RICH))
 
-        run.__name__, run.__doc__ = function.__name__, function.__doc__
+        run.__name__, run.__doc__ = name, function.__doc__
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {each.name: each.annotation for each in parameters}
-        app.command(name, **more)(run)
+        app.command(**more)(run)
         return function
 
     return register
@@ -351,18 +358,12 @@ def newest(results: Any) -> int:
 
 def show(result: Any, form: OutputFormat = OutputFormat.RICH) -> None:
     """Print what a command returns: a table, several, paths, or text; nothing for None."""
-    match result:
-        case None:
-            pass
-        case TextTable():
-            show_grids([result], form)
-        case [TextTable(), *_]:
-            show_grids(result, form)
-        case list():
-            for each in result:
-                typer.echo(each)
-        case _:
-            typer.echo(result)
+    results = result if isinstance(result, list) else [] if result is None else [result]
+    if results and isinstance(results[0], TextTable):
+        show_grids(results, form)
+    else:
+        for each in results:
+            typer.echo(each)
 
 
 def show_grids(grids: Sequence[TextTable], form: OutputFormat) -> None:

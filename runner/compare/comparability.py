@@ -44,13 +44,22 @@ def with_conditions(
         the facts of every condition: a row for each `condition`, a column for each name, of text,
         missing where a name cannot change the number.
     """
-    late = frame["stage"] != "deployment"
+    known = trials["of_experiment"].astype(object)  # equal: the runs differ in the seed alone
+    experiments = known.where(known.notna(), "run " + trials.index.astype(str))
     plain = frame["model"].isin(WITHOUT_IDENTIFIER)
-    own = pd.DataFrame({"experiment": frame["run"].map(experiments(trials)), "plain": plain})
-    own["late"] = late
+    own = pd.DataFrame({"experiment": frame["run"].map(experiments), "plain": plain})
+    own["late"] = frame["stage"] != "deployment"
     kind = codes(own, [*own])
     each = own[~kind.duplicated()]
-    facts = _facts(results, trials, each["experiment"])
+    first = experiments[~experiments.duplicated() & experiments.isin(each["experiment"])]
+    configs, code = results.configs_of(first.index.tolist()), trials["of_code"].astype(object)
+    told = trials[list(GROUPS)].assign(code=code.fillna("unknown")).loc[first.index]
+    facts_of = {
+        first[run]: choices | {key: str(value) for key, value in configs[run].items()}
+        for run, choices in told.to_dict("index").items()
+    }
+    facts = pd.DataFrame.from_records([facts_of[name] for name in each["experiment"]])
+    facts = facts.drop(columns=[name for name in facts if within(name, STORAGE)])
     for name in facts:
         if within(name, AFTER_VALIDATION):
             facts.loc[each["late"].to_numpy(), name] = np.nan
@@ -70,30 +79,6 @@ def of_runs(trials: pd.DataFrame, stage: str, model: str = "identified") -> pd.D
     frame = trials[trials["status"] == FINISHED].reset_index(names="run")
     own = {"stage": stage, "model": model, "metric": "", "dof": "all", "file": POOLED}
     return frame.assign(**own)
-
-
-def experiments(trials: pd.DataFrame) -> pd.Series:
-    """Return by run a name that is equal for runs that differ in nothing but the seed."""
-    known = trials["of_experiment"].astype(object)
-    return known.where(known.notna(), "run " + trials.index.astype(str))  # of earlier versions
-
-
-def _facts(results: Queries, trials: pd.DataFrame, experiments_of: pd.Series) -> pd.DataFrame:
-    """Return what describes each experiment, a row: options, configuration and code."""
-    names = experiments(trials)
-    first = names[~names.duplicated()]
-    first = first[first.isin(experiments_of)]
-    configs = results.configs_of(first.index.tolist())
-    choices = trials.loc[first.index, list(GROUPS)].to_dict("index")
-    code = trials["of_code"]
-    facts = {
-        name: choices[run]
-        | {"code": code[run] if isinstance(code[run], str) else "unknown"}
-        | {key: str(value) for key, value in configs[run].items()}
-        for run, name in first.items()
-    }
-    table = pd.DataFrame.from_records([facts[name] for name in experiments_of])
-    return table.drop(columns=[name for name in table if within(name, STORAGE)])
 
 
 def distinct(frame: pd.DataFrame, within_columns: Sequence[str] = ()) -> pd.DataFrame:

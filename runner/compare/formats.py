@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from seatrial.runner.compare.grid import Scalar, TableCell, TextTable
+from seatrial.runner.compare.grid import TableCell, TextTable
 from seatrial.runner.database.terminal import visible
 
 
@@ -61,16 +61,14 @@ def _rich(grid: TextTable, width: int | None, colour: bool) -> str:
 
 
 def _markdown(grid: TextTable) -> str:
-    def line(cells: list[str]) -> str:
-        return "| " + " | ".join(cells) + " |"
-
     rules = [":---" if index < grid.labels else "---:" for index in range(len(grid.headers))]
-    lines = [line([_markdown_text(header) for header in grid.headers]), line(rules)]
+    rows = [[_markdown_text(header) for header in grid.headers], rules]
     for row in grid.rows:
-        lines.append(line([_markdown_bold(cell) for cell in row]))
+        texts = [(_markdown_text(cell.text), cell.bold) for cell in row]
+        rows.append([f"**{text}**" if bold and text else text for text, bold in texts])
     title = [f"**{_markdown_text(grid.title)}**", ""] if grid.title else []
     notes = [part for note in grid.notes for part in ("", _markdown_text(note))]
-    return "\n".join([*title, *lines, *notes])
+    return "\n".join([*title, *(f"| {' | '.join(cells)} |" for cells in rows), *notes])
 
 
 def _markdown_text(text: str) -> str:
@@ -79,106 +77,65 @@ def _markdown_text(text: str) -> str:
     return text.replace("<", "&lt;").replace("\n", "<br>")
 
 
-def _markdown_bold(cell: TableCell) -> str:
-    text = _markdown_text(cell.text)
-    return f"**{text}**" if cell.bold and text else text
-
-
 def _csv(grid: TextTable) -> str:
+    """Numbers at full precision, booleans as true and false; a missing value is empty."""
     records = grid.as_records()
     names = list(dict.fromkeys(name for record in records for name in record))
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    headers = names or [header.replace("\n", " ") for header in grid.headers]
-    writer.writerow(headers)
-    for record in records:
-        writer.writerow([_csv_value(record.get(name)) for name in names])
+    writer.writerow(names or [header.replace("\n", " ") for header in grid.headers])
+    for values in ([record.get(name) for name in names] for record in records):
+        writer.writerow(
+            str(v).lower() if isinstance(v, bool) else "" if v != v else v for v in values
+        )
     return out.getvalue().rstrip("\n")
 
 
-def _csv_value(value: Scalar) -> Scalar:
-    """Numbers at full precision, booleans as true and false; a missing value is empty."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return "" if math.isnan(value) else repr(value)
-    return value
-
-
 def _json(grid: TextTable) -> str:
-    records = [{name: _json_value(value) for name, value in r.items()} for r in grid.as_records()]
+    records = [
+        {n: None if isinstance(v, float) and not math.isfinite(v) else v for n, v in r.items()}
+        for r in grid.as_records()
+    ]
     text = json.dumps(records, indent=2, ensure_ascii=False, allow_nan=False)
     if visible(text) == text:
         return text
     return json.dumps(records, indent=2, allow_nan=False)  # escaped as JSON has it
 
 
-def _json_value(value: Scalar) -> Scalar:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-_LATEX: Mapping[str, str] = {
-    "\\": r"\textbackslash{}",
-    "&": r"\&",
-    "%": r"\%",
-    "$": r"\$",
-    "#": r"\#",
-    "_": r"\_",
-    "{": r"\{",
-    "}": r"\}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "|": r"\textbar{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "±": r"$\pm$",
-    "×": r"$\times$",
-    "·": r"$\cdot$",
-    "²": r"$^2$",
-    "³": r"$^3$",
-    "⁻": r"$^-$",
-    "¹": r"$^1$",
-    "†": r"\dag{}",
-    "‡": r"\ddag{}",
-    "§": r"\S{}",
-    "…": r"\dots{}",
-}
-
-
-def _latex_text(text: str) -> str:
-    return "".join(_LATEX.get(letter, letter) for letter in text)
-
-
-def _latex_header(header: str) -> str:
-    lines = [_latex_text(line) for line in header.split("\n")]
-    return lines[0] if len(lines) == 1 else r"\shortstack{" + r" \\ ".join(lines) + "}"
-
-
-def _latex_cell(cell: TableCell) -> str:
-    text = _latex_text(cell.text.replace("\n", " "))
-    return rf"\textbf{{{text}}}" if cell.bold and text else text
+_LATEX = str.maketrans({
+    **{letter: f"\\{letter}" for letter in "&%$#_{}"}, "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "|": r"\textbar{}",
+    "<": r"\textless{}", ">": r"\textgreater{}", "±": r"$\pm$", "×": r"$\times$", "·": r"$\cdot$",
+    "²": r"$^2$", "³": r"$^3$", "⁻": r"$^-$", "¹": r"$^1$", "†": r"\dag{}", "‡": r"\ddag{}",
+    "§": r"\S{}", "…": r"\dots{}",
+})  # fmt: skip
 
 
 def _latex(grid: TextTable) -> str:
-    alignment = "l" * grid.labels + "r" * (len(grid.headers) - grid.labels)
-    rows = [" & ".join(_latex_cell(cell) for cell in row) + r" \\" for row in grid.rows]
-    notes = [rf"\par\smallskip{{\footnotesize {_latex_text(note)}}}" for note in grid.notes]
-    return "\n".join(
-        [
-            r"\begin{table}  % needs \usepackage{booktabs}",
-            r"\centering",
-            rf"\caption{{{_latex_text(grid.title)}}}",
-            rf"\begin{{tabular}}{{{alignment}}}",
-            r"\toprule",
-            " & ".join(_latex_header(header) for header in grid.headers) + r" \\",
-            r"\midrule",
-            *rows,
-            r"\bottomrule",
-            r"\end{tabular}",
-            *notes,
-            r"\end{table}",
-        ]
-    )
+    headers = []
+    for header in grid.headers:
+        first, *others = header.translate(_LATEX).split("\n")
+        lines = r" \\ ".join([first, *others])
+        headers.append(rf"\shortstack{{{lines}}}" if others else first)
+    rows = []
+    for row in grid.rows:
+        texts = [(cell.text.replace("\n", " ").translate(_LATEX), cell.bold) for cell in row]
+        rows.append([rf"\textbf{{{text}}}" if bold and text else text for text, bold in texts])
+    notes = (note.translate(_LATEX) for note in grid.notes)
+    return "\n".join([
+        r"\begin{table}  % needs \usepackage{booktabs}",
+        r"\centering",
+        rf"\caption{{{grid.title.translate(_LATEX)}}}",
+        rf"\begin{{tabular}}{{{'l' * grid.labels + 'r' * (len(grid.headers) - grid.labels)}}}",
+        r"\toprule",
+        " & ".join(headers) + r" \\",
+        r"\midrule",
+        *(" & ".join(cells) + r" \\" for cells in rows),
+        r"\bottomrule",
+        r"\end{tabular}",
+        *(rf"\par\smallskip{{\footnotesize {note}}}" for note in notes),
+        r"\end{table}",
+    ])  # fmt: skip
 
 
 def html_table(grid: TextTable) -> Markup:
@@ -188,41 +145,29 @@ def html_table(grid: TextTable) -> Markup:
     values follow it at once.
     """
 
-    def others(texts: Sequence[str]) -> str:
-        text = ", ".join(filter(None, texts[1 : grid.labels]))
-        return f' data-others="{_html_text(text)}"' if text and grid.labels < len(texts) else ""
+    def line(cells: Sequence[TableCell], head: bool = False) -> str:
+        others = ", ".join(cell.text for cell in cells[1 : grid.labels] if cell.text)
+        more = f' data-others="{_html_text(others)}"' if others and grid.labels < len(cells) else ""
+        texts = ""
+        for index, cell in enumerate(cells):
+            is_label, text = index < grid.labels, _html_text(cell.text)
+            tag = "th" if head or is_label else "td"
+            attributes = ' scope="col"' if head else ' scope="row"' if is_label else ""
+            attributes += " class=label" if head and is_label else " class=text" * cell.prose
+            attributes += "" if cell.sort is None else f' data-value="{cell.sort!r}"'
+            text = f"<strong>{text}</strong>" if cell.bold else text
+            texts += f"<{tag}{attributes}{'' if index else more}>{text}</{tag}>"
+        return f"<tr>{texts}</tr>"
 
-    heads = "".join(
-        f'<th scope="col"{" class=label" if index < grid.labels else ""}'
-        f"{'' if index else others(grid.headers)}>{_html_text(header)}</th>"
-        for index, header in enumerate(grid.headers)
-    )
-    rows = ""
-    for row in grid.rows:
-        more = others([cell.text for cell in row])
-        cells = (_html_cell(c, i < grid.labels, "" if i else more) for i, c in enumerate(row))
-        rows += f"<tr>{''.join(cells)}</tr>\n"
     title = _html_text(grid.title)
     caption = f'<p class="small">{title}</p>' if title else ""  # a <caption> would not wrap
+    head = line([TableCell(header) for header in grid.headers], head=True)
+    rows = "".join(f"{line(row)}\n" for row in grid.rows)
     notes = "".join(f'<p class="small">{_html_text(note)}</p>' for note in grid.notes)
-    return Markup(  # every text in it is escaped by _html_text
-        f'{caption}<div class="scroll" tabindex="0"><table><thead><tr>{heads}</tr></thead>'
+    return Markup(  # every text in it is escaped by _html_text; a number sorts by its data-value
+        f'{caption}<div class="scroll" tabindex="0"><table><thead>{head}</thead>'
         f"<tbody>{rows}</tbody></table></div>{notes}"
     )
-
-
-def _html(grid: TextTable) -> str:
-    """An HTML fragment in ASCII, which is valid in a page of any encoding."""
-    return html_table(grid).encode("ascii", "xmlcharrefreplace").decode("ascii")
-
-
-def _html_cell(cell: TableCell, is_label: bool, more: str) -> str:
-    """Return one cell; `data-value` is the number by which a sortable table sorts it."""
-    text, tag = _html_text(cell.text), "th" if is_label else "td"
-    text = f"<strong>{text}</strong>" if cell.bold else text
-    attributes = (' scope="row"' if is_label else "") + (" class=text" if cell.prose else "")
-    attributes += "" if cell.sort is None else f' data-value="{cell.sort!r}"'
-    return f"<{tag}{attributes}{more}>{text}</{tag}>"
 
 
 def _html_text(text: str) -> str:
@@ -234,5 +179,5 @@ _WRITERS: Mapping[OutputFormat, Callable[[TextTable], str]] = {
     OutputFormat.CSV: _csv,
     OutputFormat.LATEX: _latex,
     OutputFormat.JSON: _json,
-    OutputFormat.HTML: _html,
+    OutputFormat.HTML: lambda grid: html_table(grid).encode("ascii", "xmlcharrefreplace").decode(),
 }

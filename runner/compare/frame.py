@@ -15,12 +15,12 @@ All queries of tables and figures are here. SQL selects and names; what comes ba
 Columns of text are categorical, so that a row of 100,000 runs takes a byte and not a string.
 """
 
-import json
-import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 from typing import TypeVar
 
@@ -45,6 +45,7 @@ from seatrial.runner.compare.where import (
 from seatrial.runner.database.engine import url_of
 from seatrial.runner.database.reader import LogbookReader
 from seatrial.runner.database.tables import (
+    Base,
     CoefficientRow,
     DiagnosticRow,
     MetricRow,
@@ -62,8 +63,7 @@ METRIC_FACTORS = ("metric", "stage", "model", "dof", "file")  # of the number, n
 POOLED = "pooled"  # the file of a number that is of all files
 BELOW_TRUE_MODEL = "below_true_model"
 DESIGN_FLAWS = ("spectral_radius", "infeasible_limits")  # of a controller, if 1 or more
-LIMITED = tuple(f"limited_share_{horizon}" for horizon in HORIZONS)  # above 0: it diverged
-HELD_FREE_RUN = "held_free_run"
+LIMITED = {horizon: f"limited_share_{horizon}" for horizon in HORIZONS}  # above 0: it diverged
 FINISHED = "finished"
 # Why a number of a finished run is missing; that of another run is missing by its status.
 DIVERGED, WITHOUT = "diverged in prediction", "without value"
@@ -94,9 +94,11 @@ def _reading_order(level: str) -> tuple[int, float, str]:
 
 
 RUN = RunTable.__table__
+Clause = sa.ColumnElement[bool]
 Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
 LABELS = (*GROUPS, "seed")
 NO_LEVELS = ("of_sweep", "of_experiment", "streams", "of_code")  # columns of trials, no factors
+METRIC = ("run_id", "stage", "model", "dof", "name", "value", "unit")
 COEFFICIENT_STAGE = "coefficient"
 MOST_VARIABLES = 5_000  # in one statement
 
@@ -122,9 +124,8 @@ class Queries:
     def names(self) -> ColumnNames:
         """The names that are valid in conditions, rows and columns."""
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
-        text = sa.cast(RUN.c.config, sa.Text).label("text")  # also of one that is damaged
-        rows = self.reader.select(sa.select(text).where(RUN.c.id.in_(newest)))
-        keys = {key for row in rows for key in _keys(row.text)}
+        rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
+        keys = {key for row in rows for key in flat(row.config)}
         columns: dict[str, Expression] = {column.name: column for column in RUN.c}
         columns["status"] = run_overview.c.status
         columns["sweep"] = run_overview.c.sweep
@@ -161,22 +162,19 @@ class Queries:
                     f"--sweep: got {sweep!r}, expected all, a number or one of {expected}"
                 )
         condition = Condition(condition.text, tuple(one.id for one in chosen))
-        names = {one.name for one in chosen}
-        if len(names) < 2:  # sweep 1, 2 (name), or sweep 1 (name), 2 (other)
-            numbers = ", ".join(str(one.id) for one in chosen)
-            return condition, "".join(f"sweep {numbers} ({name})" for name in names)
-        return condition, f"sweep {', '.join(f'{one.id} ({one.name})' for one in chosen)}"
+        words = ", ".join(f"{one.id} ({one.name})" for one in chosen)
+        return condition, f"sweep {words}" if chosen else ""
 
-    def left_out(self, where: str | None, sweep: str | None) -> str:
-        """Return one line on single runs newer than the sweep that is shown by default."""
+    def left_out(self, where: str | None, sweep: str | None) -> Iterator[str]:
+        """Yield one line if single runs are newer than the sweep that is shown by default."""
         sweeps = self.reader.sweeps()
-        if not sweeps or sweep or chooses(self.where(where)):
-            return ""
-        later = sa.select(sa.func.count()).select_from(RUN)
-        later = later.where(RUN.c.sweep_id.is_(None), RUN.c.started_at > sweeps[-1].started_at)
-        ((count,),) = self.reader.select(later)
-        runs = "1 newer run is" if count == 1 else f"{count} newer runs are"
-        return f"{runs} of no sweep and left out: --sweep all" if count else ""
+        if sweeps and not sweep and not chooses(self.where(where)):
+            later = sa.select(sa.func.count()).select_from(RUN)
+            later = later.where(RUN.c.sweep_id.is_(None), RUN.c.started_at > sweeps[-1].started_at)
+            ((count,),) = self.reader.select(later)
+            if count:
+                runs = "1 newer run is" if count == 1 else f"{count} newer runs are"
+                yield f"{runs} of no sweep and left out: --sweep all"
 
     def trials(
         self,
@@ -201,7 +199,8 @@ class Queries:
         columns = ("run", "status", *NO_LEVELS)
         data = dict(zip((*columns, *names), map(list, zip(*rows, strict=True)), strict=True))
         data["streams"] = [None if each is None else " ".join(each) for each in data["streams"]]
-        data |= {name: list(map(level_text, data[name])) for name in names}
+        for name in names:
+            data[name] = ["none" if level is None else str(level) for level in data[name]]
         if planned:
             for row in self._not_started(condition, {name: data[name] for name in names}):
                 for name, values in data.items():
@@ -210,13 +209,10 @@ class Queries:
         return trials.astype({name: "category" for name in trials if name != "of_sweep"})
 
     def runs(
-        self,
-        condition: Condition = EVERY_RUN,
-        factors: Sequence[str] = (),
-        superseded: bool = False,
+        self, condition: Condition = EVERY_RUN, factors: Sequence[str] = ()
     ) -> list[StoredRun]:
         """Return the trials as objects, for figures of single runs."""
-        return stored_runs(self.trials(condition, factors, superseded))
+        return stored_runs(self.trials(condition, factors))
 
     def _not_started(
         self, condition: Condition, levels: Mapping[str, Sequence[str]]
@@ -239,87 +235,81 @@ class Queries:
             known[fingerprint] = own | {"of_sweep": sweep, "status": NOT_STARTED}
         if not known or condition.run is not None:
             return []
-        options = pd.DataFrame(list(known.values()))
-        met = _met(condition.text, options)
+        options = pd.DataFrame([*known.values()])
+
+        def compare(name: str, operator: str, value: Value) -> pd.Series:
+            own = options.get(name, pd.Series(None, options.index, dtype=object))
+            return own.map(
+                lambda level: holds(bare_value(str(level)), operator, value), na_action="ignore"
+            ).astype("boolean")
+
+        met = [True] * len(options)
+        if condition.text is not None:
+            met = [*parse(condition.text, compare).fillna(False)]
         common = {name: each[0] for name, each in levels.items() if len(set(each)) == 1}
         missing = {name: common.get(name, "unknown") for name in levels}
-        return [
-            missing | option | {"run": -1 - number}
-            for number, option in enumerate(
-                v for v, own in zip(known.values(), met, strict=True) if own
-            )
-        ]
+        listed = compress(known.values(), met)
+        return [missing | option | {"run": -1 - number} for number, option in enumerate(listed)]
+
+    def _rows(
+        self, table: type[Base], columns: Sequence[str], condition: Condition, *where: Clause
+    ) -> pd.DataFrame:
+        """Return columns of the rows of a table that belong to the runs of a condition."""
+        c = table.__table__.c
+        query = sa.select(*(c[name] for name in columns)).order_by(c.id)
+        rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition)), *where))
+        values = map(list, zip(*rows, strict=True)) if rows else ([] for _ in columns)
+        frame = pd.DataFrame(
+            dict(zip(columns, values, strict=True)), dtype=None if rows else object
+        )
+        return frame.rename(columns={"run_id": "run"})
 
     def metrics(
         self,
         names: Sequence[str],
         condition: Condition = EVERY_RUN,
         only: Mapping[str, Sequence[str]] | None = None,
-        *where: sa.ColumnElement[bool],
     ) -> pd.DataFrame:
         """Return the named metrics of the runs that meet the condition.
 
         `only` restricts stage, model and dof to the given levels; an empty list means all levels.
-        `where` are further clauses on the table of metrics.
         """
         m = MetricRow.__table__.c
-        query = sa.select(m.run_id, m.stage, m.model, m.dof, m.name, m.value, m.unit)
-        query = query.where(m.name.in_(names), m.run_id.in_(self._ids(condition)), *where)
-        for column, levels in (only or {}).items():
-            if levels:
-                query = query.where(m[column].in_(levels))
-        return _numbers(self.reader.select(query.order_by(m.id)), NUMBER)
+        levels = [m[column].in_(own) for column, own in (only or {}).items() if own]
+        return as_numbers(self._rows(MetricRow, METRIC, condition, m.name.in_(names), *levels))
 
     def of_files(self, names: Sequence[str], condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the named errors of the runs on each file that was tested on.
 
         They are diagnostics, since a file is no part of the name of a metric.
         """
-        d = DiagnosticRow.__table__.c
-        query = sa.select(d.run_id, d.label, d.dof, d.name, d.value, d.unit).order_by(d.id)
-        query = query.where(d.name.in_([f"{OF_FILE}{name}" for name in names]))
-        rows = []
-        for run, label, dof, name, value, unit in map(
-            tuple, self.reader.select(query.where(d.run_id.in_(self._ids(condition))))
-        ):
-            file, _, model = label.rpartition(", ")
-            metric = name.removeprefix(OF_FILE)
-            of_model = model.removesuffix(" model")
-            rows.append((run, "validation", of_model, dof, metric, value, unit, file))
-        return _numbers(rows, (*NUMBER, "file"))
+        rows = self.diagnostics([f"{OF_FILE}{name}" for name in names], condition)
+        parts = [str(label).rpartition(", ") for label in rows["label"]]
+        rows["name"] = [name.removeprefix(OF_FILE) for name in rows["name"]]
+        rows["model"] = [model.removesuffix(" model") for _, _, model in parts]
+        rows["file"] = [file for file, _, _ in parts]
+        return as_numbers(rows.drop(columns=["i", "j", "label"]).assign(stage="validation"))
 
-    def coefficients(
-        self, condition: Condition = EVERY_RUN, terms: Sequence[str] = ()
-    ) -> pd.DataFrame:
-        """Return the coefficients of the runs that meet the condition; all without `terms`."""
-        c = CoefficientRow.__table__.c
-        columns = (c.run_id, c.model, c.dof, c.term, c.value, c.unit, c.std_error, c.true_value)
-        query = sa.select(*columns).where(c.run_id.in_(self._ids(condition))).order_by(c.id)
-        if terms:
-            query = query.where(c.term.in_(terms))
-        columns_of = ("run", *NUMBER[2:], "std_error", "true_value")
-        return _numbers(self.reader.select(query), columns_of)
+    def coefficients(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
+        """Return the coefficients of the runs that meet the condition."""
+        columns = ("run_id", "model", "dof", "term", "value", "unit", "std_error", "true_value")
+        return as_numbers(self._rows(CoefficientRow, columns, condition))
 
     def marks(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the metrics that qualify other numbers, where they do.
 
-        Those of LIMITED and BELOW_TRUE_MODEL if they are positive, those of DESIGN_FLAWS from 1,
-        and the times HELD_FREE_RUN [s].
+        Those of LIMITED and BELOW_TRUE_MODEL if they are positive, those of DESIGN_FLAWS from 1.
         """
         value, name = MetricRow.value, MetricRow.name
-        told = sa.or_(name == HELD_FREE_RUN, value >= 1.0, name.not_in(DESIGN_FLAWS) & (value > 0))
-        names = (BELOW_TRUE_MODEL, *LIMITED, *DESIGN_FLAWS, HELD_FREE_RUN)
-        return self.metrics(names, condition, None, told)
+        told = sa.or_(value >= 1.0, name.not_in(DESIGN_FLAWS) & (value > 0))
+        names = name.in_((BELOW_TRUE_MODEL, *LIMITED.values(), *DESIGN_FLAWS))
+        return as_numbers(self._rows(MetricRow, METRIC, condition, names, told))
 
     def diagnostics(self, names: Sequence[str], condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the named diagnostics: run, name, dof, i, j, label, value (NaN), unit."""
-        d = DiagnosticRow.__table__.c
-        columns = (d.run_id.label("run"), d.name, d.dof, d.i, d.j, d.label, d.value, d.unit)
-        query = sa.select(*columns).where(d.name.in_(names), d.run_id.in_(self._ids(condition)))
-        rows = self.reader.select(query.order_by(d.id))
-        frame = pd.DataFrame(list(map(tuple, rows)), columns=[column.name for column in columns])
-        kinds = {"run": "int64", "i": "Int64", "j": "Int64", "value": "float64"}
-        return frame.astype(kinds)
+        columns = ("run_id", "name", "dof", "i", "j", "label", "value", "unit")
+        rows = self._rows(DiagnosticRow, columns, condition, DiagnosticRow.name.in_(names))
+        return rows.astype({"run": "int64", "i": "Int64", "j": "Int64", "value": "float64"})
 
     def covering(self, condition: Condition = EVERY_RUN) -> frozenset[int]:
         """Return the runs whose standard errors are of the coefficient, not only of the estimate.
@@ -337,11 +327,9 @@ class Queries:
 
     def series_columns(self, condition: Condition = EVERY_RUN) -> dict[int, dict[str, list[str]]]:
         """Return the column names of the stored series by run and kind."""
-        s = SeriesRow.__table__.c
-        by_run: dict[int, dict[str, list[str]]] = {}
-        query = sa.select(s.run_id, s.kind, s.columns).where(s.run_id.in_(self._ids(condition)))
-        for run_id, kind, columns in map(tuple, self.reader.select(query)):
-            by_run.setdefault(run_id, {})[kind] = list(columns)
+        by_run: dict[int, dict[str, list[str]]] = defaultdict(dict)
+        for row in self._rows(SeriesRow, ("run_id", "kind", "columns"), condition).itertuples():
+            by_run[row.run][row.kind] = [*row.columns]
         return by_run
 
     def metric_names(self) -> list[str]:
@@ -382,34 +370,21 @@ class Queries:
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
 
 
-NUMBER = ("run", "stage", "model", "dof", "metric", "value", "unit")
-
-
-def _numbers(rows: Sequence[Sequence[object]], columns: Sequence[str]) -> pd.DataFrame:
-    """Return rows of these columns as numbers; those of all files are POOLED."""
-    data = dict(zip(columns, map(list, zip(*rows, strict=True)), strict=True)) if rows else {}
-    frame = pd.DataFrame({name: data.get(name, []) for name in columns})
+def as_numbers(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows as numbers, their texts as categories; those of all files are POOLED."""
+    frame = rows.rename(columns={"name": "metric", "term": "metric"})
     frame["file"] = frame.get("file", POOLED)
     frame["stage"] = frame.get("stage", COEFFICIENT_STAGE)
-    floats = [name for name in ("value", "std_error", "true_value") if name in frame]
-    texts = [name for name in frame if name not in ("run", *floats)]
-    kinds = dict.fromkeys(floats, "float64") | dict.fromkeys(texts, "category") | {"run": "int64"}
-    return frame.astype(kinds)
+    kinds = dict.fromkeys(("value", "std_error", "true_value"), "float64") | {"run": "int64"}
+    return frame.astype({name: kinds.get(name, "category") for name in frame})
 
 
 def stored_runs(trials: pd.DataFrame) -> list[StoredRun]:
     """Return trials as objects."""
-    names = [name for name in trials if name not in NO_LEVELS]
-    levels = trials[names].to_dict("records")
-    sweeps = (
-        None if sweep is None or sweep != sweep else int(sweep) for sweep in trials["of_sweep"]
-    )
-    return [
-        StoredRun(int(run), status, own, sweep)
-        for run, status, own, sweep in zip(
-            trials.index, trials["status"], levels, sweeps, strict=True
-        )
-    ]
+    levels = trials[[name for name in trials if name not in NO_LEVELS]].to_dict("records")
+    sweeps = (None if pd.isna(sweep) else int(sweep) for sweep in trials["of_sweep"])
+    each = zip(trials.index, trials["status"], levels, sweeps, strict=True)
+    return [StoredRun(int(run), status, own, sweep) for run, status, own, sweep in each]
 
 
 def observations(numbers: pd.DataFrame, trials: pd.DataFrame, marks: pd.DataFrame) -> pd.DataFrame:
@@ -421,29 +396,31 @@ def observations(numbers: pd.DataFrame, trials: pd.DataFrame, marks: pd.DataFram
         marks: those of the same runs.
 
     Returns:
-        The frame, with `reason` (empty for a finite value), the time `held_s` [s] of a free run
-        that diverged, and the marks `below_true_model`, `unstable` and `infeasible`.
+        The frame, with `reason` (empty for a finite value) and the marks `below_true_model`,
+        `unstable` and `infeasible`.
     """
     finished = trials[trials["status"] == FINISHED]
     frame = numbers[numbers["run"].isin(finished.index)].join(finished, on="run")
-    deployed = frame["stage"] == "deployment"
+
+    def marked(name: str, by: str) -> NDArray[np.bool_]:
+        """Where the same run has a mark, of the same model or dof."""
+        told = marks.loc[marks["metric"] == name, ["run", by]]
+        if told.empty:
+            return np.zeros(len(frame), dtype=np.bool_)
+        own = pd.MultiIndex.from_frame(frame[["run", by]])
+        return np.asarray(own.isin(pd.MultiIndex.from_frame(told)))
+
+    deployed, metric = frame["stage"] == "deployment", frame["metric"].str
     for column, name in zip(("unstable", "infeasible"), DESIGN_FLAWS, strict=True):
-        frame[column] = deployed & _marked(frame, marks[marks["metric"] == name], ["run", "model"])
-    below = _marked(frame, marks[marks["metric"] == BELOW_TRUE_MODEL], ["run", "dof"])
-    force = frame["metric"].map(lambda name: name.startswith("force_")).astype(bool)
+        frame[column] = deployed & marked(name, "model")
     validated = (frame["stage"] == "validation") & (frame["model"] == "identified")
-    frame[BELOW_TRUE_MODEL] = below & force & validated
-    held = diverged_predictions(marks)
-    frame["horizon"] = frame["metric"].map(horizon_of)
-    place = ["run", "model", "horizon"]
-    diverged = _marked(frame, held, place)
+    own = validated & metric.startswith("force_").astype(bool)
+    frame[BELOW_TRUE_MODEL] = own & marked(BELOW_TRUE_MODEL, "dof")
+    diverged = np.zeros(len(frame), dtype=np.bool_)
+    for horizon, name in LIMITED.items():
+        diverged |= metric.endswith(f"_{horizon}").to_numpy(dtype=bool) & marked(name, "model")
     reason = np.where(np.isfinite(frame["value"]), "", np.where(diverged, DIVERGED, WITHOUT))
-    frame["reason"] = pd.Categorical(reason, dtype=REASONS)
-    frame["held_s"] = math.nan
-    if diverged.any():
-        times = held.set_index(place)["held_s"]
-        frame["held_s"] = times.reindex(pd.MultiIndex.from_frame(frame[place])).to_numpy()
-    return frame.drop(columns="horizon")
+    return frame.assign(reason=pd.Categorical(reason, dtype=REASONS))
 
 
 def complete(frame: pd.DataFrame, trials: pd.DataFrame, factors: Sequence[str]) -> pd.DataFrame:
@@ -453,21 +430,16 @@ def complete(frame: pd.DataFrame, trials: pd.DataFrame, factors: Sequence[str]) 
     have; trials whose levels no number has may have all of them.
     """
     columns = list(METRIC_FACTORS)
-    kinds = frame[columns].drop_duplicates()
-    blank = pd.DataFrame([dict.fromkeys(columns, "")])
-    parts = [frame]
-    for kind in (kinds if len(kinds) else blank).itertuples(index=False):
-        own = (frame[columns] == list(kind)).all(axis=1)
-        lacking = trials[~trials.index.isin(frame.loc[own, "run"])].reset_index(names="run")
-        for name, level in zip(columns, kind, strict=True):
-            known = frame[name].cat.categories
-            known = known if level in known else known.insert(0, level)
-            lacking[name] = pd.Categorical([level] * len(lacking), categories=known)
-        status = lacking["status"].astype(str)
-        reason = np.where(status == FINISHED, NOT_APPLICABLE, status)
-        lacking["reason"] = pd.Categorical(reason, dtype=REASONS)
-        parts.append(lacking.assign(condition=-1))
-    whole = pd.concat(parts, ignore_index=True)
+    kind = codes(frame, columns)
+    kinds = frame.loc[~kind.duplicated(), columns]
+    kinds = kinds if len(kinds) else pd.DataFrame([dict.fromkeys(columns, "")])
+    count, runs = len(kinds), trials.reset_index(names="run")
+    every = runs.merge(kinds.assign(_kind=range(count)), how="cross")
+    known = frame["run"] * count + kind
+    lacking = every[~(every["run"] * count + every["_kind"]).isin(known)].drop(columns="_kind")
+    status = lacking["status"].astype(str)
+    reason = pd.Categorical(np.where(status == FINISHED, NOT_APPLICABLE, status), dtype=REASONS)
+    whole = pd.concat([frame, lacking.assign(reason=reason, condition=-1)], ignore_index=True)
     for name in frame.select_dtypes("bool"):
         whole[name] = whole[name].fillna(False).astype(bool)
     of_run = [name for name in factors if name not in METRIC_FACTORS]
@@ -487,60 +459,9 @@ def codes(frame: pd.DataFrame, columns: Sequence[str]) -> pd.Series:
     return pd.Series(pd.factorize(groups.ngroup())[0], frame.index)
 
 
-def horizon_of(metric: str) -> str:
-    """Return the horizon of the prediction that a metric is about; empty if of none."""
-    return next((name for name in HORIZONS if metric.endswith(f"_{name}")), "")
-
-
-def diverged_predictions(marks: pd.DataFrame) -> pd.DataFrame:
-    """Return run, model and horizon of predictions that diverged, and the time `held_s` [s]."""
-    places = marks.assign(horizon=marks["metric"].map(horizon_of).astype(str))
-    columns = ["run", "model", "horizon"]
-    diverged = places.loc[places["metric"].isin(LIMITED), columns].drop_duplicates()
-    held = places.loc[places["metric"] == HELD_FREE_RUN, [*columns, "value"]]
-    return diverged.merge(held.rename(columns={"value": "held_s"}), how="left", on=columns)
-
-
-def _marked(frame: pd.DataFrame, marks: pd.DataFrame, columns: Sequence[str]) -> NDArray[np.bool_]:
-    """Return where a frame has the levels of a mark in some columns, shape (n,)."""
-    if marks.empty:
-        return np.zeros(len(frame), dtype=np.bool_)
-    places, marked = (pd.MultiIndex.from_frame(each[list(columns)]) for each in (frame, marks))
-    return np.asarray(places.isin(marked))
-
-
-def _met(text: str | None, options: pd.DataFrame) -> Sequence[bool]:
-    """Return which trials meet a text of --where, by their options; one that may not does not."""
-
-    def compare(name: str, operator: str, value: Value) -> pd.Series:
-        own = options.get(name, pd.Series(None, options.index, dtype=object))
-        known = own.map(
-            lambda level: holds(bare_value(str(level)), operator, value), na_action="ignore"
-        )
-        return known.astype("boolean")
-
-    if text is None:
-        return [True] * len(options)
-    return [*parse(text, compare).fillna(False)]
-
-
 def chooses(condition: Condition) -> bool:
     """Return whether a condition is about certain runs or sweeps."""
     return bool(names_in(condition.text) & {"id", "sweep_id", "sweep"})
-
-
-def _keys(config: str) -> list[str]:
-    """Return the dotted keys of a configuration; none if it is damaged."""
-    try:
-        parsed = json.loads(config)
-        return list(flat(parsed)) if isinstance(parsed, dict) else []
-    except (ValueError, TypeError, RecursionError):
-        return []
-
-
-def level_text(value: object) -> str:
-    """Return a level as tables show it."""
-    return "none" if value is None else str(value)
 
 
 def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:

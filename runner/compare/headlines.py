@@ -56,21 +56,20 @@ def headlines(
     rows, columns = axes_of(options.rows, options.columns)
     levels = {run.levels.get(rows) for run in runs}
     baseline = [f"{rows}=none"] if "none" in levels and len(levels) > 1 else []
+    chosen = {"--where": options.where, "--sweep": options.sweep}
+    named = {"--rows": rows, "--columns": columns, "--baseline": ",".join(baseline), **chosen}
+    words = [word for pair in named.items() if pair[1] for word in map(str, pair)]
     stored, found, messages = results.metric_names(), [], []
     for metric, shown in TABLES.items():
-        if metric not in stored:
-            continue
-        try:
-            table = comparison(results, replace(options, metric=[metric], baseline=baseline))
-        except ConfigurationError as error:
-            messages.append(f"{definition_of(metric).heading}: {error}")
-            continue
-        if any(cell.sort is not None for row in table.rows for cell in row):
-            words = ["table", "--metric", metric, "--rows", rows, "--columns", columns]
-            words += [word for level in baseline for word in ("--baseline", level)]
-            chosen = {"--where": options.where, "--sweep": options.sweep}
-            words += [word for pair in chosen.items() if pair[1] for word in map(str, pair)]
-            found.append(Headline(metric, rows, columns, table, shown, words, bool(baseline)))
+        if metric in stored:
+            try:
+                table = comparison(results, replace(options, metric=[metric], baseline=baseline))
+            except ConfigurationError as error:
+                messages.append(f"{definition_of(metric).heading}: {error}")
+                continue
+            if any(cell.sort is not None for row in table.rows for cell in row):
+                command = ["table", "--metric", metric, *words]
+                found.append(Headline(metric, rows, columns, table, shown, command, bool(baseline)))
     return found, messages
 
 

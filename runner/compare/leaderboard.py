@@ -1,17 +1,47 @@
-"""The tables of the benchmark: entrants by task, measures of manoeuvres, and a summary."""
+"""The leaderboard of the benchmark: what entrants reached in the cells of a task, and their ranks.
+
+The newest run of a cell counts; one that failed or diverged, and one whose model cannot predict,
+has an infinite loss. Cells without a run are not ranked; a task is ranked over the cells that all
+its entrants have run.
+"""
 
 import math
+import re
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import pandas as pd
+import sqlalchemy as sa
 
-from seatrial.runner.compare.benchmark.boards import Board, overall
-from seatrial.runner.compare.benchmark.boards import boards as boards
-from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, REFERENCES, interval, pooled
-from seatrial.runner.compare.grid import TableCell, TextTable, number_text, with_unit
-from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.benchmark import scores
+from seatrial.runner.compare.benchmark.scores import (
+    AT_REST,
+    BAND_LEVEL,
+    POSITION,
+    REFERENCES,
+    Score,
+)
+from seatrial.runner.compare.benchmark.task import GROUP, Task, cells, task_of
+from seatrial.runner.compare.frame import FINISHED, Queries
+from seatrial.runner.compare.grid import TableCell, TextTable, number_text
+from seatrial.runner.compare.ranking import SIGNIFICANCE, Ranking, ranking
+from seatrial.runner.compare.statistics import Sample, holm
+from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
+from seatrial.runner.database.tables import DiagnosticRow
+from seatrial.runner.database.tables import RunRow as RunTable
+from seatrial.runner.record.rows import Series
+from seatrial.runner.record.vocabulary import ENDINGS, NO_RESULT, TRAINING_TIME
 
+SPELLING = re.compile(r"[\s'\"]+")
+CELL = ["task", "case", "seed"]  # what is the same for all entrants of a cell
+ENTRY = (
+    *(*CELL, "entrant", "run", "status", "error", "duration_s", "training_s"),
+    *("score", "judged", "after", "loss"),
+)
 COMPARED = ("auto", "none", *REFERENCES)  # entrants that the summary shows beside the first one
 SUMMARY = ("task", "cells", "first", "score", "90 %", "not significantly worse")
 BOLD = (
@@ -22,9 +52,186 @@ BOLD = (
 NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first entrant"
 
 
-def grids(boards: Sequence[Board]) -> list[TextTable]:
-    """Return the tables of the tasks."""
-    return [grid for board in boards for grid in (leaderboard(board), *manoeuvre_grids(board))]
+@dataclass(frozen=True, eq=False)
+class Board:
+    """A task with the cells that have been run, references included: a row of `entries` each.
+
+    Columns are those of ENTRY: times in seconds, NaN if they are not stored; the `score` of the
+    free run, and the one that ranks (`judged`), None without a prediction; the NRMSE by horizon [s]
+    (`after`) if the free run did not diverge; the loss, inf for a trial that failed or diverged.
+    """
+
+    task: Task
+    entries: pd.DataFrame
+
+    @cached_property
+    def losses(self) -> pd.DataFrame:
+        """Losses by entrant (n_cells, n_entrants), of the cells that all of them have run."""
+        return losses_of(self.entries, CELL)
+
+    @cached_property
+    def ranked(self) -> Ranking:
+        """The ranks over these cells."""
+        return ranking(self.losses)
+
+    @cached_property
+    def contest(self) -> Ranking:
+        """The ranks without the references, which know what is tested on."""
+        return ranking(self.losses.drop(columns=list(REFERENCES), errors="ignore"))
+
+    def rivals(self) -> list[str]:
+        """The first entrant of the contest, and those not significantly worse, in order.
+
+        Where there are too few cells for tests of ranks, by a paired bootstrap of the errors, in
+        which an entrant that lost a cell differs from one that did not.
+        """
+        if self.contest.tested:
+            return self.contest.best()
+        first, *others = self.contest.order()
+        judged = {name: self.of(name).set_index(CELL)["judged"] for name in (first, *others)}
+        common = [cell for cell in judged[first].index if all(cell in j for j in judged.values())]
+        values = holm(
+            [scores.chance(judged[first][common], judged[name][common]) for name in others]
+        )
+        return [first, *(n for n, p in zip(others, values, strict=True) if p >= SIGNIFICANCE)]
+
+    def of(self, entrant: str) -> pd.DataFrame:
+        """The entries of an entrant."""
+        return self.entries[self.entries["entrant"] == entrant]
+
+    def lost(self, entrant: str) -> int:
+        """Number of the cells of an entrant that failed or diverged."""
+        return int((self.of(entrant)["loss"] == math.inf).sum())
+
+    def scores(self, entrant: str, kind: str = "judged") -> list[Score]:
+        """The scores of an entrant, `judged` or `score`, of the cells that did not diverge."""
+        return [each for each in self.of(entrant)[kind] if each and math.isfinite(each.loss)]
+
+    def score(self, entrant: str) -> float:
+        """What the task ranks an entrant by, over the cells that it did not lose; NaN without any.
+
+        The mean FIT [%] over the outputs of the pooled predictions, or the error of position [m].
+        """
+        if self.task.score == "position":
+            return _mean(self.of(entrant)["loss"])
+        good = self.scores(entrant)
+        return 100.0 * (1.0 - float(np.mean(scores.pooled(good)))) if good else math.nan
+
+    @property
+    def score_name(self) -> str:
+        """What the task ranks by, with its unit."""
+        after = f"after {self.task.after_s:g} s" if self.task.after_s is not None else ""
+        if self.task.score == "position":
+            return f"position error {after} [m]"
+        return "FIT [%]" if self.task.score == "free_run" else f"FIT {after} [%]"
+
+    def interval(self, entrant: str) -> str:
+        """The 90 % interval of an entrant's FIT as `87 to 95`; a dash if all diverge."""
+        good = self.scores(entrant)
+        if not good or self.task.score == "position":
+            return "–"
+        low, high = scores.interval(good)
+        return f"{100.0 * (1.0 - high):.0f} to {100.0 * (1.0 - low):.0f}"
+
+    def has_skill(self, entrant: str) -> bool:
+        """Whether an entrant identifies something, and is better than every trivial rival."""
+        means = self.losses.mean()
+        trivial = [name for name in means.index if name in (*REFERENCES, "none")]
+        return entrant not in trivial and bool((means[entrant] < means[trivial]).all())
+
+    def leaders(self, count: int) -> list[str]:
+        """The first entrants that identify something: no references, and not `none`."""
+        return [name for name in self.contest.order() if name != "none"][:count]
+
+
+def losses_of(entries: pd.DataFrame, cell: Sequence[str]) -> pd.DataFrame:
+    """Median losses by entrant (n_cells, n_entrants), of the cells that all entrants have run."""
+    if entries.empty:
+        return pd.DataFrame()
+    losses = entries.groupby([*cell, "entrant"], sort=False)["loss"].median().unstack()
+    return losses[entries["entrant"].unique()].dropna()
+
+
+def boards(
+    results: Queries, tasks: Sequence[str] = (), entrants: Sequence[str] = ()
+) -> list[Board]:
+    """Return the boards of the named tasks, by default all, with further entrants."""
+    known = [task_of(name) for name in tasks or search_path.options(GROUP)]
+    return [Board(task, _entries(results, task, [*task.entrants, *entrants])) for task in known]
+
+
+def overall(boards: Sequence[Board]) -> list[tuple[list[Board], Ranking]]:
+    """Rank the entrants of tasks with the same ones, over the cases of these tasks together.
+
+    The loss in a case is the median over its seeds, since repeated trials of one case are no
+    independent data sets. Tasks that have not been run are left out, and so is a task whose
+    entrants no other one has: it has ranks of its own.
+    """
+    groups: dict[frozenset[str], list[Board]] = defaultdict(list)
+    for board in boards:
+        if len(board.entries):
+            groups[frozenset(board.losses) - {AT_REST}].append(board)
+    ranks = []
+    for group in groups.values():
+        if len(group) > 1:
+            entries = pd.concat([board.entries for board in group], ignore_index=True)
+            entries = entries[entries["entrant"] != AT_REST]
+            ranks.append((group, ranking(losses_of(entries, ["task", "case"]))))
+    return ranks
+
+
+def _entries(results: Queries, task: Task, entrants: Sequence[str]) -> pd.DataFrame:
+    """Return the cells that have been run, each with its newest run, and then the trivial rivals.
+
+    These have the cells in which some entrant has a prediction; one at rest has a position only.
+    """
+    r, d = RunTable, DiagnosticRow
+    query = sa.select(r.id, r.status, r.overrides, r.started_at, r.finished_at, r.error)
+    query = query.where(r.status.in_(ENDINGS)).order_by(r.id)
+    newest = {_normal(row.overrides): row for row in results.reader.select(query)}
+    timed = sa.select(d.run_id, d.value).where(d.name == TRAINING_TIME)
+    training_s = {row.run_id: row.value for row in results.reader.select(timed)}
+    references = [name for name in REFERENCES if name != AT_REST or task.score == "position"]
+    own: list[dict[str, object]] = []
+    trivial: dict[tuple[str, int], list[dict[str, object]]] = {}
+    for cell in cells(task, entrants):
+        row = newest.get(_normal(cell.options))
+        if row is None:
+            continue
+        place = {**cell._asdict(), "run": row.id, "status": row.status, "error": row.error or ""}
+        place |= {"duration_s": 0.0, "training_s": 0.0}
+        own.append(place | {"score": None, "judged": None, "after": {}, "loss": math.inf})
+        end = row.finished_at
+        own[-1]["duration_s"] = (end - row.started_at).total_seconds() if end else math.nan
+        own[-1]["training_s"] = training_s.get(row.id, math.nan)
+        if row.status == FINISHED:
+            series = results.reader.series(row.id, "prediction")
+            own[-1] |= _scores(series, "identified", task)
+            if (cell.case, cell.seed) not in trivial:
+                trivial[cell.case, cell.seed] = [
+                    place | {"entrant": name} | _scores(series, name, task) for name in references
+                ]
+    rows = [*own, *(row for of_cell in trivial.values() for row in of_cell)]
+    frame = pd.DataFrame(rows, columns=[*ENTRY], dtype=object)
+    return frame.astype(dict.fromkeys(("duration_s", "training_s", "loss"), "float64"))
+
+
+def _scores(series: Series, model: str, task: Task) -> dict[str, object]:
+    """Return the score of the free run, the one that the task ranks by, and the other errors."""
+    judged = free_run = scores.score(series, model, task.outputs)
+    if task.score != "free_run":
+        outputs = POSITION if task.score == "position" else task.outputs
+        judged = scores.score(series, model, outputs, task.after_s)
+    sound = math.isfinite(free_run.loss)
+    after = {s: scores.score(series, model, task.outputs, s).loss for s in task.horizons_s if sound}
+    return {"score": free_run, "judged": judged, "after": after, "loss": judged.loss}
+
+
+def _normal(options: Iterable[str]) -> tuple[str, ...]:
+    """Return the options that decide the results, in one spelling and order."""
+    return tuple(
+        sorted(SPELLING.sub("", text) for text in options if not text.startswith(NO_RESULT))
+    )
 
 
 def leaderboard(board: Board) -> TextTable:
@@ -52,27 +259,22 @@ def leaderboard(board: Board) -> TextTable:
 def _columns(board: Board, name: str, best: bool = False) -> dict[str, TableCell]:
     """Return the row of an entrant, by its headers."""
     task, own, good = board.task, board.of(name), board.scores(name, "score")
-    fits = 100.0 * (1.0 - pooled(good)) if good else np.full(len(task.outputs), np.nan)
+    fits = 100.0 * (1.0 - scores.pooled(good)) if good else np.full(len(task.outputs), np.nan)
     row = {
         "entrant": TableCell(name, bold=best),
         "rank": _number(board.ranked.mean_ranks.get(name, math.nan), 3, best),
         "FIT [%]": _number(float(np.mean(fits)), 3, best),
-        "90 %": TableCell(interval_text(board, name)),
+        "90 %": TableCell(board.interval(name)),
     }
     row |= {f"{dof} FIT": _number(f, 3) for dof, f in zip(task.outputs, fits, strict=True)}
     for s in task.horizons_s:
-        after = [float(np.mean(each.after[s])) for each in good if s in each.after]
-        row[f"NRMSE {s:g} s"] = _number(_mean(after), 2)
+        row[f"NRMSE {s:g} s"] = _number(_mean(after[s] for after in own["after"] if after), 2)
     if task.score != "free_run":
-        row[_score_name(board)] = _number(score(board, name), 3)
+        row[board.score_name] = _number(board.score(name), 3)
     covered = _pooled_mean([each for one in good if (each := one.covered) is not None])
     row[f"in {100.0 * BAND_LEVEL:.0f} % band [%]"] = _number(100.0 * covered, 3)
     row["CRPS"] = _number(_pooled_mean([one.crps for one in good]), 2)
-    if any(board.entries["measures"]):
-        errors = [100.0 * measure.error for each in own["measures"] for measure in each]
-        row["manoeuvre [%]"] = _number(_mean(errors), 2)
     row["diverged"] = TableCell(f"{board.lost(name)} of {len(own)}")
-    row["parameters"] = _number(_mean(own["parameters"]), 3)
     row["training [s]"] = _number(_mean(own["training_s"]), 2)
     return row
 
@@ -95,73 +297,19 @@ def _pooled_mean(parts: Sequence[Sample]) -> float:
     return float(np.mean(np.concatenate(parts))) if parts else math.nan
 
 
-def score(board: Board, name: str) -> float:
-    """What a task ranks an entrant by, over the cells that it did not lose; NaN if it lost all.
-
-    The mean FIT [%] over the outputs of the pooled predictions, or the error of the position [m].
-    """
-    if board.task.score == "position":
-        return _mean(board.of(name)["loss"])
-    good = board.scores(name)
-    return 100.0 * (1.0 - float(np.mean(pooled(good)))) if good else math.nan
-
-
-def _score_name(board: Board) -> str:
-    """What a task ranks by, with its unit."""
-    task = board.task
-    if task.score == "position":
-        return f"position error after {task.after_s:g} s [m]"
-    return "FIT [%]" if task.score == "free_run" else f"FIT after {task.after_s:g} s [%]"
-
-
-def interval_text(board: Board, name: str) -> str:
-    """Return the 90 % interval of an entrant's FIT as `87 to 95`; a dash if all diverge."""
-    good = board.scores(name)
-    if not good or board.task.score == "position":
-        return "–"
-    low, high = interval(good)
-    return f"{100.0 * (1.0 - high):.0f} to {100.0 * (1.0 - low):.0f}"
-
-
-def manoeuvre_grids(board: Board) -> list[TextTable]:
-    """Return the measures of the manoeuvres of a task, measured and predicted; none without any."""
-    entries = board.entries
-    entries = entries[(entries["seed"] == 0) & entries["measures"].astype(bool)]
-    names = [name for name in board.ranked.order() if name in entries["entrant"].unique()]
-    rows = []
-    for case in board.task.cases:
-        own = entries[entries["case"] == case]
-        by_entrant = {
-            entrant: {(m.file, m.quantity): m for m in measures}
-            for entrant, measures in zip(own["entrant"], own["measures"], strict=True)
-        }
-        listed = {key: m for name in names for key, m in by_entrant.get(name, {}).items()}
-        for (file, quantity), first in listed.items():
-            label = case if file == 0 else f"{case}, {file + 1}"
-            values = [by_entrant.get(name, {}).get((file, quantity)) for name in names]
-            predicted = [_number(m.predicted if m else math.nan, 3) for m in values]
-            named = TableCell(with_unit(quantity, first.unit))
-            rows.append([TableCell(label), named, _number(first.measured, 3), *predicted])
-    if not rows:
-        return []
-    title = f"{board.task.title}: measures of the manoeuvres, in the free run"
-    headers = ["case", "quantity", "measured", *names]
-    return [TextTable(title, headers, rows, 2, ["L: ship lengths"])]
-
-
 def summary(boards: Sequence[Board]) -> TextTable:
     """Return one line for each task that has been run: the first entrant, and what others reach."""
     rows = []
     for board in (board for board in boards if len(board.entries)):
         first, *others = board.rivals()
-        own_score = "" if board.task.score == "free_run" else f": {_score_name(board)}"
+        own_score = "" if board.task.score == "free_run" else f": {board.score_name}"
         skill = "" if board.has_skill(first) else " (no skill)"
         rows.append([
             TableCell(f"{board.task.title}{own_score}"),
             TableCell(str(board.contest.cases)),
             TableCell(f"{first}{skill}"),
             _counted(board, first, False),
-            TableCell(interval_text(board, first)),
+            TableCell(board.interval(first)),
             TableCell(", ".join(others) or "–", prose=True),
             *(_counted(board, name, name in (first, *others)) for name in COMPARED),
         ])  # fmt: skip
@@ -177,7 +325,7 @@ def summary(boards: Sequence[Board]) -> TextTable:
 
 def _counted(board: Board, name: str, rival: bool) -> TableCell:
     """The score of an entrant, with the number of its cells that it did not lose."""
-    cell, lost = _number(score(board, name), 3), board.lost(name)
+    cell, lost = _number(board.score(name), 3), board.lost(name)
     own = len(board.of(name))
     text = f"{cell.text} ({own - lost} of {own})" if lost else cell.text
     return TableCell(text, rival and not lost, cell.sort)

@@ -1,7 +1,9 @@
 """The sheet of a standard manoeuvre: of a stored run, or of a file of recorded motion."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +17,6 @@ from seatrial.runner.export.manoeuvre_tracks import (
     INSTANTS,
     MANOEUVRES,
     Execution,
-    Manoeuvre,
     PredictedMeasure,
     Recorded,
     Sheet,
@@ -31,44 +32,41 @@ MAX_MANOEUVRES = 6  # manoeuvres in a report
 
 
 def run_sheet(
-    results: Queries, run: int, series: str, execution: Execution, manoeuvre: Manoeuvre | None,
-    helm: str | None, length_m: float | None, scale: float,
-) -> TextTable:  # fmt: skip
+    results: Queries, run: int, series: str, helm: str | None, length_m: float | None, **how: Any
+) -> TextTable:
     """Return the sheet of a run, or the measures that are stored of its recorded manoeuvres."""
     predicted = [row for row in results.reader.diagnostics(run) if row.name.startswith(DIAGNOSTIC)]
     if predicted and series == RECORDING:
         return comparison(predicted, f"Run {run}")
     recorded = stored(results.reader, run, series, helm, length_m)
-    result = measured_sheet(recorded.track, manoeuvre, execution, scale, ordered=recorded.ordered)
+    result = measured_sheet(recorded.track, ordered=recorded.ordered, **how)
     return grid_of_sheet(result, f"Run {run}", recorded.predicted)
 
 
 def file_sheet(
-    path: Path, map_file: Path | None, execution: Execution, manoeuvre: Manoeuvre | None,
-    helm: str | None, length_m: float | None, scale: float,
-) -> TextTable:  # fmt: skip
-    """Return the sheet of a recorded file."""
+    path: Path, map_file: Path | None, helm: str | None, length_m: float | None, **how: Any
+) -> TextTable:
+    """Return the sheet of a recorded file; `how` it is measured are options of `sheet`."""
     track, ordered = file_track(path, map_file, helm, length_m)
-    result = measured_sheet(track, manoeuvre, execution, scale, ordered=ordered)
-    return grid_of_sheet(result, str(path))
+    return grid_of_sheet(measured_sheet(track, ordered=ordered, **how), str(path))
 
 
 def newest_manoeuvres(
     results: Queries, runs: Sequence[StoredRun], kinds: Sequence[str] = MANOEUVRES
 ) -> list[tuple[StoredRun, Recorded]]:
     """The newest finished run of each vessel and excitation that is one of the manoeuvres."""
-    finished = [run for run in runs if run.status == FINISHED]
-    newest = {(run.levels["vessel"], run.levels["excitation"]): run for run in finished}
+    newest = {
+        (run.levels["vessel"], run.levels["excitation"]): run
+        for run in runs
+        if run.status == FINISHED
+    }
     chosen = sorted(newest.values(), key=lambda run: -run.id)
     configs = results.configs_of([run.id for run in chosen])
-    key = "excitation.manoeuvre"
-    found = [run for run in chosen if configs.get(run.id, {}).get(key) in kinds][:MAX_MANOEUVRES]
+    found = [run for run in chosen if configs[run.id].get("excitation.manoeuvre") in kinds]
     known = []
-    for run in found:
-        try:
+    for run in found[:MAX_MANOEUVRES]:
+        with suppress(ConfigurationError):  # of a vessel without a position, such as in yaw alone
             known.append((run, stored(results.reader, run.id, RECORDING)))
-        except ConfigurationError:  # of a vessel that has no position, such as one in yaw alone
-            continue
     return known
 
 
@@ -79,36 +77,30 @@ def grid_of_sheet(
 
     `predicted` are the quantities that the identified model predicts.
     """
-    known = dict(predicted or {}) if result.execution == STORED else {}
-    values = {entry.quantity: entry.value for entry in result.entries}
-    if not any(  # a prediction that differs from the measure, or has an interval, says more
-        np.isfinite(low) or not np.isclose(value, values[name], rtol=1e-9)
-        for name, (value, low, _) in known.items()
+    values, told = result.values, predicted or {}
+    known = result.execution == STORED and any(  # says more than the measure
+        np.isfinite(one.low) or not np.isclose(one.value, values[name], rtol=1e-9)
+        for name, one in told.items()
         if name in values
-    ):
-        known = {}
+    )
     noisy = any(  # an interval is wide enough to be seen in the table
-        entry.low is not None
-        and entry.high is not None
-        and entry.high - entry.low > VISIBLE * abs(entry.value)
+        None not in (entry.low, entry.high)
+        and (entry.high or 0.0) - (entry.low or 0.0) > VISIBLE * abs(entry.value)
         for entry in result.entries
     )
+    headers = ["quantity", "value", *(["from", "to"] if noisy else []), "unit", "metres", "limit"]
+    headers += ["MSC.137(76)", *(["identified", "90 % from", "90 % to"] if known else [])]
     rows: list[list[Scalar]] = []
     for entry in result.entries:
-        bounds = [entry.low, entry.high] if noisy else []
         metres = entry.value * result.length_m if entry.unit == "L" else None
-        row = [entry.quantity, entry.value, *bounds, entry.unit, metres, entry.limit, entry.verdict]
-        if known:
-            own = known.get(entry.quantity, (None,) * 3)
-            row += [None if value is None or np.isnan(value) else value for value in own]
-        rows.append(row)
-    headers = ["quantity", "value", *(["from", "to"] if noisy else []), "unit", "metres", "limit"]
-    headers.append("MSC.137(76)")
+        row = [entry.quantity, entry.value, *([entry.low, entry.high] if noisy else [])]
+        row += [entry.unit, metres, entry.limit, entry.verdict]
+        own = told.get(entry.quantity, (np.nan,) * 3) if known else ()
+        rows.append([*row, *(None if np.isnan(value) else value for value in own)])
     notes = notes_of(result)
     if noisy:
         notes.append("from, to: 90 % interval, due to noise and sample time of the recording")
     if known:
-        headers += ["identified", "90 % from", "90 % to"]
         notes.append("identified: the model's own manoeuvre in calm water, with its 90 % interval")
     return grid_of(f"{title}: {result.manoeuvre.replace('_', ' ')}", headers, rows, notes=notes)
 

@@ -52,17 +52,14 @@ class Ranking:
 
     def groups(self) -> list[list[str]]:
         """Largest runs of entrants, neighbours in rank, of which no two differ significantly."""
-        order, groups = self.order(), list[list[str]]()
-        for first in range(len(order)):
-            last = first
-            while last + 1 < len(order) and not any(
-                self.differ(order[k], order[last + 1]) for k in range(first, last + 1)
-            ):
-                last += 1
-            group = order[first : last + 1]
-            if len(group) > 1 and not any(set(group) <= set(known) for known in groups):
-                groups.append(group)
-        return groups
+        order = self.order()
+        alike = [
+            order[first:end]
+            for first, end in combinations(range(len(order) + 1), 2)
+            if not any(self.differ(*pair) for pair in combinations(order[first:end], 2))
+        ]
+        within = (any({*own} < {*other} for other in alike) for own in alike)
+        return [own for own, inner in zip(alike, within, strict=True) if len(own) > 1 and not inner]
 
 
 def ranking(losses: pd.DataFrame) -> Ranking:
@@ -83,19 +80,16 @@ def ranking(losses: pd.DataFrame) -> Ranking:
         places.append(scipy.stats.rankdata(place))
     ranks = pd.DataFrame(places, losses.index, losses.columns, dtype=np.float64)
     pairs = list(combinations(losses, 2))
-    p_values = holm([_signed_rank((ranks[one] - ranks[other]).to_numpy()) for one, other in pairs])
+    differences = [(ranks[one] - ranks[other]).to_numpy() for one, other in pairs]
+    p_values = holm([  # 1 of entrants that are equal in every case
+        scipy.stats.wilcoxon(each, zero_method="zsplit").pvalue if np.any(each) else 1.0
+        for each in differences
+    ])  # fmt: skip
     return Ranking(
         ranks.mean().sort_values(kind="stable"),
         dict(zip(map(frozenset, pairs), p_values, strict=True)),
         len(losses),
     )
-
-
-def _signed_rank(differences: Sample) -> float:
-    """Return the p-value; 1 without differences: entrants that are equal in every case."""
-    if not np.any(differences):
-        return 1.0
-    return float(scipy.stats.wilcoxon(differences, zero_method="zsplit").pvalue)
 
 
 def critical_difference(entrants: int, cases: int, level: float = SIGNIFICANCE) -> float:

@@ -32,13 +32,16 @@ SUMMARY = (
     *("status", "error_type", "error", *GROUPS, "seed", "attempt", "superseded", "sweep"),
     *("started_at", "finished_at", "duration_s"),
 )
-METRIC_COLUMNS = ("stage", "name", "dof", "model", "value", "unit")
-COEFFICIENT_COLUMNS = ("model", "dof", "term", "value", "std_error", "true_value", "unit")
-DIAGNOSTIC_COLUMNS = ("name", "dof", "value", "unit", "label")
-UNCERTAINTY = ("model_error", "no_model_error", "no_band", "tracking_", "no_tracking")
-SERIES_COLUMNS = ("kind", "path", "n_rows", "sha256")
-EXCITATION = ("regressor_unknowns", "regressor_rank", "regressor_condition", "spectral_lines")
-INSEPARABLE = "inseparable_terms"
+TABLES = {  # of what a run has stored: their columns
+    "metrics": ("stage", "name", "dof", "model", "value", "unit"),
+    "coefficients": ("model", "dof", "term", "value", "std_error", "true_value", "unit"),
+    "diagnostics": ("name", "dof", "value", "unit", "label"),
+    "series": ("kind", "path", "n_rows", "sha256"),
+}
+SHOWN = (  # diagnostics of the uncertainty, and of what the excitation can tell apart
+    *("model_error", "no_model_error", "no_band", "tracking_", "no_tracking"),
+    *("regressor_", "spectral_lines", "inseparable_terms"),
+)
 STATISTIC = "statistic_"  # of a column of a recording
 STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 DATABASE = re.compile(r"[+~]*database(\.url)?=")
@@ -106,19 +109,16 @@ def runs_of(
 
 
 def _brief(name: str, value: Scalar) -> Scalar:
-    match name:
-        case "started_at":
-            return str(value)[:16].replace("T", " ")
-        case "duration_s":
-            return None if value is None else f"{value:.1f}"
-        case "error":
-            return one_line(str(value or ""), 60)
-        case "sweep" | "tags":
-            return one_line(str(value or ""), 40)
-        case "below_true_model" | "superseded":
-            return "yes" if value else ""
-        case _:
-            return value
+    """Return what a list of runs shows of a value."""
+    if value is None:
+        return None
+    if name == "started_at":
+        return str(value)[:16].replace("T", " ")
+    if name == "duration_s":
+        return f"{value:.1f}"
+    if name in ("below_true_model", "superseded"):
+        return "yes" if value else ""
+    return one_line(str(value), 60) if name in ("error", "sweep", "tags") else value
 
 
 def headline(results: Queries, run_id: int) -> TextTable:
@@ -150,33 +150,16 @@ def run_details(results: Queries, run_id: int) -> list[TextTable]:
         [key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)]
         for key, value in flat(run.config).items()
     ]
-    uncertainty = [row for row in diagnostics if row.name.startswith(UNCERTAINTY)]
     grids = [
-        _row_grid("metrics", METRIC_COLUMNS, reader.metrics(run_id), 4),
-        _row_grid("coefficients", COEFFICIENT_COLUMNS, reader.coefficients(run_id), 3),
-        _row_grid("uncertainty", DIAGNOSTIC_COLUMNS, uncertainty, 2),
-        _excitation(diagnostics),
+        _stored("metrics", reader.metrics(run_id), 4),
+        _stored("coefficients", reader.coefficients(run_id), 3),
+        _stored("diagnostics", [row for row in diagnostics if row.name.startswith(SHOWN)], 2),
         _recording(diagnostics),
         grid_of("configuration", ("key", "value"), configuration, labels=2),
         grid_of(f"run {run_id}", ("property", "value"), _properties(results, run_id), labels=2),
-        _row_grid("series", SERIES_COLUMNS, reader.series_files(run_id), 2),
+        _stored("series", reader.series_files(run_id), 2),
     ]
     return [grid for grid in grids if grid.rows]
-
-
-def _excitation(rows: Sequence[Diagnostic]) -> TextTable:
-    """Return which terms the recording can separate, one row for each degree of freedom."""
-    named = [row for row in rows if row.name in (*EXCITATION, INSEPARABLE)]
-    lines: list[list[Scalar]] = []
-    for dof in dict.fromkeys(row.dof for row in named):
-        own = [row for row in named if row.dof == dof]
-        numbers = {row.name: row.value for row in own}
-        groups = [(row.label or "").split() for row in own if row.name == INSEPARABLE]
-        values = [numbers.get(name) for name in EXCITATION]
-        cells = [int(n) if n is not None and n == int(n) else n for n in values]
-        lines.append([dof, *cells, "; ".join(" ~ ".join(group) for group in groups)])
-    headers = ("dof", "unknowns", "rank", "condition", "spectral lines", "not separable")
-    return grid_of("excitation", headers, lines, labels=1)
 
 
 def _recording(rows: Sequence[Diagnostic]) -> TextTable:
@@ -192,29 +175,27 @@ def _recording(rows: Sequence[Diagnostic]) -> TextTable:
     return grid_of("recording, as measured", headers, lines)
 
 
-def _row_grid(
-    title: str, names: Sequence[str], records: Sequence[object], labels: int
-) -> TextTable:
-    rows = [{name: plain(getattr(record, name)) for name in names} for record in records]
+def _stored(title: str, records: Sequence[object], labels: int) -> TextTable:
+    rows = [{name: plain(getattr(one, name)) for name in TABLES[title]} for one in records]
     shown = [
         [unit_text(str(value)) if name == "unit" else value for name, value in row.items()]
         for row in rows
     ]
-    return replace(grid_of(title, names, shown, labels), records=rows)
+    return replace(grid_of(title, TABLES[title], shown, labels), records=rows)
 
 
 def _properties(results: Queries, run_id: int) -> list[list[Scalar]]:
     """Return status, labels and origin of a run, without what is empty."""
     run = results.reader.run(run_id)
-    properties: list[tuple[str, object]] = [(name, getattr(run.summary, name)) for name in SUMMARY]
-    warnings = results.warnings(Condition(run=run_id))
-    properties += [("warning", text) for text, _ in warnings]
-    for sweep in results.reader.sweeps():
-        if sweep.id == run.summary.sweep_id:
-            tags = ", ".join(sweep.tags or ())
-            properties += [("tags of the sweep", tags), ("note on the sweep", sweep.note)]
+    sweep = next(
+        (each for each in results.reader.sweeps() if each.id == run.summary.sweep_id), None
+    )
     dirty = " with uncommitted changes" if run.git_dirty else ""
-    properties += [
+    properties: list[tuple[str, object]] = [
+        *((name, getattr(run.summary, name)) for name in SUMMARY),
+        *(("warning", text) for text, _ in results.warnings(Condition(run=run_id))),
+        ("tags of the sweep", ", ".join(sweep.tags or ()) if sweep else None),
+        ("note on the sweep", sweep.note if sweep else None),
         ("note", run.note),
         ("heartbeat_at", run.heartbeat_at),
         ("host", run.host),
@@ -225,17 +206,12 @@ def _properties(results: Queries, run_id: int) -> list[list[Scalar]]:
         ("started by", run.command),
         *((f"version of {name}", str(version)) for name, version in run.versions.items()),
     ]
-    known = [
-        (name, value)
-        for name, value in properties
-        if value is not None and value is not False and value != ""
-    ]
-    return [
-        [name, f"{value:%Y-%m-%d %H:%M:%S} UTC"]
-        if isinstance(value, datetime)
-        else [name, "yes" if value is True else plain(value)]
-        for name, value in known
-    ]
+    texts: list[list[Scalar]] = []
+    for name, value in properties:
+        if value is not None and value is not False and value != "":
+            text = f"{value:%Y-%m-%d %H:%M:%S} UTC" if isinstance(value, datetime) else plain(value)
+            texts.append([name, "yes" if value is True else text])
+    return texts
 
 
 def repeat_command(

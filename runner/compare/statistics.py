@@ -9,6 +9,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -66,16 +67,13 @@ def summary(sample: Sample, names: Sequence[str]) -> dict[str, float | int]:
             values["n"] = int(sample.size)
         elif name == "ci":
             values["ci_low"], values["ci_high"] = confidence_interval(sample)
+        elif not sample.size:
+            values[name] = math.nan
+        elif name in SIMPLE:
+            values[name] = float(SIMPLE[name](sample))
         else:
-            values[name] = _statistic(sample, name) if sample.size else math.nan
+            values[name] = float(np.quantile(sample, int(name[1:]) / 100.0))
     return values
-
-
-def _statistic(sample: Sample, name: str) -> float:
-    quantile = _QUANTILE.fullmatch(name)
-    if quantile:
-        return float(np.quantile(sample, int(quantile[1]) / 100.0))
-    return float(SIMPLE[name](sample))
 
 
 def confidence_interval(sample: Sample) -> tuple[float, float]:
@@ -188,13 +186,10 @@ def rank_biserial(gain: Sample) -> float:
 
 def holm(p_values: Sequence[float]) -> list[float]:
     """Adjust p-values so that a family of tests keeps its level. Holm (1979); NaN stays NaN."""
-    values = np.asarray(p_values, dtype=np.float64)
-    known = np.flatnonzero(~np.isnan(values))
-    adjusted, largest = np.full(len(values), np.nan), 0.0
-    for place, k in enumerate(known[np.argsort(values[known], kind="stable")]):
-        largest = max(largest, min((len(known) - place) * float(values[k]), 1.0))
-        adjusted[k] = largest
-    return adjusted.tolist()
+    known = pd.Series(p_values, dtype="float64").dropna().sort_values(kind="stable")
+    steps = known * np.arange(len(known), 0, -1)
+    adjusted: list[float] = steps.cummax().clip(upper=1.0).reindex(range(len(p_values))).tolist()
+    return adjusted
 
 
 Key = tuple[str, ...]
@@ -220,7 +215,6 @@ class Cell:
     missing: Mapping[str, int] = field(default_factory=dict)
     experiments: int = 0
     flagged: int = 0
-    held_s: float = math.nan  # median time that the diverged free runs held
     lost_seeds: frozenset[str] = frozenset()
     units: frozenset[str] = frozenset()
     uneven: int = 0
@@ -268,8 +262,8 @@ class Cell:
 class Pivot:
     """Cells by row key and column key; a key holds one level for each factor.
 
-    `known` are the distinct numbers with a value, each with the number of its `cell`, and `places`
-    the keys of the cells by that number.
+    `known` are the distinct numbers with a value, each with the number of its `cell`, which is its
+    place among the `cells`.
     """
 
     row_factors: Key
@@ -278,7 +272,6 @@ class Pivot:
     column_keys: Sequence[Key]
     cells: Mapping[Place, Cell]
     known: pd.DataFrame
-    places: Sequence[Place]
 
     def cell(self, row: Key, column: Key) -> Cell:
         """Return the cell, which is empty if no run belongs to it."""
@@ -295,53 +288,39 @@ def pivot(frame: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str] =
     finite, own = frame["reason"] == "", frame["reason"].isin([DIVERGED, WITHOUT])
     known, lacking = (distinct(frame[chosen], ["cell"]) for chosen in (finite, own))
     missing = pd.concat([lacking, frame[~finite & ~own]])
-    contents: dict[int, dict[str, object]] = defaultdict(dict)
-    for name, of_cells in _contents(frame, known, missing):
-        for cell, value in of_cells.items():
-            contents[cell][name] = value
-    values = by_seed(known)
-    for (cell,), group in values[values["whole"]].groupby(["cell"], sort=False):
-        contents[cell]["by_seed"] = dict(zip(group["replicate"], group["value"], strict=True))
-    for (cell,), group in missing.groupby(["cell"]):
-        counts = group.groupby("reason", observed=True)["run"].nunique()
-        contents[cell]["missing"] = {str(reason): int(n) for reason, n in counts.items()}
-    for cell, uneven in (~values["whole"]).groupby(values["cell"]).sum().items():
-        contents[cell]["uneven"] = int(uneven)
-    split = len(rows)
+    lost = missing[missing["reason"] != NOT_APPLICABLE].groupby("cell")["seed"]
+    observed, values = known.groupby("cell"), by_seed(known)
+    of_estimate = ["of_estimate"] if "of_estimate" in frame else []
+    contents: dict[str, Mapping[int, object]] = {
+        "experiments": observed.size().to_dict(),
+        "flagged": known[known[BELOW_TRUE_MODEL]].groupby("cell")["run"].nunique().to_dict(),
+        "uneven": (~values["whole"]).groupby(values["cell"]).sum().to_dict(),
+        "lost_seeds": lost.agg(frozenset).to_dict(),
+        "units": frame[frame["unit"].notna()].groupby("cell")["unit"].agg(frozenset).to_dict(),
+        **observed[["condition", "metric", "stage"]].first().to_dict(),
+        **observed[["unstable", "infeasible", *of_estimate]].any().to_dict(),
+        **observed[["is_baseline"]].all().to_dict(),
+    }
+    if of_estimate:
+        squares, truth = (known["std_error"] ** 2).groupby(known["cell"]), observed["true_value"]
+        contents["std_error"] = np.sqrt(squares.mean()).to_dict()
+        contents["true_value"] = truth.first().where(truth.nunique(dropna=False) == 1).to_dict()
+    seeds, counts = (defaultdict[int, dict[str, Any]](dict) for _ in range(2))
+    for row in values[values["whole"]].itertuples():
+        seeds[row.cell][row.replicate] = row.value
+    lacks = missing.groupby(["cell", "reason"], observed=True)["run"].nunique()
+    for (cell, reason), number in lacks.items():
+        counts[cell][reason] = int(number)
+    contents |= {"by_seed": seeds, "missing": counts}
     levels = frame.loc[~frame["cell"].duplicated(), list(factors)].astype(str)
     keys = [tuple(each) for each in levels.itertuples(index=False)] if factors else [()]
-    places = [(key[:split], key[split:]) for key in keys]
-    cells = {place: Cell(**contents[n]) for n, place in enumerate(places)}  # type: ignore[arg-type]
-    return Pivot(
-        rows, columns, _sorted((row for row, _ in places), rows, metrics),
-        _sorted((column for _, column in places), columns, metrics), cells, known, places,
-    )  # fmt: skip
-
-
-def _contents(
-    frame: pd.DataFrame, known: pd.DataFrame, missing: pd.DataFrame
-) -> Iterable[tuple[str, "pd.Series[object]"]]:
-    """Yield the name and the values by cell of what cells hold, apart from counts and values."""
-    observed = known.groupby("cell")
-    yield "experiments", observed.size()
-    yield "condition", observed["condition"].first()
-    for name in ("metric", "stage"):
-        yield name, observed[name].first()
-    yield "flagged", known[known[BELOW_TRUE_MODEL]].groupby("cell")["run"].nunique()
-    for name in ("unstable", "infeasible"):
-        yield name, observed[name].any()
-    yield "is_baseline", observed["is_baseline"].all()
-    held = frame[frame["reason"] == DIVERGED].groupby("cell")["held_s"]
-    yield "held_s", held.agg(lambda times: float(np.median(times)))
-    lost = missing[missing["reason"] != NOT_APPLICABLE]
-    yield "lost_seeds", lost.groupby("cell")["seed"].agg(frozenset)
-    yield "units", frame[frame["unit"].notna()].groupby("cell")["unit"].agg(frozenset)
-    if "std_error" in frame:
-        squares = known.assign(std_error=known["std_error"] ** 2).groupby("cell")["std_error"]
-        yield "std_error", np.sqrt(squares.mean())
-        truth = known.groupby("cell")["true_value"]
-        yield "true_value", truth.first().where(truth.nunique(dropna=False) == 1)
-        yield "of_estimate", observed["of_estimate"].any()
+    cells = {}
+    for n, key in enumerate(keys):
+        held: dict[str, Any] = {name: each[n] for name, each in contents.items() if n in each}
+        cells[key[: len(rows)], key[len(rows) :]] = Cell(**held)
+    row_keys = _sorted((row for row, _ in cells), rows, metrics)
+    column_keys = _sorted((column for _, column in cells), columns, metrics)
+    return Pivot(rows, columns, row_keys, column_keys, cells, known)
 
 
 def _sorted(keys: Iterable[Key], factors: Key, metrics: Sequence[str]) -> list[Key]:
@@ -376,28 +355,24 @@ def best_cells(
         if factor in ("metric", "stage", "dof", "file")
         or not within(factor, (*COMPARED, *METRIC_FACTORS))
     ]  # fmt: skip
-    groups: dict[Hashable, list[Place]] = defaultdict(list)
+    groups: dict[Hashable, dict[Place, Cell]] = defaultdict(dict)
     for place, cell in table.cells.items():
         own = tuple((place[0] + place[1])[k] for k in apart)
-        groups[own, int(shared[cell.condition]) if cell.experiments else -1].append(place)
-    best = set()
-    for members in groups.values():
-        cells = {place: table.cells[place] for place in members}
-        seeds = reference_seeds(cells.values())
-        losses = {
-            place: cell.loss(location(np.array([*on_seeds(cell, seeds).values()])))
-            for place, cell in cells.items()
-            if cell.experiments and not (cell.flagged or cell.lost_seeds or cell.uneven)
-            and (cell.deterministic or seeds <= cell.by_seed.keys())
-        }  # fmt: skip
-        finite = {place: value for place, value in losses.items() if np.isfinite(value)}
-        if len(members) > 1 and finite:
-            lowest = min(finite.values())
-            best |= {
-                place
-                for place, value in finite.items()
-                if equal(np.array([value]), lowest, cells[place].resolution)[0]
-            }
+        groups[own, int(shared[cell.condition]) if cell.experiments else -1][place] = cell
+    best = set[Place]()
+    for cells in groups.values():
+        seeds, losses = reference_seeds(cells.values()), dict[Place, float]()
+        for place, cell in cells.items():
+            whole = cell.deterministic or seeds <= cell.by_seed.keys()
+            if whole and cell.experiments and not (cell.flagged or cell.lost_seeds or cell.uneven):
+                values = [v for k, v in cell.by_seed.items() if cell.deterministic or k in seeds]
+                losses[place] = cell.loss(location(np.array(values)))
+        lowest = min((loss for loss in losses.values() if np.isfinite(loss)), default=math.nan)
+        best |= {
+            place
+            for place, loss in losses.items()
+            if len(cells) > 1 and equal(np.array([loss]), lowest, cells[place].resolution)[0]
+        }
     return best
 
 
@@ -411,11 +386,6 @@ def reference_seeds(cells: Iterable[Cell]) -> frozenset[str]:
     counts = Counter(seed for cell in reference or drawn for seed in cell.by_seed)
     most = 0 if reference else len(drawn) / 2.0
     return frozenset(seed for seed, n in counts.items() if seed != EVERY_SEED and n > most)
-
-
-def on_seeds(cell: Cell, seeds: frozenset[str]) -> Mapping[str, float]:
-    """Return the values of a cell over some seeds; a deterministic cell has every seed."""
-    return {seed: v for seed, v in cell.by_seed.items() if seed == EVERY_SEED or seed in seeds}
 
 
 def against_baseline(
@@ -433,10 +403,9 @@ def against_baseline(
     beside, seeds = pairs(both, facts, baseline, named)
     of_cell, known_of = dict(iter(beside.groupby("cell"))), seeds.groupby("cell")["replicate"]
     known = known_of.agg(set).to_dict()
-    tests = {}
+    tests, cells = {}, [*table.cells.items()]
     for number in sorted(own["cell"].unique()):
-        place = table.places[number]
-        cell, pair = table.cells[place], of_cell.get(number, beside[:0])
+        (place, cell), pair = cells[number], of_cell.get(number, beside[:0])
         of_baseline = known.get(number, set())
         lost = {
             seed for seed in cell.lost_seeds - {*pair["replicate"]}

@@ -2,14 +2,16 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import product
 
 import numpy as np
 import pandas as pd
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare import statistics as stats
 from seatrial.runner.compare.cli import TableOptions, split
 from seatrial.runner.compare.comparability import differing, require_few, with_conditions
 from seatrial.runner.compare.frame import (
@@ -19,6 +21,7 @@ from seatrial.runner.compare.frame import (
     NOT_APPLICABLE,
     WITHOUT,
     Queries,
+    as_numbers,
     codes,
     complete,
     observations,
@@ -26,42 +29,20 @@ from seatrial.runner.compare.frame import (
 )
 from seatrial.runner.compare.grid import Scalar, TextTable, number_text, unit_text, with_unit
 from seatrial.runner.compare.grid import TableCell as GridCell
-from seatrial.runner.compare.statistics import (
-    DEFAULT,
-    INFEASIBLE,
-    MARK,
-    RELATIVE_ROUNDING,
-    UNSETTLED,
-    Cell,
-    Key,
-    PairedTest,
-    Pivot,
-    Place,
-    Sample,
-    against_baseline,
-    best_cells,
-    checked,
-    equal,
-    pivot,
-    summary,
-)
+from seatrial.runner.compare.statistics import Key, Place, Sample
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.catalogue import PER_FILE, definition_of
 from seatrial.runner.record.vocabulary import NOT_STARTED, UNFINISHED
 
 EMPTY = "–"
 MIXED = "mixed"
-FLAG_NOTE = (
-    f"{MARK} below_true_model: the force error is below that of the true plant, so the model fits"
-    " lag or feedback, not the vessel; such a value is never set in bold"
-)
-UNSETTLED_NOTE = (
-    f"{UNSETTLED} the controller's closed loop has a spectral radius of 1 or more on its own model:"
-    " the design is not asymptotically stable"
-)
-INFEASIBLE_NOTE = (
-    f"{INFEASIBLE} infeasible_limits: the weather needs more force than the limits allow"
-)
+MARK_NOTES = {
+    stats.MARK: "below_true_model: the force error is below that of the true plant, so the model"
+    " fits lag or feedback, not the vessel; such a value is never set in bold",
+    stats.UNSETTLED: "the controller's closed loop has a spectral radius of 1 or more on its own"
+    " model: the design is not asymptotically stable",
+    stats.INFEASIBLE: "infeasible_limits: the weather needs more force than the limits allow",
+}
 TEST_NOTE = (
     "× is the ratio of means to {} with all else equal, over pairs of the same seed (of scores the"
     " difference, + or -); p is that of the two-sided Wilcoxon signed-rank test over at least five"
@@ -86,69 +67,47 @@ class Selection:
 
     `trials` are those started or planned; `frame` has the numbers of finished runs, the baseline's
     included; those of the models that are `shown` fill the cells. `facts` describe their
-    conditions. `split` are the factors that the runs of a cell would differ in; `scope` names the
-    sweep. `fixed` are the metric factors with one level, `extra` those with several levels that are
-    neither rows nor columns; `by_file` whether each file that was tested on is one of them.
+    conditions. `rows` are all factors of the rows, `apart` those that the runs of a cell would
+    differ in. `fixed` has the level of each factor of the numbers, None where there are several;
+    `scope` names the sweep.
     """
 
     trials: pd.DataFrame
     frame: pd.DataFrame
     shown: pd.DataFrame
     facts: pd.DataFrame
-    fixed: Mapping[str, str]
-    extra: Key
-    by_file: bool
-    scope: str = ""
-    split: Key = ()
+    rows: Key
+    apart: Key
+    fixed: Mapping[str, str | None]
+    scope: str
 
 
 def comparison(results: Queries, options: TableOptions) -> TextTable:
     """Return the table of the options of the command `table`.
 
-    Raises ConfigurationError for unknown names, or if no run matches.
+    Raises ConfigurationError for unknown names, if no run matches, or for too many cells.
     """
-    shown = checked(split(options.statistic) or DEFAULT)
-    selection = select(results, options)
-    named, columns = options.axes
-    rows = (*selection.extra, *named, *selection.split)
-    whole = complete(selection.shown, selection.trials, (*rows, *columns))
-    _check_size(whole, rows, columns, options.cells)
-    table = pivot(whole, rows, columns, options.names)
-    tests = {}
-    if options.baseline:
-        tests = against_baseline(table, selection.frame, selection.facts, options.reference)
-    return _Writer(options, selection, table, tests, shown).grid()
+    return _Comparison(results, options).grid()
 
 
-def _check_size(frame: pd.DataFrame, row_factors: Key, column_factors: Key, most: int) -> None:
-    """Raise ConfigurationError for a table that is too large, before its cells are made."""
-    rows, columns = (int(codes(frame, own).max()) + 1 for own in (row_factors, column_factors))
-    if rows * columns > most:
-        axis = "rows" if rows > columns else "columns"
-        factors = ",".join(row_factors if rows > columns else column_factors)
-        raise ConfigurationError(
-            f"--{axis} {factors}: got {max(rows, columns)} {axis}, {rows * columns} cells; "
-            f"expected at most {most} cells (--cells)"
-        )
-
-
-def select(results: Queries, options: TableOptions) -> Selection:
-    """Read what the options select; raise ConfigurationError for an unknown name.
+def select(results: Queries, options: TableOptions, apart: Key = ()) -> Selection:
+    """Read what the options select, `apart` by further factors of the rows.
 
     A cell whose runs differ in more than the seed is split by what they differ in, or refused.
+    Raises ConfigurationError for an unknown name.
     """
-    rows, columns = options.axes
-    reference, pool, models = options.reference, split(options.pool), options.levels["model"]
-    named = tuple(dict.fromkeys((*rows, *columns, *reference)))
-    own = [name for name in named if name not in METRIC_FACTORS]
+    (rows, columns), reference = options.axes, options.reference
+    models, pool = options.levels["model"], ("all",) if apart else split(options.pool)
+    own = [
+        n for n in dict.fromkeys((*rows, *apart, *columns, *reference)) if n not in METRIC_FACTORS
+    ]
     for option, factors in (("--rows/--columns", own), ("--pool", pool)):
         for factor in factors:
             if factor != "all":
                 results.names.check(factor, option)
     condition, scope = results.selected(options.where, options.sweep)
     trials = results.trials(condition, own, planned=True)
-    by_file = "file" in named
-    numbers = _read(results, options, condition, by_file)
+    numbers = _read(results, options, condition)
     started = trials[trials["status"] != NOT_STARTED]
     for factor, level in reference.items():
         available = ordered((numbers if factor in METRIC_FACTORS else started)[factor].unique())
@@ -165,27 +124,20 @@ def select(results: Queries, options: TableOptions) -> Selection:
         frame["is_baseline"] &= frame[factor] == level
     frame, facts = with_conditions(results, trials, frame)
     shown = frame[frame["model"].isin(models)] if models else frame
-    of_number = [name for name in METRIC_FACTORS if name != "file" or by_file]
+    cells = codes(shown, list(dict.fromkeys((*rows, *apart, *columns, *METRIC_FACTORS))))
+    unlike = [] if "all" in pool else differing(facts, cells, shown["condition"], pool)
+    require_few(unlike, "the cells of this table")
+    if unlike:
+        return select(results, options, tuple(unlike))
+    of_number = METRIC_FACTORS if "file" in (*rows, *columns, *reference) else METRIC_FACTORS[:-1]
     levels = {name: ordered(shown[name].unique()) for name in of_number}
-    free = [name for name in levels if name not in (*rows, *columns)]
-    selection = Selection(
-        trials, frame, shown, facts,
-        fixed={name: each[0] for name, each in levels.items() if len(each) == 1},
-        extra=tuple(name for name in free if len(levels[name]) > 1), by_file=by_file, scope=scope,
-    )  # fmt: skip
-    cells = codes(shown, list(dict.fromkeys((*rows, *columns, *METRIC_FACTORS))))
-    apart = [] if "all" in pool else differing(facts, cells, shown["condition"], pool)
-    require_few(apart, "the cells of this table")
-    if not apart:
-        return selection
-    texts = ",".join((*rows, *apart)), ",".join(columns) or "none"
-    again = replace(options, rows=texts[0], columns=texts[1], pool=["all"])
-    return replace(select(results, again), split=tuple(apart))
+    several = [name for name, each in levels.items() if len(each) > 1]
+    extra = [name for name in several if name not in (*rows, *columns)]
+    fixed = {name: each[0] if len(each) == 1 else None for name, each in levels.items()}
+    return Selection(trials, frame, shown, facts, (*extra, *rows, *apart), apart, fixed, scope)
 
 
-def _read(
-    results: Queries, options: TableOptions, condition: Condition, by_file: bool
-) -> pd.DataFrame:
+def _read(results: Queries, options: TableOptions, condition: Condition) -> pd.DataFrame:
     """Return the numbers of the options; raises ConfigurationError if there are none of these."""
     names, wanted = options.names, options.levels
     if wanted["model"] and "model" in options.reference:
@@ -201,16 +153,14 @@ def _read(
         what, known = "metric", {*numbers["metric"].unique()}
         if not known.issuperset(names):  # that these runs lack, or none has
             known |= {*results.metric_names()}
-    if by_file:
+    if "file" in (*options.axes[0], *options.axes[1], *options.reference):
         of_files = results.of_files(names, condition)
         if of_files.empty:
             raise ConfigurationError(
                 f"--rows/--columns: no run has {', '.join(names)} by file, expected "
                 f"one of {', '.join(PER_FILE)} of runs with several files for testing"
             )
-        both = pd.concat([numbers.astype(object), of_files.astype(object)], ignore_index=True)
-        kinds = numbers.dtypes.to_dict().items()  # the levels of both, not of the first alone
-        numbers = both.astype({n: "category" if kind == "category" else kind for n, kind in kinds})
+        numbers = as_numbers(pd.concat([numbers, of_files], ignore_index=True))
     for name in names:  # one that only these runs lack gives an empty cell
         if name not in known and known:
             near = [each for each in sorted(known) if each.startswith(name)]
@@ -230,42 +180,54 @@ def _read(
     return numbers
 
 
-class _Writer:
-    """Turns a pivot into a grid: texts, bold, marks, notes and records."""
+class _Comparison:
+    """The cells of a table, and their texts, bold, marks, notes and records."""
 
-    def __init__(
-        self,
-        options: TableOptions,
-        selection: Selection,
-        table: Pivot,
-        tests: Mapping[Place, PairedTest],
-        statistics: Sequence[str],
-    ) -> None:
-        self.options, self.selection = options, selection
-        self.table, self.tests, self.statistics = table, tests, statistics
+    def __init__(self, results: Queries, options: TableOptions) -> None:
+        self.options = options
+        self.statistics = stats.checked(split(options.statistic) or stats.DEFAULT)
+        self.selection = chosen = select(results, options)
+        axes = {"rows": chosen.rows, "columns": options.axes[1]}
+        whole = complete(chosen.shown, chosen.trials, (*axes["rows"], *axes["columns"]))
+        sizes = {axis: int(codes(whole, own).max()) + 1 for axis, own in axes.items()}
+        if (cells := math.prod(sizes.values())) > options.cells:
+            axis = max(sizes, key=lambda each: sizes[each])
+            raise ConfigurationError(
+                f"--{axis} {','.join(axes[axis])}: got {sizes[axis]} {axis}, {cells} cells; "
+                f"expected at most {options.cells} cells (--cells)"
+            )
+        self.table = stats.pivot(whole, axes["rows"], axes["columns"], options.names)
         self.baseline = ", ".join(f"{name}={level}" for name, level in options.reference.items())
-        self.row_keys = table.row_keys
-        self.figures = {
-            place: summary(cell.sample, statistics) for place, cell in table.cells.items()
-        }
-        self.location = {place: self._location(cell.sample) for place, cell in table.cells.items()}
-        self.best = best_cells(table, selection.facts, self._location)
+        self.tests = {}
+        if self.baseline:
+            of_baseline = chosen.frame, chosen.facts, options.reference
+            self.tests = stats.against_baseline(self.table, *of_baseline)
+        samples = {place: cell.sample for place, cell in self.table.cells.items()}
+        self.figures = {k: stats.summary(own, self.statistics) for k, own in samples.items()}
+        self.location = {place: self._location(own) for place, own in samples.items()}
+        self.best = stats.best_cells(self.table, chosen.facts, self._location)
 
     def grid(self) -> TextTable:
         """Return the table; it has a column of units if the rows have different units."""
-        by_row = self._unit() == MIXED and all(self._unit(row=r) != MIXED for r in self.row_keys)
+        keys, columns = self.table.row_keys, self.table.column_keys
+        unit, of_rows = self._unit(), {row: self._unit(row=row) for row in keys}
+        by_row = unit == MIXED and MIXED not in of_rows.values()
         rows = [
             [
                 *map(GridCell, row),
-                *([GridCell(self._unit(row=row))] if by_row else []),
-                *(self._shown((row, column)) for column in self.table.column_keys),
+                *([GridCell(of_rows[row])] if by_row else []),
+                *(self._shown((row, column)) for column in columns),
             ]
-            for row in self.row_keys
+            for row in keys
         ]
-        labels = [*map(self._name, self.table.row_factors), *(["unit"] if by_row else [])]
-        headers = [*labels, *(self._header(c, not by_row) for c in self.table.column_keys)]
-        notes = self._qualifications()
-        return TextTable(self._title(), headers, rows, len(labels), notes, self._records())
+        headers = [*map(self._name, self.table.row_factors), *(["unit"] if by_row else [])]
+        labels = len(headers)
+        for column in columns:
+            own = self._unit(column=column) if unit == MIXED and not by_row else ""
+            headers.append(with_unit("\n".join(column) or "value", own))
+        places = [place for place in product(keys, columns) if place in self.table.cells]
+        records, notes = [self._record(*place) for place in places], self._qualifications()
+        return TextTable(self._title(unit), headers, rows, labels, notes, records)
 
     def _name(self, factor: str) -> str:
         """Return the displayed name of a factor: the name of a coefficient is its term."""
@@ -274,7 +236,7 @@ class _Writer:
     def _location(self, sample: Sample) -> float:
         """Return the value that represents a sample: the median if shown without the mean."""
         median = "median" in self.statistics and "mean" not in self.statistics
-        return summary(sample, ["median" if median else "mean"]).popitem()[1]
+        return stats.summary(sample, ["median" if median else "mean"]).popitem()[1]
 
     def _shown(self, place: Place) -> GridCell:
         cell = self.table.cells.get(place)
@@ -302,100 +264,68 @@ class _Writer:
         }
         return units.pop() if len(units) == 1 else (MIXED if units else "")
 
-    def _header(self, column: Key, with_its_unit: bool) -> str:
-        header = "\n".join(column) or "value"
-        if with_its_unit and self._unit() == MIXED:
-            return with_unit(header, self._unit(column=column))
-        return header
-
-    def _title(self) -> str:
-        fixed, unit = self.selection.fixed, self._unit()
-        subject = fixed.get("metric") or ", ".join(self.options.names) or "coefficients"
-        factors = ("dof", "model") if self.options.of_coefficients else ("dof", "stage", "model")
-        about = [with_unit(subject, "" if unit == MIXED else unit)]
-        about += [fixed[name] for name in factors if name in fixed]
+    def _title(self, unit: str) -> str:
+        fixed, of_coefficients = self.selection.fixed, self.options.of_coefficients
+        subject = fixed["metric"] or ", ".join(self.options.names) or "coefficients"
+        factors = ("dof", "model") if of_coefficients else ("dof", "stage", "model")
+        about = [with_unit(subject, "" if unit == MIXED else unit), *(fixed[n] for n in factors)]
         runs = int((self.selection.trials["status"] != NOT_STARTED).sum())
+        words = {"std": "± standard deviation", "n": "(n)", "ci": "[95 % interval, t]"}
+        told = " ".join(words.get(name, name) for name in self.statistics)
+        told += ", se: standard error" if of_coefficients else ""
         scope = f", {self.selection.scope}" if self.selection.scope else ""
-        counted = f"{runs} run{'s'[: runs != 1]}{scope}"
-        return f"{', '.join(about)}: {self._statistics_text()}, {counted}"
+        return f"{', '.join(filter(None, about))}: {told}, {runs} run{'s'[: runs != 1]}{scope}"
 
     def _qualifications(self) -> list[str]:
-        notes, cells = [], self.table.cells.values()
-        if self.best:
-            notes.append(BOLD_NOTE)
-        if self.selection.split:
+        cells, apart = self.table.cells.values(), ", ".join(self.selection.apart)
+        notes = [BOLD_NOTE] if self.best else []
+        if apart:
+            pool = apart.replace(" ", "")
             notes.append(
-                f"split by {', '.join(self.selection.split)}, in which runs of one cell differ"
-                f" (--pool {','.join(self.selection.split)} averages over it)"
+                f"split by {apart}, in which runs of one cell differ (--pool {pool} averages over"
+                " it)"
             )
-        if pool := split(self.options.pool):
-            notes.append(f"cells average over {', '.join(pool)}, as requested")
-        if any(cell.flagged for cell in cells):
-            notes.append(FLAG_NOTE)
+        if pooled := split(self.options.pool):
+            notes.append(f"cells average over {', '.join(pooled)}, as requested")
         notes += sorted({definition_of(cell.metric).note for cell in cells} - {""})
-        notes += [UNSETTLED_NOTE] if any(cell.unstable for cell in cells) else []
-        notes += [INFEASIBLE_NOTE] if any(cell.infeasible for cell in cells) else []
-        if self.tests:
-            notes.append(TEST_NOTE.format(self.baseline))
-        if any(cell.of_estimate for cell in cells):
-            notes.append(ESTIMATE_NOTE)
-        diverged = sum(cell.missing.get(DIVERGED, 0) for cell in cells)
-        if diverged:
+        marks = {mark for cell in cells for mark in cell.marks}
+        notes += [f"{mark} {note}" for mark, note in MARK_NOTES.items() if mark in marks]
+        notes += [TEST_NOTE.format(self.baseline)] if self.tests else []
+        notes += [ESTIMATE_NOTE] if any(cell.of_estimate for cell in cells) else []
+        if diverged := sum(cell.missing.get(DIVERGED, 0) for cell in cells):
             notes.append(DIVERGED_NOTE.format(diverged, "s"[: diverged != 1]))
         statuses = self.selection.trials["status"]
-        unfinished = Counter(statuses[statuses != FINISHED])
-        if unfinished:
-            counts = ", ".join(f"{n} {status}" for status, n in sorted(unfinished.items()))
+        unfinished = sorted(Counter(statuses[statuses != FINISHED]).items())
+        if counts := ", ".join(f"{n} {status}" for status, n in unfinished):
             notes.append(f"not included: {counts} (see: runs --status failed)")
         return notes
 
-    def _records(self) -> list[dict[str, Scalar]]:
-        """Return one record for each cell, at full precision."""
-        return [
-            self._record(row, column)
-            for row in self.row_keys
-            for column in self.table.column_keys
-            if (row, column) in self.table.cells
-        ]
-
     def _record(self, row: Key, column: Key) -> dict[str, Scalar]:
-        place, table = (row, column), self.table
-        cell = table.cells[place]
-        record: dict[str, Scalar] = {}
-        for factor, level in zip(
-            (*table.row_factors, *table.column_factors), row + column, strict=True
-        ):
-            record[self._name(factor)] = level
-        for factor in METRIC_FACTORS[: None if self.selection.by_file else -1]:
-            if factor != "stage" or not self.options.of_coefficients:
-                record.setdefault(self._name(factor), self.selection.fixed.get(factor))
-        record["unit"] = " ".join(sorted(cell.units))
-        record |= self.figures[place]
-        if self.options.of_coefficients:
-            record["std_error"], record["true_value"] = cell.std_error, cell.true_value
+        """Return the facts of a cell, at full precision."""
+        place, of_coefficients = (row, column), self.options.of_coefficients
+        cell, test = self.table.cells[place], self.tests.get(place)
+        named = map(self._name, (*self.table.row_factors, *self.table.column_factors))
+        record: dict[str, Scalar] = dict(zip(named, row + column, strict=True))
+        for factor, level in self.selection.fixed.items():
+            if factor != "stage" or not of_coefficients:
+                record.setdefault(self._name(factor), level)
+        record |= {"unit": " ".join(sorted(cell.units)), **self.figures[place]}
+        if of_coefficients:
+            record |= {"std_error": cell.std_error, "true_value": cell.true_value}
             record["interval_of_estimate"] = cell.of_estimate
         record["n"] = len(cell.by_seed)
         for reason in (*UNFINISHED, WITHOUT, NOT_APPLICABLE):
             record[reason.replace(" ", "_")] = cell.missing.get(reason, 0)
-        record["diverged_predictions"] = cell.missing.get(DIVERGED, 0)
-        record["held_s"] = None if math.isnan(cell.held_s) else cell.held_s
-        record["deterministic"] = cell.deterministic
-        record["below_true_model"] = cell.flagged
-        record["unsettled"], record["infeasible"] = cell.unstable, cell.infeasible
-        record["best"] = place in self.best
+        record |= {
+            "diverged_predictions": cell.missing.get(DIVERGED, 0),
+            "deterministic": cell.deterministic, "below_true_model": cell.flagged,
+            "unsettled": cell.unstable, "infeasible": cell.infeasible, "best": place in self.best,
+        }  # fmt: skip
         if self.baseline:
-            record["baseline"] = self.baseline
-            test = self.tests.get(place)
-            for name in ("ratio", "difference", "p_value", "p_holm", "effect", "wins", "pairs"):
-                record[name] = getattr(test, name, None)
+            names = ("ratio", "difference", "p_value", "p_holm", "effect", "wins", "pairs")
+            record |= {"baseline": self.baseline, **{n: getattr(test, n, None) for n in names}}
             record["lost_pairs"] = test.lost if test else None
         return record
-
-    def _statistics_text(self) -> str:
-        """Return the names of the statistics: `mean ± standard deviation (n)`."""
-        words = {"std": "± standard deviation", "n": "(n)", "ci": "[95 % interval, t]"}
-        text = " ".join(words.get(name, name) for name in self.statistics)
-        return f"{text}, se: standard error" if self.options.of_coefficients else text
 
     def _number(self, value: float) -> str:
         return number_text(value, self.options.digits)
@@ -407,7 +337,7 @@ class _Writer:
             if name == "std":
                 if math.isfinite(figures["std"]):
                     size = abs(figures.get("mean", figures.get("median", 0.0)))
-                    rounding = figures["std"] < RELATIVE_ROUNDING * size  # of equal values
+                    rounding = figures["std"] < stats.RELATIVE_ROUNDING * size  # of equal values
                     spread = "0" if rounding else number_text(figures["std"], 2)
                     texts.append(("± " if texts else "std ") + spread)
             elif name == "ci":
@@ -418,24 +348,20 @@ class _Writer:
                 texts.append(("" if name == "mean" else f"{name} ") + self._number(figures[name]))
         return " ".join(texts)
 
-    def _counts_text(self, cell: Cell) -> str:
+    def _counts_text(self, cell: stats.Cell) -> str:
         """Return ` (n=18, 2 failed)`; what is missing is shown with any choice of statistics."""
-        counts = []
-        for reason in (*sorted(UNFINISHED), DIVERGED, WITHOUT, NOT_APPLICABLE):
-            if count := cell.missing.get(reason):
-                held = reason == DIVERGED and not math.isnan(cell.held_s)
-                time = f", held {number_text(cell.held_s, 2)} s" if held else ""
-                counts.append(f"{count} {reason}{time}")
+        reasons = (*sorted(UNFINISHED), DIVERGED, WITHOUT, NOT_APPLICABLE)
+        counts = [f"{n} {reason}" for reason in reasons if (n := cell.missing.get(reason))]
         if cell.uneven:
             counts.append(f"{cell.uneven} seed{'s'[: cell.uneven != 1]} without all levels")
         if cell.experiments and ("n" in self.statistics or counts):
             counts.insert(0, "deterministic" if cell.deterministic else f"n={len(cell.by_seed)}")
             sample = cell.sample
-            if sample.size > 1 and np.all(equal(sample, float(sample[0]))):
+            if sample.size > 1 and np.all(stats.equal(sample, float(sample[0]))):
                 counts[0] += ", all equal"
         return f" ({', '.join(counts)})" if counts else ""
 
-    def _uncertainty_text(self, cell: Cell) -> str:
+    def _uncertainty_text(self, cell: stats.Cell) -> str:
         """Return the standard error and the true value, if known."""
         what = " of the estimate" if cell.of_estimate else ""
         error = number_text(cell.std_error, 2)
@@ -444,7 +370,7 @@ class _Writer:
             texts.append(f"true {self._number(cell.true_value)}")
         return "\n" + ", ".join(texts) if texts else ""
 
-    def _test_text(self, test: PairedTest, cell: Cell) -> str:
+    def _test_text(self, test: stats.PairedTest, cell: stats.Cell) -> str:
         """Return `× 0.5, p 0.031, r 1, won 6/6`."""
         if not test.pairs:
             return "no counterpart"

@@ -12,6 +12,7 @@ configuration (plant.scale, identifier.force). Names are looked up before any SQ
 values are bound as parameters, so text from the command line never becomes SQL.
 """
 
+import ast
 import operator as op
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -19,6 +20,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from difflib import get_close_matches
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -33,14 +35,18 @@ Expression = sa.ColumnElement[object]
 ORDERINGS: dict[str, Callable[[Any, Any], Any]] = {
     "<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge,
 }  # fmt: skip
-MOST_NESTED = 100  # parentheses within each other, and negations
-KEYWORDS = ("and", "or", "not", "in")
+OPERATORS: dict[type[ast.cmpop], str] = {
+    ast.Eq: "=", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
+    ast.In: "in", ast.NotIn: "in",
+}  # fmt: skip
 CONSTANTS: dict[str, Value] = {"true": True, "false": False, "null": None}
 NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
-QUOTED = re.compile(r"""\s*('(?:[^']|'')*'|"(?:[^"]|"")*")""")
-OPERATOR = re.compile(r"\s*(<=|>=|!=|<>|==|=|<|>)")
-WORD = re.compile(r"\s*([A-Za-z0-9_.+\-:/]+)")
-OPEN, CLOSE, COMMA, END = (re.compile(rf"\s*({mark})") for mark in (r"\(", r"\)", ",", "$"))
+# Tokens of a condition, and those that mean something in Python.
+TOKEN = re.compile(
+    r"""(?P<name>'(?:[^']|'')*'|"(?:[^"]|"")*"|[A-Za-z0-9_.+\-:/]+)|<=|>=|!=|<>|==|\S"""
+)
+PYTHON = {"=": "==", "<>": "!=", **{own: own for own in ("==", "!=", "<", "<=", ">", ">=")}}
+PYTHON |= {own: own for own in ("and", "or", "not", "in", "(", ")", ",")}
 NAME = re.compile(r"[A-Za-z_]\w*(\.\w+)*", re.ASCII)
 _INTEGER = re.compile(r"[+-]?\d{1,18}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -61,112 +67,62 @@ EVERY_RUN = Condition()
 def parse(text: str, compare: Compared) -> Any:
     """Return the meaning of a text: that of its comparisons, combined by `&`, `|` and `~`.
 
-    `compare` gives the meaning of `name operator value`; the operator `in` takes a tuple. Raises
-    ConfigurationError if the text breaks the grammar above.
+    `compare` gives the meaning of `name operator value`; the operator `in` takes a tuple. Python
+    reads the text, each token on a line of its own, and a zero in place of every name and value.
+    Raises ConfigurationError if the text breaks the grammar above.
     """
-    reader = _Reader(text, compare)
-    meaning = reader.condition()
-    reader.need(END)
-    return meaning
+    tokens = [*TOKEN.finditer(text)]
 
-
-class _Reader:
-    """Reads a text by recursive descent, from `at` on; each rule returns its meaning."""
-
-    def __init__(self, text: str, compare: Compared) -> None:
-        self.text, self.compare = text, compare
-        self.at = self.depth = 0
-
-    def condition(self) -> Any:
-        meaning = self.conjunction()
-        while self.keyword("or"):
-            meaning = meaning | self.conjunction()
-        return meaning
-
-    def conjunction(self) -> Any:
-        meaning = self.negation()
-        while self.keyword("and"):
-            meaning = meaning & self.negation()
-        return meaning
-
-    def negation(self) -> Any:
-        self.depth += 1
-        if self.depth > MOST_NESTED + 1:
-            raise ConfigurationError(
-                f"--where: got more than {MOST_NESTED} parentheses and negations within each other"
-            )
-        if self.keyword("not"):
-            meaning = ~self.negation()
-        elif self.take(OPEN):
-            meaning = self.condition()
-            self.need(CLOSE)
-        else:
-            meaning = self.comparison()
-        self.depth -= 1
-        return meaning
-
-    def comparison(self) -> Any:
-        name = self.word()
-        if not NAME.fullmatch(name):
-            raise self.refused(len(name))
-        negated = self.keyword("not")
-        if self.keyword("in"):
-            self.need(OPEN)
-            values = [self.value()]
-            while self.take(COMMA):
-                values.append(self.value())
-            self.need(CLOSE)
-            among = self.compare(name, "in", tuple(values))
-            return ~among if negated else among
-        sign = self.need(OPERATOR) if not negated else self.need(END)  # `not` goes before `in`
-        sign = {"==": "=", "<>": "!="}.get(sign, sign)
-        value = self.value()
-        if sign in ORDERINGS and (value is None or isinstance(value, bool)):
-            raise ConfigurationError(
-                f"--where: {name} {sign} {str(value).lower()} has no meaning; use = or !="
-            )
-        return self.compare(name, sign, value)
-
-    def value(self) -> Value:
-        """A quoted text, or what an unquoted word looks like."""
-        if quoted := self.take(QUOTED):
-            return quoted[1:-1].replace(2 * quoted[0], quoted[0])
-        return bare_value(self.word())
-
-    def word(self) -> str:
-        word = self.need(WORD)
-        if word.lower() in KEYWORDS:
-            raise self.refused(len(word))
-        return word
-
-    def keyword(self, name: str) -> bool:
-        match = WORD.match(self.text, self.at)
-        held = match is not None and match[1].lower() == name
-        if held and match is not None:
-            self.at = match.end()
-        return held
-
-    def take(self, pattern: re.Pattern[str]) -> str | None:
-        match = pattern.match(self.text, self.at)
-        if match is None:
-            return None
-        self.at = match.end()
-        return match[1]
-
-    def need(self, pattern: re.Pattern[str]) -> str:
-        found = self.take(pattern)
-        if found is None:
-            raise self.refused()
-        return found
-
-    def refused(self, back: int = 0) -> ConfigurationError:
-        """The error for what follows, or for the last `back` characters and what follows."""
-        rest = self.text[self.at - back :].strip()
-        place = len(self.text.rstrip()) - len(rest) + 1
+    def refused(number: int) -> ConfigurationError:
+        place = tokens[number].start() if number < len(tokens) else len(text.rstrip())
+        rest = text[place:].strip()
         return ConfigurationError(
-            f"--where: cannot read {repr(rest[:20]) if rest else 'the end'} at character {place};"
-            ' expected comparisons such as "seed<10 and identifier=ls"'
+            f"--where: cannot read {repr(rest[:20]) if rest else 'the end'} at character"
+            f' {place + 1}; expected comparisons such as "seed<10 and identifier=ls"'
         )
+
+    def value(node: ast.expr) -> Value:
+        """A quoted text, or what an unquoted word looks like."""
+        if not isinstance(node, ast.Constant):
+            raise refused(node.lineno - 1)
+        token = tokens[node.lineno - 1][0]
+        quoted = token[0] in "'\""
+        return token[1:-1].replace(2 * token[0], token[0]) if quoted else bare_value(token)
+
+    def meaning(node: ast.expr) -> Any:
+        match node:
+            case ast.BoolOp(op=joined, values=parts):
+                both = op.and_ if isinstance(joined, ast.And) else op.or_
+                return reduce(both, map(meaning, parts))
+            case ast.UnaryOp(op=ast.Not(), operand=part):
+                return ~meaning(part)
+            case ast.Compare(left=ast.Constant() as left, ops=[sign], comparators=[right]):
+                name, operator = tokens[left.lineno - 1][0], OPERATORS[type(sign)]
+                if not NAME.fullmatch(name):
+                    raise refused(left.lineno - 1)
+                if operator == "in":
+                    each = right.elts if isinstance(right, ast.Tuple) else [right]
+                    among = compare(name, operator, tuple(map(value, each or [right])))
+                    return ~among if isinstance(sign, ast.NotIn) else among
+                other = value(right)
+                if operator in ORDERINGS and (other is None or isinstance(other, bool)):
+                    told = f"{name} {operator} {str(other).lower()}"
+                    raise ConfigurationError(f"--where: {told} has no meaning; use = or !=")
+                return compare(name, operator, other)
+        raise refused(node.lineno - 1)
+
+    lines = [PYTHON.get(token[0].lower(), "0") for token in tokens]
+    for number, token in enumerate(tokens):
+        if lines[number] == "0" and token["name"] is None:
+            raise refused(number)
+    try:
+        return meaning(ast.parse("\\\n".join(lines), mode="eval").body)
+    except SyntaxError as error:
+        if "too many nested" not in str(error):
+            raise refused((error.lineno or 1) - 1) from None
+    except (MemoryError, RecursionError):
+        pass
+    raise ConfigurationError("--where: got too many parentheses and negations within each other")
 
 
 def names_in(text: str | None) -> set[str]:
@@ -227,21 +183,22 @@ class ColumnNames:
 
         `option` is the command-line option that the message begins with.
         """
-        if name in self.columns or name in self.keys:
-            return
-        known = list(dict.fromkeys([*self.columns, *sorted(self.keys)]))
-        similar = get_close_matches(name, known, n=3, cutoff=0.6)
-        expected = (
-            " or ".join(similar) if similar else f"one of {', '.join(self.columns)} or a dotted"
-        )
-        raise ConfigurationError(
-            f"{option}: {name!r} is not known; expected {expected}"
-            + ("" if similar else " name of the configuration")
-        )
+        if name not in self.columns and name not in self.keys:
+            known = dict.fromkeys([*self.columns, *sorted(self.keys)])
+            expected = " or ".join(get_close_matches(name, known, n=3, cutoff=0.6)) or (
+                f"one of {', '.join(self.columns)} or a dotted name of the configuration"
+            )
+            raise ConfigurationError(f"{option}: {name!r} is not known; expected {expected}")
 
     def text(self, name: str) -> Expression:
         """Return the value of a checked name as text, as shown in rows and columns."""
-        return self.columns[name] if name in self.columns else self._key_text(name)
+        if name in self.columns:
+            return self.columns[name]
+        text: Expression = self.config[tuple(name.split("."))].as_string()
+        if not self.sqlite:
+            return text
+        kind = self._key_type(name)  # SQLite extracts true as 1
+        return sa.case((kind == "true", "true"), (kind == "false", "false"), else_=text)
 
     def clauses(self, condition: Condition) -> list[sa.ColumnElement[bool]]:
         """Return the SQL of a condition: all clauses must hold.
@@ -260,7 +217,10 @@ class ColumnNames:
         return clauses
 
     def _compare(self, name: str, operator: str, value: Value) -> sa.ColumnElement[bool]:
-        """Compare a column, or a key as the type of the value: one of another type is unequal."""
+        """Compare a column, or a key as the type of the value: one of another type is unequal.
+
+        A missing value is unequal to any other value, not NULL.
+        """
         self.check(name, "--where")
         column = self.columns.get(name)
         if isinstance(value, tuple) and column is not None:
@@ -270,53 +230,36 @@ class ColumnNames:
             return among | column.is_(None) if None in value else among
         if isinstance(value, tuple):
             return sa.or_(*(self._compare(name, "=", each) for each in dict.fromkeys(value)))
+        left, right = self.text(name), str(value).lower() if isinstance(value, bool) else value
         if column is not None:
-            return _operate(column, operator, _for_column(name, column, value))
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            return _operate(self._key_number(name), operator, float(value))
-        if isinstance(value, bool):
-            value = str(value).lower()
-        return _operate(self._key_text(name), operator, value)
+            right = _for_column(name, column, value)
+        elif isinstance(right, int | float):
+            item = self.config[tuple(name.split("."))]
+            numeric = self._key_type(name).in_(("integer", "real", "number"))
+            left, right = sa.case((numeric, item.as_float()), else_=None), float(right)
+        if operator == "=":
+            return left.is_not_distinct_from(right)
+        if operator == "!=":
+            return left.is_distinct_from(right)
+        return sa.func.coalesce(ORDERINGS[operator](left, right), sa.false())
 
     def _key_type(self, key: str) -> Expression:
-        """Return the JSON type of a key as SQLite names it."""
-        path = "$." + ".".join(f'"{part}"' for part in key.split("."))
-        return sa.func.json_type(self.config, path)
-
-    def _key_text(self, key: str) -> Expression:
-        text: Expression = self.config[tuple(key.split("."))].as_string()
+        """Return the JSON type of a key, which SQLite and PostgreSQL name differently."""
         if not self.sqlite:
-            return text
-        kind = self._key_type(key)  # SQLite extracts true as 1
-        return sa.case((kind == "true", "true"), (kind == "false", "false"), else_=text)
-
-    def _key_number(self, key: str) -> Expression:
-        item = self.config[tuple(key.split("."))]
-        if self.sqlite:
-            is_number: sa.ColumnElement[bool] = self._key_type(key).in_(("integer", "real"))
-        else:
-            is_number = sa.func.json_typeof(item) == "number"
-        return sa.case((is_number, item.as_float()), else_=None)
+            return sa.func.json_typeof(self.config[tuple(key.split("."))])
+        return sa.func.json_type(self.config, "$." + ".".join(f'"{k}"' for k in key.split(".")))
 
 
-def _operate(left: Expression, operator: str, right: Any) -> sa.ColumnElement[bool]:
-    """Return `left operator right`; a missing value is unequal to any other value, not NULL."""
-    if operator == "=":
-        return left.is_not_distinct_from(right)
-    if operator == "!=":
-        return left.is_distinct_from(right)
-    return sa.func.coalesce(ORDERINGS[operator](left, right), sa.false())
-
-
-def _for_column(name: str, column: Expression, value: Value) -> Value | datetime | Expression:
+def _for_column(name: str, column: Expression, value: Value) -> Any:
     """Return the value in the type of the column; raises ConfigurationError for another type."""
     kind = column.type
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
     if value is None:
         return None
     if isinstance(kind, sa.Boolean):
         expected, fits = "true or false", isinstance(value, bool)
     elif isinstance(kind, sa.Integer | sa.Float):
-        expected, fits = "a number", isinstance(value, int | float) and not isinstance(value, bool)
+        expected, fits = "a number", number is not None
     elif isinstance(kind, Utc):
         expected, fits = "a date such as 2026-01-31 or 2026-01-31T12:00", False
         with suppress(ValueError):
@@ -326,6 +269,6 @@ def _for_column(name: str, column: Expression, value: Value) -> Value | datetime
         return str(value).lower() if isinstance(value, bool) else str(value)
     if not fits:
         raise ConfigurationError(f"--where: {name} is compared with {expected}, got {value!r}")
-    if isinstance(value, float) or (isinstance(value, int) and abs(value) >= 2**31):
-        return sa.literal(float(value), sa.Double())  # whatever the column can hold
+    if number is not None and (isinstance(number, float) or abs(number) >= 2**31):
+        return sa.literal(float(number), sa.Double())  # whatever the column can hold
     return value

@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.configuration.invocation import REPLACED, trial_program
+from seatrial.runner.configuration.invocation import replaced, trial_program
 from seatrial.runner.configuration.search_path import CONF, is_group, options
 
 # Launchers that need an extra, and the name of the extra.
@@ -79,8 +79,8 @@ def _missing_config(error: MissingConfigException) -> str:
     if match is None:
         return _joined(str(error))
     text = f"{match['group']}={match['option']}"
-    if text in REPLACED:
-        return f"{text} is gone: {REPLACED[text]}"
+    if text in replaced():
+        return f"{text} is gone: {replaced()[text]}"
     if (extra := LAUNCHERS.get(match["option"])) and match["group"] == "hydra/launcher":
         return f"{text} is not installed: pip install 'seatrial[{extra}]'"
     known = sorted(error.options or ()) or options(match["group"])
@@ -96,8 +96,8 @@ def _missing_config(error: MissingConfigException) -> str:
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:
     """Return a message with the unknown option and similar options."""
     for name in accumulate(key.split("."), "{}.{}".format):  # with the mappings that hold it
-        if name in REPLACED:
-            return f"{name} is gone: {REPLACED[name]}"
+        if name in replaced():
+            return f"{name} is gone: {replaced()[name]}"
     known = _known_keys(overrides)
     same_depth = [name for name in known if name.count(".") == key.count(".")]
     close = get_close_matches(key, same_depth, n=2, cutoff=0.7)

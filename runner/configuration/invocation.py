@@ -8,90 +8,30 @@ import shlex
 import sys
 from argparse import ArgumentParser
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from seatrial import __version__
+
+if TYPE_CHECKING:
+    import yaml
+else:
+    import lazy_loader
+
+    yaml = lazy_loader.load("yaml")
 
 ROOT = Path(__file__).resolve().parents[2]  # the checkout, or the installed package
 PROJECT = ROOT / "pyproject.toml"  # in a checkout only
 SCRIPTS = ("seatrial", "seatrial-results")
 DEFAULT_DATABASE = "sqlite:///results/results.db"
-# Commands and options that are gone, and what replaces them.
-REPLACED: Mapping[str, str] = {
-    "seatrial-results browse": "use pip install datasette; datasette results/results.db",
-    "seatrial-results serve": "use seatrial-results site, whose pages open from disk",
-    "seatrial-results scrub": "passwords are not stored, so there are none to remove",
-    "seatrial-results --csv-plain": "CSV files always hold texts as they are",
-    "seatrial-results csv-plain": "use csv, which holds texts as they are",
-    "excitation=mix": "use excitation=optimal_design",
-    "excitation.believed": "use excitation.nominal",
-    "excitation.differentiation": "velocities are differentiated from the pose by central"
-    " differences",
-    "excitation.loop": "turning circles and zig-zags are sailed in open loop; signals such as prbs"
-    " can be added to a controller",
-    "excitation.sample_time_s": "excitation.resample_hz sets another than the median step",
-    "excitation.thrusters": "a vessel with devices reads speeds and angles by"
-    " excitation.columns.inputs",
-    "excitation.zero_acceleration_bias": "subtract the bias of an accelerometer beforehand",
-    "excitation.route.follow": "a planned mix is followed everywhere",
-    "identifier.algorithm": "identifier=nsga2 searches by NSGA-II alone",
-    "identifier.block_s": "standard errors are those for stationary residuals",
-    "identifier.bootstrap": "standard errors are those for stationary residuals",
-    "identifier.bound_factor": "use identifier.inertia_factor",
-    "identifier.budget_s": "identifier=auto has no limit of time, on which its result would depend",
-    "identifier.condition_limit": "the transformation to pose and velocity must be below 1000",
-    "identifier.errors": "standard errors are those for stationary residuals",
-    "identifier.feedthrough": "the data choose whether there is a direct term",
-    "identifier.heading_span_deg": "use identifier.outputs",
-    "identifier.half_life_s": "leave old samples out with excitation.start_s",
-    "identifier.log_scale": "bounds are searched on a linear scale",
-    "identifier.output": "use identifier.outputs",
-    "identifier.resample": "standard errors are those for stationary residuals",
-    "identifier.markov_parameters": "20 are stored",
-    "identifier.recording": "the recording of identifier=command is always recording.csv",
-    "identifier=least_squares": "use identifier=output_error",
-    "identifier=gaussian_process": "use identifier=auto, which tries further terms",
-    "identifier.sigma": "sigma is that of the residuals; identifier.outputs gives weights",
-    "identifier.weighting": "use the checks of excitation=recording, which repair outliers",
-    "identifier=sparse": "use identifier=robust for few, physical terms, or surface_plsr, which"
-    " drops terms one by one",
-    **{
-        f"{group}={name}": f"in a checkout, use --config-dir docs/published {group}={name}"
-        for group, names in (
-            ("identifier", "grid linearised prediction_times"),
-            (
-                "experiment",
-                "bargouth_section_4_2 bargouth_section_4_3 hoyer_figure_7_20"
-                " hoyer_figure_7_21 hoyer_table_7_6",
-            ),
-        )
-        for name in names.split()
-    },
-    "search.default_first": "the configuration as it is comes first, if the space contains it",
-    "search.dof": "write search.metric=name:dof",
-    "search.sampler": "the sampler is TPE; search.startup=<search.trials> makes a random search",
-    "seatrial-results --execute": "use seatrial-results retry | sh",
-    "seatrial-results --tag": "use --sweep, which takes a number, a name or a tag",
-    "seatrial-results --interval": "intervals are those of Student's t",
-    "seatrial-results stats": "use show RUN, which describes the recording too",
-    "seatrial-results --execution full": "use --execution half, or order",
-    "seatrial-results published": "in a checkout, use make published",
-    "seatrial-results plot controllers": "use plot response --rows controller",
-    "seatrial-results plot plan": "use plot track, which draws the plan of a mix too",
-    "seatrial-results plot spectrum": "use plot excitation, which draws singular values and"
-    " eigenvalues of a subspace identification too",
-    "seatrial-results plot wind": "use plot excitation, which draws the wind of the recording, or"
-    " plot response for its force on a mission",
-    "seatrial-results plot quality": "use seatrial data check FILE --html PAGE.html",
-    "search.model": "the objective is a metric of the identified model",
-    "search.stage": "the objective is of the deployment, or of the first stage that has the metric",
-    "search.statistic": "the objective is the median over the seeds",
-    "seatrial-results plot search": "use seatrial-results table --rows <option> --metric <metric>;"
-    " a search prints its best candidates",
-    "seatrial-results plot times": "in a checkout, use make published, whose page has the figure",
-    "seatrial-results plot topology": "in a checkout, use make published, whose page has the"
-    " figure",
-}
+
+
+@cache
+def replaced() -> Mapping[str, str]:
+    """Return the commands and options that are gone, each with what replaces it."""
+    text = Path(__file__).with_name("replaced.yaml").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text))
 
 
 def in_checkout(root: Path = ROOT) -> bool:

@@ -10,10 +10,9 @@ from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.problem import Problem
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.commands import benchmark
-from seatrial.runner.compare.benchmark.boards import boards
 from seatrial.runner.compare.benchmark.task import GROUP, cells, lacking, located, task_of
 from seatrial.runner.compare.frame import open_results
-from seatrial.runner.compare.leaderboard import grids
+from seatrial.runner.compare.leaderboard import boards, leaderboard
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.trials.closed_loop import ExcitationData, Streams
@@ -136,14 +135,14 @@ def test_an_entrant_may_bring_its_own_vessel(
     assert said.count("3 already in the logbook") == 2
     assert "small, own: sweep 5, 3 runs: 3 finished" in said
     with open_results("sqlite:///results/benchmark/results.db") as results:
-        (grid,) = grids(boards(results, ["small"]))
+        grid = leaderboard(*boards(results, ["small"]))
     assert "own" in {row[0].text for row in grid.rows}
 
 
 def test_a_task_that_is_none_is_one_line(tmp_path: Path) -> None:
     small(tmp_path)
     for old, new, message in (
-        ("outputs: [surge]", "outputs: [u]", r"outputs: got 'u', expected some of surge"),
+        ("outputs: [surge]", "outputs: [u]", r"outputs\[0\]: got 'u', expected one of surge"),
         ("  b.csv: ", "  c.csv: ", r"cases\.one: b\.csv has no SHA-256"),
         ("title: Files", "titel: Files", r"benchmark/small"),
         ("title: Files", "- x", r"small\.yaml"),

@@ -13,7 +13,7 @@ distance [m] to the measured one.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
 
@@ -39,20 +39,19 @@ BAND_LEVEL = 0.9
 class Score:
     """Errors (N, n) of a prediction over the spread of each output, by time; of a position [m].
 
-    `starts` (N,) marks the first sample of each piece, such as a file; `after` is the NRMSE of each
-    output by horizon [s]; `deviations` (N, n) are those of a band over the spread, if there is one.
+    `starts` (N,) marks the first sample of each piece, such as a file; `deviations` (N, n) are
+    those of a band over the spread, if there is one.
     """
 
     errors: Sample
-    starts: Sample
+    starts: NDArray[np.bool_]
     period_s: float
-    after: dict[float, Sample] = field(default_factory=dict)
     deviations: Sample | None = None
 
     @cached_property
-    def nrmse(self) -> Sample:
-        """NRMSE of each output (n,); inf without samples, and for one that is not finite."""
-        return _rms(self.errors)
+    def loss(self) -> float:
+        """Mean NRMSE over the outputs; inf without samples, and for one that is not finite."""
+        return float(np.mean(_rms(self.errors)))
 
     @property
     def covered(self) -> Sample | None:
@@ -60,19 +59,14 @@ class Score:
         if self.deviations is None:
             return None
         inside = np.abs(self.errors) <= half_width(self.deviations)
-        return np.asarray(inside[self.starts == 0.0])
+        return np.asarray(inside[~self.starts])
 
     @property
     def crps(self) -> Sample:
         """CRPS (N, n) over the spread, without starts."""
         errors = self.errors
         each = np.abs(errors) if self.deviations is None else crps(errors, self.deviations)
-        return np.asarray(each[self.starts == 0.0])
-
-    @property
-    def loss(self) -> float:
-        """Mean NRMSE over the outputs."""
-        return float(np.mean(self.nrmse))
+        return np.asarray(each[~self.starts])
 
     def pieces(self) -> list[Sample]:
         """Errors of each piece, such as a file."""
@@ -80,71 +74,58 @@ class Score:
 
 
 def score(
-    series: Series, model: str, outputs: Sequence[str], horizons_s: Sequence[float] = ()
+    series: Series, model: str, outputs: Sequence[str], after_s: float | None = None
 ) -> Score:
-    """Score the free run of a model, or of PERSISTENCE or MEAN_MOTION, on the series `prediction`.
+    """Score a model, or one of REFERENCES, on the series `prediction`.
 
-    `outputs` are degrees of freedom. A model without a prediction scores inf.
+    Its free run, or its predictions `after_s` [s] after every measured state. `outputs` are degrees
+    of freedom, or POSITION, whose errors are distances [m]: of one output. A model that lacks a
+    prediction where some model has one scores inf.
     """
-    spread = np.std(_columns(series, outputs), axis=0)
-    after = {}
-    for seconds in horizons_s:
-        ahead = _errors(series, model, outputs, seconds) / spread
-        after[seconds] = _rms(ahead[~np.isnan(ahead[:, 0])])
-    band = None
-    if model == "identified" and f"{outputs[0]}_{IDENTIFIED_STD}" in series.columns:
-        band = _columns(series, [f"{name}_{IDENTIFIED_STD}" for name in outputs]) / spread
-    errors = _errors(series, model, outputs) / spread
-    return Score(errors, series.columns["start"], _period_s(series), after, band)
-
-
-def score_after(series: Series, model: str, outputs: Sequence[str], seconds: float) -> Score:
-    """Score the predictions `seconds` after every measured state, in the series `prediction`.
-
-    `outputs` are degrees of freedom, or POSITION, whose errors are distances [m]: of one output. A
-    model that lacks a prediction where some model has one scores inf.
-    """
-    reached = _reached(series, seconds)
-    errors = _errors(series, model, outputs, seconds)
-    if outputs == POSITION:
-        errors = np.linalg.norm(errors, axis=1)[:, None]
+    measured, period_s = _columns(series, outputs), _period_s(series)
+    reached = np.full(len(measured), True)
+    if after_s is not None:
+        name = f"_{after_s:g}s"
+        ends = [np.isfinite(v) for k, v in series.columns.items() if k.endswith(name)]
+        reached = np.any([~reached, *ends], axis=0)
+    if model in REFERENCES and (model != AT_REST or outputs == POSITION):
+        predicted = _trivial(series, model, outputs, after_s, reached)
     else:
-        errors = errors / np.std(_columns(series, outputs), axis=0)
+        end = "" if after_s is None else f"_{after_s:g}s"
+        predicted = _columns(series, [f"{name}_{model}{end}" for name in outputs])
+    errors, spread, band = (predicted - measured)[reached], np.std(measured, axis=0), None
+    errors = np.linalg.norm(errors, axis=1)[:, None] if outputs == POSITION else errors / spread
+    deviations = [f"{name}_{IDENTIFIED_STD}" for name in outputs]
+    if model == "identified" and after_s is None and deviations[0] in series.columns:
+        band = _columns(series, deviations) / spread
     piece = np.cumsum(series.columns["start"])[reached]
-    starts = np.asarray(np.diff(piece, prepend=-1) != 0, dtype=np.float64)
-    return Score(errors[reached], starts, _period_s(series))
+    return Score(errors, np.diff(piece, prepend=-1) != 0, period_s, band)
 
 
-def _errors(
-    series: Series, model: str, outputs: Sequence[str], seconds: float | None = None
-) -> Sample:
-    """Errors (N, n) of the free run, or of predictions from the state `seconds` before.
+def _trivial(
+    series: Series, model: str, outputs: Sequence[str], after_s: float | None,
+    reached: NDArray[np.bool_],
+) -> Sample:  # fmt: skip
+    """The predictions (N, n) of a trivial rival, which end where some model's do: `reached`.
 
-    NaN where no prediction ends; those of the trivial rivals end where some model's do. PERSISTENCE
-    holds the velocity that was measured before, for a position in NED; MEAN_MOTION moves by the
-    mean of what was measured; AT_REST stays at the position before, and has no velocity.
+    PERSISTENCE holds the velocity that was measured before, for a position in NED; MEAN_MOTION
+    moves by the mean of what was measured; AT_REST stays at the position before.
     """
     measured, columns = _columns(series, outputs), series.columns
-    if model not in REFERENCES or (model == AT_REST and outputs != POSITION):
-        end = "" if seconds is None else f"_{seconds:g}s"
-        return _columns(series, [f"{name}_{model}{end}" for name in outputs]) - measured
-    if seconds is None:
-        rows = np.arange(len(measured))
-        before = measured[np.maximum.accumulate(np.where(columns["start"], rows, 0))]
-        reached, steps = np.full(len(measured), True), 0
-    else:
-        steps = max(round(seconds / _period_s(series)), 1)
-        before, reached = np.roll(measured, steps, axis=0), _reached(series, seconds)
-    predicted = before
+    rows = np.arange(len(measured))
+    before, steps = measured[np.maximum.accumulate(np.where(columns["start"], rows, 0))], 0
+    if after_s is not None:
+        steps = max(round(after_s / _period_s(series)), 1)
+        before = np.roll(measured, steps, axis=0)
     if model == MEAN_MOTION and outputs != POSITION:
-        predicted = np.broadcast_to(measured.mean(axis=0), measured.shape)
-    elif model == MEAN_MOTION:
-        predicted = before + np.mean((measured - before)[reached], axis=0)
-    elif model == PERSISTENCE and outputs == POSITION and seconds is not None:
+        return np.broadcast_to(measured.mean(axis=0), measured.shape)
+    if model == MEAN_MOTION:
+        return np.asarray(before + np.mean((measured - before)[reached], axis=0))
+    if model == PERSISTENCE and outputs == POSITION and after_s is not None:
         u, v, psi = (columns[name] for name in ("surge", "sway", "psi"))
         north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
-        predicted = before + seconds * np.roll(np.column_stack([north, east]), steps, axis=0)
-    return np.where(reached[:, None], predicted - measured, np.nan)
+        return np.asarray(before + after_s * np.roll(np.column_stack([north, east]), steps, axis=0))
+    return before
 
 
 def half_width(deviations: Sample, level: float = BAND_LEVEL) -> Sample:
@@ -216,12 +197,6 @@ def _rms(errors: Sample) -> Sample:
         return np.full(errors.shape[1], np.inf)
     values = np.sqrt(np.mean(np.square(errors), axis=0))
     return np.where(np.isnan(values), np.inf, values)
-
-
-def _reached(series: Series, seconds: float) -> NDArray[np.bool_]:
-    """Where (N,) the prediction of some model over this time ends."""
-    ends = [values for name, values in series.columns.items() if name.endswith(f"_{seconds:g}s")]
-    return np.any(np.isfinite(ends), axis=0) if ends else np.zeros(len(series.columns["t"]), bool)
 
 
 def _columns(series: Series, names: Sequence[str]) -> Sample:

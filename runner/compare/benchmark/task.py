@@ -7,7 +7,7 @@ the SHA-256 of each file. A file is looked for in SEATRIAL_DATA, then in DATA_FO
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -16,8 +16,6 @@ import yaml
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration import options, search_path
-from seatrial.runner.export.manoeuvre_tracks import Manoeuvre
-from seatrial.runner.record.vocabulary import DOF_ORDER
 
 GROUP = "benchmark"
 VARIABLE = "SEATRIAL_DATA"
@@ -43,7 +41,6 @@ class Case:
     test: tuple[str, ...] = ()
     options: tuple[str, ...] = ()
     seeds: int | None = None  # null: as many as the task has; 1 where nothing is random
-    manoeuvre: Manoeuvre | None = None  # whose measures are compared, of each test file
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ class Task:
     title: str
     trial: tuple[str, ...]
     cases: dict[str, Case]
-    outputs: tuple[str, ...]
+    outputs: tuple[Literal["surge", "sway", "heave", "roll", "pitch", "yaw"], ...]
     source: DataSource | None = None  # None: simulated
     files: dict[str, str] = field(default_factory=dict)  # SHA-256 by path
     map: str | None = None  # of the columns, a file of the folder `maps` beside the task
@@ -70,29 +67,22 @@ class Task:
     score: Literal["free_run", "restarts", "position"] = "free_run"
     after_s: float | None = None  # one of `horizons_s`
     entrants: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    without: tuple[str, ...] = ()  # entrants that cannot take part
 
     def __post_init__(self) -> None:
-        for dof in self.outputs:
-            if dof not in DOF_ORDER:
-                raise ConfigurationError(
-                    f"outputs: got {dof!r}, expected some of {', '.join(DOF_ORDER)}"
-                )
         if self.score != "free_run" and self.after_s not in self.horizons_s:
             raise ConfigurationError(
                 f"after_s: got {self.after_s}, expected one of horizons_s: "
                 f"{', '.join(f'{seconds:g}' for seconds in self.horizons_s)}"
             )
-        if not self.cases:
-            raise ConfigurationError("cases: got none, expected at least one")
         for name, case in self.cases.items():
             for path in (*case.train, *case.test):
                 if not self.parts(path):
                     raise ConfigurationError(f"cases.{name}: {path} has no SHA-256 under `files`")
 
-    def parts(self, path: str) -> list[str]:
-        """The files of a recording: itself, or those that are listed of a folder."""
-        return [file for file in self.files if file == path or file.startswith(f"{path}/")]
+    def parts(self, *paths: str) -> list[str]:
+        """The files of recordings: themselves, or those that are listed of a folder."""
+        each = ((file, path) for path in paths for file in self.files)
+        return [file for file, path in each if file == path or file.startswith(f"{path}/")]
 
 
 class BenchmarkTrial(NamedTuple):
@@ -118,18 +108,15 @@ def task_of(name: str) -> Task:
     names = search_path.options(GROUP)
     if name not in names:
         raise ConfigurationError(f"--task: got {name!r}, expected one of {', '.join(names)}")
-    for folder in (search_path.CONF, *search_path.user_folders()):
-        path = folder / GROUP / f"{name}.yaml"
-        if path.is_file():
-            break
+    folders = (search_path.CONF, *search_path.user_folders())
+    paths = (folder / GROUP / f"{name}.yaml" for folder in folders)
+    path = next(path for path in paths if path.is_file())
     try:
-        node = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        node = {**yaml.safe_load(path.read_text(encoding="utf-8")), "name": name}
+    except (yaml.YAMLError, UnicodeDecodeError, TypeError) as error:  # not a mapping
         raise ConfigurationError(f"{path}: {' '.join(str(error).split())}") from error
-    if not isinstance(node, Mapping):
-        raise ConfigurationError(f"{path}: got no mapping, expected the keys of a task")
     try:
-        task = options.part(Task, {**node, "name": name})
+        task = options.part(Task, node)
     except options.OptionError as error:
         raise ConfigurationError(error.at(f"{GROUP}/{name}")) from error
     assert isinstance(task, Task)
@@ -153,13 +140,12 @@ def located(task: Task) -> list[Located]:
 
 def lacking(task: Task, files: Sequence[Located]) -> dict[str, list[Located]]:
     """The cases whose files are missing or damaged, each with these files."""
-    wrong = [file for file in files if file.state != "found"]
-    lacks = {}
-    for label, case in task.cases.items():
-        own = [part for path in (*case.train, *case.test) for part in task.parts(path)]
-        if parts := [file for file in wrong if file.name in own]:
-            lacks[label] = parts
-    return lacks
+    wrong = {file.name: file for file in files if file.state != "found"}
+    return {
+        label: parts
+        for label, case in task.cases.items()
+        if (parts := [wrong[part] for part in task.parts(*case.train, *case.test) if part in wrong])
+    }
 
 
 def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[BenchmarkTrial]:
@@ -171,27 +157,24 @@ def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[BenchmarkTrial]:
     files = located(task)
     absent, paths = lacking(task, files), {file.name: str(file.path) for file in files}
     maps = {"map": task.map, "test_map": task.test_map}
-    mapped = [f"excitation.{key}={MAPS / file}" for key, file in maps.items() if file is not None]
+    given = {label: [*task.trial] for label in task.cases if label not in absent}
+    for label, options_of in given.items():
+        case = task.cases[label]
+        options_of += [f"excitation.{key}={MAPS / file}" for key, file in maps.items() if file]
+        options_of += case.options
+        for key, names in (("train", case.train), ("test", case.test)):
+            firsts = [(name, task.parts(name)[0]) for name in names]
+            of_case = [paths[part].removesuffix(part) + name for name, part in firsts]
+            if any(set(path) & set("'\"\\") for path in of_case):
+                raise ConfigurationError(
+                    f"{of_case[0]}: got a quote or backslash in a path of data"
+                )
+            options_of += [f"excitation.{key}={json.dumps(of_case)}"] if of_case else []
     for entrant in dict.fromkeys(entrants or task.entrants):
         own = task.entrants.get(entrant, (f"identifier={entrant}",))
-        for label, case in task.cases.items():
-            if label in absent:
-                continue
-            given = [*task.trial, *mapped, *case.options]
-            for key, names in (("train", case.train), ("test", case.test)):
-                if names:
-                    of_case = [
-                        paths[part].removesuffix(part) + name
-                        for name in names
-                        for part in task.parts(name)[:1]
-                    ]
-                    if any(set(path) & set("'\"\\") for path in of_case):
-                        raise ConfigurationError(
-                            f"{of_case[0]}: got a quote or backslash in a path of data"
-                        )
-                    given.append(f"excitation.{key}={json.dumps(of_case)}")
-            given += [*own, f"horizons_s={list(task.horizons_s)}"]
-            for seed in range(case.seeds or task.seeds):
+        for label, options_of in given.items():
+            shared = (*options_of, *own, f"horizons_s={list(task.horizons_s)}")
+            for seed in range(task.cases[label].seeds or task.seeds):
                 # The last option of a key counts: an entrant may replace one of the task.
-                last = {option.partition("=")[0]: option for option in (*given, f"seed={seed}")}
+                last = {text.partition("=")[0]: text for text in (*shared, f"seed={seed}")}
                 yield BenchmarkTrial(task.name, label, seed, entrant, tuple(last.values()))

@@ -4,10 +4,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Chart
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.benchmark.boards import boards, overall
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import number_text
+from seatrial.runner.compare.leaderboard import boards, overall
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.ranking import Ranking, critical_difference

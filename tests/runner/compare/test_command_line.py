@@ -117,7 +117,6 @@ REFUSED = (
     (["plot", "no_such_module.figure"], "or the name of a module"),
     (["plot", "seatrial.runner.pie"], "or the name of a module"),
     (["plot", "controllers"], "controllers is gone: use plot response --rows controller"),
-    (["plot", "spectrum"], "spectrum is gone: use plot excitation"),
     (["plot", "track", "--band", "90"], "--band: not an option of this figure, expected --run"),
     (["plot", "track"], "no finished run that matches has a series"),
     (["plot", "orders"], "has the diagnostic order_mse"),
@@ -129,13 +128,7 @@ REFUSED = (
     (["sql", "DELETE FROM run"], "sql: "),
     (["tables"], "No such command 'tables'"),
     (["published", "--summary"], "published is gone: in a checkout, use make published"),
-    (["plot", "topology"], "plot topology is gone: in a checkout, use make published"),
-    (["plot", "search"], "plot search is gone: use seatrial-results table --rows"),
-    (["browse"], "browse is gone: use pip install datasette; datasette results/results.db"),
-    (["serve"], "serve is gone: use seatrial-results site"),
-    (["scrub"], "scrub is gone: passwords are not stored"),
     (["runs", "-f", "csv-plain"], "csv-plain is gone: use csv"),
-    (["stats", "1"], "stats is gone: use show RUN"),
     (["runs", "--tag", "x"], "--tag is gone: use --sweep"),
     (["table", "--interval", "bootstrap"], "--interval is gone: intervals are those of Student"),
     (["plot", "bars", "--metric", "speed", "--output", "stats"], "no finished run has speed"),
@@ -215,8 +208,8 @@ def test_the_command_that_show_prints_repeats_the_run_to_the_last_digit(
 def test_show_says_what_the_recording_can_tell_apart(program: Program, sailed: Path) -> None:
     code, said, _ = program("show", "1", *database(sailed))
     assert code == 0
-    rows = [line.split() for line in said.splitlines() if "~" in line]
-    assert rows == [["surge", "3", "2", "1", "u", "~", "|u|u"]]
+    rows = [line.split() for line in said.splitlines() if "inseparable_terms" in line]
+    assert rows == [["inseparable_terms", "surge", "2.000", "u", "|u|u"]]
 
 
 def test_show_says_how_uncertain_predictions_are_or_why_it_is_not_known(

@@ -201,24 +201,18 @@ def test_bold_is_sought_among_cells_of_one_vessel(logbook: LogbookWriter, result
     assert [k[0] for k, text in cells(table(results)).items() if text.endswith("*")] == ["none"]
 
 
-def free_run(value: float | None, limited: float, held_s: float) -> list[Metric]:
-    metric = Metric("validation", "identified", "surge", "velocity_rmse_free_run", value, "m/s")
-    share = Metric("validation", "identified", "all", "limited_share_free_run", limited, "")
-    return [metric, share, Metric("validation", "identified", "all", "held_free_run", held_s, "s")]
-
-
-def test_a_diverged_prediction_is_counted_with_the_time_it_held(
-    logbook: LogbookWriter, results: Queries
-) -> None:
-    for seed, rows in enumerate(
-        [free_run(0.1, 0.0, 360.0), *(free_run(None, 0.4, held) for held in (35.0, 5.0, 8.0))]
-    ):
+def test_a_diverged_prediction_is_counted(logbook: LogbookWriter, results: Queries) -> None:
+    for seed, (value, limited) in enumerate([(0.1, 0.0), (None, 0.4), (None, 0.4)]):
+        rows = [
+            Metric("validation", "identified", "surge", "velocity_rmse_free_run", value, "m/s"),
+            Metric("validation", "identified", "all", "limited_share_free_run", limited, ""),
+        ]
         stored.finish(logbook, stored.start("ls", "noise", seed), rows, drawn=["noise"])
     grid = table(results, metric=["velocity_rmse_free_run"])
-    assert cells(grid) == {("ls", "noise"): "0.1000 (n=1, 3 diverged in prediction, held 8.0 s)"}
-    assert any("not included: 3 predictions that diverged" in note for note in grid.notes)
+    assert cells(grid) == {("ls", "noise"): "0.1000 (n=1, 2 diverged in prediction)"}
+    assert any("not included: 2 predictions that diverged" in note for note in grid.notes)
     row = record_of(grid, identifier="ls")
-    assert (row["diverged_predictions"], row["held_s"], row["without_value"]) == (3, 8.0, 0)
+    assert (row["diverged_predictions"], row["without_value"]) == (2, 0)
 
 
 def test_scores_are_compared_by_differences(logbook: LogbookWriter, results: Queries) -> None:

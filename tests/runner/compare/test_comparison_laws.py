@@ -68,6 +68,10 @@ def test_a_number_that_a_method_cannot_have_loses_nothing(
     assert (lacking["not_applicable"], lacking["without_value"]) == (1, 0)
     assert best(grid) == {"ls"}  # though one of its trials has no such number
     assert best(table(results)) == {"dsr"}
+    both = comparison(results, TableOptions(metric=["force_mse,e_pos_mae"])).as_records()
+    assert [(r["metric"], r["identifier"]) for r in both if r["not_applicable"]] == [
+        ("force_mse", "ls")
+    ]
 
 
 def test_cells_are_compared_over_the_seeds_of_the_baseline(

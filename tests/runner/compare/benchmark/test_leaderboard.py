@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seatrial.models.diagnostics import Diagnostic
-from seatrial.runner.compare.benchmark.boards import measures
 from seatrial.runner.compare.benchmark.task import cells, task_of
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
@@ -131,23 +129,3 @@ def test_a_task_of_restarts_is_ranked_by_them(shown: Callable[..., str]) -> None
     store("task", losses, "restarts")
     found = rows(shown("--summary"))["task: FIT after 1 s [%]"]
     assert found[FIRST : FIRST + 2] == ["ridge", "40.0"]
-
-
-def test_measures_of_manoeuvres_are_those_that_the_run_has_stored() -> None:
-    """Of what was ordered there are none, and what is not reached is infinitely wrong."""
-    stored_of = {
-        "tactical_diameter": ("L", (4.0, 3.0, 4.4)), "advance": ("L", (3.0, 3.1, None)),
-        "helm": ("deg", (35.0, 35.0, 35.0)), "transfer": ("L", (0.0, 1.0, 1.0)),
-        "time_to_90_deg": ("s", (60.0, 61.0, 62.0)), "period_P": ("s", (50.0, 1.0, 40.0)),
-    }  # fmt: skip
-    rows = [
-        Diagnostic(f"recorded_manoeuvre_{name}", "all", value, unit, 1, j, "file")
-        for name, (unit, values) in stored_of.items()
-        for j, value in enumerate(values)
-    ]
-    found = {(one.file, one.quantity): one.error for one in measures(rows)}
-    assert found == {
-        (1, "tactical diameter"): pytest.approx(0.1),
-        (1, "advance"): np.inf,
-        (1, "period P"): pytest.approx(0.2),
-    }

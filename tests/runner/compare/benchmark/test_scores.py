@@ -14,7 +14,6 @@ from seatrial.runner.compare.benchmark.scores import (
     interval,
     pooled,
     score,
-    score_after,
 )
 from seatrial.runner.record.rows import Series
 from tests.runner.compare.stored import series as stored_series
@@ -42,9 +41,9 @@ def series(noise: float, seed: int = 0) -> Series:
 def test_errors_are_relative_to_the_spread_of_what_was_measured() -> None:
     stored = series(0.2)
     spread = np.std(stored.columns["surge"])
-    result = score(stored, "identified", ("surge",), (10.0,))
+    result, after = (score(stored, "identified", ("surge",), s) for s in (None, 10.0))
     assert result.loss == pytest.approx(0.2 / spread, rel=0.05)
-    assert result.after[10.0][0] == pytest.approx(0.1 / spread)
+    assert after.loss == pytest.approx(0.1 / spread)
     assert [len(piece) for piece in result.pieces()] == [1000, 1000]
 
 
@@ -56,16 +55,16 @@ def test_references() -> None:
         (MEAN_MOTION, u.mean(), u.mean()),
         (PERSISTENCE, held, u[np.flatnonzero(ends) - 100]),
     ):
-        found = score(stored, model, ("surge",), (10.0,))
+        found, after = (score(stored, model, ("surge",), seconds) for seconds in (None, 10.0))
         assert found.loss == pytest.approx(np.sqrt(np.mean((free - u) ** 2)) / np.std(u))
         expected = np.sqrt(np.mean((over_10_s - u[ends]) ** 2)) / np.std(u)
-        assert found.after[10.0][0] == pytest.approx(expected)
+        assert after.loss == pytest.approx(expected)
     assert score(stored, AT_REST, ("surge",)).loss == np.inf  # it has a position only
 
 
 def test_pooled_scores_weigh_samples_alike_and_lie_in_their_interval() -> None:
     scores = [score(series(noise, seed), "identified", ("surge",)) for seed, noise in PAIRS]
-    squares = [np.square(one.nrmse) for one in scores]
+    squares = [np.square(one.loss) for one in scores]
     assert pooled(scores)[0] == pytest.approx(np.sqrt(np.mean(squares)))
     low, high = interval(scores)
     assert low < pooled(scores)[0] < high
@@ -74,7 +73,7 @@ def test_pooled_scores_weigh_samples_alike_and_lie_in_their_interval() -> None:
 def test_what_diverges_or_is_not_stored_is_infinitely_bad() -> None:
     stored = series(0.2)
     assert score(stored, "nominal", ("surge",)).loss == np.inf
-    assert score(stored, "plant", ("surge",), (10.0,)).after[10.0][0] == np.inf
+    assert score(stored, "plant", ("surge",), 10.0).loss == np.inf
 
 
 def test_the_interval_holds_the_error_as_often_as_it_says() -> None:
@@ -117,17 +116,17 @@ def test_position_after_a_time_is_a_distance() -> None:
     for model, north, east in (("nominal", 0.0, 1.0), ("identified", 0.3, 0.4)):
         known |= {f"x_{model}_5s": x + north + reached, f"y_{model}_5s": y + east + reached}
     series = stored_series("prediction", known)
-    own = score_after(series, "identified", POSITION, 5.0)
+    own = score(series, "identified", POSITION, 5.0)
     assert own.loss == pytest.approx(0.5)
     assert [len(piece) for piece in own.pieces()] == [10, 20]
-    assert score_after(series, "nominal", POSITION, 5.0).loss == pytest.approx(1.0)
-    assert score_after(series, PERSISTENCE, POSITION, 5.0).loss == pytest.approx(0.0, abs=1e-9)
-    assert score_after(series, MEAN_MOTION, POSITION, 5.0).loss == pytest.approx(0.0, abs=1e-9)
-    at_rest = score_after(series, AT_REST, POSITION, 5.0)
+    assert score(series, "nominal", POSITION, 5.0).loss == pytest.approx(1.0)
+    assert score(series, PERSISTENCE, POSITION, 5.0).loss == pytest.approx(0.0, abs=1e-9)
+    assert score(series, MEAN_MOTION, POSITION, 5.0).loss == pytest.approx(0.0, abs=1e-9)
+    at_rest = score(series, AT_REST, POSITION, 5.0)
     assert at_rest.loss == pytest.approx(5.0 * np.hypot(2.0, 0.5))
-    absent = score_after(series, "plant", POSITION, 5.0)
+    absent = score(series, "plant", POSITION, 5.0)
     assert absent.loss == np.inf
-    assert chance([own], [score_after(series, "nominal", POSITION, 5.0)]) < 0.05
+    assert chance([own], [score(series, "nominal", POSITION, 5.0)]) < 0.05
     assert chance([own], [absent]) == 0.0
 
 
