@@ -144,4 +144,5 @@ def _steady(vessel: Vessel, inputs: Array, highest_m_s: float) -> float | None:
     if not len(falls):
         return None
     low, high = speeds[falls[-1]], speeds[falls[-1] + 1]
-    return float(scipy.optimize.brentq(lambda u: acceleration(np.array([u]))[0], low, high, xtol=1e-12))
+    speed = scipy.optimize.brentq(lambda u: acceleration(np.array([u]))[0], low, high, xtol=1e-12)
+    return float(speed)

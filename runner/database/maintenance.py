@@ -7,7 +7,6 @@ missing file. A program that is killed in between leaves an orphaned file, which
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from datetime import UTC, datetime, timedelta
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -83,16 +82,10 @@ def orphans(connection: Connection, results_dir: Path) -> list[Path]:
     return [path for path in paths if path.name not in known and files.owner(path) not in busy]
 
 
-def prunable(
-    dialect: str, older_than: timedelta | None = None, statuses: Sequence[str] = ()
-) -> list[ColumnElement[bool]]:
-    """Return conditions on `run`: not running, older than `older_than`, of one of the statuses."""
+def prunable(dialect: str, statuses: Sequence[str] = ()) -> list[ColumnElement[bool]]:
+    """Return conditions on `run`: not running, and of one of the statuses, if any are given."""
     stale = and_(RunRow.status == "running", is_stale(dialect))
     conditions: list[ColumnElement[bool]] = [or_(RunRow.status != "running", stale)]
-    if older_than is not None:
-        now = datetime.now(UTC)
-        calendar = now - datetime.min.replace(tzinfo=UTC)
-        conditions.append(RunRow.started_at < now - min(older_than, calendar))
     if statuses:
         chosen = RunRow.status.in_(statuses)
         conditions.append(or_(chosen, stale) if "interrupted" in statuses else chosen)

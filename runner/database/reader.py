@@ -2,7 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from datetime import UTC, timedelta
+from datetime import UTC
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar, TypeVarTuple
@@ -253,13 +253,10 @@ class LogbookReader:
             return tables_export.export(connection, folder)
 
     def prunable(
-        self,
-        *where: ColumnElement[bool],
-        older_than: timedelta | None = None,
-        statuses: Sequence[str] = (),
+        self, *where: ColumnElement[bool], statuses: Sequence[str] = ()
     ) -> list[RunSummary]:
         """Return the runs that `prune` may delete: not running, and all conditions hold."""
-        return self.runs(*maintenance.prunable(self.address.dialect, older_than, statuses), *where)
+        return self.runs(*maintenance.prunable(self.address.dialect, statuses), *where)
 
 
 def _summary(row: Row[*tuple[object, ...]]) -> RunSummary:

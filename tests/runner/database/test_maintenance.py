@@ -134,14 +134,10 @@ def test_what_may_be_pruned(filled: LogbookWriter, url: str) -> None:
     def numbers(**conditions: object) -> list[int]:
         return [run.run_id for run in filled.prunable(**conditions)]  # type: ignore[arg-type]
 
-    old = ago(40 * 86400.0)
-    change(url, update(RunRow).where(RunRow.id.in_([2, 3])).values(started_at=old))
     assert numbers() == [1, 2, 3, 4]
-    assert numbers(older_than=timedelta(days=30)) == [2, 3]
-    assert numbers(older_than=timedelta(days=30), statuses=["failed"]) == [3]
     assert numbers(statuses=["failed", "diverged"]) == [3, 4]
     assert [run.run_id for run in filled.prunable(RunRow.seed == 4)] == [4]
-    change(url, update(RunRow).where(RunRow.id == 5).values(heartbeat_at=old))
+    change(url, update(RunRow).where(RunRow.id == 5).values(heartbeat_at=ago(40 * 86400.0)))
     assert numbers(statuses=["interrupted"]) == [5]
     assert filled.prune([5]).runs == 1
 
