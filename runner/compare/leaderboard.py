@@ -37,6 +37,9 @@ from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import ENDINGS, NO_RESULT, TRAINING_TIME
 
 SPELLING = re.compile(r"[\s'\"]+")
+# A path in an option, of which the last folder and the name count: another checkout, or another
+# folder of outside data, has the same runs.
+PATH = re.compile(r'(?:/[^/",\]]+)*/([^/",\]]+/[^/",\]]+)(?=[",\]]|$)')
 CELL = ["task", "case", "seed"]  # what is the same for all entrants of a cell
 ENTRY = (
     *(*CELL, "entrant", "run", "status", "error", "duration_s", "training_s"),
@@ -194,7 +197,7 @@ def _entries(results: Queries, task: Task, entrants: Sequence[str]) -> pd.DataFr
     references = [name for name in REFERENCES if name != AT_REST or task.score == "position"]
     own: list[dict[str, object]] = []
     trivial: dict[tuple[str, int], list[dict[str, object]]] = {}
-    for cell in cells(task, entrants):
+    for cell in cells(task, entrants, stored=True):
         row = newest.get(_normal(cell.options))
         if row is None:
             continue
@@ -229,9 +232,8 @@ def _scores(series: Series, model: str, task: Task) -> dict[str, object]:
 
 def _normal(options: Iterable[str]) -> tuple[str, ...]:
     """Return the options that decide the results, in one spelling and order."""
-    return tuple(
-        sorted(SPELLING.sub("", text) for text in options if not text.startswith(NO_RESULT))
-    )
+    kept = (PATH.sub(r"\1", text) for text in options if not text.startswith(NO_RESULT))
+    return tuple(sorted(SPELLING.sub("", text) for text in kept))
 
 
 def leaderboard(board: Board) -> TextTable:

@@ -148,16 +148,19 @@ def lacking(task: Task, files: Sequence[Located]) -> dict[str, list[Located]]:
     }
 
 
-def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[BenchmarkTrial]:
+def cells(
+    task: Task, entrants: Sequence[str] = (), *, stored: bool = False
+) -> Iterator[BenchmarkTrial]:
     """Yield the cells of a task, entrant by entrant, of those cases whose files are there.
 
+    Cells that are looked for among the `stored` runs need no files.
     An entrant that the task does not name is an option of the group `identifier`, such as one's
     own; by default they are all of the task.
     """
     files = located(task)
     absent, paths = lacking(task, files), {file.name: str(file.path) for file in files}
     maps = {"map": task.map, "test_map": task.test_map}
-    given = {label: [*task.trial] for label in task.cases if label not in absent}
+    given = {label: [*task.trial] for label in task.cases if stored or label not in absent}
     for label, options_of in given.items():
         case = task.cases[label]
         options_of += [f"excitation.{key}={MAPS / file}" for key, file in maps.items() if file]

@@ -89,6 +89,25 @@ def test_ranks_decide_from_the_number_of_cells_at_which_they_can(shown: Callable
     assert {name: found[name][RIVALS] for name in ("five", "six")} == {"five": "–", "six": "ridge"}
 
 
+def test_runs_of_another_folder_of_data_count_also_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: Program
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SEATRIAL_DATA", "/data/of/another")
+    task = task_of("blueboat")
+    (cell,) = cells(task, ["none"], stored=True)
+    assert not list(cells(task, ["none"]))
+    columns = {"t": T, "start": 1.0 * (T == 0.0)}
+    for dof in task.outputs:
+        columns |= {dof: MEASURED, f"{dof}_identified": MEASURED + 0.5}
+    with stored.logbook_at(Path()) as logbook:
+        begin = stored.start("none", vessel="blueboat", overrides=cell.options)
+        stored.finish(logbook, begin, series=[stored.series("prediction", columns)])
+    monkeypatch.delenv("SEATRIAL_DATA")
+    words = ("leaderboard", "--database", "sqlite:///results.db", "-f", "md", "--task", "blueboat")
+    assert rows(program(*words)[1])["none"][FIRST].strip("*") == "50.0"
+
+
 def test_a_case_counts_once_by_the_median_over_its_seeds(shown: Callable[..., str]) -> None:
     """One seed of three that goes astray decides nothing between entrants over several tasks."""
     for name in ("one", "other"):
