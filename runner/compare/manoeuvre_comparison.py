@@ -1,6 +1,7 @@
 """The sheet of a standard manoeuvre: of a stored run, or of a file of recorded motion."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,8 @@ def run_sheet(
     if predicted and series == RECORDING:
         return comparison(predicted, f"Run {run}")
     recorded = stored(results.reader, run, series, helm, length_m)
-    result = measured_sheet(recorded.track, manoeuvre, execution, scale, ordered=recorded.ordered)
+    ordered = replace(recorded.ordered, kind=manoeuvre or recorded.ordered.kind)
+    result = measured_sheet(recorded.track, ordered, execution, scale)
     return grid_of_sheet(result, f"Run {run}", recorded.predicted)
 
 
@@ -49,7 +51,8 @@ def file_sheet(
 ) -> TextTable:  # fmt: skip
     """Return the sheet of a recorded file."""
     track, ordered = file_track(path, map_file, helm, length_m)
-    result = measured_sheet(track, manoeuvre, execution, scale, ordered=ordered)
+    ordered = replace(ordered, kind=manoeuvre or ordered.kind)
+    result = measured_sheet(track, ordered, execution, scale)
     return grid_of_sheet(result, str(path))
 
 
