@@ -16,6 +16,7 @@ Sources: IMO resolution MSC.137(76) and MSC/Circ.1053; ITTC recommended procedur
 Fossen (2021), section 15.1.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -54,7 +55,11 @@ class Track:
 
     def part(self, k: slice) -> "Track":
         """Some of the samples."""
-        return replace(self, **{name: getattr(self, name)[k] for name in ("t", "helm", *MOTION)})
+        return self.having({name: getattr(self, name)[k] for name in ("t", "helm", *MOTION)})
+
+    def having(self, signals: Mapping[str, Array]) -> "Track":
+        """The track with other signals."""
+        return replace(self, **signals)  # type: ignore[arg-type]
 
 
 class TrackNoise:
@@ -94,7 +99,7 @@ class TrackNoise:
             knots = [np.r_[a[0], b, a[-1]] for a, b in zip((track.t, values), middle, strict=True)]
             spline = scipy.interpolate.CubicSpline(*knots)(track.t)
             smooth[name] = np.clip(spline, values - 0.5 * step, values + 0.5 * step)
-        return replace(track, **smooth)
+        return track.having(smooth)
 
     def draw(self, track: Track, rng: np.random.Generator) -> Track:
         """A smooth track with noise of the same size, or rounded as the recorded one is."""
@@ -105,7 +110,7 @@ class TrackNoise:
         for name, step in self.steps.items():
             origin = step * rng.random()
             noisy[name] = origin + step * np.round((getattr(track, name) - origin) / step)
-        return replace(track, **noisy)
+        return track.having(noisy)
 
 
 def executions(track: Track, kind: Execution = "half") -> Array:

@@ -310,11 +310,9 @@ class Allocation:
         if self.method == "qp":
             spare *= np.square(np.repeat(high, counts))
         work = (np.zeros(n) for n in (n_u, n_u, len(low), n_dof, n_dof))
-        return PseudoInverse(
-            T, spare, low, high, np.cumsum([0, *counts]), *work,
-            reach=np.abs(T) @ np.repeat(np.maximum(high, -low), counts),
-            give=np.square(T) @ spare, G=np.zeros((n_dof, n_dof + 1)),
-        )  # fmt: skip
+        reach, give = np.abs(T) @ np.repeat(np.maximum(high, -low), counts), np.square(T) @ spare
+        first, G = np.cumsum([0, *counts]), np.zeros((n_dof, n_dof + 1))
+        return PseudoInverse(T, spare, low, high, first, *work, reach, give, G)
 
     def allocate(self, tau: Array, dofs: Sequence[str]) -> Allocated:
         """Thruster forces that produce the forces tau [N, Nm], shape (N, n_dof)."""

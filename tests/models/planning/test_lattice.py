@@ -11,7 +11,6 @@ from seatrial.models.planning.lattice import (
     basic,
     closed,
     nearest,
-    place_pose,
     turned,
 )
 
@@ -23,7 +22,7 @@ PACE = Pace(0.5, 0.4, 0.1)
 def test_basic_primitives_end_on_the_lattice(heading: int, cell: float) -> None:
     for one in basic(heading, cell, PACE):
         end = turned(one.path, heading * HEADING_STEP)[-1]
-        np.testing.assert_allclose(end, place_pose(nearest(end, cell), cell), atol=1e-9)
+        np.testing.assert_allclose(end, nearest(end, cell) * (cell, cell, HEADING_STEP), atol=1e-9)
 
 
 @pytest.mark.parametrize("heading", [0, 1])
@@ -53,7 +52,7 @@ def test_a_manoeuvre_is_closed_by_a_passage_to_the_nearest_pose(heading: int) ->
     whole = closed(free, heading, 2.0, PACE, hold=5)
     np.testing.assert_allclose(whole.path[:49], turned(free.path, heading * HEADING_STEP))
     end = whole.path[-1]
-    np.testing.assert_allclose(end, place_pose(nearest(end, 2.0), 2.0), atol=1e-12)
+    np.testing.assert_allclose(end, nearest(end, 2.0) * (2.0, 2.0, HEADING_STEP), atol=1e-12)
     np.testing.assert_array_equal(whole.path[-5:], np.tile(end, (5, 1)))
     assert np.hypot(*(end - whole.path[48])[:2]) <= np.sqrt(2.0) + 1e-9
     assert abs(end[2] - whole.path[48, 2]) <= 0.5 * HEADING_STEP + 1e-9

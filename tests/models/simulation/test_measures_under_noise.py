@@ -41,7 +41,7 @@ def recorded(track: Track, hertz: int, seed: int | None) -> Track:
     rng, noisy = np.random.default_rng(seed), {}
     for name, deviation in DEVIATION.items():
         noisy[name] = getattr(part, name) + deviation * rng.standard_normal(len(part.t))
-    return replace(part, **noisy)
+    return part.having(noisy)
 
 
 def held(track: Track, ordered: OrderedManoeuvre, hertz: int, seed: int | None) -> list[bool]:
