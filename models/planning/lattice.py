@@ -315,7 +315,7 @@ def closed(free: Primitive, heading: int, cell_m: float, pace: Pace, hold: int) 
     The path is in the frame of the lattice; the vessel rests for `hold` instants at its end.
     """
     path = turned(free.path, heading * HEADING_STEP)
-    end = nearest(path[-1], cell_m) * (cell_m, cell_m, HEADING_STEP)
+    end = nearest(path[-1], cell_m) * np.array([cell_m, cell_m, HEADING_STEP])
     rest = np.tile(end, (hold, 1))
     poses = np.vstack([path, pace.line(path[-1], end), rest])
     return Primitive(free.name, poses, informative=True)
@@ -367,7 +367,8 @@ class Lattice:
     def centres(self) -> Array:
         """Positions of the cell centres in NED [m], shape (I, J, 2)."""
         cells = np.moveaxis(np.indices(self.shape), 0, -1) + self.first
-        return np.asarray(self.anchor[:2] + in_ned(self.cell_m * cells, self.anchor[2]))
+        relative = np.asarray(self.cell_m * cells, dtype=np.float64)
+        return np.asarray(self.anchor[:2] + in_ned(relative, self.anchor[2]))
 
 
 class Placed(NamedTuple):
@@ -396,7 +397,8 @@ def placed(
     stride = np.zeros(len(paths), dtype=np.int64)
     stride[: len(counts)] = [math.prod(n + 1 for n in counts[q + 1 :]) for q in range(len(counts))]
     moves = Moves(
-        *np.moveaxis(ends[..., :2], -1, 0).copy(),
+        di=ends[..., 0].copy(),
+        dj=ends[..., 1].copy(),
         to=ends[..., 2] % HEADINGS,
         cost=np.array([[len(path) for path in row] for row in paths], dtype=np.int64),
         stride=stride,
@@ -410,7 +412,7 @@ def _valid(
 ) -> NDArray[np.bool_]:
     """Whether a path from each cell is clear and ends on the lattice, shape (I, J)."""
     ends = np.moveaxis(np.indices(lattice.shape), 0, -1) + nearest(path[-1], lattice.cell_m)[:2]
-    inner = np.all((ends >= 0) & (ends < lattice.shape), axis=-1)
+    inner = np.asarray(np.all((ends >= 0) & (ends < lattice.shape), axis=-1))
     centres = lattice.centres
     track = np.vstack([np.zeros((1, 2)), path[:, :2]])
     corners = in_ned(simplified(track, margin), lattice.anchor[2])

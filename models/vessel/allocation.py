@@ -309,10 +309,12 @@ class Allocation:
         spare = np.repeat([1.0 / one.weight for one in self.thrusters], counts)
         if self.method == "qp":
             spare *= np.square(np.repeat(high, counts))
-        work = (np.zeros(n) for n in (n_u, n_u, len(low), n_dof, n_dof))
+        u, pull, kept, multiplier, way = map(np.zeros, (n_u, n_u, len(low), n_dof, n_dof))
         reach, give = np.abs(T) @ np.repeat(np.maximum(high, -low), counts), np.square(T) @ spare
         first, G = np.cumsum([0, *counts]), np.zeros((n_dof, n_dof + 1))
-        return PseudoInverse(T, spare, low, high, first, *work, reach, give, G)
+        return PseudoInverse(
+            T, spare, low, high, first, u, pull, kept, multiplier, way, reach, give, G
+        )
 
     def allocate(self, tau: Array, dofs: Sequence[str]) -> Allocated:
         """Thruster forces that produce the forces tau [N, Nm], shape (N, n_dof)."""
