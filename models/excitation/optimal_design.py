@@ -365,7 +365,7 @@ class OptimalDesign(Mission):
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The poses of the plan as set-points; without a plan the starting pose."""
         if self.plan is None:
-            return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
+            return super().guidance(t, start)
         return Timetable(np.ascontiguousarray(self.plan.poses[: len(t)])), np.zeros(1)
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:

@@ -203,12 +203,6 @@ class Waters:
         obstacle = shapely.distance(occupied, at) if self.obstacles else edge
         return np.asarray(np.minimum(edge, obstacle))
 
-    def connected(self, start: Sequence[float], goal: Sequence[float]) -> bool:
-        """Whether the free positions connect two points (north, east) [m]."""
-        points = [shapely.Point(at[0], at[1]) for at in (start, goal)]
-        parts = shapely.get_parts(self.free())
-        return any(all(part.covers(at) for at in points) for part in parts)
-
 
 def _polygon(corners: Corners) -> "shapely.Polygon":
     return shapely.Polygon(corners)

@@ -114,7 +114,7 @@ def plan(task: PlanningTask) -> PlannedPath:
         raise ConfigurationError(
             "no sequence of the manoeuvres with arcs and turns between them connects start and "
             f"goal with a cell_m of {task.cell_m:g} and a clearance_m of "
-            f"{task.waters.clearance_m:g}, expected smaller ones"
+            f"{task.waters.clearance_m:g}, expected smaller ones, or a way between the obstacles"
         )
     return PlannedPath(tuple(_legs(setting, steps)), task.start, cost)
 
@@ -129,11 +129,6 @@ def set_up(task: PlanningTask) -> Setting:
         obstacle = waters.in_the_way(pose[:2].tolist())
         if obstacle is not None:
             raise ConfigurationError(f"{name} at ({pose[0]:g}, {pose[1]:g}) m: {obstacle}")
-    if not waters.connected(task.start[:2].tolist(), task.goal[:2].tolist()):
-        raise ConfigurationError(
-            f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: the obstacles, or the edge of area, "
-            f"and the clearance_m of {waters.clearance_m:g} separate it from the start"
-        )
     lattice = Lattice.over(waters, task.start, task.cell_m)
     cells, counts = math.prod(lattice.shape), [task.counts[one.name] for one in task.used]
     states = cells * HEADINGS * math.prod(n + 1 for n in counts)

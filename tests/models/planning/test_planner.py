@@ -183,7 +183,7 @@ def test_manoeuvres_that_nothing_else_follows_need_no_passage() -> None:
         ((QUAY,), {"start": np.array([20.0, 15.0, 0.0])},
          "start at (20, 15) m: it lies inside obstacles[0]"),
         ((QUAY,), {"goal": np.array([70.0, 15.0, 0.0])}, "goal at (70, 15) m: it lies outside"),
-        ((QUAY, WALL), {}, "goal at (54, 34.5) m: the obstacles, or the edge of area, and the"),
+        ((QUAY, WALL), {}, "no sequence of the manoeuvres with arcs and turns between them"),
         ((QUAY,), {"cell_m": 0.01}, "cell_m: got 0.01 m, which divides"),
         ((QUAY,), {"cell_m": 0.2, "counts": {"zig": 6, "loop": 6, "back": 6}},
          f"expected at most {MOST_STATES:.2g}; use a larger cell_m or fewer sub-experiments"),
