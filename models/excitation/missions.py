@@ -125,7 +125,7 @@ class Mission(Evaluation):
             return None
         if pieces := self.pieces(period_s):
             return command(pieces, np.zeros(len(dofs)), dofs.index("yaw"), dofs.index("yaw"))
-        return open_loop()
+        return open_loop(len(dofs))
 
     def split(self, t: Array) -> Split:
         """Which samples are for training and which for testing."""

@@ -17,24 +17,12 @@ from seatrial.models.excitation.guidance import Reference, step_setpoints
 from seatrial.models.excitation.missions import Mission
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.simulation.registry import REFERENCES, Timetable
+from seatrial.models.simulation.registry import REFERENCES, FilterTable, Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 
-
-class StepTable(NamedTuple):
-    """The reference is the set-point times a gain of one."""
-
-    gain: float
-
-
-@lean_kernel
-def _pass_on(table: StepTable, state: Array, setpoint: Array) -> None:
-    for i in range(state.shape[0]):
-        state[i, 0], state[i, 1], state[i, 2] = table.gain * setpoint[i], 0.0, 0.0
-
-
-REFERENCES[StepTable] = _pass_on
+# The filter that passes the set-point on: x <- (r, 0, 0)
+UNFILTERED = FilterTable(np.zeros((3, 3)), np.array([1.0, 0.0, 0.0]))
 
 
 class LimitTable(NamedTuple):
@@ -72,9 +60,9 @@ REFERENCES[LimitTable] = _approach
 class Step(Reference):
     """The set-point without filtering, for a positioning controller with a preview."""
 
-    def table(self, period_s: float) -> StepTable:
+    def table(self, period_s: float) -> FilterTable:
         """Parameters of the compiled step."""
-        return StepTable(1.0)
+        return UNFILTERED
 
 
 @dataclass(frozen=True)

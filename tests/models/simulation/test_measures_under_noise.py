@@ -74,7 +74,7 @@ def test_intervals_hold_the_value_without_noise(excitation: str) -> None:
 
 
 def test_intervals_hold_where_the_heading_is_rounded() -> None:
-    """To a tenth of a degree: at its extremes a slow turn stays at one reading for 10 s and more."""
+    """To a tenth of a degree: at its extremes a slow turn stays at one reading for 10 s."""
     track, ordered = calm_track("kvlcc2_full", "rudder_zigzag")
     truth, step, inside = sheet(track, ordered), np.radians(0.1), list[bool]()
     for origin in np.linspace(0.0, step, 8)[1:]:
