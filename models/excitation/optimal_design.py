@@ -35,7 +35,7 @@ from seatrial.models.excitation.information import (
 from seatrial.models.excitation.missions import Length, Mission
 from seatrial.models.excitation.schedule import Gains, Phase, Role, Schedule, check_open
 from seatrial.models.notation import PLANAR
-from seatrial.models.planning.lattice import Corners, Pace, Primitive, Waters
+from seatrial.models.planning.lattice import Corners, Pace, Waters
 from seatrial.models.planning.planner import PlannedPath, PlanningTask, plan
 from seatrial.models.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Split
@@ -97,10 +97,9 @@ class Route:
         if self.area is None:
             return None
         pace = Pace(self.speed_m_s, self.turn_rate_rad_s, design.mix.period_s)
-        tracks = {name: voyage.log.eta for name, voyage in design.voyages.items()}
         task = PlanningTask(
             waters=self.waters,
-            primitives=[Primitive(name, track, True) for name, track in tracks.items()],
+            primitives={name: voyage.log.eta for name, voyage in design.voyages.items()},
             counts=Counter(names),
             start=_pose(self.start),
             goal=_pose(self.start if self.goal is None else self.goal),

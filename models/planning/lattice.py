@@ -3,7 +3,8 @@
 The origin of the lattice is the starting pose: its cells are squares along and across the starting
 heading, and its headings are multiples of 45 deg from it.
 
-A primitive starts at the origin, heading along the first axis. Basic primitives end exactly at
+A primitive is a path from the origin, heading along the first axis: poses (N, 3) [m, m, rad] at the
+control instants after the start. Basic primitives end exactly at
 another pose of the lattice: a cell ahead, a turn by 45 deg on an arc of (1 + sqrt(2)) cells, or a
 turn on the spot. An informative primitive ends where the vessel stops, and a passage to the
 nearest pose of the lattice is appended.
@@ -20,7 +21,7 @@ Raphael (1968).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
@@ -237,15 +238,6 @@ MOST_CELLS = 250_000
 AT_ONCE = 20_000  # paths tested in one call
 
 
-@dataclass(frozen=True, eq=False)
-class Primitive:
-    """A path from the origin; poses (N, 3) [m, m, rad] at the control instants after the start."""
-
-    name: str
-    path: Array
-    informative: bool = False
-
-
 @dataclass(frozen=True)
 class Pace:
     """Speeds of passages, and the control period."""
@@ -276,16 +268,14 @@ def nearest(pose: Array, cell_m: float) -> Integers:
     return np.round(pose / (cell_m, cell_m, HEADING_STEP)).astype(np.int64)
 
 
-def basic(heading: int, cell_m: float, pace: Pace) -> list[Primitive]:
-    """The basic primitives from a heading of the lattice (a multiple of 45 deg)."""
+def basic(heading: int, cell_m: float, pace: Pace) -> dict[str, Array]:
+    """The basic primitives from a heading of the lattice (a multiple of 45 deg), by name."""
     ahead = cell_m * (1.0 if heading % 2 == 0 else np.sqrt(2.0))
-    moves = [Primitive("straight", pace.line(np.zeros(3), np.array([ahead, 0.0, 0.0])))]
+    moves = {"straight": pace.line(np.zeros(3), np.array([ahead, 0.0, 0.0]))}
     for side, name in ((1.0, "starboard"), (-1.0, "port")):
-        arc = _arc(cell_m, heading % 2 == 1, pace)
-        arc[:, 1:] *= side
-        moves.append(Primitive(f"arc_{name}", arc))
-        spot = np.array([0.0, 0.0, side * HEADING_STEP])
-        moves.append(Primitive(f"pivot_{name}", pace.line(np.zeros(3), spot)))
+        mirrored = np.array([1.0, side, side])
+        moves[f"arc_{name}"] = _arc(cell_m, heading % 2 == 1, pace) * mirrored
+        moves[f"pivot_{name}"] = pace.line(np.zeros(3), HEADING_STEP * mirrored * [0.0, 0.0, 1.0])
     return moves
 
 
@@ -303,16 +293,14 @@ def _arc(cell_m: float, run_first: bool, pace: Pace) -> Array:
     return np.column_stack([x, y, turn])
 
 
-def closed(free: Primitive, heading: int, cell_m: float, pace: Pace, hold: int) -> Primitive:
+def closed(free: Array, heading: int, cell_m: float, pace: Pace, hold: int) -> Array:
     """An informative primitive from a heading, with its passage to the lattice and a rest.
 
     The path is in the frame of the lattice; the vessel rests for `hold` instants at its end.
     """
-    path = turned(free.path, heading * HEADING_STEP)
+    path = turned(free, heading * HEADING_STEP)
     end = nearest(path[-1], cell_m) * np.array([cell_m, cell_m, HEADING_STEP])
-    rest = np.tile(end, (hold, 1))
-    poses = np.vstack([path, pace.line(path[-1], end), rest])
-    return Primitive(free.name, poses, informative=True)
+    return np.vstack([path, pace.line(path[-1], end), np.tile(end, (hold, 1))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,17 +362,17 @@ class Placed(NamedTuple):
 
 
 def placed(
-    lattice: Lattice, waters: Waters, informative: Sequence[Primitive], counts: Sequence[int],
+    lattice: Lattice, waters: Waters, informative: Mapping[str, Array], counts: Sequence[int],
     pace: Pace, hold: int,
 ) -> Placed:  # fmt: skip
     """The informative primitives with their counts, followed by the basic ones, on a lattice."""
     cell_m = lattice.cell_m
     by_heading = [
-        [(one.name, closed(one, h, cell_m, pace, hold).path) for one in informative]
-        + [(one.name, turned(one.path, h * HEADING_STEP)) for one in basic(h, cell_m, pace)]
+        {name: closed(path, h, cell_m, pace, hold) for name, path in informative.items()}
+        | {name: turned(path, h * HEADING_STEP) for name, path in basic(h, cell_m, pace).items()}
         for h in range(HEADINGS)
     ]
-    paths = tuple(zip(*([path for _, path in row] for row in by_heading), strict=True))
+    paths = tuple(zip(*(row.values() for row in by_heading), strict=True))
     ends = nearest(np.array([[path[-1] for path in row] for row in paths]), cell_m)
     margin = STRAY * cell_m
     free = waters.free(margin)
@@ -398,7 +386,7 @@ def placed(
         stride=stride,
         valid=np.array([[_valid(lattice, free, path, margin) for path in row] for row in paths]),
     )
-    return Placed(tuple(name for name, _ in by_heading[0]), paths, moves)
+    return Placed(tuple(by_heading[0]), paths, moves)
 
 
 def _valid(

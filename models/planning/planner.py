@@ -7,7 +7,7 @@ manoeuvres in the state of the search ensure the composition of the mix.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -22,7 +22,6 @@ from seatrial.models.planning.lattice import (
     Lattice,
     Pace,
     Placed,
-    Primitive,
     Waters,
     clear,
     placed,
@@ -44,7 +43,7 @@ class PlanningTask:
     """
 
     waters: Waters
-    primitives: Sequence[Primitive]
+    primitives: Mapping[str, Array]
     counts: Mapping[str, int]
     start: Array
     goal: Array
@@ -53,9 +52,9 @@ class PlanningTask:
     hold: int = 0
 
     @property
-    def used(self) -> list[Primitive]:
+    def used(self) -> dict[str, Array]:
         """The primitives with a positive count."""
-        return [one for one in self.primitives if self.counts.get(one.name, 0) > 0]
+        return {name: path for name, path in self.primitives.items() if self.counts.get(name, 0)}
 
 
 class Leg(NamedTuple):
@@ -93,7 +92,7 @@ class Setting:
     @cached_property
     def sizes(self) -> Integers:
         """Count of each primitive plus one; 1 for the basic ones, (P,)."""
-        counts = [self.task.counts[primitive.name] for primitive in self.task.used]
+        counts = [self.task.counts[name] for name in self.task.used]
         rest = len(self.board.names) - len(counts)
         return np.array([*counts, *[0] * rest], dtype=np.int64) + 1
 
@@ -130,7 +129,7 @@ def set_up(task: PlanningTask) -> Setting:
         if obstacle is not None:
             raise ConfigurationError(f"{name} at ({pose[0]:g}, {pose[1]:g}) m: {obstacle}")
     lattice = Lattice.over(waters, task.start, task.cell_m)
-    cells, counts = math.prod(lattice.shape), [task.counts[one.name] for one in task.used]
+    cells, counts = math.prod(lattice.shape), [task.counts[name] for name in task.used]
     states = cells * HEADINGS * math.prod(n + 1 for n in counts)
     if states > MOST_STATES:
         raise ConfigurationError(

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.planning.lattice import HEADINGS, UNREACHED, Pace, Primitive, Waters
+from seatrial.models.planning.lattice import HEADINGS, UNREACHED, Pace, Waters
 from seatrial.models.planning.planner import (
     MOST_STATES,
     PlannedPath,
@@ -23,12 +23,12 @@ from tests.models.planning.test_waters import AREA, QUAY, WALL, triangles
 
 PACE = Pace(0.5, 0.5, 0.1)
 T = np.linspace(0.0, 1.0, 201)[1:]
-ZIG = Primitive("zig", np.column_stack([14 * T, 2 * np.sin(6 * T), 0.3 * np.sin(9 * T)]), True)
 TURN = 2.0 * np.pi * T
-LOOP = Primitive(
-    "loop", np.column_stack([3 * np.sin(TURN) + 2.4 * T, 3 - 3 * np.cos(TURN), 1.2 * TURN]), True
-)
-BACK = Primitive("back", np.column_stack([-5 * T, -3 * T, -2 * T]), True)
+PRIMITIVES = {
+    "zig": np.column_stack([14 * T, 2 * np.sin(6 * T), 0.3 * np.sin(9 * T)]),
+    "loop": np.column_stack([3 * np.sin(TURN) + 2.4 * T, 3 - 3 * np.cos(TURN), 1.2 * TURN]),
+    "back": np.column_stack([-5 * T, -3 * T, -2 * T]),
+}
 
 
 def task(counts: dict[str, int], waters: Waters, **changes: object) -> PlanningTask:
@@ -37,7 +37,7 @@ def task(counts: dict[str, int], waters: Waters, **changes: object) -> PlanningT
         "goal": np.array([54.0, 34.5, 1.5]),
         "cell_m": 2.0,
     } | changes
-    return PlanningTask(waters, (ZIG, LOOP, BACK), counts, pace=PACE, hold=3, **options)  # type: ignore[arg-type]
+    return PlanningTask(waters, PRIMITIVES, counts, pace=PACE, hold=3, **options)  # type: ignore[arg-type]
 
 
 def dense(found: PlannedPath) -> np.ndarray:
@@ -61,7 +61,7 @@ def assert_sound(asked: PlanningTask, found: PlannedPath) -> None:
     assert np.max(np.hypot(step[:, 0], step[:, 1])) < 0.3  # no jumps
     for leg in found.legs:
         if leg.informative:  # the manoeuvre is the one that was designed, moved and turned
-            (own,) = (one.path for one in asked.primitives if one.name == leg.name)
+            own = asked.primitives[leg.name]
             gaps = np.hypot(*np.diff(leg.poses[: len(own), :2], axis=0).T)
             np.testing.assert_allclose(gaps, np.hypot(*np.diff(own[:, :2], axis=0).T), atol=1e-9)
 
