@@ -69,24 +69,20 @@ class Step(Reference):
 class AccelerationLimited(Reference):
     """Speed [m/s, rad/s] and acceleration [m/s^2, rad/s^2] of the reference, by axis, in NED."""
 
-    speed: Annotated[tuple[float, ...], FromVessel("tuning.control.mission.speed")]
-    acceleration: Annotated[tuple[float, ...], FromVessel("tuning.control.mission.acceleration")]
+    speed: Annotated[tuple[Positive, ...], FromVessel("tuning.control.mission.speed")]
+    acceleration: Annotated[tuple[Positive, ...], FromVessel("tuning.control.mission.acceleration")]
 
     def __post_init__(self) -> None:
-        for name in ("speed", "acceleration"):
-            values = getattr(self, name)
-            if len(values) != len(self.speed) or min(values, default=0.0) <= 0.0:
-                raise ConfigurationError(
-                    f"{name} must be {len(self.speed)} positive numbers, got {list(values)}"
-                )
+        check_ranges(self)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless there is a limit for every axis."""
-        if len(self.speed) != len(dofs):
-            raise ConfigurationError(
-                f"evaluation.reference_filter.speed: got {len(self.speed)} numbers, "
-                f"expected {len(dofs)} for {', '.join(dofs)}"
-            )
+        for name in ("speed", "acceleration"):
+            if len(getattr(self, name)) != len(dofs):
+                raise ConfigurationError(
+                    f"evaluation.reference_filter.{name}: got {len(getattr(self, name))} numbers, "
+                    f"expected {len(dofs)} for {', '.join(dofs)}"
+                )
 
     def table(self, period_s: float) -> LimitTable:
         """Parameters of the compiled step for a control period [s]."""
