@@ -341,7 +341,7 @@ def observer_of(design: DesignModel, kind: Estimator, kalman: Kalman) -> Observe
             "controller.kalman.estimate_bias: got true, expected false with estimator=measured"
         )
     M, bias = (np.zeros((n, m)), np.zeros((r, m))) if kind == "measured" else kalman.gains(design)
-    still = design.static_table()
+    still = design.still.force_table()
     z = np.zeros(2 * N_VARIABLES)
     z[CONSTANT] = z[N_VARIABLES + CONSTANT] = 1.0
     north, east = (

@@ -20,11 +20,11 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import ACCELERATIONS, DOFS, PLANAR, VELOCITIES
 from seatrial.models.simulation.linearisation import linearise
-from seatrial.models.simulation.statespace import StateSpace, spectral_radius
+from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import INDEX, N_VARIABLES, Array
 from seatrial.models.vessel.kinematics import in_body
-from seatrial.models.vessel.table import ForceTable, Vessel
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.models.weather.wind import WindForce
 
@@ -48,10 +48,6 @@ class DesignModel:
     def period_s(self) -> float:
         """Sample time [s]."""
         return float(self.model.period_s or 0.0)
-
-    def static_table(self) -> ForceTable:
-        """The force at rest, for the kernels."""
-        return self.still.force_table()
 
     def start(self) -> Array:
         """The state at rest with a given pose, x_0 = S y_0; shape (n, m)."""
@@ -194,11 +190,6 @@ def check_weights(name: str, values: tuple[float, ...], count: int, *, positive:
     if len(values) != count or low < 0.0 or (positive and low == 0.0):
         kind = "positive" if positive else "not negative"
         raise ConfigurationError(f"{name} must be {count} numbers, {kind}, got {list(values)}")
-
-
-def closed_loop_radius(A: Array, B: Array, gain: Array) -> float:
-    """Spectral radius of A + B G; with 1 or more the design is unstable on its own model."""
-    return spectral_radius(A + B @ gain)
 
 
 CHECKED_HEADINGS = 72  # number of headings checked if the heading is not known in advance

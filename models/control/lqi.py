@@ -14,8 +14,8 @@ import numpy as np
 from seatrial.models.control.controller import Model
 from seatrial.models.control.estimator import Memory
 from seatrial.models.control.linear_controller import LinearController, LinearTable
-from seatrial.models.control.linear_design import DesignModel, closed_loop_radius, riccati
-from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.control.linear_design import DesignModel, riccati
+from seatrial.models.simulation.statespace import StateSpace, spectral_radius
 from seatrial.models.vessel.basis import Array
 
 
@@ -53,4 +53,4 @@ class Lqi(LinearController):
     def radius(self, design: DesignModel) -> float:
         """Spectral radius of the closed loop."""
         augmented = design.model.with_integral_action()
-        return closed_loop_radius(augmented.A, augmented.B, self.gain(design))
+        return spectral_radius(augmented.A + augmented.B @ self.gain(design))

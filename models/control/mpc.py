@@ -26,10 +26,11 @@ from seatrial.models.control.linear_controller import (
     LinearTable,
     write_parameters,
 )
-from seatrial.models.control.linear_design import DesignModel, check_weights, closed_loop_radius
+from seatrial.models.control.linear_design import DesignModel, check_weights
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import check_ranges
 from seatrial.models.simulation.registry import CONTROLLERS, Parameters
+from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.simulation.voyage import Outlook
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
@@ -165,4 +166,4 @@ class Mpc(LinearController):
         """Spectral radius of the closed loop without limits."""
         problem = self.problem(design)
         gain = horizon.unconstrained_gain(problem, self.write(problem))
-        return closed_loop_radius(problem.A, problem.B, gain[:, problem.parameters[0]])
+        return spectral_radius(problem.A + problem.B @ gain[:, problem.parameters[0]])

@@ -12,12 +12,13 @@ import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.controller import Controller, Model, table_of
-from seatrial.models.control.linear_design import closed_loop_radius, design_model
+from seatrial.models.control.linear_design import design_model
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.simulation.dynamics import COS_PSI, SIN_PSI
 from seatrial.models.simulation.registry import CONTROLLERS
+from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.simulation.voyage import Log, Outlook
 from seatrial.models.vessel.basis import N_VARIABLES, Array, features_kernel
 from seatrial.models.vessel.kinematics import (
@@ -201,7 +202,7 @@ class PidFeedforward(Controller):
         )
         B = np.vstack([linear.B, np.zeros((len(rows), len(integrating)))])
         gain = np.hstack([-np.diag(self.kp), -np.diag(self.kd), (rows * self.ki).T])
-        return [Diagnostic("spectral_radius", "all", closed_loop_radius(A, B, gain))]
+        return [Diagnostic("spectral_radius", "all", spectral_radius(A + B @ gain))]
 
     def adapt(
         self, parameters: PidTable, state: Array, model: Vessel, period_s: float,

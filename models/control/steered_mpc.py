@@ -21,12 +21,11 @@ from annotated_types import Ge, Le
 from seatrial.models.control.autopilot import SteeringController
 from seatrial.models.control.controller import Model
 from seatrial.models.control.horizon import Horizon, Solver, increments, unconstrained_gain
-from seatrial.models.control.linear_design import closed_loop_radius
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegative, Positive
 from seatrial.models.simulation.registry import CONTROLLERS
-from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.simulation.statespace import StateSpace, spectral_radius
 from seatrial.models.vessel.basis import Array, Codes
 from seatrial.models.vessel.kinematics import wrap
 from seatrial.models.vessel.tuning import FromVessel
@@ -182,5 +181,5 @@ class SteeredMpc(SteeringController):
         """Spectral radius of the loop without limits."""
         problem = self.problem(model, period_s)
         gain = unconstrained_gain(problem, increments(problem))[:, problem.parameters[0]]
-        radius = closed_loop_radius(problem.A, problem.B, gain)
+        radius = spectral_radius(problem.A + problem.B @ gain)
         return [Diagnostic("spectral_radius", "all", radius)]

@@ -159,24 +159,6 @@ def body_velocities(poses: Array, period_s: float) -> Array:
     return rate
 
 
-class OpenLoop(NamedTuple):
-    """No controller."""
-
-    force: float = 0.0
-
-
-@lean_kernel
-def _open_loop_step(
-    table: OpenLoop, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
-    nu_dot_d: Array, tau: Array, tau_fb: Array,
-) -> None:  # fmt: skip
-    for i in range(tau.shape[0]):
-        tau[i] = tau_fb[i] = table.force
-
-
-CONTROLLERS[OpenLoop] = _open_loop_step
-
-
-def open_loop() -> Steering:
-    """Parameters and initial state of the compiled step."""
-    return OpenLoop(), np.zeros(1)
+def open_loop(n: int) -> Steering:
+    """No command of a controller on n axes: the parameters and the state of the compiled step."""
+    return command([Piece()], np.zeros(n), 0, 0)

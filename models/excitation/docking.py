@@ -208,7 +208,7 @@ class Docking(Mission):
         the berth with the bow where the stern is, and is sailed in reverse.
         """
         turned = np.array([0.0, 0.0, np.pi])
-        path = plan(PlanningTask(waters, (), {}, approach + turned, start + turned,
+        path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
                                  self.cell * self.length_m, self.pace))  # fmt: skip
         return np.asarray(path.poses[::-1] - turned)
 

@@ -19,7 +19,6 @@ from seatrial.models.excitation.signals import Signal
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Split
-from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 
@@ -101,9 +100,7 @@ class Forcing(Mission):
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """Hold the starting pose, or follow the base mission."""
-        if self.base is not None:
-            return self.base.guidance(t, start)
-        return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
+        return super().guidance(t, start) if self.base is None else self.base.guidance(t, start)
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
         """Force [N, Nm] at the times t [s], shape (N, n_dof)."""

@@ -7,7 +7,7 @@ have at the start; then its helm, a rudder angle or another input, is used.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -29,7 +29,6 @@ from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.missions import Mission, check_fraction
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
-from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 
@@ -86,10 +85,6 @@ class SteeredMission(ShipMission):
     def open_loop(self) -> bool:
         """A manoeuvre has no controller."""
         return True
-
-    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """No set-points: the initial pose."""
-        return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
 
     @property
     def index(self) -> int:

@@ -57,10 +57,6 @@ class Steered(Mission):
         """The mission runs without a controller."""
         return True
 
-    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """No set-points: the starting pose."""
-        return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
-
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
         """Force [N, Nm] at the times t [s], shape (N, n_dof), without the moment of a zig-zag."""
         force = steady_force(self.steady(), len(t), dofs)

@@ -80,9 +80,12 @@ class Mission(Evaluation):
         """The preview for a controller, with what else is known of the surroundings."""
         return outlook
 
-    @abstractmethod
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """Parameters and initial state of the guidance step, for times t [s] from a pose."""
+        """Parameters and initial state of the guidance step, for times t [s] from a pose.
+
+        Without set-points the pose is held.
+        """
+        return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
 
     @property
     def open_loop(self) -> bool:
@@ -122,7 +125,7 @@ class Mission(Evaluation):
             return None
         if pieces := self.pieces(period_s):
             return command(pieces, np.zeros(len(dofs)), dofs.index("yaw"), dofs.index("yaw"))
-        return open_loop()
+        return open_loop(len(dofs))
 
     def split(self, t: Array) -> Split:
         """Which samples are for training and which for testing."""

@@ -19,23 +19,37 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.candidates import CandidateSimulations, UncertainModel
+from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.commands import Steering
 from seatrial.models.excitation.guidance import Reference
+from seatrial.models.excitation.information import (
+    Integers,
+    Weights,
+    information,
+    inseparable,
+    largest_remainder,
+    log_det,
+    optimal,
+    scaled,
+)
 from seatrial.models.excitation.missions import Length, Mission
 from seatrial.models.excitation.schedule import Gains, Phase, Role, Schedule, check_open
 from seatrial.models.notation import PLANAR
-from seatrial.models.planning.lattice import Corners, Pace, Primitive, Waters
+from seatrial.models.planning.lattice import Corners, Pace, Waters
 from seatrial.models.planning.planner import PlannedPath, PlanningTask, plan
-from seatrial.models.ranges import NotNegative, Positive, PositiveInt, check_ranges
+from seatrial.models.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Split
+from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
+from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.parameters import VesselParameters
+from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.parameters import Plant, VesselParameters
+from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.tuning import FromVessel
+from seatrial.models.weather.weather import Weather
 
+STEP_S = 0.1  # longest integration step of the design's simulations
 Pose = tuple[float, float, float]  # north [m], east [m], heading [deg]
 
 
@@ -75,24 +89,23 @@ class Route:
         """Size of the lattice's cells [m]: the option, or the way of 4 s."""
         return 4.0 * self.speed_m_s if self.cell_m is None else self.cell_m
 
-    def plan(self, design: CandidateSimulations, names: Sequence[str]) -> PlannedPath | None:
+    def plan(self, design: "CandidateSimulations", names: Sequence[str]) -> PlannedPath | None:
         """The path that sails the named candidates; None without an area.
 
         Raises ConfigurationError with what stands in the way.
         """
         if self.area is None:
             return None
-        pace = Pace(self.speed_m_s, self.turn_rate_rad_s, design.period_s)
-        tracks = {name: voyage.log.eta for name, voyage in design.voyages.items()}
+        pace = Pace(self.speed_m_s, self.turn_rate_rad_s, design.mix.period_s)
         task = PlanningTask(
             waters=self.waters,
-            primitives=[Primitive(name, track, True) for name, track in tracks.items()],
+            primitives={name: voyage.log.eta for name, voyage in design.voyages.items()},
             counts=Counter(names),
             start=_pose(self.start),
             goal=_pose(self.start if self.goal is None else self.goal),
             cell_m=self.cell_size_m,
             pace=pace,
-            hold=round(self.hold_s / design.period_s),
+            hold=round(self.hold_s / design.mix.period_s),
         )
         try:
             return plan(task)
@@ -105,7 +118,7 @@ def _pose(pose: Pose) -> Array:
 
 
 def phases_of(
-    path: PlannedPath, design: CandidateSimulations, held_out: Sequence[str]
+    path: PlannedPath, design: "CandidateSimulations", held_out: Sequence[str]
 ) -> list[Phase]:
     """What is sailed along a plan, a manoeuvre with the simulated force; all poses are followed.
 
@@ -126,6 +139,110 @@ def phases_of(
         rest = leg.poses[first:]
         phases.append(Phase(leg.name, "passage", len(rest), poses=rest))
     return phases
+
+
+@dataclass(frozen=True)
+class UncertainModel:
+    """The model for the design of a mix; `error` is the relative error of its coefficients."""
+
+    error: float
+    seed: NotNegativeInt
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if not 0.0 <= self.error < 1.0:
+            raise ConfigurationError(f"error must lie between 0 and 1, got {self.error}")
+
+    def model(self, nominal: Vessel) -> Vessel:
+        """The nominal model with coefficients multiplied by uniform numbers about one."""
+        rng = np.random.default_rng(self.seed)
+        factors = rng.uniform(1.0 - self.error, 1.0 + self.error, nominal.theta.shape)
+        return replace(nominal, theta=nominal.theta * factors)
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateSimulations:
+    """Simulations of the candidates of a mix with the nominal model, and their information."""
+
+    mix: "OptimalDesign"
+    plant: Plant  # the nominal model with the vessel's thrusters and limits
+
+    @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """The terms of the nominal model and those beside them."""
+        own = self.mix.vessel.nominal().terms
+        return own + tuple(one for one in basis.terms(self.mix.extra_terms) if one not in own)
+
+    @property
+    def counts_of_parts(self) -> tuple[int, int]:
+        """Instants of a candidate, and of the stop that brings the vessel to rest."""
+        scale = self.mix.time_scale / self.mix.period_s
+        return max(2, round(self.mix.length_s * scale)), max(2, round(self.mix.stop_s * scale))
+
+    def sub_experiment(self, name: str, role: Role) -> list[Phase]:
+        """A candidate, followed by its stop; repeated calls give equal forces."""
+        mission, dofs, period_s = self.mix.candidates[name], self.mix.vessel.dofs, self.mix.period_s
+        count, stop = self.counts_of_parts
+        t = period_s * np.arange(count, dtype=np.float64)
+        rng = np.random.default_rng(list(self.mix.candidates).index(name))
+        force, pieces = mission.force(t, dofs, rng), mission.pieces(period_s)
+        manoeuvre = Phase(name, "manoeuvre", count, role, force, pieces)
+        return [manoeuvre, Phase(name, "stop", stop)]
+
+    def voyage(self, name: str) -> Voyage:
+        """Simulate a candidate and its stop in calm water, from rest at the origin."""
+        period_s = self.mix.period_s
+        plan = Schedule(self.sub_experiment(name, "training"), period_s)
+        still = np.zeros((len(plan), len(self.mix.vessel.dofs)))
+        try:
+            return sail(
+                self.plant, Weather(still, still, still, still), (Timetable(still), np.zeros(1)),
+                self.mix.reference_filter.table(period_s),
+                plan.steering(self.mix.feedback, self.mix.limits), still[0], period_s,
+                min(STEP_S, period_s), added=plan.force(),
+            )  # fmt: skip
+        except (Diverged, ConfigurationError) as error:
+            raise ConfigurationError(
+                f"excitation.candidates.{name}: simulation of the nominal model failed: {error}"
+            ) from error
+
+    @cached_property
+    def voyages(self) -> dict[str, Voyage]:
+        """The simulation of every candidate with the nominal model."""
+        return {name: self.voyage(name) for name in self.mix.candidates}
+
+    @cached_property
+    def gammas(self) -> Array:
+        """Scaled information of every candidate without its stop, shape (Q, n, n)."""
+        matrices, (count, _) = [], self.counts_of_parts
+        for voyage in self.voyages.values():
+            nu_dot, nu = voyage.log.nu_dot[:count], voyage.log.nu[:count]
+            attitude = np.zeros((count, 3))
+            attitude[:, 2] = voyage.log.eta[:count, 2]
+            x = basis.variables(nu_dot, nu, attitude, voyage.dofs)
+            matrices.append(information(basis.evaluate(self.terms, x)))
+        return scaled(np.array(matrices))
+
+    @cached_property
+    def weights(self) -> Weights:
+        """The optimal shares of the candidates."""
+        return optimal(self.gammas, [term.name for term in self.terms])
+
+    def counts(self, total: int) -> Integers:
+        """The optimal mix in whole sub-experiments, shape (Q,)."""
+        counts = largest_remainder(self.weights.share, total)
+        terms = [term.name for term in self.terms]
+        names = inseparable(np.tensordot(counts / total, self.gammas, axes=1), terms)
+        if names:
+            raise ConfigurationError(
+                f"excitation.sub_experiments: {total} of the optimal mix do not separate "
+                f"{', '.join(names)}, expected more"
+            )
+        return counts
+
+    def log_det(self, counts: Array | Integers) -> float:
+        """log det of the mean information of a mix; -inf where it is singular."""
+        return log_det(self.gammas, np.asarray(counts, dtype=np.float64) / float(np.sum(counts)))
 
 
 @dataclass(frozen=True)
@@ -181,26 +298,12 @@ class OptimalDesign(Mission):
     @cached_property
     def information(self) -> CandidateSimulations:
         """Simulations of the candidates with the nominal model."""
-        nominal = self.vessel.nominal()
-        own = nominal.terms
-        extra = tuple(one for one in basis.terms(self.extra_terms) if one not in own)
-        count, stop = (
-            max(2, round(s * self.time_scale / self.period_s)) for s in (self.length_s, self.stop_s)
-        )
-        return CandidateSimulations(
-            candidates=self.candidates,
-            plant=self.vessel.plant(self.nominal.model(nominal)),
-            terms=own + extra,
-            gains=self.feedback,
-            limits=self._limits,
-            count=count,
-            stop=stop,
-            period_s=self.period_s,
-            reference_filter=self.reference_filter,
-        )
+        nominal = self.nominal.model(self.vessel.nominal())
+        return CandidateSimulations(self, self.vessel.plant(nominal))
 
     @property
-    def _limits(self) -> Array:
+    def limits(self) -> Array:
+        """Largest feedback by degree of freedom [N, Nm]."""
         known = self.vessel.limits_by_dof
         return np.array([known.get(dof, np.inf) for dof in self.vessel.dofs])
 
@@ -233,11 +336,11 @@ class OptimalDesign(Mission):
         """The mix and then what is held out; along a plan, of each candidate the last."""
         if self.plan is not None:
             phases = phases_of(self.plan, self.information, self.held_out)
-            return self.information.schedule(phases)
+            return Schedule(phases, self.period_s)
         names, trained = self._to_be_sailed, sum(self.counts.values())
         roles: list[Role] = ["training" if i < trained else "testing" for i in range(len(names))]
         each = map(self.information.sub_experiment, names, roles)
-        return self.information.schedule([phase for pair in each for phase in pair])
+        return Schedule([phase for pair in each for phase in pair], self.period_s)
 
     @property
     def start(self) -> Array:
@@ -261,7 +364,7 @@ class OptimalDesign(Mission):
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The poses of the plan as set-points; without a plan the starting pose."""
         if self.plan is None:
-            return Timetable(np.tile(start, (len(t), 1))), np.zeros(1)
+            return super().guidance(t, start)
         return Timetable(np.ascontiguousarray(self.plan.poses[: len(t)])), np.zeros(1)
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array:
@@ -270,7 +373,7 @@ class OptimalDesign(Mission):
 
     def steering(self, dofs: Sequence[str], period_s: float) -> Steering | None:
         """The step that replaces the controller."""
-        return self.schedule.steering(self.feedback, self._limits)
+        return self.schedule.steering(self.feedback, self.limits)
 
     def split(self, t: Array) -> Split:
         """Training: the manoeuvres of the mix; testing: those held out, or what is between."""

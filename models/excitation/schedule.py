@@ -19,7 +19,6 @@ from seatrial.models.excitation.commands import (
     STOP,
     Command,
     Feedback,
-    OpenLoop,
     Piece,
     Steering,
     body_velocities,
@@ -107,8 +106,7 @@ def check_open(name: str, manoeuvre: Mission, dofs: Sequence[str], period_s: flo
     manoeuvre.check(dofs)
     steered = manoeuvre.steering(dofs, period_s)
     step = None if steered is None else steered[0]
-    orders = isinstance(step, Command) and not len(step.feedback.kp)  # of forces, without feedback
-    if manoeuvre.commands_inputs or not (isinstance(step, OpenLoop) or orders):
+    if manoeuvre.commands_inputs or not isinstance(step, Command) or len(step.feedback.kp):
         raise ConfigurationError(
             f"excitation.candidates.{name}: is sailed by a controller, expected an open loop"
         )

@@ -17,24 +17,12 @@ from seatrial.models.excitation.guidance import Reference, step_setpoints
 from seatrial.models.excitation.missions import Mission
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.simulation.registry import REFERENCES, Timetable
+from seatrial.models.simulation.registry import REFERENCES, FilterTable, Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 
-
-class StepTable(NamedTuple):
-    """The reference is the set-point times a gain of one."""
-
-    gain: float
-
-
-@lean_kernel
-def _pass_on(table: StepTable, state: Array, setpoint: Array) -> None:
-    for i in range(state.shape[0]):
-        state[i, 0], state[i, 1], state[i, 2] = table.gain * setpoint[i], 0.0, 0.0
-
-
-REFERENCES[StepTable] = _pass_on
+# The filter that passes the set-point on: x <- (r, 0, 0)
+UNFILTERED = FilterTable(np.zeros((3, 3)), np.array([1.0, 0.0, 0.0]))
 
 
 class LimitTable(NamedTuple):
@@ -72,33 +60,29 @@ REFERENCES[LimitTable] = _approach
 class Step(Reference):
     """The set-point without filtering, for a positioning controller with a preview."""
 
-    def table(self, period_s: float) -> StepTable:
+    def table(self, period_s: float) -> FilterTable:
         """Parameters of the compiled step."""
-        return StepTable(1.0)
+        return UNFILTERED
 
 
 @dataclass(frozen=True)
 class AccelerationLimited(Reference):
     """Speed [m/s, rad/s] and acceleration [m/s^2, rad/s^2] of the reference, by axis, in NED."""
 
-    speed: Annotated[tuple[float, ...], FromVessel("tuning.control.mission.speed")]
-    acceleration: Annotated[tuple[float, ...], FromVessel("tuning.control.mission.acceleration")]
+    speed: Annotated[tuple[Positive, ...], FromVessel("tuning.control.mission.speed")]
+    acceleration: Annotated[tuple[Positive, ...], FromVessel("tuning.control.mission.acceleration")]
 
     def __post_init__(self) -> None:
-        for name in ("speed", "acceleration"):
-            values = getattr(self, name)
-            if len(values) != len(self.speed) or min(values, default=0.0) <= 0.0:
-                raise ConfigurationError(
-                    f"{name} must be {len(self.speed)} positive numbers, got {list(values)}"
-                )
+        check_ranges(self)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless there is a limit for every axis."""
-        if len(self.speed) != len(dofs):
-            raise ConfigurationError(
-                f"evaluation.reference_filter.speed: got {len(self.speed)} numbers, "
-                f"expected {len(dofs)} for {', '.join(dofs)}"
-            )
+        for name in ("speed", "acceleration"):
+            if len(getattr(self, name)) != len(dofs):
+                raise ConfigurationError(
+                    f"evaluation.reference_filter.{name}: got {len(getattr(self, name))} numbers, "
+                    f"expected {len(dofs)} for {', '.join(dofs)}"
+                )
 
     def table(self, period_s: float) -> LimitTable:
         """Parameters of the compiled step for a control period [s]."""

@@ -3,7 +3,8 @@
 The origin of the lattice is the starting pose: its cells are squares along and across the starting
 heading, and its headings are multiples of 45 deg from it.
 
-A primitive starts at the origin, heading along the first axis. Basic primitives end exactly at
+A primitive is a path from the origin, heading along the first axis: poses (N, 3) [m, m, rad] at the
+control instants after the start. Basic primitives end exactly at
 another pose of the lattice: a cell ahead, a turn by 45 deg on an arc of (1 + sqrt(2)) cells, or a
 turn on the spot. An informative primitive ends where the vessel stops, and a passage to the
 nearest pose of the lattice is appended.
@@ -14,15 +15,14 @@ Positions are (north, east) [m]. The clearance is the distance of the vessel's r
 half its length and a margin. Rounded corners are approximated by polygons outside the arcs, so a
 path that counts as clear is never closer than the clearance.
 
-A* search over a lattice of poses; the state includes the remaining count of each manoeuvre.
-
-A state is (remaining counts, heading, cell); costs are integer numbers of control instants.
-Ljungberg (slides), "Obtaining an experiment trajectory"; Hart, Nilsson and Raphael (1968).
+A* search over the lattice. A state is (remaining counts, heading, cell); costs are integer numbers
+of control instants. Ljungberg (slides), "Obtaining an experiment trajectory"; Hart, Nilsson and
+Raphael (1968).
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, NamedTuple
@@ -59,29 +59,6 @@ class Moves(NamedTuple):
     valid: NDArray[np.bool_]  # (P, H, I, J) whether the path from the cell is clear
 
 
-class CostBounds(NamedTuple):
-    """Lower bounds of the cost to go by remaining counts (C,) and by place (H, I, J)."""
-
-    manoeuvres: Integers  # (C,) minimum instants of the remaining manoeuvres
-    reach: Array  # (C,) maximum displacement by them, in cells
-    pace: float  # cells per instant of the fastest basic primitive
-    relaxed: Integers  # (H, I, J) instants of passages if manoeuvres had no cost and no limit
-    goal: Integers  # (2,) cell
-
-
-@kernel
-def heuristic(bounds: CostBounds, c: int, h: int, i: int, j: int) -> int:
-    """A lower bound of the cost to go [instants]; consistent, so no state is expanded twice.
-
-    It is the time of the remaining manoeuvres plus the time of the passages. The passages cover at
-    least the distance to the goal minus the reach of the manoeuvres, at the fastest pace, and at
-    least the relaxed path around the obstacles.
-    """
-    distance = np.hypot(float(i - bounds.goal[0]), float(j - bounds.goal[1]))
-    straight = int(max(0.0, (distance - bounds.reach[c]) / bounds.pace - 1e-6))
-    return int(bounds.manoeuvres[c]) + max(straight, int(bounds.relaxed[h, i, j]))
-
-
 @kernel
 def relaxed(moves: Moves, free: NDArray[np.bool_], goal: int) -> Integers:
     """Instants from every place to the goal, by Dijkstra's method, shape (H, I, J).
@@ -114,17 +91,19 @@ def relaxed(moves: Moves, free: NDArray[np.bool_], goal: int) -> Integers:
 
 @kernel
 def shortest(
-    moves: Moves, sizes: Integers, bounds: CostBounds, start: int, goal: int
+    moves: Moves, sizes: Integers, left: Integers, ahead: Integers, start: int, goal: int
 ) -> tuple[Integers, int]:
     """Primitives of the path of least cost, and the cost [instants]; empty and -1 if none exists.
 
     `start` and `goal` are places, h I J + i J + j; the path uses all counts. `sizes` (P,) is the
-    count of an informative primitive plus one. Of several paths of equal cost the one that was
-    reached first is returned.
+    count of an informative primitive plus one. The cost to go is at least that of the remaining
+    manoeuvres, `left` (C,) by their counts, and of the passages if manoeuvres had no cost and no
+    limit, `ahead` (H, I, J) by place; this bound is consistent, so no state is expanded twice. Of
+    several paths of equal cost the one that was reached first is returned.
     """
     n_p, n_h, n_i, n_j = moves.valid.shape
     places = n_h * n_i * n_j
-    n_c = len(bounds.manoeuvres)
+    n_c = len(left)
     cost = np.full(n_c * places, 2**31 - 1, dtype=np.int32)
     parent = np.full(n_c * places, -1, dtype=np.int32)
     via = np.full(n_c * places, -1, dtype=np.int16)
@@ -150,13 +129,13 @@ def shortest(
             if not moves.valid[p, h, i, j] or (stride > 0 and c // stride % sizes[p] == 0):
                 continue
             k, m, b = i + moves.di[p, h], j + moves.dj[p, h], moves.to[p, h]
-            if bounds.relaxed[b, k, m] >= UNREACHED:
+            if ahead[b, k, m] >= UNREACHED:
                 continue
             t = (c - stride) * places + (b * n_i + k) * n_j + m
             total = cost[s] + moves.cost[p, h]
             if not done[t] and total < cost[t]:
                 cost[t], parent[t], via[t] = total, s, p
-                heappush(heap, (total + heuristic(bounds, c - stride, b, k, m), np.int64(t)))
+                heappush(heap, (total + left[c - stride] + ahead[b, k, m], np.int64(t)))
     return np.zeros(0, dtype=np.int64), -1
 
 
@@ -194,27 +173,23 @@ class Waters:
         """The positions with the clearance and a margin [m], as a shapely geometry."""
         distance = (self.clearance_m + margin_m) * OUTSIDE
         area = shapely.buffer(_polygon(self.area), -distance, quad_segs=QUARTER)
-        occupied = [
-            shapely.buffer(_polygon(corners), distance, quad_segs=QUARTER)
-            for corners in self.obstacles
-        ]
-        free = shapely.difference(area, shapely.union_all(occupied)) if occupied else area
+        occupied = shapely.buffer([*map(_polygon, self.obstacles)], distance, quad_segs=QUARTER)
+        free = shapely.difference(area, shapely.union_all(occupied)) if self.obstacles else area
         shapely.prepare(free)
         return free
 
     def in_the_way(self, point: Sequence[float]) -> str | None:
         """Why a vessel cannot be at a point (north, east) [m], in words; None if it can."""
-        at = shapely.Point(point[0], point[1])
-        if not _polygon(self.area).contains(at):
+        at, area = shapely.Point(point[0], point[1]), _polygon(self.area)
+        if not area.contains(at):
             return "it lies outside area"
-        for i, corners in enumerate(self.obstacles):
-            if _polygon(corners).intersects(at):
-                return f"it lies inside obstacles[{i}]"
         if self.free().covers(at):
             return None
         gaps = {f"obstacles[{i}]": _polygon(c).distance(at) for i, c in enumerate(self.obstacles)}
-        gaps["the edge of area"] = _polygon(self.area).exterior.distance(at)
+        gaps["the edge of area"] = area.exterior.distance(at)
         nearest = min(gaps, key=lambda name: gaps[name])
+        if gaps[nearest] <= 0.0:
+            return f"it lies inside {nearest}"
         return (
             f"it is {gaps[nearest]:.3g} m from {nearest}, expected at least the clearance_m of "
             f"{self.clearance_m:g}"
@@ -228,12 +203,6 @@ class Waters:
         edge = np.where(shapely.covers(area, at), shapely.distance(area.exterior, at), 0.0)
         obstacle = shapely.distance(occupied, at) if self.obstacles else edge
         return np.asarray(np.minimum(edge, obstacle))
-
-    def connected(self, start: Sequence[float], goal: Sequence[float]) -> bool:
-        """Whether the free positions connect two points (north, east) [m]."""
-        points = [shapely.Point(at[0], at[1]) for at in (start, goal)]
-        parts = shapely.get_parts(self.free())
-        return any(all(part.covers(at) for at in points) for part in parts)
 
 
 def _polygon(corners: Corners) -> "shapely.Polygon":
@@ -269,15 +238,6 @@ MOST_CELLS = 250_000
 AT_ONCE = 20_000  # paths tested in one call
 
 
-@dataclass(frozen=True, eq=False)
-class Primitive:
-    """A path from the origin; poses (N, 3) [m, m, rad] at the control instants after the start."""
-
-    name: str
-    path: Array
-    informative: bool = False
-
-
 @dataclass(frozen=True)
 class Pace:
     """Speeds of passages, and the control period."""
@@ -303,27 +263,19 @@ def turned(path: Array, angle: float) -> Array:
     return np.column_stack([in_ned(path[:, :2], angle), path[:, 2] + angle])
 
 
-def nearest(pose: Array, cell_m: float) -> tuple[int, int, int]:
-    """The pose of the lattice nearest to a pose (3,): cell and heading index, not wrapped."""
-    i, j = np.round(pose[:2] / cell_m).astype(int)
-    return int(i), int(j), round(float(pose[2]) / HEADING_STEP)
+def nearest(pose: Array, cell_m: float) -> Integers:
+    """The pose of the lattice nearest to poses (..., 3): cell and heading index, not wrapped."""
+    return np.round(pose / (cell_m, cell_m, HEADING_STEP)).astype(np.int64)
 
 
-def place_pose(at: tuple[int, int, int], cell_m: float) -> Array:
-    """The pose (3,) [m, m, rad] of a place on the lattice."""
-    return np.array([at[0] * cell_m, at[1] * cell_m, at[2] * HEADING_STEP])
-
-
-def basic(heading: int, cell_m: float, pace: Pace) -> list[Primitive]:
-    """The basic primitives from a heading of the lattice (a multiple of 45 deg)."""
+def basic(heading: int, cell_m: float, pace: Pace) -> dict[str, Array]:
+    """The basic primitives from a heading of the lattice (a multiple of 45 deg), by name."""
     ahead = cell_m * (1.0 if heading % 2 == 0 else np.sqrt(2.0))
-    moves = [Primitive("straight", pace.line(np.zeros(3), np.array([ahead, 0.0, 0.0])))]
+    moves = {"straight": pace.line(np.zeros(3), np.array([ahead, 0.0, 0.0]))}
     for side, name in ((1.0, "starboard"), (-1.0, "port")):
-        arc = _arc(cell_m, heading % 2 == 1, pace)
-        arc[:, 1:] *= side
-        moves.append(Primitive(f"arc_{name}", arc))
-        spot = np.array([0.0, 0.0, side * HEADING_STEP])
-        moves.append(Primitive(f"pivot_{name}", pace.line(np.zeros(3), spot)))
+        mirrored = np.array([1.0, side, side])
+        moves[f"arc_{name}"] = _arc(cell_m, heading % 2 == 1, pace) * mirrored
+        moves[f"pivot_{name}"] = pace.line(np.zeros(3), HEADING_STEP * mirrored * [0.0, 0.0, 1.0])
     return moves
 
 
@@ -341,25 +293,26 @@ def _arc(cell_m: float, run_first: bool, pace: Pace) -> Array:
     return np.column_stack([x, y, turn])
 
 
-def closed(free: Primitive, heading: int, cell_m: float, pace: Pace, hold: int) -> Primitive:
+def closed(free: Array, heading: int, cell_m: float, pace: Pace, hold: int) -> Array:
     """An informative primitive from a heading, with its passage to the lattice and a rest.
 
     The path is in the frame of the lattice; the vessel rests for `hold` instants at its end.
     """
-    path = turned(free.path, heading * HEADING_STEP)
-    end = place_pose(nearest(path[-1], cell_m), cell_m)
-    rest = np.tile(end, (hold, 1))
-    poses = np.vstack([path, pace.line(path[-1], end), rest])
-    return Primitive(free.name, poses, informative=True)
+    path = turned(free, heading * HEADING_STEP)
+    end = nearest(path[-1], cell_m) * np.array([cell_m, cell_m, HEADING_STEP])
+    return np.vstack([path, pace.line(path[-1], end), np.tile(end, (hold, 1))])
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """I x J cells of `cell_m` about the pose `anchor` (north, east, heading) [m, m, rad]."""
+    """I x J cells of `cell_m` about the pose `anchor` (north, east, heading) [m, m, rad].
+
+    A place is (heading, row, column); it has a number, h I J + i J + j.
+    """
 
     anchor: Array
     cell_m: float
-    first: tuple[int, int]  # cell of the first row and column, counted from the anchor
+    first: Integers  # (2,) cell of the first row and column, counted from the anchor
     shape: tuple[int, int]
 
     @classmethod
@@ -375,35 +328,28 @@ class Lattice:
                 f"cell_m: got {cell_m:g} m, which divides the area into {shape[0]} x {shape[1]} "
                 f"cells, expected at most {MOST_CELLS} cells"
             )
-        return cls(anchor, cell_m, (int(low[0]), int(low[1])), shape)
+        return cls(anchor, cell_m, low.astype(np.int64), shape)
 
     def nearest(self, pose: Array) -> tuple[int, int, int]:
-        """Heading, row and column of the place nearest to a pose (3,) [m, m, rad]."""
+        """The place nearest to a pose (3,) [m, m, rad]."""
         ahead = in_body(pose[:2] - self.anchor[:2], self.anchor[2])
-        i, j, h = nearest(np.array([*ahead, pose[2] - self.anchor[2]]), self.cell_m)
-        return h % HEADINGS, i - self.first[0], j - self.first[1]
+        *cell, h = nearest(np.array([*ahead, pose[2] - self.anchor[2]]), self.cell_m)
+        row, column = cell - self.first
+        return int(h) % HEADINGS, int(row), int(column)
 
-    def number(self, h: int, row: int, column: int) -> int:
+    def number(self, place: tuple[int, int, int]) -> int:
         """Number of a place."""
-        return (h * self.shape[0] + row) * self.shape[1] + column
-
-    def index(self, place: int) -> tuple[int, int, int]:
-        """Heading, row and column of the place with a number."""
-        rest, column = divmod(place, self.shape[1])
-        return *divmod(rest, self.shape[0]), column
+        return int(np.ravel_multi_index(place, (HEADINGS, *self.shape)))
 
     def pose(self, h: int, row: int, column: int) -> Array:
         """The pose (north, east, heading) [m, m, rad] of a place."""
-        heading = self.anchor[2] + h * HEADING_STEP
-        return np.array([*self.centres[row, column], heading])
+        return np.array([*self.centres[row, column], self.anchor[2] + h * HEADING_STEP])
 
     @cached_property
     def centres(self) -> Array:
         """Positions of the cell centres in NED [m], shape (I, J, 2)."""
-        i, j = (np.arange(n) + first for n, first in zip(self.shape, self.first, strict=True))
-        relative = self.cell_m * np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1).astype(
-            np.float64
-        )
+        cells = np.moveaxis(np.indices(self.shape), 0, -1) + self.first
+        relative = np.asarray(self.cell_m * cells, dtype=np.float64)
         return np.asarray(self.anchor[:2] + in_ned(relative, self.anchor[2]))
 
 
@@ -416,51 +362,45 @@ class Placed(NamedTuple):
 
 
 def placed(
-    lattice: Lattice, waters: Waters, informative: Sequence[Primitive], counts: Sequence[int],
+    lattice: Lattice, waters: Waters, informative: Mapping[str, Array], counts: Sequence[int],
     pace: Pace, hold: int,
 ) -> Placed:  # fmt: skip
     """The informative primitives with their counts, followed by the basic ones, on a lattice."""
+    cell_m = lattice.cell_m
     by_heading = [
-        [closed(primitive, h, lattice.cell_m, pace, hold) for primitive in informative]
-        + [
-            replace(primitive, path=turned(primitive.path, h * HEADING_STEP))
-            for primitive in basic(h, lattice.cell_m, pace)
-        ]
+        {name: closed(path, h, cell_m, pace, hold) for name, path in informative.items()}
+        | {name: turned(path, h * HEADING_STEP) for name, path in basic(h, cell_m, pace).items()}
         for h in range(HEADINGS)
     ]
-    paths = tuple(zip(*([primitive.path for primitive in row] for row in by_heading), strict=True))
-    ends = np.array([[nearest(path[-1], lattice.cell_m) for path in row] for row in paths])
-    margin = STRAY * lattice.cell_m
+    paths = tuple(zip(*(row.values() for row in by_heading), strict=True))
+    ends = nearest(np.array([[path[-1] for path in row] for row in paths]), cell_m)
+    margin = STRAY * cell_m
     free = waters.free(margin)
     stride = np.zeros(len(paths), dtype=np.int64)
     stride[: len(counts)] = [math.prod(n + 1 for n in counts[q + 1 :]) for q in range(len(counts))]
     moves = Moves(
-        di=ends[..., 0].astype(np.int64),
-        dj=ends[..., 1].astype(np.int64),
-        to=(ends[..., 2] % HEADINGS).astype(np.int64),
+        di=ends[..., 0].copy(),
+        dj=ends[..., 1].copy(),
+        to=ends[..., 2] % HEADINGS,
         cost=np.array([[len(path) for path in row] for row in paths], dtype=np.int64),
         stride=stride,
         valid=np.array([[_valid(lattice, free, path, margin) for path in row] for row in paths]),
     )
-    return Placed(tuple(primitive.name for primitive in by_heading[0]), paths, moves)
+    return Placed(tuple(by_heading[0]), paths, moves)
 
 
 def _valid(
     lattice: Lattice, free: "shapely.Geometry", path: Array, margin: float
 ) -> NDArray[np.bool_]:
     """Whether a path from each cell is clear and ends on the lattice, shape (I, J)."""
-    i, j, _ = nearest(path[-1], lattice.cell_m)
-    rows, columns = np.indices(lattice.shape)
-    inner = (rows + i >= 0) & (rows + i < lattice.shape[0])
-    inner &= (columns + j >= 0) & (columns + j < lattice.shape[1])
+    ends = np.moveaxis(np.indices(lattice.shape), 0, -1) + nearest(path[-1], lattice.cell_m)[:2]
+    inner = np.asarray(np.all((ends >= 0) & (ends < lattice.shape), axis=-1))
     centres = lattice.centres
     track = np.vstack([np.zeros((1, 2)), path[:, :2]])
     corners = in_ned(simplified(track, margin), lattice.anchor[2])
     for corner in corners:  # a cheap test that excludes most cells
         inner[inner] = inside(free, centres[inner] + corner)
     cells = np.flatnonzero(inner)
-    origins = centres.reshape(-1, 2)[cells]
-    for a in range(0, len(cells), AT_ONCE):
-        block = slice(a, a + AT_ONCE)
-        inner.ravel()[cells[block]] = clear(free, corners, origins[block])
+    for block in np.split(cells, range(AT_ONCE, len(cells), AT_ONCE)):
+        inner.ravel()[block] = clear(free, corners, centres.reshape(-1, 2)[block])
     return inner

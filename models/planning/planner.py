@@ -7,7 +7,7 @@ manoeuvres in the state of the search ensure the composition of the mix.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -18,15 +18,12 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.planning.lattice import (
     HEADING_STEP,
     HEADINGS,
-    CostBounds,
     Integers,
     Lattice,
     Pace,
     Placed,
-    Primitive,
     Waters,
     clear,
-    heuristic,
     placed,
     relaxed,
     shortest,
@@ -46,7 +43,7 @@ class PlanningTask:
     """
 
     waters: Waters
-    primitives: Sequence[Primitive]
+    primitives: Mapping[str, Array]
     counts: Mapping[str, int]
     start: Array
     goal: Array
@@ -55,9 +52,9 @@ class PlanningTask:
     hold: int = 0
 
     @property
-    def used(self) -> list[Primitive]:
+    def used(self) -> dict[str, Array]:
         """The primitives with a positive count."""
-        return [one for one in self.primitives if self.counts.get(one.name, 0) > 0]
+        return {name: path for name, path in self.primitives.items() if self.counts.get(name, 0)}
 
 
 class Leg(NamedTuple):
@@ -75,7 +72,6 @@ class PlannedPath:
     legs: tuple[Leg, ...]
     start: Array
     cost: int  # control instants, without the passage from the lattice to the goal and the rest
-    bound: int  # value of the heuristic at the start [instants]
 
     @property
     def poses(self) -> Array:
@@ -96,39 +92,30 @@ class Setting:
     @cached_property
     def sizes(self) -> Integers:
         """Count of each primitive plus one; 1 for the basic ones, (P,)."""
-        counts = [self.task.counts[primitive.name] for primitive in self.task.used]
+        counts = [self.task.counts[name] for name in self.task.used]
         rest = len(self.board.names) - len(counts)
         return np.array([*counts, *[0] * rest], dtype=np.int64) + 1
 
-    def bounds(self) -> CostBounds:
-        """Tables of the heuristic."""
+    def bounds(self) -> tuple[Integers, Integers]:
+        """Lower bounds of the cost to go [instants]: by remaining counts, and by place."""
         n, moves = len(self.task.used), self.board.moves
-        size = np.hypot(moves.di, moves.dj)
         digits = np.indices(tuple(self.sizes[:n].tolist())).reshape(n, -1 if n else 1)
-        least, reach = np.min(moves.cost[:n], axis=1), np.max(size[:n], axis=1)
-        return CostBounds(
-            manoeuvres=(least @ digits).astype(np.int64),
-            reach=(reach @ digits).astype(np.float64),
-            pace=float(np.max(size[n:] / moves.cost[n:])),
-            relaxed=relaxed(moves, np.arange(len(self.board.names)) < n, self.goal),
-            goal=np.array(self.lattice.index(self.goal)[1:], dtype=np.int64),
-        )
+        left = np.min(moves.cost[:n], axis=1) @ digits
+        return left, relaxed(moves, np.arange(len(self.board.names)) < n, self.goal)
 
 
 def plan(task: PlanningTask) -> PlannedPath:
     """The path of least time; raises ConfigurationError with the reason if there is none."""
     setting = set_up(task)
-    bounds = setting.bounds()
-    steps, cost = shortest(setting.board.moves, setting.sizes, bounds, setting.start, setting.goal)
+    ends = setting.start, setting.goal
+    steps, cost = shortest(setting.board.moves, setting.sizes, *setting.bounds(), *ends)
     if cost < 0:
         raise ConfigurationError(
             "no sequence of the manoeuvres with arcs and turns between them connects start and "
             f"goal with a cell_m of {task.cell_m:g} and a clearance_m of "
-            f"{task.waters.clearance_m:g}, expected smaller ones"
+            f"{task.waters.clearance_m:g}, expected smaller ones, or a way between the obstacles"
         )
-    at = setting.lattice.index(setting.start)
-    bound = int(heuristic(bounds, len(bounds.manoeuvres) - 1, *at))
-    return PlannedPath(tuple(_legs(setting, steps)), task.start, cost, bound)
+    return PlannedPath(tuple(_legs(setting, steps)), task.start, cost)
 
 
 def set_up(task: PlanningTask) -> Setting:
@@ -141,13 +128,8 @@ def set_up(task: PlanningTask) -> Setting:
         obstacle = waters.in_the_way(pose[:2].tolist())
         if obstacle is not None:
             raise ConfigurationError(f"{name} at ({pose[0]:g}, {pose[1]:g}) m: {obstacle}")
-    if not waters.connected(task.start[:2].tolist(), task.goal[:2].tolist()):
-        raise ConfigurationError(
-            f"goal at ({task.goal[0]:g}, {task.goal[1]:g}) m: the obstacles, or the edge of area, "
-            f"and the clearance_m of {waters.clearance_m:g} separate it from the start"
-        )
     lattice = Lattice.over(waters, task.start, task.cell_m)
-    cells, counts = math.prod(lattice.shape), [task.counts[one.name] for one in task.used]
+    cells, counts = math.prod(lattice.shape), [task.counts[name] for name in task.used]
     states = cells * HEADINGS * math.prod(n + 1 for n in counts)
     if states > MOST_STATES:
         raise ConfigurationError(
@@ -163,7 +145,7 @@ def set_up(task: PlanningTask) -> Setting:
                 f"{name} takes {along:.3g} m along and {across:.3g} m across its first heading and "
                 "does not fit anywhere in the area between the obstacles"
             )
-    start = lattice.number(*lattice.nearest(task.start))
+    start = lattice.number(lattice.nearest(task.start))
     return Setting(task, lattice, board, start, _arrival(task, lattice))
 
 
@@ -171,15 +153,13 @@ def _arrival(task: PlanningTask, lattice: Lattice) -> int:
     """The place nearest to the goal with a clear straight passage to it."""
     free, goal = task.waters.free(), task.goal[:2]
     h, i, j = lattice.nearest(task.goal)
-    around = [
-        (h, k, m)
-        for k in range(max(i - 1, 0), min(i + 2, lattice.shape[0]))
-        for m in range(max(j - 1, 0), min(j + 2, lattice.shape[1]))
-    ]
-    for at in sorted(around, key=lambda place: float(np.hypot(*(lattice.pose(*place)[:2] - goal)))):
-        position = lattice.pose(*at)[:2]
-        if clear(free, np.vstack([np.zeros(2), goal - position]), position[None, :])[0]:
-            return lattice.number(*at)
+    rows, columns = (
+        range(max(k - 1, 0), min(k + 2, n)) for k, n in zip((i, j), lattice.shape, strict=True)
+    )
+    around = [(lattice.centres[k, m], (h, k, m)) for k in rows for m in columns]
+    for at, place in sorted(around, key=lambda each: float(np.hypot(*(each[0] - goal)))):
+        if clear(free, np.vstack([np.zeros(2), goal - at]), at[None, :])[0]:
+            return lattice.number(place)
     raise ConfigurationError(
         f"goal at ({goal[0]:g}, {goal[1]:g}) m: there is no clear passage from a neighbouring "
         f"pose of the lattice, expected a cell_m smaller than {task.cell_m:g}"
@@ -189,7 +169,8 @@ def _arrival(task: PlanningTask, lattice: Lattice) -> int:
 def _legs(setting: Setting, steps: Integers) -> list[Leg]:
     """The primitives of a path in NED with unwrapped headings, the final passage and the rest."""
     task, board, lattice = setting.task, setting.board, setting.lattice
-    (h, i, j), pose, legs = lattice.index(setting.start), task.start.copy(), []
+    h, i, j = (int(k) for k in np.unravel_index(setting.start, board.moves.valid.shape[1:]))
+    pose, legs = task.start.copy(), []
     for p in steps:
         path, moves = board.paths[p][h], board.moves
         position = lattice.pose(h, i, j)[:2] + in_ned(path[:, :2], task.start[2])

@@ -19,9 +19,10 @@ Fossen (2021), section 15.1.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
+import scipy
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.smoothing import MAX_CUTOFF, SIGNALS, lowpass, noise_floor
@@ -31,6 +32,8 @@ Execution = Literal["half", "order"]
 Measures = dict[str, float]
 LEFT = 0.05  # share of a step at which the helm has left its value
 RESTING_SHARE = 0.1  # of its fastest motion, the helm is at rest below
+ROUNDING = 1e-9  # [m, rad, m/s] of equal samples
+HELD, REVERSALS = 0.95, 0.1  # shares of changes and their reversals, of a coarsely rounded signal
 MOTION = ("north", "east", "psi", "speed")  # the measured signals of a track, beside the helm
 
 
@@ -59,32 +62,55 @@ class Track:
         return replace(self, **signals)  # type: ignore[arg-type]
 
 
-class SignalNoise(NamedTuple):
-    """White noise of a signal, and the cut-off of the low-pass filter against it."""
+class TrackNoise:
+    """The white noise of each signal of a motion that is worth a filter, and its resolution.
 
-    deviation: float  # [m, rad, m/s]
-    cutoff_hz: float
+    A slow signal that is rounded coarsely, such as a heading to 0.1 degrees, stays at one value for
+    many samples; then it is known best where it changes, and a spline leads through these instants.
+    """
 
+    def __init__(self, track: Track) -> None:
+        start, self.period_s = np.arange(len(track.t)) == 0, float(np.median(np.diff(track.t)))
+        self.signals: dict[str, tuple[float, float]] = {}  # deviation, cut-off [Hz]
+        self.steps: dict[str, float] = {}
+        for name in MOTION:
+            values = getattr(track, name)
+            floor = noise_floor(values[:, None], start, self.period_s)
+            if floor.cutoff_hz is None:
+                continue
+            changes = np.diff(values)[np.abs(np.diff(values)) > ROUNDING]
+            turned = np.count_nonzero(changes[1:] * changes[:-1] < 0.0)
+            if turned < REVERSALS * len(changes) and len(changes) < HELD * len(values):
+                self.steps[name] = float(np.median(np.abs(changes)))
+            else:
+                cutoff = min(SIGNALS * floor.cutoff_hz, MAX_CUTOFF * 0.5 / self.period_s)
+                self.signals[name] = float(floor.deviation[0]), cutoff
 
-def noise_of(track: Track) -> dict[str, SignalNoise]:
-    """The noise of each signal of the motion that is worth a filter (`noise_floor`)."""
-    found = {}
-    start, period = np.arange(len(track.t)) == 0, float(np.median(np.diff(track.t)))
-    for name in MOTION:
-        floor = noise_floor(getattr(track, name)[:, None], start, period)
-        if floor.cutoff_hz is not None:
-            cutoff = min(SIGNALS * floor.cutoff_hz, MAX_CUTOFF * 0.5 / period)
-            found[name] = SignalNoise(float(floor.deviation[0]), cutoff)
-    return found
+    def smooth(self, track: Track) -> Track:
+        """A track without its noise."""
+        smooth = {
+            name: lowpass(getattr(track, name), cutoff, self.period_s)
+            for name, (_, cutoff) in self.signals.items()
+        }
+        for name, step in self.steps.items():
+            values = getattr(track, name)
+            k = np.flatnonzero(np.abs(np.diff(values)) > ROUNDING)
+            middle = 0.5 * (track.t[k] + track.t[k + 1]), 0.5 * (values[k] + values[k + 1])
+            knots = [np.r_[a[0], b, a[-1]] for a, b in zip((track.t, values), middle, strict=True)]
+            spline = scipy.interpolate.CubicSpline(*knots)(track.t)
+            smooth[name] = np.clip(spline, values - 0.5 * step, values + 0.5 * step)
+        return track.having(smooth)
 
-
-def smoothed(track: Track, noise: Mapping[str, SignalNoise]) -> Track:
-    """A track without its noise."""
-    period = float(np.median(np.diff(track.t)))
-    filters = {name: signal.cutoff_hz for name, signal in noise.items()}
-    return track.having(
-        {name: lowpass(getattr(track, name), cutoff, period) for name, cutoff in filters.items()}
-    )
+    def draw(self, track: Track, rng: np.random.Generator) -> Track:
+        """A smooth track with noise of the same size, or rounded as the recorded one is."""
+        noisy = {
+            name: getattr(track, name) + deviation * rng.standard_normal(len(track.t))
+            for name, (deviation, _) in self.signals.items()
+        }
+        for name, step in self.steps.items():
+            origin = step * rng.random()
+            noisy[name] = origin + step * np.round((getattr(track, name) - origin) / step)
+        return track.having(noisy)
 
 
 def executions(track: Track, kind: Execution = "half") -> Array:
@@ -243,7 +269,7 @@ def zigzag(
     for i, (begin, end) in enumerate(pairwise([*times[1:], track.t[-1]])):
         k = np.flatnonzero((track.t >= begin) & (track.t <= end))
         deviations = np.sign(switched[i] - course) * (track.psi[k] - course)
-        peak = int(np.argmax(deviations))
+        peak = int(np.median(np.flatnonzero(deviations == np.max(deviations))))  # of rounded ones
         if len(k) < 3 or peak == len(k) - 1:
             break
         time, value = _vertex(track.t[k], deviations, peak)

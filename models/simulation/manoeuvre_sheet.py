@@ -6,6 +6,7 @@ overshoot for zig-zags of 10/10 and 20/20.
 """
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,12 +19,11 @@ from seatrial.models.simulation.manoeuvre_measures import (
     Execution,
     Measures,
     Track,
+    TrackNoise,
     executions,
     levels,
-    noise_of,
     plateaus,
     reverse_spiral,
-    smoothed,
     spiral,
     stop,
     turn,
@@ -171,27 +171,25 @@ def manoeuvre_of(track: Track) -> Manoeuvre:
 
 def sheet(
     track: Track,
-    manoeuvre: Manoeuvre | None = None,
+    ordered: OrderedManoeuvre = UNSTATED,
     execution: Execution = "half",
     scale: float = 1.0,
     turn_deg: float | None = None,
-    ordered: OrderedManoeuvre = UNSTATED,
 ) -> Sheet:
     """Measures and criteria of a manoeuvre.
 
     Args:
         track: the motion.
-        manoeuvre: which one it is; None: what was ordered.
+        ordered: what was ordered; its helm and change of heading decide on the limits.
         execution: the instant that times and ways begin at.
         scale: length of the ship over that of the model.
         turn_deg: heading [deg] to which the initial turning of a zig-zag is measured; None: that
             of the orders.
-        ordered: what was ordered; its helm and change of heading decide on the limits.
 
     Raises:
         RecordingError: the helm does not move.
     """
-    kind = manoeuvre or ordered.kind or manoeuvre_of(track)
+    kind = ordered.kind or manoeuvre_of(track)
     measures = (
         zigzag(track, execution, turn_deg, ordered.turn_deg)
         if kind == "zigzag"
@@ -210,37 +208,31 @@ def sheet(
 
 def measured_sheet(
     track: Track,
-    manoeuvre: Manoeuvre | None = None,
+    ordered: OrderedManoeuvre = UNSTATED,
     execution: Execution = "half",
     scale: float = 1.0,
     turn_deg: float | None = None,
-    ordered: OrderedManoeuvre = UNSTATED,
 ) -> Sheet:
     """The sheet of a recorded track, whose noise is smoothed away, with 90 % intervals.
 
     The intervals hold what the noise leaves open, by `NOISE_DRAWS` tracks with noise of the same
-    size that are smoothed and measured in the same way (symmetric bootstrap), and how far a value
-    depends on the sampling: what half of the samples say. Arguments and errors are those of
-    `sheet`.
+    size, rounded as the recorded one is, that are smoothed and measured in the same way (symmetric
+    bootstrap), and how far a value depends on the sampling: what half of the samples say. Arguments
+    and errors are those of `sheet`.
     """
-    noise, rng = noise_of(track), np.random.default_rng(0)
-    smooth = smoothed(track, noise)
-    result = sheet(smooth, manoeuvre, execution, scale, turn_deg, ordered)
+    noise, rng = TrackNoise(track), np.random.default_rng(0)
+    smooth = noise.smooth(track)
+    result = sheet(smooth, ordered, execution, scale, turn_deg)
+    meant = replace(ordered, kind=result.manoeuvre)
 
     def again(other: Track) -> Measures:
         try:
-            return sheet(other, result.manoeuvre, execution, scale, result.turn_deg, ordered).values
+            return sheet(other, meant, execution, scale, result.turn_deg).values
         except RecordingError:  # of a helm that moves between two samples
             return {}
 
-    def drawn() -> Track:
-        noisy = {
-            name: getattr(smooth, name) + signal.deviation * rng.standard_normal(len(smooth.t))
-            for name, signal in noise.items()
-        }
-        return smoothed(smooth.having(noisy), noise)
-
-    draws = [again(drawn()) for _ in range(NOISE_DRAWS if noise else 0)]
+    count = NOISE_DRAWS if noise.signals or noise.steps else 0
+    draws = [again(noise.smooth(noise.draw(smooth, rng))) for _ in range(count)]
     halves = [again(smooth.part(slice(first, None, 2))) for first in (0, 1)]
     entries = []
     for entry in result.entries:
@@ -256,19 +248,18 @@ def measured_sheet(
 
 
 def intervals(
-    own: Track, draws: Iterable[Track], manoeuvre: Manoeuvre, turn_deg: float | None = None
+    own: Measures, draws: Iterable[Track], ordered: OrderedManoeuvre, turn_deg: float | None = None
 ) -> dict[str, tuple[float, float]]:
-    """Intervals of the quantities of a sheet about those of an identified model's own track.
+    """Intervals of the quantities of a sheet about an identified model's own ones.
 
     `draws` are the tracks of models whose parameters deviate from the identified ones by
     `DEVIATION_SHARE` of what was drawn from their distribution, by their covariance or a bootstrap.
-    A quantity that some of these reach but not the own track, such as one overshoot more, has no
-    interval.
+    A quantity that only some of these reach, such as one overshoot more, has no interval.
     """
-    drawn = [sheet(track, manoeuvre, turn_deg=turn_deg).values for track in draws]
+    drawn = [sheet(track, ordered, turn_deg=turn_deg).values for track in draws]
     return {
         name: interval(value, np.array([each[name] for each in drawn if name in each]))
-        for name, value in sheet(own, manoeuvre, turn_deg=turn_deg).values.items()
+        for name, value in own.items()
     }
 
 

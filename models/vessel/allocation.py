@@ -4,7 +4,14 @@
 
 An azimuth thruster has two components of u, its force ahead and to starboard, (2.15)-(2.18).
 Two methods differ in what is least: `pseudo_inverse` the forces, `qp` their shares of the limits.
-A force that cannot be reached is scaled down, and keeps its direction.
+A force that cannot be reached is scaled down, and keeps its direction:
+
+    min u' W u,  T u = s tau,  every thruster within its limit, for the largest share s up to 1
+
+The solution is u = P(W^-1 T' lambda), where P saturates each thruster, for the multipliers lambda
+with T u = s tau. They maximise the concave dual function, whose gradient is s tau - T u; the first
+step of Newton's method is the weighted pseudo-inverse, the following ones distribute what saturated
+thrusters do not give. Boyd and Vandenberghe (2004), sections 5.5 and 9.5.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,16 +22,19 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
+from seatrial.models.compiled import LEAN, kernel, lean_kernel, tuple_of
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.pseudo_inverse import PseudoInverse, allocate_all, by_pseudo_inverse
+from seatrial.models.vessel.basis import Array, Codes
 
 REACHED = 1e-9  # relative tolerance within which an applied force equals the commanded one
 # Largest force of a T200 thruster ahead and astern [N] at supplied voltages [V]; Hoyer, section 4.2
-T200 = ((14.0, 44.1, 34.5), (16.0, 51.4, 39.2))
+T200 = np.array([[14.0, 44.1, 34.5], [16.0, 51.4, 39.2]])
+HALVINGS = 40  # of the interval that contains the share of an unreachable force
+NEWTON_STEPS = 40
+ZERO_THRUST = 1e-13  # of a force, relative to that of all thrusters at their limit
+RIDGE = 1e-12  # added to the diagonal, relative to it, as saturated thrusters do not respond
 
 
 class Direct(NamedTuple):
@@ -37,6 +47,146 @@ class Direct(NamedTuple):
 def _pass_on(table: Direct, tau: Array, applied: Array) -> None:
     for i in range(tau.shape[0]):
         applied[i] = table.share * tau[i]
+
+
+class PseudoInverse(NamedTuple):
+    """Geometry for the kernel, and work space for one allocation."""
+
+    T: Array  # (n_dof, n_u)
+    spare: Array  # (n_u,) 1 / weight
+    low: Array  # (n_thrusters,) [N]
+    high: Array
+    first: Codes  # (n_thrusters + 1,) first component of each thruster
+    u: Array  # (n_u,)
+    pull: Array  # (n_u,) u without limits
+    kept: Array  # (n_thrusters,) share of it that the limit allows
+    multiplier: Array  # (n_dof,) lambda
+    way: Array  # (n_dof,) step of lambda
+    reach: Array  # (n_dof,) [N, Nm] force of all thrusters at their limit
+    give: Array  # (n_dof,) diagonal of T W^-1 T'
+    G: Array  # (n_dof, n_dof + 1)
+
+
+@lean_kernel
+def _respond(table: PseudoInverse) -> float:
+    """Write u = P(W^-1 T' lambda), saturated at the limits; returns the conjugate of the cost."""
+    total = 0.0
+    for t in range(table.low.shape[0]):
+        at, end = table.first[t], table.first[t + 1]
+        square = 0.0
+        for c in range(at, end):
+            table.pull[c] = 0.0
+            for i in range(table.multiplier.shape[0]):
+                table.pull[c] += table.spare[c] * table.T[i, c] * table.multiplier[i]
+            square += table.pull[c] ** 2
+        astern = end - at == 1 and table.pull[at] < 0.0
+        limit, size = -table.low[t] if astern else table.high[t], np.sqrt(square)
+        table.kept[t] = limit / size if size > limit else 1.0
+        for c in range(at, end):
+            table.u[c] = table.kept[t] * table.pull[c]
+            total += (table.pull[c] - 0.5 * table.u[c]) * table.u[c] / table.spare[c]
+    return total
+
+
+@lean_kernel
+def _curve(table: PseudoInverse, i: int, j: int) -> float:
+    """d (T u)_i / d lambda_j: saturated thrusters do not respond, or only sideways."""
+    total = 0.0
+    for t in range(table.low.shape[0]):
+        along = along_i = along_j = square = 0.0
+        for c in range(table.first[t], table.first[t + 1]):
+            along += table.T[i, c] * table.T[j, c]
+            along_i += table.T[i, c] * table.pull[c]
+            along_j += table.T[j, c] * table.pull[c]
+            square += table.pull[c] ** 2
+        if table.kept[t] < 1.0:
+            along -= along_i * along_j / square
+        total += table.spare[table.first[t]] * table.kept[t] * along
+    return total
+
+
+@lean_kernel
+def _residual(table: PseudoInverse, tau: Array, share: float) -> bool:
+    """Write share tau - T u to the last column of G; returns whether it exceeds rounding."""
+    nonzero = False
+    for i in range(tau.shape[0]):
+        rest = share * tau[i]
+        for c in range(table.u.shape[0]):
+            rest -= table.T[i, c] * table.u[c]
+        table.G[i, -1] = rest
+        nonzero = nonzero or abs(rest) > ZERO_THRUST * table.reach[i]
+    return nonzero
+
+
+@lean_kernel
+def _newton_step(table: PseudoInverse, tau: Array, share: float, value: float) -> float:
+    """A Newton step that maximises the dual function, halved until it rises; gradient in G."""
+    n, G, slope = tau.shape[0], table.G, 0.0
+    for i in range(n):
+        table.way[i] = G[i, n]
+        for j in range(n):
+            G[i, j] = _curve(table, i, j)
+        G[i, i] += RIDGE * table.give[i]
+    for k in range(n):  # elimination; the matrix is symmetric and positive definite
+        for i in range(n):
+            factor = G[i, k] / G[k, k] if i != k else 0.0
+            for j in range(k, n + 1):
+                G[i, j] -= factor * G[k, j]
+    for i in range(n):
+        step = G[i, n] / G[i, i]
+        slope += table.way[i] * step
+        table.way[i] = step
+        table.multiplier[i] += step
+    length = 1.0
+    for _ in range(HALVINGS):
+        increased = -_respond(table)
+        for i in range(n):
+            increased += share * tau[i] * table.multiplier[i]
+        if increased >= value + 1e-4 * length * slope - ZERO_THRUST * abs(value):
+            return increased
+        length *= 0.5
+        for i in range(n):
+            table.multiplier[i] -= length * table.way[i]
+    return value
+
+
+@lean_kernel
+def _distribute(table: PseudoInverse, tau: Array, share: float) -> bool:
+    """Write the u of least cost within the limits with T u = share tau; False if there is none."""
+    for i in range(tau.shape[0]):
+        table.multiplier[i] = 0.0
+    value = -_respond(table)
+    for _ in range(NEWTON_STEPS):
+        if not _residual(table, tau, share):
+            return True
+        value = _newton_step(table, tau, share, value)
+    return not _residual(table, tau, share)
+
+
+@lean_kernel
+def by_pseudo_inverse(table: PseudoInverse, tau: Array, applied: Array) -> None:
+    """Write T u for the largest share of tau, at most all of it, that the thrusters can give."""
+    low, high = 0.0, 1.0
+    if not _distribute(table, tau, 1.0):
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            if _distribute(table, tau, middle):
+                low = middle
+            else:
+                high = middle
+        _distribute(table, tau, low)
+    for i in range(tau.shape[0]):
+        applied[i] = 0.0
+        for c in range(table.u.shape[0]):
+            applied[i] += table.T[i, c] * table.u[c]
+
+
+@kernel
+def allocate_all(table: PseudoInverse, tau: Array, u: Array, applied: Array) -> None:
+    """Write u (N, n_u) and T u (N, n_dof) for forces tau (N, n_dof)."""
+    for k in range(tau.shape[0]):
+        by_pseudo_inverse(table, tau[k], applied[k])
+        u[k] = table.u
 
 
 ALLOCATIONS: dict[type, Callable[..., None]] = {
@@ -68,12 +218,10 @@ def voltage_factors(voltage_v: float) -> tuple[float, float]:
     """
     if not 14.0 <= voltage_v <= 16.7:
         raise ConfigurationError(f"voltage_v must lie between 14 and 16.7, got {voltage_v}")
-    (low, ahead, astern), (high, most_ahead, most_astern) = T200
-    share = (voltage_v - low) / (high - low)
-    return (
-        (ahead + share * (most_ahead - ahead)) / most_ahead,
-        (astern + share * (most_astern - astern)) / most_astern,
-    )
+    low, high = T200
+    slope = (1.0 - low[1:] / high[1:]) / (high[0] - low[0])
+    ahead, astern = 1.0 + (voltage_v - high[0]) * slope
+    return float(ahead), float(astern)
 
 
 @dataclass(frozen=True)
@@ -104,13 +252,9 @@ class PositionedThruster:
 
     def columns(self) -> Array:
         """Columns of T for this thruster over six degrees of freedom, shape (6, 1) or (6, 2)."""
-        if self.kind == "azimuth":
-            directions = np.eye(3)[:, :2]
-        elif self.kind == "tunnel":
-            directions = np.array([[0.0], [1.0], [0.0]])
-        else:
-            directions = np.array(self.direction)[:, None] / np.linalg.norm(self.direction)
-        return np.vstack([directions, np.cross(self.position_m, directions.T).T])
+        along = np.array([self.direction]) / np.linalg.norm(self.direction)
+        rows = {"fixed": along, "tunnel": np.eye(3)[1:2], "azimuth": np.eye(3)[:2]}[self.kind]
+        return np.hstack([rows, np.cross(self.position_m, rows)]).T
 
 
 class Allocated(NamedTuple):
@@ -165,12 +309,12 @@ class Allocation:
         spare = np.repeat([1.0 / one.weight for one in self.thrusters], counts)
         if self.method == "qp":
             spare *= np.square(np.repeat(high, counts))
-        u, pull, multiplier, way = (np.zeros(n) for n in (n_u, n_u, n_dof, n_dof))
+        u, pull, kept, multiplier, way = map(np.zeros, (n_u, n_u, len(low), n_dof, n_dof))
+        reach, give = np.abs(T) @ np.repeat(np.maximum(high, -low), counts), np.square(T) @ spare
+        first, G = np.cumsum([0, *counts]), np.zeros((n_dof, n_dof + 1))
         return PseudoInverse(
-            T, spare, low, high, np.cumsum([0, *counts]), u, pull, multiplier, way,
-            reach=np.abs(T) @ np.repeat(np.maximum(high, -low), counts),
-            give=np.square(T) @ spare, G=np.zeros((n_dof, n_dof + 1)),
-        )  # fmt: skip
+            T, spare, low, high, first, u, pull, kept, multiplier, way, reach, give, G
+        )
 
     def allocate(self, tau: Array, dofs: Sequence[str]) -> Allocated:
         """Thruster forces that produce the forces tau [N, Nm], shape (N, n_dof)."""

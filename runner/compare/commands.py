@@ -146,12 +146,12 @@ def manoeuvres(
     The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
     """
     sheets = compare.manoeuvre_comparison
-    how = {"execution": execution, "manoeuvre": manoeuvre, "scale": scale}
+    how = {"execution": execution, "scale": scale}
     if not cli.is_run(subject) or Path(subject).exists():
-        return sheets.file_sheet(Path(subject), map_file, helm, length, **how)
+        return sheets.file_sheet(Path(subject), map_file, manoeuvre, helm, length, **how)
     with compare.frame.open_results(database, results_dir) as results:
         run = cli.newest(results) if subject == "latest" else int(subject)
-        return sheets.run_sheet(results, run, series, helm, length, **how)
+        return sheets.run_sheet(results, run, series, manoeuvre, helm, length, **how)
 
 
 @command()

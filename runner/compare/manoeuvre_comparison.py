@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from seatrial.runner.export.manoeuvre_tracks import (
     INSTANTS,
     MANOEUVRES,
     Execution,
+    Manoeuvre,
     PredictedMeasure,
     Recorded,
     Sheet,
@@ -32,23 +34,27 @@ MAX_MANOEUVRES = 6  # manoeuvres in a report
 
 
 def run_sheet(
-    results: Queries, run: int, series: str, helm: str | None, length_m: float | None, **how: Any
-) -> TextTable:
+    results: Queries, run: int, series: str, manoeuvre: Manoeuvre | None, helm: str | None,
+    length_m: float | None, **how: Any,
+) -> TextTable:  # fmt: skip
     """Return the sheet of a run, or the measures that are stored of its recorded manoeuvres."""
     predicted = [row for row in results.reader.diagnostics(run) if row.name.startswith(DIAGNOSTIC)]
     if predicted and series == RECORDING:
         return comparison(predicted, f"Run {run}")
     recorded = stored(results.reader, run, series, helm, length_m)
-    result = measured_sheet(recorded.track, ordered=recorded.ordered, **how)
+    ordered = replace(recorded.ordered, kind=manoeuvre or recorded.ordered.kind)
+    result = measured_sheet(recorded.track, ordered, **how)
     return grid_of_sheet(result, f"Run {run}", recorded.predicted)
 
 
 def file_sheet(
-    path: Path, map_file: Path | None, helm: str | None, length_m: float | None, **how: Any
-) -> TextTable:
+    path: Path, map_file: Path | None, manoeuvre: Manoeuvre | None, helm: str | None,
+    length_m: float | None, **how: Any,
+) -> TextTable:  # fmt: skip
     """Return the sheet of a recorded file; `how` it is measured are options of `sheet`."""
     track, ordered = file_track(path, map_file, helm, length_m)
-    return grid_of_sheet(measured_sheet(track, ordered=ordered, **how), str(path))
+    ordered = replace(ordered, kind=manoeuvre or ordered.kind)
+    return grid_of_sheet(measured_sheet(track, ordered, **how), str(path))
 
 
 def newest_manoeuvres(

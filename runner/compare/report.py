@@ -157,7 +157,7 @@ class _Report:
         for run, recorded in newest_manoeuvres(self.results, self.runs):
             # a manoeuvre that was not carried out, such as one that is too short, has no sheet
             with suppress(RecordingError):
-                result = measured_sheet(recorded.track, ordered=recorded.ordered)
+                result = measured_sheet(recorded.track, recorded.ordered)
                 grid = grid_of_sheet(result, f"Run {run.id}", recorded.predicted)
                 heading = f"Manoeuvre of {subtitle(run)}"
                 blocks.append(folded(heading, html_table(grid), opened=True))

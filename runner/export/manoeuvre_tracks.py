@@ -1,7 +1,6 @@
 """Tracks of manoeuvres, for their sheets and figures: of a stored run, and of a file of motion."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, get_args
 
@@ -18,38 +17,27 @@ from seatrial.models.simulation.manoeuvre_sheet import COMPARED as COMPARED
 from seatrial.models.simulation.manoeuvre_sheet import DIAGNOSTIC as DIAGNOSTIC
 from seatrial.models.simulation.manoeuvre_sheet import INSTANTS as INSTANTS
 from seatrial.models.simulation.manoeuvre_sheet import Sheet as Sheet
-from seatrial.models.simulation.manoeuvre_sheet import SheetEntry as SheetEntry
 from seatrial.models.simulation.manoeuvre_sheet import measured_sheet as measured_sheet
-from seatrial.models.simulation.manoeuvre_sheet import sheet as sheet
 from seatrial.models.simulation.manoeuvre_sheet import track_of as track_of
 from seatrial.runner.configuration.config import build_as
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 from seatrial.runner.configuration.vessel_options import HELM
 from seatrial.runner.database.reader import LogbookReader
 from seatrial.runner.record.catalogue import MEASURE_HIGH, MEASURE_LOW, metric_of_measure
-from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import Config
 
 NEEDED = ("t", "x", "y", "psi", "u", "v")
 MANOEUVRES = get_args(Manoeuvre)
 BOUNDS = (MEASURE_LOW, MEASURE_HIGH)
+PredictedMeasure = tuple[float, float, float]  # value and its 90 % interval; NaN where none is
 
 
-class PredictedMeasure(NamedTuple):
-    """A quantity of the identified model, and its 90 % interval; NaN where there is none."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, eq=False)
-class Recorded:
+class Recorded(NamedTuple):
     """A track, what was ordered as far as it is known, and what the identified model predicts."""
 
     track: Track
     ordered: OrderedManoeuvre
-    predicted: Mapping[str, PredictedMeasure] = field(default_factory=dict)  # by quantity
+    predicted: Mapping[str, PredictedMeasure]  # by quantity
 
 
 def file_track(
@@ -86,14 +74,22 @@ def stored(
     config = reader.run(run).config
     if kind not in {file.kind for file in reader.series_files(run)}:
         raise ConfigurationError(f"run {run} has no series {kind}")
-    mission = mission_of(config, kind)
-    name = helm or mission.get("helm") or HELM
+    mission = config.get("evaluation" if kind.startswith("deployment") else "excitation")
+    mission = mission if isinstance(mission, Mapping) else {}
+    name = str(helm or mission.get("helm") or HELM)
     length = length_m or length_of(config)
     if length is None:
         raise ConfigurationError(
             f"run {run}: the length of its vessel is not stored, give --length"
         )
-    track = track_of_series(reader.series(run, kind), str(name), length, f"run {run}")
+    columns = reader.series(run, kind).columns
+    if missing := [column for column in (*NEEDED, name) if column not in columns]:
+        raise ConfigurationError(
+            f"run {run}: its series {kind} has no {missing[0]}, expected a steered vessel in the "
+            "plane"
+        )
+    t, north, east, psi, u, v = (columns[column] for column in NEEDED)
+    track = Track(t, north, east, np.unwrap(psi), columns[name], np.hypot(u, v), length)
     predicted = predicted_by(reader, run) if mission is config.get("excitation") else {}
     return Recorded(track, ordered_in(mission), predicted)
 
@@ -102,18 +98,13 @@ def predicted_by(reader: LogbookReader, run: int) -> dict[str, PredictedMeasure]
     """What the identified model of a run predicts of its manoeuvre, by quantity."""
     values = {row.name: row.value for row in reader.metrics(run) if row.model == "identified"}
     bounds = {(row.name, row.label): row.value for row in reader.diagnostics(run)}
-    found = {}
+    found: dict[str, PredictedMeasure] = {}
     for quantity in MEASURES:
         if (name := metric_of_measure(quantity)) in values:
             numbers = values[name], *(bounds.get((bound, quantity)) for bound in BOUNDS)
-            found[quantity] = PredictedMeasure(*(np.nan if n is None else n for n in numbers))
+            value, low, high = (np.nan if n is None else n for n in numbers)
+            found[quantity] = value, low, high
     return found
-
-
-def mission_of(config: Config, kind: str) -> Config:
-    """The mission that a series of a run shows."""
-    mission = config.get("evaluation" if kind.startswith("deployment") else "excitation")
-    return mission if isinstance(mission, Mapping) else {}
 
 
 def ordered_in(mission: Config) -> OrderedManoeuvre:
@@ -122,18 +113,6 @@ def ordered_in(mission: Config) -> OrderedManoeuvre:
     if isinstance(known, Mapping):
         return build_as(OrderedManoeuvre, known, "excitation.manoeuvre")
     return OrderedManoeuvre(next((kind for kind in MANOEUVRES if kind == known), None))
-
-
-def track_of_series(series: Series, helm: str, length_m: float, name: str) -> Track:
-    """The motion of a series with its helm."""
-    missing = [column for column in (*NEEDED, helm) if column not in series.columns]
-    if missing:
-        raise ConfigurationError(
-            f"{name}: its series {series.kind} has no {missing[0]}, expected a steered vessel in "
-            "the plane"
-        )
-    t, north, east, psi, u, v = (series.columns[column] for column in NEEDED)
-    return Track(t, north, east, np.unwrap(psi), series.columns[helm], np.hypot(u, v), length_m)
 
 
 def length_of(config: Config) -> float | None:

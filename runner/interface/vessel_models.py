@@ -126,8 +126,9 @@ class Model:
                 )
         voyage = loop.sail(
             self.parameters.plant(self.table), weather.Weather(still, still, still, still),
-            (registry.Timetable(still), np.zeros(1)), setpoints.StepTable(1.0),
-            commands.open_loop(), start, period_s, min(step_s, period_s), start_nu, added=forces,
+            (registry.Timetable(still), np.zeros(1)), setpoints.UNFILTERED,
+            commands.open_loop(n_dof), start, period_s, min(step_s, period_s), start_nu,
+            added=forces,
         )  # fmt: skip
         motion = motion_frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu)
         for dof, column in zip(self.dofs, forces.T, strict=True):

@@ -12,6 +12,7 @@ zig-zag.
 
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import get_args
 
@@ -29,7 +30,7 @@ from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.validation import Prediction, prediction
 from seatrial.models.notation import MEASURES, PLANAR, Manoeuvre, OrderedManoeuvre
 from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.manoeuvre_measures import Track
+from seatrial.models.simulation.manoeuvre_measures import Measures, Track
 from seatrial.models.simulation.manoeuvre_sheet import (
     COMPARED,
     DEVIATION_SHARE,
@@ -62,7 +63,7 @@ def manoeuvre_results(
     """Return the measures of each model, and the intervals of the identified one.
 
     Empty unless the excitation is a standard manoeuvre of a steered vessel in the plane. A model
-    that cannot carry it out has no measures.
+    that cannot carry it out has no measures, and too few draws that can give no intervals.
     """
     mission, length = trial.excitation, length_of(trial)
     kind = next((k for k in KINDS if k == getattr(mission, "manoeuvre", None)), None)
@@ -70,19 +71,29 @@ def manoeuvre_results(
         return Results()
     if not {*PLANAR} <= {*trial.vessel.dofs}:
         return Results()
-    calm = replace(trial, disturbance=Disturbance())
-    metrics: list[Metric] = []
+    calm, ordered = replace(trial, disturbance=Disturbance()), OrderedManoeuvre(kind)
+    metrics, diagnostics = list[Metric](), list[Diagnostic]()
     for name, model in models.items():
         try:
-            result = sheet(track_of(sailed(calm, mission, model), mission.helm, length), kind)
+            run = sailed(calm, mission, model)
+            own = sheet(track_of(run, mission.helm, length), ordered).values
         except UNABLE:
             continue
-        metrics += [
-            metric(metric_of_measure(entry.quantity), "validation", name, "all", entry.value)
-            for entry in result.entries
-            if np.isfinite(entry.value)
-        ]
-    return Results(metrics, diagnostics=_intervals(calm, mission, identified, kind, length))
+        metrics.extend(
+            metric(metric_of_measure(quantity), "validation", name, "all", value)
+            for quantity, value in own.items()
+            if np.isfinite(value)
+        )
+        if name == "identified":
+            tracks = _drawn_tracks(calm, mission, identified, run, length)
+            bounds = intervals(own, tracks, ordered) if len(tracks) >= MIN_DRAWS else {}
+            diagnostics.extend(
+                Diagnostic(bound, "all", value, MEASURES[quantity], label=quantity)
+                for quantity, both in bounds.items()
+                for bound, value in zip((MEASURE_LOW, MEASURE_HIGH), both, strict=True)
+                if np.isfinite(value)
+            )
+    return Results(metrics, diagnostics=diagnostics)
 
 
 def length_of(trial: Trial) -> float | None:
@@ -103,17 +114,10 @@ def sailed(
     return recording_of(voyage, voyage.weather)
 
 
-def _intervals(
-    calm: Trial, mission: SteeredMission, identified: Identified, kind: Manoeuvre, length_m: float
-) -> list[Diagnostic]:
-    """Return the bounds of each quantity by what drawn models do near the identified one's run.
-
-    There are none if too few of the drawn models can be simulated.
-    """
-    try:
-        own = sailed(calm, mission, identified.model)
-    except UNABLE:
-        return []
+def _drawn_tracks(
+    calm: Trial, mission: SteeredMission, identified: Identified, own: Recording, length_m: float
+) -> list[Track]:
+    """Return what drawn models do near the identified one's run, as far as they can sail it."""
     assert own.inputs is not None
     error, accelerations = identified.model_error, None
     rho2 = squared_accelerations(identified.model, own.nu, own.attitude, own.inputs, None)
@@ -122,20 +126,10 @@ def _intervals(
         if error is not None:
             drawn = error.accelerations(rho2, own.period_s, np.random.default_rng(i))
             accelerations = DEVIATION_SHARE * drawn
-        try:
+        with suppress(*UNABLE):
             run = sailed(calm, mission, model, accelerations)
-        except UNABLE:
-            continue
-        tracks.append(track_of(run, mission.helm, length_m))
-    if len(tracks) < MIN_DRAWS:
-        return []
-    bounds = intervals(track_of(own, mission.helm, length_m), tracks, kind)
-    return [
-        Diagnostic(name, "all", value, MEASURES[quantity], label=quantity)
-        for quantity, both in bounds.items()
-        for name, value in zip((MEASURE_LOW, MEASURE_HIGH), both, strict=True)
-        if np.isfinite(value)
-    ]
+            tracks.append(track_of(run, mission.helm, length_m))
+    return tracks
 
 
 def manoeuvres(
@@ -177,25 +171,19 @@ def _of_file(
             return None
         return track_of(replace(part, eta=motion[:, :n], nu=motion[:, n:]), HELM, length_m)
 
-    measured = measured_sheet(track_of(part, HELM, length_m), ordered=ordered)
-    kind, turn_deg = measured.manoeuvre, measured.turn_deg
-    tracks = list[Track | None]()
+    measured = measured_sheet(track_of(part, HELM, length_m), ordered)
+    turn_deg, meant = measured.turn_deg, replace(ordered, kind=measured.manoeuvre)
+    own: list[Measures] = []
     for model in (problem.nominal, identified.model):
-        try:
-            tracks.append(track(prediction(model, part, problem.thruster)))
-        except IdentificationError:
-            tracks.append(None)
-    own = [
-        sheet(each, kind, turn_deg=turn_deg, ordered=ordered).values if each else {}
-        for each in tracks
-    ]
+        own.append({})
+        with suppress(IdentificationError):
+            if run := track(prediction(model, part, problem.thruster)):
+                own[-1] = sheet(run, meant, turn_deg=turn_deg).values
     bounds: dict[str, tuple[float, float]] = {}
-    if tracks[1]:
+    if own[1]:
         near = nearby_runs(identified.model, part, problem.thruster)
-        drawn = [
-            each for run in drawn_runs(identified, near, INTERVAL_DRAWS) if (each := track(run))
-        ]
-        bounds = intervals(tracks[1], drawn, kind, turn_deg)
+        drawn = drawn_runs(identified, near, INTERVAL_DRAWS)
+        bounds = intervals(own[1], filter(None, map(track, drawn)), meant, turn_deg)
     found = []
     for entry in measured.entries:
         values = [entry.value, *(each.get(entry.quantity) for each in own)]

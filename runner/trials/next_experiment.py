@@ -311,8 +311,8 @@ def _measures(known: Known, kind: str, mission: Mission, model: Vessel) -> Measu
         speed = np.hypot(*run.nu[:, :2].T)
         north, east, psi = run.eta.T
         track = Track(run.t, north, east, psi, away, speed, length)
-        ordered = OrderedManoeuvre(turn_deg=ZIGZAG_DEG)
-        return sheet(track, kind, ordered=ordered).values  # type: ignore[arg-type]
+        ordered = OrderedManoeuvre(kind, turn_deg=ZIGZAG_DEG)  # type: ignore[arg-type]
+        return sheet(track, ordered).values
     except UNABLE:
         return {}
 

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import SeatrialError
-from seatrial.models.excitation.candidates import UncertainModel
+from seatrial.models.excitation.optimal_design import UncertainModel
+from seatrial.models.excitation.schedule import Schedule
 from seatrial.models.identification.problem import Problem
 from seatrial.models.identification.validation import prediction
 from seatrial.models.recording.recording import Recording, end_to_end
@@ -68,7 +69,7 @@ def sub_experiment(name: str, seed: int, noisy: bool) -> Recording:
     """A candidate from rest, in weather of its own; its time apart from that of the others."""
     trial = low_wind()
     mix, vessel, weather = trial.excitation, trial.vessel, trial.disturbance
-    schedule = mix.information.schedule(mix.information.sub_experiment(name, "training"))
+    schedule = Schedule(mix.information.sub_experiment(name, "training"), mix.period_s)
     n, number = len(schedule), list(mix.candidates).index(name)
     rng = np.random.default_rng([seed, number])
     realised = weather.realise(n, vessel.dofs, rng, rng, PERIOD_S)

@@ -45,7 +45,7 @@ def test_a_coefficient_table_sails_the_same_track() -> None:
     voyage = sail(
         Plant(vessel, None, (20.0, 20.0, 1.0)), weather,
         (Timetable(np.zeros((len(t), 3))), np.zeros(1)), ReferenceFilter(0.5, 0.7).table(PERIOD_S),
-        open_loop(), np.zeros(3), PERIOD_S, PERIOD_S, added=force,
+        open_loop(3), np.zeros(3), PERIOD_S, PERIOD_S, added=force,
     )  # fmt: skip
     rows = slice(None, None, 100)
     eta, nu = voyage.log.eta[rows], voyage.log.nu[rows]

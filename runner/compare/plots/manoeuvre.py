@@ -45,7 +45,7 @@ def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
 def _drawing(run: StoredRun, recorded: Recorded) -> style.Drawing:
     track = recorded.track
     try:
-        result = measured_sheet(track, ordered=recorded.ordered)
+        result = measured_sheet(track, recorded.ordered)
     except RecordingError as error:
         raise ConfigurationError(f"plot manoeuvre: run {run.id}: {error}") from error
     helm = round(result.values["helm"])

@@ -7,11 +7,9 @@ from seatrial.models.planning.lattice import (
     HEADING_STEP,
     HEADINGS,
     Pace,
-    Primitive,
     basic,
     closed,
     nearest,
-    place_pose,
     turned,
 )
 
@@ -21,15 +19,15 @@ PACE = Pace(0.5, 0.4, 0.1)
 @pytest.mark.parametrize("heading", range(HEADINGS))
 @pytest.mark.parametrize("cell", [0.7, 2.0])
 def test_basic_primitives_end_on_the_lattice(heading: int, cell: float) -> None:
-    for one in basic(heading, cell, PACE):
-        end = turned(one.path, heading * HEADING_STEP)[-1]
-        np.testing.assert_allclose(end, place_pose(nearest(end, cell), cell), atol=1e-9)
+    for path in basic(heading, cell, PACE).values():
+        end = turned(path, heading * HEADING_STEP)[-1]
+        np.testing.assert_allclose(end, nearest(end, cell) * (cell, cell, HEADING_STEP), atol=1e-9)
 
 
 @pytest.mark.parametrize("heading", [0, 1])
 def test_basic_primitives_are_sailed_ahead_at_their_pace(heading: int) -> None:
-    for one in basic(heading, 2.0, PACE):
-        path = np.vstack([np.zeros(3), one.path])
+    for own in basic(heading, 2.0, PACE).values():
+        path = np.vstack([np.zeros(3), own])
         move = np.diff(path, axis=0)
         length, turn = np.hypot(move[:, 0], move[:, 1]), np.abs(move[:, 2])
         assert np.max(length) <= 0.5 * 0.1 + 1e-9
@@ -40,7 +38,7 @@ def test_basic_primitives_are_sailed_ahead_at_their_pace(heading: int) -> None:
 
 
 def test_turns_to_both_sides_mirror_each_other() -> None:
-    moves = {one.name: one.path for one in basic(0, 2.0, PACE)}
+    moves = basic(0, 2.0, PACE)
     np.testing.assert_allclose(moves["arc_port"] * [1.0, -1.0, -1.0], moves["arc_starboard"])
     assert moves["arc_starboard"][-1] == pytest.approx([4.0, 2.0, HEADING_STEP])
     assert moves["pivot_starboard"][-1] == pytest.approx([0.0, 0.0, HEADING_STEP])
@@ -49,12 +47,12 @@ def test_turns_to_both_sides_mirror_each_other() -> None:
 @pytest.mark.parametrize("heading", range(HEADINGS))
 def test_a_manoeuvre_is_closed_by_a_passage_to_the_nearest_pose(heading: int) -> None:
     t = np.linspace(0.0, 1.0, 50)[1:, None]
-    free = Primitive("loop", t * np.array([7.3, -2.1, 9.9]), True)
+    free = t * np.array([7.3, -2.1, 9.9])
     whole = closed(free, heading, 2.0, PACE, hold=5)
-    np.testing.assert_allclose(whole.path[:49], turned(free.path, heading * HEADING_STEP))
-    end = whole.path[-1]
-    np.testing.assert_allclose(end, place_pose(nearest(end, 2.0), 2.0), atol=1e-12)
-    np.testing.assert_array_equal(whole.path[-5:], np.tile(end, (5, 1)))
-    assert np.hypot(*(end - whole.path[48])[:2]) <= np.sqrt(2.0) + 1e-9
-    assert abs(end[2] - whole.path[48, 2]) <= 0.5 * HEADING_STEP + 1e-9
-    assert np.max(np.hypot(*np.diff(whole.path[48:, :2], axis=0).T)) <= 0.05 + 1e-9
+    np.testing.assert_allclose(whole[:49], turned(free, heading * HEADING_STEP))
+    end = whole[-1]
+    np.testing.assert_allclose(end, nearest(end, 2.0) * (2.0, 2.0, HEADING_STEP), atol=1e-12)
+    np.testing.assert_array_equal(whole[-5:], np.tile(end, (5, 1)))
+    assert np.hypot(*(end - whole[48])[:2]) <= np.sqrt(2.0) + 1e-9
+    assert abs(end[2] - whole[48, 2]) <= 0.5 * HEADING_STEP + 1e-9
+    assert np.max(np.hypot(*np.diff(whole[48:, :2], axis=0).T)) <= 0.05 + 1e-9

@@ -71,21 +71,6 @@ def test_what_is_in_the_way_of_a_point_is_named(point, said) -> None:
     assert Waters(AREA, (QUAY,), 1.0).in_the_way(point) == said
 
 
-def test_what_separates_two_points_is_named() -> None:
-    start, goal = (5.0, 5.0), (55.0, 35.0)
-    left = ((28.0, -1.0), (32.0, -1.0), (32.0, 20.0), (28.0, 20.0))
-    right = ((28.0, 21.5), (32.0, 21.5), (32.0, 41.0), (28.0, 41.0))  # a gate, 1.5 m wide
-    for obstacles, clearance, connected in (
-        ((QUAY,), 1.0, True),
-        ((QUAY, WALL), 1.0, False),
-        ((left, right), 1.0, False),
-        ((left, right), 0.7, True),
-    ):
-        assert Waters(AREA, obstacles, clearance).connected(start, goal) == connected
-    waist = ((0.0, 0.0), (30.0, 19.0), (60.0, 0.0), (60.0, 40.0), (30.0, 21.0), (0.0, 40.0))
-    assert not Waters(waist, (), 1.5).connected((5.0, 20.0), (55.0, 20.0))
-
-
 @pytest.mark.parametrize(
     ("area", "obstacles", "clearance", "message"),
     [

@@ -17,6 +17,8 @@ from seatrial.models.simulation.manoeuvre_sheet import (
 )
 from seatrial.models.vessel.basis import Array
 
+ZIGZAG = OrderedManoeuvre("zigzag")
+
 
 def track(t: Array, psi: Array, helm: Array, speed: float | Array = 2.0) -> Track:
     """A motion along its heading; a length of 10 m."""
@@ -120,10 +122,9 @@ def test_a_half_circle_ends_a_diameter_aside_on_the_reciprocal() -> None:
     t = np.arange(0.0, 10.0 + 10.0 * np.pi, 0.01)
     psi = np.clip(0.1 * (t - 10.0), 0.0, np.pi)
     motion, ordered = track(t, psi, np.where(t < 10.0, 0.0, 0.5)), OrderedManoeuvre("williamson")
-    turned = sheet(motion, ordered=ordered).values
+    turned = sheet(motion, ordered).values
     assert turned["offset from the track"] == pytest.approx(4.0, rel=1e-2)
     assert turned["error of the heading"] == pytest.approx(0.0, abs=0.1)
-    assert sheet(motion, "turn", ordered=ordered).manoeuvre == "turn"  # the user's word decides
 
 
 def test_intervals_are_the_quantiles_of_the_draws() -> None:
@@ -135,7 +136,9 @@ def test_intervals_are_the_quantiles_of_the_draws() -> None:
         return track(t, np.maximum(t - 10.0, 0.0) * rate, np.radians(35.0) * (t > 9.95))
 
     draws = [sail(0.1 + DEVIATION_SHARE * deviation) for deviation in deviations]
-    low, high = intervals(sail(0.1), draws, "turn")["steady diameter"]
+    low, high = intervals(sheet(sail(0.1)).values, draws, OrderedManoeuvre("turn"))[
+        "steady diameter"
+    ]
     diameter = 2.0 * 2.0 / 0.1 / 10.0
     drawn = 2.0 * 2.0 / (0.1 + DEVIATION_SHARE * deviations) / 10.0
     expected = diameter + np.quantile(drawn - diameter, [0.05, 0.95]) / DEVIATION_SHARE
@@ -157,26 +160,26 @@ def test_an_overshoot_that_only_a_drawn_model_reaches_has_no_interval() -> None:
     """The helm of a recording: the model's own track turns away at the third order."""
     drawn = zigzag(14.0)
     away = track(drawn.t, drawn.psi + 0.05 * np.maximum(drawn.t - 80.0, 0.0), drawn.helm)
-    known, reached = (sheet(motion, "zigzag").values.keys() for motion in (away, drawn))
-    assert reached - known
-    assert set(intervals(away, [away, drawn], "zigzag")) == known
+    known, reached = (sheet(motion, ZIGZAG).values for motion in (away, drawn))
+    assert reached.keys() - known.keys()
+    assert intervals(known, [away, drawn], ZIGZAG).keys() == known.keys()
 
 
 def test_the_initial_turning_of_a_model_is_to_the_recorded_heading() -> None:
     """Under the helm of a recording a model that turns less is at 14 degrees later, or never."""
 
     def path(angle_deg: float, turn_deg: float | None) -> float:
-        return sheet(zigzag(angle_deg), "zigzag", turn_deg=turn_deg).values["initial turning"]
+        return sheet(zigzag(angle_deg), ZIGZAG, turn_deg=turn_deg).values["initial turning"]
 
     until = 20.0 + 40.0 / (2.0 * np.pi) * np.arcsin(14.0 / 16.0)
     assert path(16.0, 14.0) == pytest.approx(2.0 * (until - 15.0) / 10.0, abs=0.05)
     assert path(16.0, None) > path(16.0, 14.0)
     assert np.isnan(path(12.0, 14.0))
-    found = sheet(zigzag(16.0), "zigzag", ordered=OrderedManoeuvre(turn_deg=12)).values
+    found = sheet(zigzag(16.0), OrderedManoeuvre("zigzag", turn_deg=12)).values
     assert found["first overshoot"] == pytest.approx(4.0, abs=0.1)
 
 
 def test_a_helm_that_does_not_move_is_refused() -> None:
     t = np.arange(0.0, 10.0, 0.1)
     with pytest.raises(RecordingError, match="helm does not move"):
-        sheet(track(t, 0.0 * t, 0.0 * t), "turn")
+        sheet(track(t, 0.0 * t, 0.0 * t), OrderedManoeuvre("turn"))

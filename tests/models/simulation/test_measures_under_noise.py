@@ -7,9 +7,9 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.excitation.helm import SteeredMission
-from seatrial.models.notation import Manoeuvre
+from seatrial.models.notation import OrderedManoeuvre
 from seatrial.models.simulation.manoeuvre_measures import Track
-from seatrial.models.simulation.manoeuvre_sheet import measured_sheet, sheet, track_of
+from seatrial.models.simulation.manoeuvre_sheet import Sheet, measured_sheet, sheet, track_of
 from seatrial.models.weather.disturbance import Disturbance
 from seatrial.runner.trials.manoeuvre_results import KINDS, length_of, sailed
 from tests.trials import composed
@@ -20,7 +20,7 @@ MANOEUVRES = ("rudder_zigzag", "rudder_turn", "rudder_pull_out", "spiral", "will
 ROUNDING = 1e-5  # of a value: the smoothing of a track without noise
 
 
-def calm_track(vessel: str, excitation: str) -> tuple[Track, Manoeuvre]:
+def calm_track(vessel: str, excitation: str) -> tuple[Track, OrderedManoeuvre]:
     """The motion of the nominal model without noise, at 10 Hz, and which manoeuvre it is."""
     parts = ("evaluation=none", "controller=none", "identifier=none", "sample_time_s=0.1")
     trial = composed(f"vessel={vessel}", f"excitation={excitation}", "disturbance=calm", *parts)
@@ -30,7 +30,7 @@ def calm_track(vessel: str, excitation: str) -> tuple[Track, Manoeuvre]:
     assert length is not None
     recording = sailed(trial, mission, trial.vessel.nominal())
     kind = next(kind for kind in KINDS if kind == getattr(mission, "manoeuvre", None))
-    return track_of(recording, mission.helm, length), kind
+    return track_of(recording, mission.helm, length), OrderedManoeuvre(kind)
 
 
 def recorded(track: Track, hertz: int, seed: int | None) -> Track:
@@ -44,10 +44,16 @@ def recorded(track: Track, hertz: int, seed: int | None) -> Track:
     return part.having(noisy)
 
 
-def held(track: Track, kind: Manoeuvre, hertz: int, seed: int | None) -> list[bool]:
+def held(track: Track, ordered: OrderedManoeuvre, hertz: int, seed: int | None) -> list[bool]:
     """Whether the interval of each measure holds the value of the track without noise."""
-    truth = sheet(track, kind)
-    found = measured_sheet(recorded(track, hertz, seed), kind, turn_deg=truth.turn_deg)
+    truth = sheet(track, ordered)
+    return holds(
+        measured_sheet(recorded(track, hertz, seed), ordered, turn_deg=truth.turn_deg), truth
+    )
+
+
+def holds(found: Sheet, truth: Sheet) -> list[bool]:
+    """Whether each interval holds the true value."""
     result = []
     for entry in found.entries:
         true = truth.values.get(entry.quantity, np.nan)
@@ -61,9 +67,20 @@ def held(track: Track, kind: Manoeuvre, hertz: int, seed: int | None) -> list[bo
 
 @pytest.mark.parametrize("excitation", ["rudder_zigzag", "rudder_turn"])
 def test_intervals_hold_the_value_without_noise(excitation: str) -> None:
-    track, kind = calm_track("kvlcc2_full", excitation)
+    track, ordered = calm_track("kvlcc2_full", excitation)
     cases = [(1, None), (10, None), (1, 0), (1, 1), (1, 2)]
-    inside = [one for hertz, seed in cases for one in held(track, kind, hertz, seed)]
+    inside = [one for hertz, seed in cases for one in held(track, ordered, hertz, seed)]
+    assert np.mean(inside) >= 0.85
+
+
+def test_intervals_hold_where_the_heading_is_rounded() -> None:
+    """To a tenth of a degree: at its extremes a slow turn stays at one reading for 10 s."""
+    track, ordered = calm_track("kvlcc2_full", "rudder_zigzag")
+    truth, step, inside = sheet(track, ordered), np.radians(0.1), list[bool]()
+    for origin in np.linspace(0.0, step, 8)[1:]:
+        psi = origin + step * np.round((track.psi - origin) / step)
+        found = measured_sheet(replace(track, psi=psi), ordered, turn_deg=truth.turn_deg)
+        inside += holds(found, truth)
     assert np.mean(inside) >= 0.85
 
 
@@ -73,32 +90,32 @@ def test_intervals_hold_on_three_ships_in_every_manoeuvre() -> None:
     for vessel in ("kvlcc2_full", "mariner", "tanker"):
         for excitation in MANOEUVRES:
             try:
-                track, kind = calm_track(vessel, excitation)
-                sheet(track, kind)
+                track, ordered = calm_track(vessel, excitation)
+                sheet(track, ordered)
             except (ConfigurationError, RecordingError):  # no manoeuvre of this vessel
                 continue
             for hertz in HERTZ:
                 for seed in (None, *range(10)):
-                    inside += held(track, kind, hertz, seed)
+                    inside += held(track, ordered, hertz, seed)
     assert len(inside) > 1000
     assert np.mean(inside) >= 0.85
 
 
 def test_noise_does_not_decide_a_verdict() -> None:
     """A zig-zag of 10/10 whose initial turning is within its limit, by far."""
-    track, kind = calm_track("kvlcc2_full", "rudder_zigzag")
+    track, ordered = calm_track("kvlcc2_full", "rudder_zigzag")
     noisy = recorded(track, 1, 0)
-    initial = {e.quantity: e for e in measured_sheet(noisy, kind).entries}["initial turning"]
+    initial = {e.quantity: e for e in measured_sheet(noisy, ordered).entries}["initial turning"]
     assert initial.verdict == "pass"
     near = initial._replace(limit=initial.value)
     assert near.verdict == "not settled"
 
 
 def test_a_mirrored_recording_has_mirrored_measures() -> None:
-    track, kind = calm_track("kvlcc2_full", "rudder_zigzag")
+    track, ordered = calm_track("kvlcc2_full", "rudder_zigzag")
     noisy = recorded(track, 1, 0)
     mirrored = replace(noisy, east=-noisy.east, psi=-noisy.psi, helm=-noisy.helm)
-    there, here = measured_sheet(noisy, kind), measured_sheet(mirrored, kind)
+    there, here = measured_sheet(noisy, ordered), measured_sheet(mirrored, ordered)
     for one, other in zip(there.entries, here.entries, strict=True):
         sign = -1.0 if one.quantity == "helm" else 1.0
         assert other.value == pytest.approx(sign * one.value, rel=1e-9)
@@ -106,9 +123,9 @@ def test_a_mirrored_recording_has_mirrored_measures() -> None:
 
 @pytest.mark.parametrize("hertz", HERTZ)
 def test_a_zigzag_of_ten_to_both_sides_is_one_at_any_rate(hertz: int) -> None:
-    track, kind = calm_track("kvlcc2_full", "rudder_zigzag")
-    found = measured_sheet(recorded(track, hertz, 0), kind)
+    track, ordered = calm_track("kvlcc2_full", "rudder_zigzag")
+    found = measured_sheet(recorded(track, hertz, 0), ordered)
     assert (round(abs(found.values["helm"])), found.turn_deg) == (10, 10.0)
     assert found.unlimited is None
-    turned = sheet(track, kind, turn_deg=12.0)
+    turned = sheet(track, ordered, turn_deg=12.0)
     assert turned.turn_deg == 10.0
