@@ -85,8 +85,8 @@ def grid_of_sheet(
     """
     values, told = result.values, predicted or {}
     known = result.execution == STORED and any(  # says more than the measure
-        np.isfinite(one.low) or not np.isclose(one.value, values[name], rtol=1e-9)
-        for name, one in told.items()
+        np.isfinite(low) or not np.isclose(value, values[name], rtol=1e-9)
+        for name, (value, low, _) in told.items()
         if name in values
     )
     noisy = any(  # an interval is wide enough to be seen in the table
