@@ -46,7 +46,7 @@ SWEEPS: Mapping[str, str] = {
     "front": f"{_SURGE} identifier=nsga2 identifier.population=40 identifier.generations=20",
     "subspace": "vessel=supply_vessel excitation=prbs excitation.length_s=1440 sample_time_s=1"
     " integration_step_s=1 'disturbance=[noise,process]' identifier=dsr identifier.period_s=1"
-    " identifier.bootstrap=null controller=none evaluation=none",
+    " controller=none evaluation=none",
     "positioning": "-m experiment=positioning controller=lqi,mpc_integral,mpc_condensed seed=0",
     "mix": f"vessel=modulus_ship excitation=optimal_design excitation.length_s=60 controller=none"
     f" evaluation=none identifier=iv {_ROUTE}",

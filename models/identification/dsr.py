@@ -49,11 +49,11 @@ from seatrial.models.identification.subspace import Realisation, identify_innova
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
 from seatrial.models.identification.variant_selection import NAMES, Alternative, select_variant
 from seatrial.models.notation import ACCELERATIONS, DOFS, POSES, VELOCITIES, poses_of
-from seatrial.models.ranges import Positive, PositiveInt, Replicates, check_ranges
+from seatrial.models.ranges import Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import Array, Codes
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
@@ -88,8 +88,6 @@ class Dsr(Identifier):
     extra_terms: tuple[str, ...] | Literal["physical"]  # further inputs beside the force
     period_s: Positive | None
     physical_form: Literal["better", "optional"]
-    bootstrap: Replicates | None
-    block_s: Positive
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -144,9 +142,13 @@ class Dsr(Identifier):
         nominal, dofs = problem.nominal, problem.nominal.dofs
         data, order = self._sampled(problem.training, nominal), self._order(dofs)
         method, diagnostics = self._method(data, order)
-        realisation = self._realise(data, order, method)
+        realisation = identify_innovations(
+            data.y, data.u, self.L, self.J, order, method[0], feedthrough=method[1],
+            stable=self.stable, period_s=data.period_s, stretch=data.stretch,
+        )  # fmt: skip
         diagnostics += realisation_diagnostics(realisation)
-        model, vessel, errors = realisation.model, replace(nominal, name="identified"), None
+        model = replace(realisation.model, inputs=data.inputs, outputs=data.outputs)
+        vessel = replace(nominal, name="identified")
         usable = self._has_form(dofs)
         try:
             if not usable:
@@ -161,15 +163,13 @@ class Dsr(Identifier):
         else:
             model, vessel = form.model, form.vessel("identified", dofs, data.extra)
             diagnostics += form.diagnostics(dofs)
-            if not problem.compared:
-                errors = self._standard_errors(data, model.order, method, vessel - nominal, rng)
         named = self.outputs is not None
         diagnostics += model_diagnostics(model, MARKOV_PARAMETERS, named)
         diagnostics += fit_diagnostics(model, self._sampled(problem.validation, nominal), named)
         r = len(dofs)
         forced = replace(model, B=model.B[:, :r], D=model.D[:, :r], inputs=model.inputs[:r])
         return Identified(
-            vessel, vessel - nominal, errors, tuple(diagnostics), state_space=model,
+            vessel, vessel - nominal, diagnostics=tuple(diagnostics), state_space=model,
             control_model=forced if usable else None,
         )  # fmt: skip
 
@@ -216,40 +216,6 @@ class Dsr(Identifier):
             stretch=data.stretch, file=data.file,
         )  # fmt: skip
         return chosen.alternative, chosen.diagnostics()
-
-    def _realise(
-        self, data: Sampled, order: int | None, method: Alternative, times: Codes | None = None
-    ) -> Realisation:
-        realisation = identify_innovations(
-            data.y, data.u, self.L, self.J, order, method[0], feedthrough=method[1],
-            stable=self.stable, period_s=data.period_s, stretch=data.stretch, times=times,
-        )  # fmt: skip
-        model = replace(realisation.model, inputs=data.inputs, outputs=data.outputs)
-        return replace(realisation, model=model)
-
-    def _standard_errors(
-        self, data: Sampled, order: int, method: Alternative, residual: Vessel,
-        rng: np.random.Generator,
-    ) -> Array | None:  # fmt: skip
-        """Standard errors by block bootstrap, shape of residual.theta; NaN: not estimated."""
-        if self.bootstrap is None:
-            return None
-        count = max(round(len(data.y) * data.period_s / self.block_s), 2)
-        blocks = np.array_split(np.arange(len(data.y)), count)
-        tables = []
-        for _ in range(self.bootstrap):
-            times = np.concatenate([blocks[i] for i in rng.integers(count, size=count)])
-            try:
-                model = self._realise(data, order, method, times).model
-                form = physical_form(model)
-                tables.append(form.vessel("replicate", residual.dofs, data.extra))
-            except IdentificationError:
-                continue  # a replicate may not excite the vessel enough
-        errors = np.full(residual.theta.shape, np.nan)
-        if 2 * len(tables) >= self.bootstrap:
-            rows = [residual.terms.index(term) for term in tables[0].terms]
-            errors[rows] = np.std([table.theta for table in tables], axis=0, ddof=1)
-        return errors
 
 
 def realisation_diagnostics(realisation: Realisation) -> list[Diagnostic]:

@@ -74,8 +74,8 @@ def identified(identifier: Identifier, problem: Problem, rng: np.random.Generato
     result = held_to_nominal(result, score, problem)
     if kept := [f.dof for f in result.diagnostics if f.name == WORSE_THAN_NOMINAL]:
         note = (
-            f"nominal equations: {', '.join(kept)}; there the identified ones simulate the training "
-            "part worse, or neither beats the mean motion"
+            f"nominal equations: {', '.join(kept)}; there the identified ones simulate the "
+            "training part worse, or neither beats the mean motion"
         )
         result = replace(result, notes=(*result.notes, note))
     return with_skill(result, whole, score.errors, "the training part")

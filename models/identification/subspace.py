@@ -49,12 +49,11 @@ ORDER_FLOOR = 1e-10  # singular values below this fraction of the largest are ro
 
 
 class Record(NamedTuple):
-    """Normalised data; `stretch` numbers the contiguous parts, `times` are the samples used."""
+    """Normalised data; `stretch` numbers the contiguous parts."""
 
     y: Array  # (N, m)
     u: Array  # (N, r)
     stretch: Codes  # (N,), not decreasing
-    times: Codes  # first samples of the windows used, with repetitions for a bootstrap
 
     def parts(self) -> list[tuple[Array, Array]]:
         """Outputs and inputs of each contiguous part."""
@@ -62,10 +61,8 @@ class Record(NamedTuple):
 
     def starts(self, length: int) -> Codes:
         """First samples of the windows of `length` samples that lie within one stretch."""
-        n = len(self.y) - length + 1
-        contiguous = self.stretch[length - 1 :] == self.stretch[: max(n, 0)]
-        times = self.times[self.times < n]
-        return np.asarray(times[contiguous[times]])
+        n = max(len(self.y) - length + 1, 0)
+        return np.flatnonzero(self.stretch[length - 1 :] == self.stretch[:n])
 
 
 class Window(NamedTuple):
@@ -129,16 +126,13 @@ def explained_by_past(record: Record, J: int, feedthrough: bool) -> tuple[Record
     past = [Window(record.u, 0, J), Window(record.y, 0, J)]
     past += [Window(record.u, J, 1)] if feedthrough else []
     count = sum(window.width for window in past)
-    R = compressed([*past, Window(record.y, J, 1)], record.starts(J + 1), count + 1)
+    starts = record.starts(J + 1)
+    R = compressed([*past, Window(record.y, J, 1)], starts, count + 1)
     coefficients = np.linalg.lstsq(R[:, :count], R[:, count:], rcond=1e-12)[0]
-    every = record._replace(times=np.arange(len(record.y))).starts(J + 1)
-    parts = [hankel(past, every[turn]) @ coefficients for turn in turns(len(every))]
-    explained, y = np.vstack(parts), record.y[every + J]
-    position = np.full(len(record.y), -1)
-    position[every + J] = np.arange(len(every))
-    times = position[record.times]
-    shorter = Record(explained, record.u[every + J], record.stretch[every + J], times[times >= 0])
-    return shorter, shorter._replace(y=y - explained)
+    parts = [hankel(past, starts[turn]) @ coefficients for turn in turns(len(starts))]
+    y, u, stretch = (each[starts + J] for each in record)
+    explained = np.vstack(parts)
+    return Record(explained, u, stretch), Record(y - explained, u, stretch)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,22 +157,19 @@ def identify_innovations(
     stable: bool = False,
     period_s: float = 1.0,
     stretch: Codes | None = None,
-    times: Codes | None = None,
 ) -> Realisation:
     """Identify A, B, C, D, K, F and x0 from outputs y (N, m) and inputs u (N, r).
 
     `order` None chooses the largest gap of the singular values. `feedthrough` estimates D, which
     `closed` cannot. `stable` moves poles onto the unit circle that lie outside. `stretch` (N,) is
-    the index of the contiguous part of each sample, `times` are the indices of the samples to use
-    (for a bootstrap), `period_s` [s] is the sample time. Raises IdentificationError when the data
-    do not determine the model.
+    the index of the contiguous part of each sample, `period_s` [s] is the sample time. Raises
+    IdentificationError when the data do not determine the model.
     """
     if not (np.all(np.isfinite(y)) and np.all(np.isfinite(u))):
         raise IdentificationError("the data contain values that are not finite")
     y_scale, u_scale = _scales(y, "output"), _scales(u, "input")
     parts = np.zeros(len(y), dtype=np.int64) if stretch is None else stretch
-    every = np.arange(len(y)) if times is None else times
-    record = Record(y / y_scale, u / u_scale, parts, every)
+    record = Record(y / y_scale, u / u_scale, parts)
     if variant == "closed":
         realisation = _identify_closed(record, L, J, order, stable)
     else:
@@ -352,15 +343,15 @@ def input_matrices(
     x_{k+1} = (A - G C) x_k + (B - G D) v_k + G y_k, y_k = C x_k + D v_k is linear in B, D and the
     first state of every stretch, for any G. With G = 0 the error of a free run is minimised, with a
     stabilising G that of a predictor. The response of the model `known` to the inputs `record.u`
-    is subtracted first. The solution has minimal norm where the columns are dependent: few
-    innovations may not determine K, and the rows of a bootstrap sample may not a first state.
+    is subtracted first. The solution has minimal norm where the columns are dependent, as few
+    innovations may not determine K.
     """
     n, m, p, r = len(A), len(C), v.shape[1], record.u.shape[1]
     B, D = (np.zeros((n, r)), np.zeros((m, r))) if known is None else (known.B, known.D)
     inputs, through = np.hstack([gain, B - gain @ D]), np.hstack([np.zeros((m, m)), D])
     observer = StateSpace(A - gain @ C, inputs, C, through, 1.0)
     target = record.y - np.vstack([observer.simulate(np.hstack(part)) for part in record.parts()])
-    stretch, chosen = record.stretch - record.stretch[0], np.sort(record.times)
+    stretch = record.stretch - record.stretch[0]
     states, v = n * (int(stretch[-1]) + 1), np.ascontiguousarray(v)
     x = np.zeros((n, n * p + (m * p if direct else 0) + states))
 
@@ -369,10 +360,7 @@ def input_matrices(
         for turn in turns(len(v)):
             phi = np.zeros((len(v[turn]), m, x.shape[1]))
             _responses(observer.A, C, gain, v, stretch, direct, turn.start, x, phi)
-            among = slice(*np.searchsorted(chosen, [turn.start, turn.start + len(phi)]))
-            used = chosen[among] - turn.start
-            columns = phi[used].reshape(len(used) * m, -1)
-            yield np.column_stack([columns, target[turn][used].ravel()])
+            yield np.column_stack([phi.reshape(len(phi) * m, -1), target[turn].ravel()])
 
     R = triangle(rows())
     size = np.linalg.norm(R[:, :-1], axis=0)

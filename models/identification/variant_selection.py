@@ -100,7 +100,7 @@ def select_variant(
     """
     y, u = y[:MAX_SAMPLES], u[:MAX_SAMPLES]
     parts = np.zeros(len(y), dtype=np.int64) if stretch is None else stretch[:MAX_SAMPLES]
-    record = Record(y, u, parts, np.arange(len(y)))
+    record = Record(y, u, parts)
     p_value = feedback_p_value(record, J)
     splits = blocked_k_fold(
         len(y), VARIANT_FOLDS, file=None if file is None else file[:MAX_SAMPLES]
@@ -115,7 +115,7 @@ def select_variant(
                     y[train], u[train], L, J, order, variant, feedthrough=direct, stable=stable,
                     stretch=number[train],
                 ).model  # fmt: skip
-                left_out = Record(y[test], u[test], parts[test], record.times[test])
+                left_out = Record(y[test], u[test], parts[test])
                 error = relative_squares(model, left_out, p_value >= FEEDBACK_P)
                 errors[NAMES[variant, direct]][i] = np.fmin(error, 1.0)  # that of the mean
     found = {name: FoldErrors(squares, samples) for name, squares in errors.items()}

@@ -23,14 +23,10 @@ LONG_S = 60.0
 TIMEOUT_S = 900.0
 LINEAR = 1.1  # slope asked of those that must be linear
 MUST = ("ls", "ridge", "iv", "plsr", "surface_plsr", "dsr")
-OPTIONS = {
-    "plsr, no errors": ("identifier.bootstrap=null",),
-    "dsr": ("identifier.bootstrap=null", "identifier.force=filtered"),
-    "dsr with errors": ("identifier.force=filtered",),
-}
+OPTIONS = {"plsr, no errors": ("identifier.bootstrap=null",), "dsr": ("identifier.force=filtered",)}
 LABELS = (  # an identifier's name, and what is said of its options
-    "ls", "ridge", "iv", "plsr", "plsr, no errors", "surface_plsr", "dsr", "dsr with errors",
-    "auto", "output_error", "nsga2",
+    "ls", "ridge", "iv", "plsr", "plsr, no errors", "surface_plsr", "dsr", "auto",
+    "output_error", "nsga2",
 )  # fmt: skip
 ALL = (*MUST, "plsr, no errors")  # to the last size, however long
 
@@ -94,5 +90,5 @@ def test_identifiers(stated: Any, tmp_path_factory: pytest.TempPathFactory) -> N
         lambda: {label: curve(label, files) for label in LABELS},
         item="7b", what="identification",
         note="memory is the peak of the whole process, about 225 MB before it reads anything; dsr "
-        "on the filtered force; errors are standard errors by bootstrap",
+        "on the filtered force",
     )  # fmt: skip

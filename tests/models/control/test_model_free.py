@@ -30,7 +30,7 @@ EXPERIMENT = (
     "+disturbance.process={_target_: seatrial.models.weather.noise.ProcessNoise, "
     "distribution: uniform, size: [1.5e-4, 1.5e-4, 5e-7]}",
     "evaluation=setpoints", "sample_time_s=1.0", "integration_step_s=1.0",
-    "identifier=dsr", "identifier.period_s=1.0", "identifier.bootstrap=null",
+    "identifier=dsr", "identifier.period_s=1.0",
     # its own model, not the vessel's where that predicts better, nor none where it gains energy
     "identifier.physical_form=optional", "deploy_unphysical=true",
 )  # fmt: skip

@@ -18,7 +18,7 @@ from tests.trials import FORCED, composed, options
 APART = {"command"}  # runs a program
 IDENTIFIERS = sorted({*options("identifier")} - APART)
 SMALL = {
-    "dsr": ["L=3", "J=6", "bootstrap=20"],
+    "dsr": ["L=3", "J=6"],
     "output_error": ["horizons=[30]", "horizon=100"],
     "nsga2": ["population=8", "generations=2", "polish=null"],
     "nsga2_thesis": ["population=8", "generations=2"],

@@ -246,30 +246,19 @@ def test_the_order_is_the_largest_gap() -> None:
     assert largest_gap(np.array([5.0, 2.0, 1e-14, 1e-19])) == 2  # rounding has no gaps
 
 
-def test_a_resampled_record_gives_the_same_model_without_noise(rng) -> None:
-    truth = random_plant(rng)
-    u = rng.standard_normal((600, 3))
-    y = truth.simulate(u)
-    blocks = np.array_split(np.arange(600), 20)
-    times = np.concatenate([blocks[i] for i in rng.integers(20, size=20)])
-    found = identify_innovations(y, u, 8, 10, 6, "closed", times=times)
-    np.testing.assert_allclose(found.model.markov(40), truth.markov(40), atol=1e-8)
-
-
 @pytest.mark.parametrize("variant", ["open", "closed"])
 def test_a_record_in_pieces_is_the_record_at_once(
     variant: str, monkeypatch: pytest.MonkeyPatch, rng
 ) -> None:
-    """Gaps, rows that a bootstrap repeats, and pieces shorter than a window are wide."""
+    """A gap, and pieces shorter than a window is wide."""
     plant = random_plant(rng)
     truth = replace(plant, K=kalman_gain(plant, np.eye(6), np.eye(3)))
     y, u, _ = open_loop(truth, 1500, 0.3, rng)
     stretch = np.repeat([0, 1], [600, 900])
-    times = np.concatenate([np.arange(300), np.arange(200, 1500), np.arange(700, 900)])
     found = []
     for together in (10**6, 97, 20):
         monkeypatch.setattr(linear, "BLOCK_ROWS", together)
-        model = identify_innovations(y, u, 8, 10, 6, variant, stretch=stretch, times=times).model  # type: ignore[arg-type]
+        model = identify_innovations(y, u, 8, 10, 6, variant, stretch=stretch).model  # type: ignore[arg-type]
         noise = replace(model, B=model.K, D=np.eye(3), inputs=())
         found.append(np.concatenate([model.markov(20), noise.markov(20)]))
     np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-9)

@@ -28,7 +28,7 @@ def noisy_plant(rng: np.random.Generator, direct: bool) -> StateSpace:
 
 
 def record_of(y: np.ndarray, u: np.ndarray) -> Record:
-    return Record(y, u, np.zeros(len(y), dtype=np.int64), np.arange(len(y)))
+    return Record(y, u, np.zeros(len(y), dtype=np.int64))
 
 
 @pytest.mark.parametrize("seed", range(6))
