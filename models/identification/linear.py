@@ -34,6 +34,7 @@ from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 
 BLOCK_ROWS = 2048  # rows in a block
+TRAINING = "training part does not distinguish"
 SINGULAR_RATIO = 1e-12
 
 
@@ -189,8 +190,7 @@ class Decomposition:
         ridge = np.zeros(samples.epsilon.shape[1]) if penalties is None else penalties
         if not np.all(ridge > 0.0):
             names = [str(samples.terms[i]) for i in self.columns]
-            what = "training part does not distinguish"
-            check_distinguished(s, self.vt, names, what, SINGULAR_RATIO)
+            check_distinguished(s, self.vt, names, TRAINING, SINGULAR_RATIO)
         shares = np.array([self.share(penalty) for penalty in ridge])
         columns = ((each[1:].T @ self.along)[:, k] for k, each in enumerate(shares))
         theta = np.stack(list(columns), axis=1)

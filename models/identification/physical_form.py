@@ -40,7 +40,6 @@ class PhysicalForm:
     extra: Array  # (n_dof, n_terms) coefficients of the inputs that are not forces
     stiffness: Array  # (n_dof, n_dof) [N/m, N, Nm/rad]
     delay: Array  # (n_dof,) [s] delay of the pose behind the force
-    condition: float  # condition number of the transform with rows of unit length
     model: StateSpace  # the model with the state (y, y_dot)
 
     def vessel(self, name: str, dofs: tuple[str, ...], extra: tuple[Term, ...]) -> Vessel:
@@ -52,11 +51,8 @@ class PhysicalForm:
         return Vessel(name, dofs, (*linear_terms, *extra), np.vstack([*linear, self.extra.T]))
 
     def diagnostics(self, dofs: tuple[str, ...]) -> list[Diagnostic]:
-        """Condition of the transform, stiffness, and the delay of each pose behind its force."""
-        found = [
-            Diagnostic("physical_form", "all", 1.0),
-            Diagnostic("physical_condition", "all", self.condition),
-        ]
+        """The stiffness, and the delay of each pose behind its force."""
+        found = [Diagnostic("physical_form", "all", 1.0)]
         for dof, delay, row in zip(dofs, self.delay, self.stiffness, strict=True):
             found.append(Diagnostic("delay", dof, float(delay), "s"))
             for j, (other, stiffness) in enumerate(zip(dofs, row, strict=True), start=1):
@@ -95,7 +91,6 @@ def physical_form(model: StateSpace) -> PhysicalForm:
         stiffness=-inertia @ lower[:, :m],
         extra=-inertia @ forced[m:, m:],
         delay=-np.diag(forced[:m, :m] @ inertia),
-        condition=condition,
         model=replace(model.transformed(transform), D=model.D),
     )
 
