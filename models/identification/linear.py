@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.residual import Samples
-from seatrial.models.identification.spread import TableSpread, table_spread
+from seatrial.models.identification.spread import TableSpread, correlation, factor_of
 from seatrial.models.identification.uncertainty import (
     PIECE,
     autocovariances,
@@ -101,7 +101,8 @@ class LinearFit:
 
     def spread(self) -> TableSpread:
         """The distribution of the coefficients."""
-        return table_spread(self.covariances, self.rest)
+        within = tuple(factor_of(correlation(each)) for each in self.covariances)
+        return TableSpread(within, factor_of(correlation(self.rest.T @ self.rest)))
 
     def residual(self, dofs: tuple[str, ...]) -> Vessel:
         """The residual table."""

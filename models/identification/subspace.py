@@ -127,12 +127,12 @@ def explained_by_past(record: Record, J: int, feedthrough: bool) -> tuple[Record
     past += [Window(record.u, J, 1)] if feedthrough else []
     count = sum(window.width for window in past)
     starts = record.starts(J + 1)
+    now = starts + J
     R = compressed([*past, Window(record.y, J, 1)], starts, count + 1)
     coefficients = np.linalg.lstsq(R[:, :count], R[:, count:], rcond=1e-12)[0]
     parts = [hankel(past, starts[turn]) @ coefficients for turn in turns(len(starts))]
-    y, u, stretch = (each[starts + J] for each in record)
-    explained = np.vstack(parts)
-    return Record(explained, u, stretch), Record(y - explained, u, stretch)
+    shorter = Record(np.vstack(parts), record.u[now], record.stretch[now])
+    return shorter, shorter._replace(y=record.y[now] - shorter.y)
 
 
 @dataclass(frozen=True, eq=False)
