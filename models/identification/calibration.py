@@ -19,7 +19,7 @@ deviations s. Their size is that of runs which deviate by DEVIATION_SHARE of it 
 Both shares are apart: standard errors of coefficients are those of the data alone.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -230,7 +230,11 @@ def calibrated(identifier: Identifier, problem: Problem, identified: Identified)
 
 def _calibrate(identifier: Identifier, problem: Problem, identified: Identified) -> ModelError:
     training, fold = folded(problem.training, len(identified.fold_models))
-    models = identified.fold_models or fold_models(identifier, problem, training, fold)
+    models = list(identified.fold_models)
+    for k in range(0 if models else int(np.max(fold)) + 1):
+        part = training.part(fold != k)
+        known = replace(problem, training=part, validation=part, compared=True)
+        models.append(identifier.identify(known, np.random.default_rng(0)).model)
     runs = nearby_runs(identified.model, training, problem.thruster)
     if runs.own.free_run[1]:
         raise IdentificationError("its free run diverges over the training part")
@@ -241,32 +245,60 @@ def _calibrate(identifier: Identifier, problem: Problem, identified: Identified)
     if not np.any(kept):
         raise IdentificationError("every model diverges over what was left out of its training")
     rows = np.flatnonzero(kept)[:: max(int(np.sum(kept)) // MOST_ROWS, 1)]
-    noise = measured_noise(training)
+    number = (fold if training.file is None else training.file)[rows]
+    weight = 1.0 / np.bincount(number)[number]
+    share = float(np.sum(kept)) / float(np.sum(~restart))
+    return replace(_most_likely(identified, runs, errors[rows], rows, weight), share=share)
+
+
+def _most_likely(
+    identified: Identified, runs: NearbyRuns, errors: Array, rows: NDArray[np.int64], weight: Array
+) -> ModelError:
+    """The model error that makes errors (n, 2 n_dof) of the samples `rows` (n,) most likely."""
+    training, course, rho2 = runs.recording, runs.own.course, runs.rho2
+    pose = noise_floor(training.eta, training.piece_starts, training.period_s)
+    noise = np.concatenate([pose.deviation, training.noise.deviation])
     mean_square = np.mean(runs.squares(training.nu, training.attitude), axis=0)
     trial = ModelError(1.0, TRIED, 1.0, mean_square, noise)
-    fixed = _starts(runs, trial)[rows] + noise**2
-    fixed += (LEAST_DEVIATION * np.std(runs.own.course.measured, axis=0)) ** 2 + STILL**2
-    by_force = _accelerated(runs, trial)[rows] / TRIED**2
+
+    def moved(drawn: Callable[[np.random.Generator], Course]) -> Array:
+        """Variance (n, 2 n_dof) of runs over courses that are drawn."""
+        courses = map(drawn, map(np.random.default_rng, range(CALIBRATION_RUNS)))
+        return runs.variance(Prediction(runs.own.plant, each) for each in courses)[rows]
+
+    def begun(rng: np.random.Generator) -> Course:
+        return course.with_offset(
+            DEVIATION_SHARE * noise * rng.standard_normal(runs.shape_of_starts)
+        )
+
+    def pushed(rng: np.random.Generator) -> Course:
+        return runs.under(DEVIATION_SHARE * trial.accelerations(rho2, course.step_s, rng))
+
+    fixed, by_force = moved(begun) + noise**2, moved(pushed) / TRIED**2
+    fixed += (LEAST_DEVIATION * np.std(course.measured, axis=0)) ** 2 + STILL**2
     if not np.all(np.isfinite(fixed + by_force)):
         raise IdentificationError("runs that begin or are accelerated a little apart diverge")
-    number = fold if training.file is None else training.file
-    weight = 1.0 / np.bincount(number[rows])[number[rows]]
-    best = (np.inf, 1.0, 0.0, fixed)
-    for kappa2, variance in _by_kappa2(identified, runs):
-        known = variance[rows] + fixed
+    best, known, spread = (np.inf, 1.0, 0.0, fixed), fixed, identified.spread
+    for kappa2 in KAPPA2 if spread is not None else KAPPA2[:1]:
+        if spread is not None:
+            rng = np.random.default_rng(0)
+            drawn = (
+                (spread.draw(identified, rng, DEVIATION_SHARE, kappa2), course)
+                for _ in range(CALIBRATION_RUNS)
+            )
+            known = runs.variance(predictable(drawn))[rows] + fixed
         if not np.all(np.isfinite(known)):  # drawn models diverge, and will the more with more
             break
-        loss, force = _best_force(errors[rows], known, by_force, weight)
+        loss, force = _best_force(errors, known, by_force, weight)
         if loss >= best[0]:  # there is one minimum
             break
         best = loss, kappa2, force, known
     loss, kappa2, force, known = best
     if not np.isfinite(loss):
         raise IdentificationError("models drawn from its distribution diverge")
-    ratio = np.abs(errors[rows]) / (ndtri(0.5 + 0.5 * LEVEL) * np.sqrt(known + force**2 * by_force))
+    ratio = np.abs(errors) / (ndtri(0.5 + 0.5 * LEVEL) * np.sqrt(known + force**2 * by_force))
     scale = weighted_quantile(ratio.ravel(), np.repeat(weight, ratio.shape[1]), LEVEL)
-    share = float(np.sum(kept)) / float(np.sum(~restart))
-    return ModelError(kappa2, force, scale, mean_square, noise, share)
+    return ModelError(kappa2, force, scale, mean_square, noise)
 
 
 def folded(training: Recording, carried: int = 0) -> tuple[Recording, NDArray[np.int64]]:
@@ -287,18 +319,6 @@ def folded(training: Recording, carried: int = 0) -> tuple[Recording, NDArray[np
     return training.part(kept), fold[kept]
 
 
-def fold_models(
-    identifier: Identifier, problem: Problem, training: Recording, fold: NDArray[np.int64]
-) -> tuple[Vessel, ...]:
-    """The models identified without each fold; raises the errors of the identifier."""
-    models = []
-    for k in range(int(np.max(fold)) + 1):
-        part = training.part(fold != k)
-        known = replace(problem, training=part, validation=part, compared=True)
-        models.append(identifier.identify(known, np.random.default_rng(0)).model)
-    return tuple(models)
-
-
 def left_out_errors(runs: NearbyRuns, models: Sequence[Vessel], fold: NDArray[np.int64]) -> Array:
     """Predicted minus measured (N, 2 n_dof), each fold by the model without it; NaN: diverged."""
     errors = np.full_like(runs.own.course.measured, np.nan)
@@ -312,50 +332,6 @@ def left_out_errors(runs: NearbyRuns, models: Sequence[Vessel], fold: NDArray[np
             found[predicted.lost()] = np.nan
         errors[fold == k] = found[fold == k]
     return errors
-
-
-def measured_noise(recording: Recording) -> Array:
-    """Standard deviation (2 n_dof,) of the white noise of the measured pose and velocity."""
-    pose = noise_floor(recording.eta, recording.piece_starts, recording.period_s)
-    return np.concatenate([pose.deviation, recording.noise.deviation])
-
-
-def _starts(runs: NearbyRuns, error: ModelError) -> Array:
-    """Variance (N, 2 n_dof) by the noise of the starting states."""
-    course = runs.own.course
-    normals = (
-        np.random.default_rng(i).standard_normal(runs.shape_of_starts)
-        for i in range(CALIBRATION_RUNS)
-    )
-    return runs.variance(
-        Prediction(runs.own.plant, course.with_offset(DEVIATION_SHARE * error.noise * each))
-        for each in normals
-    )
-
-
-def _accelerated(runs: NearbyRuns, error: ModelError) -> Array:
-    """Variance (N, 2 n_dof) by the accelerations."""
-    rho2, step_s = runs.rho2, runs.own.course.step_s
-    paths = (
-        error.accelerations(rho2, step_s, np.random.default_rng(i)) for i in range(CALIBRATION_RUNS)
-    )
-    return runs.variance(
-        Prediction(runs.own.plant, runs.under(DEVIATION_SHARE * path)) for path in paths
-    )
-
-
-def _by_kappa2(identified: Identified, runs: NearbyRuns) -> Iterator[tuple[float, Array]]:
-    """Variance (N, 2 n_dof) by the parameters for each kappa^2."""
-    spread, course = identified.spread, runs.own.course
-    if spread is None:
-        yield 1.0, np.zeros_like(course.measured)
-        return
-    for kappa2 in KAPPA2:
-        rng = np.random.default_rng(0)
-        models = (
-            spread.draw(identified, rng, DEVIATION_SHARE, kappa2) for _ in range(CALIBRATION_RUNS)
-        )
-        yield kappa2, runs.variance(predictable((model, course) for model in models))
 
 
 def _best_force(e: Array, known: Array, by_force: Array, weight: Array) -> tuple[float, float]:

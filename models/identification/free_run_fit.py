@@ -82,11 +82,16 @@ class FreeRuns:
     Args:
         predictor: predicts from each of its restarts.
         size: size of the parameters, shape (m,), in their units.
-        estimated: states that are unknown where a prediction begins, of poses, then velocities.
+        estimated: states that are unknown where a prediction begins, of poses, then velocities;
+            None: the velocities.
     """
 
-    def __init__(self, predictor: Predictor, size: Array, estimated: Sequence[int]) -> None:
-        self.predictor, self.size, self.estimated = predictor, size, list(estimated)
+    def __init__(
+        self, predictor: Predictor, size: Array, estimated: Sequence[int] | None = None
+    ) -> None:
+        n = len(predictor.free.nominal.dofs)
+        self.predictor, self.size = predictor, size
+        self.estimated = list(range(n, 2 * n) if estimated is None else estimated)
         self.begin = np.flatnonzero(predictor.course.restart)
         self.evaluations = 0
         self._latest: tuple[Point, tuple[Array, Array]] | None = None
@@ -370,15 +375,9 @@ def refined_by_segments(
         for length, effort in ((FIRST_LENGTH, QUICK), (1.0, USUAL)):
             duration_s = length * whole_s
             predictor = segments(recording, model.free, lag, options.force, duration_s)
-            yield Stage(over_segments(predictor, deviation), effort)
+            yield Stage(FreeRuns(predictor, deviation), effort)
 
     return grown(stages(), change, np.zeros_like(change), deviation, model.constraints)
-
-
-def over_segments(predictor: Predictor, size: Array) -> FreeRuns:
-    """Free runs whose initial velocities are unknown; size (m,) of the parameters."""
-    n_dof = len(predictor.free.nominal.dofs)
-    return FreeRuns(predictor, size, range(n_dof, 2 * n_dof))
 
 
 def segments(

@@ -18,9 +18,8 @@ with `instruments: none` (LS) or `simulated` (IV).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import chain
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -29,13 +28,7 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.free_parameters import ned_forces
-from seatrial.models.identification.linear import (
-    check_distinguished,
-    condition_diagnostics,
-    long_run_covariances,
-    triangle,
-    turns,
-)
+from seatrial.models.identification.linear import LinearFit, check_distinguished, triangle, turns
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import (
     CONSTANT,
@@ -48,7 +41,6 @@ from seatrial.models.identification.residual import (
     thruster_of,
 )
 from seatrial.models.identification.simulated_motion import simulated_motion
-from seatrial.models.identification.spread import TableSpread, table_spread
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import MOST_REPEATS, Positive
 from seatrial.models.vessel import basis
@@ -69,29 +61,14 @@ NO_INTERVALS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """An instrumental-variable fit of m targets y, in which theta is linear."""
 
     theta: Array  # (n_terms, m)
-    rest: Array  # (N, m) residuals
-    z: Array  # (N, n_instruments)
     inverse: Array  # (n_instruments, n_instruments) that makes the columns of z orthonormal
     share: Array  # (n_instruments, n_terms), theta = share' (z inverse)' y
-    left: Array  # (n, n_terms) R of what the instruments leave of the regressors
     condition: float  # condition number of the scaled regressors projected on the instruments
-
-    @cached_property
-    def covariances(self) -> Array:
-        """Covariances of theta for each target with stationary residuals, (m, n_terms, n_terms)."""
-        own = long_run_covariances(lambda rows: self.z[rows] @ self.inverse, self.rest)
-        return np.asarray(self.share.T @ own @ self.share)
-
-    def standard_errors(self) -> Array:
-        """Standard errors (n_terms, m) for autocorrelated residuals."""
-        n, n_terms = len(self.rest), len(self.theta)
-        variances = np.diagonal(self.covariances, axis1=1, axis2=2).T
-        return np.sqrt(np.clip(n / max(n - n_terms, 1) * variances, 0.0, None))
+    strength: float  # how much of the regressors the instruments explain, over what they do not
 
 
 def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution:
@@ -99,8 +76,10 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
 
     theta = argmin |P (y - Phi theta)|^2 with the projection P on the instruments. With as many
     instruments as terms it solves Z'(y - Phi theta) = 0, and with Z = Phi it is least squares.
-    Raises IdentificationError, with the `names` of the terms, when the instruments do not
-    determine theta.
+    The strength is the statistic of Cragg and Donald (1993): the least eigenvalue over all
+    combinations of the terms, an F of the first stage. About 1 is that of instruments that have
+    nothing to do with the motion, above 10 are strong ones (Stock and Yogo 2005). Raises
+    IdentificationError, with the `names` of the terms, when the instruments do not determine theta.
     """
     n, m = y.shape
     (a, b), own = (z.shape[1], phi.shape[1]), z is phi
@@ -116,49 +95,34 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
     u, s, vt = np.linalg.svd(of_phi[:a] / scale, full_matrices=False)
     check_distinguished(s, vt, names, WHAT, SINGULAR_RATIO)
     share = (u / s) @ vt / scale
-    theta = share.T @ R[:a, -m:]
     inverse = np.asarray(np.linalg.inv(of_z[:a]), dtype=np.float64)
-    condition = float(s[0] / s[-1])
-    return Solution(theta, y - phi @ theta, z, inverse, share, of_phi[a:], condition)
+    missed = float(np.linalg.norm(of_phi[a:] @ share.T, 2)) ** 2
+    strength = (n - a) / a / missed if missed > 0.0 else np.inf
+    return Solution(share.T @ R[:a, -m:], inverse, share, float(s[0] / s[-1]), strength)
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """An estimate without standard errors."""
-
-    samples: Samples
-    kept: tuple[int, ...]  # terms that are determined; the others keep their nominal values
-    solution: Solution  # over `kept`
-    diagnostics: tuple[Diagnostic, ...] = ()
-
-    def table(self, values: Array, missing: float) -> Array:
-        """Values (n_kept, n_dof) on all terms, `missing` elsewhere, shape (n_terms, n_dof)."""
-        full = np.full((len(self.samples.terms), values.shape[1]), missing)
-        full[list(self.kept)] = values
-        return full
-
-    @cached_property
-    def strength(self) -> float:
-        """How much of the regressors the instruments explain, over what they do not.
-
-        The statistic of Cragg and Donald (1993): the least eigenvalue over all combinations of the
-        terms, an F of the first stage. About 1 is that of instruments that have nothing to do with
-        the motion, above 10 are strong ones (Stock and Yogo 2005).
-        """
-        n, n_instruments = self.solution.z.shape
-        largest = float(np.linalg.norm(self.solution.left @ self.solution.share.T, 2)) ** 2
-        return (n - n_instruments) / n_instruments / largest if largest > 0.0 else np.inf
-
-    def spread(self) -> TableSpread:
-        """The distribution of the coefficients."""
-        covariances = [np.zeros((len(self.samples.terms),) * 2) for _ in self.solution.covariances]
-        for full, own in zip(covariances, self.solution.covariances, strict=True):
-            full[np.ix_(self.kept, self.kept)] = own
-        return table_spread(covariances, self.solution.rest)
-
-    def residual(self, dofs: tuple[str, ...]) -> Vessel:
-        """The residual table."""
-        return Vessel("residual", dofs, self.samples.terms, self.table(self.solution.theta, 0.0))
+def solve_excited(samples: Samples, z: Array) -> tuple[LinearFit, float]:
+    """The fit of the terms whose instruments and regressors vary, and its strength."""
+    phi, n_terms = samples.phi, len(samples.terms)
+    size = np.sqrt(np.einsum("nj,nj->j", z, z) / len(z))
+    varies = (size > 1e-12 * np.max(size, initial=0.0)) & np.any(phi != 0.0, axis=0)
+    used = np.flatnonzero(varies)
+    if not len(used):
+        raise IdentificationError(
+            "the recorded force excites no term in the simulated motion, expected at least one"
+        )
+    columns = phi if len(used) == n_terms else phi[:, used]
+    instruments = columns if z is phi else z[:, used]
+    names = [str(samples.terms[i]) for i in used]
+    found = solve(instruments, columns, samples.epsilon, names)
+    n_dof = samples.epsilon.shape[1]
+    theta, share = np.zeros((n_terms, n_dof)), np.zeros((len(found.share), n_terms))
+    theta[used], share[:, used] = found.theta, found.share
+    return LinearFit(
+        samples.terms, theta, samples.epsilon - columns @ found.theta,
+        lambda rows: instruments[rows] @ found.inverse, np.repeat(share[None], n_dof, axis=0),
+        np.full(n_dof, float(len(used))), varies, found.condition,
+    ), found.strength  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -244,8 +208,8 @@ class InstrumentalVariables(ResidualOptions):
         if self.wind_measurement is None:
             return self.with_wind(problem).estimated(problem, rng)
         lag, diagnostics = thruster_of(self, problem)
-        estimate = self.estimate(problem, lag)
-        residual = estimate.residual(problem.nominal.dofs)
+        samples, fitted, strength, about = self.estimate(problem, lag)
+        residual = fitted.residual(problem.nominal.dofs)
         model = problem.nominal + residual
         if self.inertia_factor is None:
             least = float(np.min(np.linalg.eigvals(model.inertia).real))
@@ -256,21 +220,19 @@ class InstrumentalVariables(ResidualOptions):
                     f"measured motion: try orientation_terms=true or a shorter restart_s"
                 )
         consistent = not problem.compared and self.instruments != "none"
-        weak = consistent and self.inertia_factor is not None and estimate.strength < WEAK
+        weak = consistent and self.inertia_factor is not None and strength < WEAK
         errors, spread = None, None
         if not (problem.compared or weak):
-            errors = estimate.table(estimate.solution.standard_errors(), np.nan)
-            spread = estimate.spread()
-        diagnostics = (*diagnostics, *estimate.diagnostics)
-        result = Identified(model, residual, errors, diagnostics, spread=spread)
+            errors, spread = fitted.standard_errors(), fitted.spread()
+        result = Identified(model, residual, errors, (*diagnostics, *about), spread=spread)
         if not consistent:
-            return finished(self, problem, lag, estimate.samples, result)
+            return finished(self, problem, lag, samples, result)
         refinements: tuple[Refinement, ...] = ("none", "free_run")  # until one can be simulated
         if self.refinement != "none":
             refinements = (self.refinement,)
         for refinement in refinements[:: -1 if weak else 1]:
             options = replace(self, refinement=refinement)
-            final = finished(options, problem, lag, estimate.samples, result)
+            final = finished(options, problem, lag, samples, result)
             if self._simulates(problem, final.model):
                 chosen = (REFINED,) if refinement != self.refinement else ()
                 lacking = (NO_INTERVALS,) if not chosen and final.std_error is None else ()
@@ -288,51 +250,44 @@ class InstrumentalVariables(ResidualOptions):
             return False
         return True
 
-    def estimate(self, problem: Problem, lag: SecondOrderLag | None) -> Estimate:
-        """The estimate without standard errors."""
+    def estimate(
+        self, problem: Problem, lag: SecondOrderLag | None
+    ) -> tuple[Samples, LinearFit, float, tuple[Diagnostic, ...]]:
+        """The samples, the fit, the strength of its instruments, and diagnostics.
+
+        The first instruments are from the nominal model, then from each estimate. In a stretch
+        where an estimate cannot be simulated they are those of the estimate before. The iterations
+        end where no stretch can be; the last estimate is kept.
+        """
         if self.wind_measurement and problem.training.wind is None:
             raise IdentificationError(
                 "wind_measurement=true: the recording has no measured wind, "
                 "expected a disturbance with wind"
             )
-        samples = self.samples(problem.training, problem.nominal, lag)
+        samples, dofs = self.samples(problem.training, problem.nominal, lag), problem.nominal.dofs
         if self.instruments == "none":
-            estimate = _solve_excited_terms(samples, samples.phi)
-        else:
-            estimate = self._refine(problem, samples, lag)
-        kept, dofs = np.isin(np.arange(len(samples.terms)), estimate.kept), problem.nominal.dofs
-        conditions = [estimate.solution.condition] * len(dofs)
-        about = condition_diagnostics(samples.terms, kept, conditions, dofs)
-        return replace(estimate, diagnostics=estimate.diagnostics + about)
-
-    def _refine(self, problem: Problem, samples: Samples, lag: SecondOrderLag | None) -> Estimate:
-        """Estimate with instruments from the nominal model, then from each estimate.
-
-        In a stretch where an estimate cannot be simulated the instruments are those of the
-        estimate before. The refinement ends where no stretch can be; the last estimate is kept.
-        """
+            fitted, strength = solve_excited(samples, samples.phi)
+            return samples, fitted, strength, fitted.diagnostics(dofs)
         models = [problem.nominal]
         instruments, same_sign, _ = self.columns(problem, models, lag)
-        estimate, count = _solve_excited_terms(samples, instruments), 0
+        (fitted, strength), count = solve_excited(samples, instruments), 0
         for _ in range(self.iterations):
-            models.insert(0, problem.nominal + estimate.residual(problem.nominal.dofs))
+            models.insert(0, problem.nominal + fitted.residual(dofs))
             try:
                 instruments, same_sign, newest = self.columns(problem, models, lag)
                 if newest == 0.0:
                     break
-                estimate = _solve_excited_terms(samples, instruments)
+                fitted, strength = solve_excited(samples, instruments)
             except IdentificationError:
                 break
             count += 1
-        diagnostics = (
+        shares = zip(dofs, same_sign.tolist(), strict=True)
+        return samples, fitted, strength, (
             Diagnostic("iterations", "all", float(count)),
-            Diagnostic("instrument_strength", "all", estimate.strength),
-            *(
-                Diagnostic("same_sign", dof, float(share))
-                for dof, share in zip(problem.nominal.dofs, same_sign, strict=True)
-            ),
-        )
-        return replace(estimate, diagnostics=diagnostics)
+            Diagnostic("instrument_strength", "all", strength),
+            *(Diagnostic("same_sign", dof, share) for dof, share in shares),
+            *fitted.diagnostics(dofs),
+        )  # fmt: skip
 
     def columns(
         self, problem: Problem, models: Sequence[Vessel], lag: SecondOrderLag | None
@@ -362,19 +317,3 @@ class InstrumentalVariables(ResidualOptions):
 
 def _in_air(term: Term) -> bool:
     return any(basis.VARIABLES[code % basis.N_VARIABLES] in basis.AIR for code in term.codes)
-
-
-def _solve_excited_terms(samples: Samples, z: Array) -> Estimate:
-    """The solution over the terms whose instruments and regressors vary."""
-    spread = np.sqrt(np.einsum("nj,nj->j", z, z) / len(z))
-    excited = (spread > 1e-12 * np.max(spread, initial=0.0)) & np.any(samples.phi != 0.0, axis=0)
-    kept = tuple(int(i) for i in np.flatnonzero(excited))
-    if not kept:
-        raise IdentificationError(
-            "the recorded force excites no term in the simulated motion, expected at least one"
-        )
-    names = [str(samples.terms[i]) for i in kept]
-    phi = samples.phi if len(kept) == len(samples.terms) else samples.phi[:, list(kept)]
-    instruments = phi if z is samples.phi else z[:, list(kept)]
-    solution = solve(instruments, phi, samples.epsilon, names)
-    return Estimate(samples, kept, solution)

@@ -1,10 +1,9 @@
 """Linear least squares with an optional ridge, from the triangular factor of the columns.
 
-    minimise sum_k w_k |y_k - Phi theta_k - H T_k f|^2 + penalty_k |scaled theta_k|^2
+    minimise |y_k - Phi theta_k|^2 + penalty_k |scaled theta_k|^2
 
-Each degree of freedom k has its own theta_k; f is a force (north, east) that is constant in NED and
-common to them, H = [cos psi, sin psi]. The term 1 is the intercept and is not penalised; without it
-nothing is centred. Columns that do not vary get a coefficient of zero.
+for each degree of freedom k. The term 1 is the intercept and is not penalised; without it nothing
+is centred. Columns that do not vary get a coefficient of zero.
 
 With [1, X, Y] = Q R everything follows from R: its first row holds the means, the others are those
 of centred columns. R is computed in blocks of rows, as R of all rows is R of the last R stacked on
@@ -23,21 +22,20 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification.free_parameters import ned_forces
-from seatrial.models.identification.residual import HEADING, Samples
+from seatrial.models.identification.residual import Samples
+from seatrial.models.identification.spread import TableSpread, correlation, factor_of
 from seatrial.models.identification.uncertainty import (
     PIECE,
     autocovariances,
     bandwidth,
     bartlett_weights,
 )
-from seatrial.models.notation import PLANAR
 from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.table import Vessel
 
 BLOCK_ROWS = 2048  # rows in a block
+TRAINING = "training part does not distinguish"
 SINGULAR_RATIO = 1e-12
-# T (n_dof, 2, 2): coefficients of cos(psi) and sin(psi) by a force of 1 N to the north or east
-NED = np.stack([one.on(HEADING).theta for one in ned_forces(PLANAR).values()], -1).swapaxes(0, 1)
 
 
 def turns(n: int, together: int | None = None) -> list[slice]:
@@ -73,36 +71,76 @@ def check_distinguished(s: Array, vt: Array, names: Sequence[str], what: str, ra
 
 
 @dataclass(frozen=True, eq=False)
-class Decomposition:
-    """SVD of the standardised columns of a regression, U diag(s) V', and its m targets.
+class LinearFit:
+    """A table that is linear in its targets, with the data needed for its standard errors.
 
-    The targets are H if a force in NED is estimated, then the lack of fit of every axis.
+    Its derivative by the target of k is rows(i) @ shares[k] for the samples i.
     """
+
+    terms: tuple[Term, ...]
+    theta: Array  # (n_terms, n_dof)
+    rest: Array  # (N, n_dof) residuals
+    rows: Callable[[slice], Array]  # (n, q)
+    shares: Array  # (n_dof, q, n_terms)
+    parameters: Array  # (n_dof,) effective number of parameters
+    varies: NDArray[np.bool_]  # (n_terms,) terms that have a coefficient
+    condition: float  # largest over smallest singular value of the scaled columns
+
+    @cached_property
+    def covariances(self) -> Array:
+        """Covariance (n_dof, n_terms, n_terms) of theta for stationary residuals."""
+        inflated = len(self.rest) / np.maximum(len(self.rest) - self.parameters, 1.0)
+        own = long_run_covariances(self.rows, self.rest)
+        every = zip(inflated, self.shares, own, strict=True)
+        return np.array([factor * share.T @ each @ share for factor, share, each in every])
+
+    def standard_errors(self) -> Array:
+        """Standard errors of theta (n_terms, n_dof), NaN for terms without a coefficient."""
+        variances = np.diagonal(self.covariances, axis1=1, axis2=2).T
+        return np.where(self.varies[:, None], np.sqrt(np.clip(variances, 0.0, None)), np.nan)
+
+    def spread(self) -> TableSpread:
+        """The distribution of the coefficients."""
+        within = tuple(factor_of(correlation(each)) for each in self.covariances)
+        return TableSpread(within, factor_of(correlation(self.rest.T @ self.rest)))
+
+    def residual(self, dofs: tuple[str, ...]) -> Vessel:
+        """The residual table."""
+        return Vessel("residual", dofs, self.terms, self.theta)
+
+    def diagnostics(self, dofs: Sequence[str]) -> tuple[Diagnostic, ...]:
+        """Condition number of each degree of freedom, and the terms without a coefficient."""
+        dropped = [self.terms[i].name for i in np.flatnonzero(~self.varies)]
+        return (
+            *(Diagnostic("condition_number", dof, self.condition) for dof in dofs),
+            *(Diagnostic("dropped_term", "all", 1.0, label=name) for name in dropped),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Decomposition:
+    """SVD of the standardised columns of a regression, U diag(s) V', and its targets."""
 
     samples: Samples
     columns: NDArray[np.int64]  # terms that vary, P of them
     mean: Array  # (P,) of the columns; zero without an intercept
     scale: Array  # (P,) standard deviations; root mean squares without an intercept
-    offset: Array  # (m,) mean of the targets; zero without an intercept
+    offset: Array  # (n_dof,) mean of the targets; zero without an intercept
     s: Array
     vt: Array
-    along: Array  # (P, m) U' of the targets
-    left: Array  # (n, m) R of what the columns leave of them
+    along: Array  # (P, n_dof) U' of the targets
+    left: Array  # (n, n_dof) R of what the columns leave of them
 
     @classmethod
-    def of(cls, samples: Samples, ned_force: bool = False) -> "Decomposition":
-        """The decomposition of samples; with `ned_force` the columns H are among the targets."""
+    def of(cls, samples: Samples) -> "Decomposition":
+        """The decomposition of samples, whose lack of fit is the target."""
         constant, every = samples.constant, range(len(samples.terms))
         order = np.array([i for i in every if i != constant], dtype=np.int64)
-        first = int(constant is not None)
-        y = np.hstack([samples.heading, samples.epsilon]) if ned_force else samples.epsilon
-
-        def blocks() -> Iterable[Array]:
-            for turn in turns(len(samples)):
-                ones = np.ones((len(y[turn]), first))
-                yield np.hstack([ones, samples.phi[turn][:, order], y[turn]])
-
-        R = triangle(blocks())
+        first, y = int(constant is not None), samples.epsilon
+        R = triangle(
+            np.hstack([np.ones((len(y[turn]), first)), samples.phi[turn][:, order], y[turn]])
+            for turn in turns(len(samples))
+        )
         varying = slice(first, first + len(order))
         varies = np.linalg.norm(R[first:, varying], axis=0) > SINGULAR_RATIO * np.linalg.norm(
             R[:, varying], axis=0
@@ -119,158 +157,53 @@ class Decomposition:
             samples, order, mean[first:P], scale, mean[P:], s, vt, u.T @ R[first:P, P:], R[P:, P:]
         )
 
-    @property
-    def varies(self) -> NDArray[np.bool_]:
-        """Terms that have a coefficient, (n_terms,)."""
-        varies = np.isin(np.arange(len(self.samples.terms)), self.columns)
-        if self.samples.constant is not None:
-            varies[self.samples.constant] = True
-        return varies
-
-    @property
-    def condition(self) -> float:
-        """Largest over smallest singular value; infinite if the columns are dependent."""
-        if not len(self.s):
-            return 1.0
-        return float(self.s[0] / self.s[-1]) if self.s[-1] > 0.0 else float("inf")
-
-    def shrinkage(self, penalty: float) -> Array:
-        """s^2 / (s^2 + penalty), whose sum is the effective number of parameters."""
-        return np.asarray(self.s**2 / (self.s**2 + penalty))
-
     def parameters(self, penalty: float) -> float:
         """Effective number of parameters, including the intercept."""
-        return float(np.sum(self.shrinkage(penalty))) + (self.samples.constant is not None)
-
-    def coefficients(self, penalty: float = 0.0) -> Array:
-        """Coefficients of the terms for each of the targets, shape (n_terms, m)."""
-        theta = self.share(penalty).T @ self.along
-        if self.samples.constant is not None:
-            theta[self.samples.constant] += self.offset
-        return theta
-
-    def share(self, penalty: float) -> Array:
-        """Derivative of the coefficients by U' of a target, shape (P, n_terms)."""
-        share = np.zeros((len(self.s), len(self.samples.terms)))
-        shrunk = self.s / (self.s**2 + penalty)
-        share[:, self.columns] = shrunk[:, None] * self.vt / self.scale
-        if self.samples.constant is not None:
-            share[:, self.samples.constant] = -share[:, self.columns] @ self.mean
-        return share
-
-
-@dataclass(frozen=True, eq=False)
-class LinearFit:
-    """A fit of every degree of freedom, with the data needed for its standard errors.
-
-    The unknowns are theta of one degree of freedom after the other, then f. They are linear in the
-    targets: their derivatives by the target of k are `rows` times `share` of k.
-    """
-
-    part: Decomposition
-    weights: Array  # (n_dof,)
-    penalties: Array  # (n_dof,) over the weights
-    turned: Array  # T (n_dof, m, m); m = 0: f is not estimated
-    normal: Array  # (m, m) of f
-    theta: Array  # (n_terms, n_dof)
-    force: Array  # f (m,) [N]
-    rest: Array  # (N, n_dof) residuals
-
-    @property
-    def parameters(self) -> Array:
-        """Effective number of parameters (n_dof,)."""
-        return np.array([self.part.parameters(penalty) for penalty in self.penalties])
-
-    def rows(self, rows: slice) -> Array:
-        """1 / N, U, and what it leaves of H, (n, q)."""
-        part, samples, m = self.part, self.part.samples, len(self.force)
-        x = (samples.phi[rows][:, part.columns] - part.mean) / part.scale
-        least = SINGULAR_RATIO * np.max(part.s, initial=0.0)  # below it a penalty leaves nothing
-        u = x @ (part.vt.T / np.maximum(part.s, least))
-        h = samples.heading[rows, :m] - part.offset[:m] - u @ part.along[:, :m]
-        return np.hstack([np.full((len(x), 1), 1.0 / len(samples)), u, h])
-
-    def share(self, k: int) -> Array:
-        """Derivative of the unknowns by the target of k along the rows, (q, n_unknowns)."""
-        part, m = self.part, len(self.force)
-        kept = (1.0 - part.shrinkage(self.penalties[k]))[:, None] * part.along[:, :m]
-        side = self.weights[k] * np.vstack([np.zeros((1, m)), kept, np.eye(m)]) @ self.turned[k]
-        f = np.linalg.solve(self.normal, side.T).T
-        own = [
-            -f @ (part.coefficients(penalty)[:, :m] @ turned).T
-            for penalty, turned in zip(self.penalties, self.turned, strict=True)
-        ]
-        own[k][1 : 1 + len(part.s)] += part.share(self.penalties[k])
-        if part.samples.constant is not None:
-            own[k][0, part.samples.constant] += 1.0
-        return np.hstack([*own, f])
-
-    @cached_property
-    def covariance(self) -> Array:
-        """Covariance of the unknowns, (n_unknowns, n_unknowns).
-
-        For stationary residuals that are independent between the degrees of freedom.
-        """
-        inflated = len(self.rest) / np.maximum(len(self.rest) - self.parameters, 1.0)
-        own = long_run_covariances(self.rows, self.rest)
-        shares = map(self.share, range(len(own)))
-        return np.asarray(
-            sum(
-                factor * share.T @ each @ share
-                for factor, share, each in zip(inflated, shares, own, strict=True)
-            )
+        return float(np.sum(self.s**2 / (self.s**2 + penalty))) + (
+            self.samples.constant is not None
         )
 
-    def standard_errors(self) -> tuple[Array, Array]:
-        """Standard errors of theta (n_terms, n_dof), NaN for terms that do not vary, and of f."""
-        errors = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
-        theta = errors[: self.theta.size].reshape(self.theta.shape[::-1]).T
-        return np.where(self.part.varies[:, None], theta, np.nan), errors[self.theta.size :]
+    def rows(self, rows: slice) -> Array:
+        """1 / N and U of some samples, (n, 1 + P)."""
+        x = (self.samples.phi[rows][:, self.columns] - self.mean) / self.scale
+        least = SINGULAR_RATIO * np.max(self.s, initial=0.0)  # below it a penalty leaves nothing
+        u = x @ (self.vt.T / np.maximum(self.s, least))
+        return np.hstack([np.full((len(x), 1), 1.0 / len(self.samples)), u])
 
+    def share(self, penalty: float) -> Array:
+        """Derivative of the coefficients by the mean and U' of a target, (1 + P, n_terms)."""
+        constant = self.samples.constant
+        share = np.zeros((1 + len(self.s), len(self.samples.terms)))
+        shrunk = self.s / (self.s**2 + penalty)
+        share[1:, self.columns] = shrunk[:, None] * self.vt / self.scale
+        if constant is not None:
+            share[1:, constant] = -share[1:, self.columns] @ self.mean
+            share[0, constant] = 1.0
+        return share
 
-def fit(
-    part: Decomposition, penalties: Array | None = None, weights: Array | None = None
-) -> LinearFit:
-    """Fit all degrees of freedom; penalties (n_dof,) and weights (n_dof,).
+    def fit(self, penalties: Array | None = None) -> LinearFit:
+        """Fit all degrees of freedom with penalties (n_dof,).
 
-    For f the own columns are projected out of H and the targets (Frisch, Waugh and Lovell):
-    sum_k w_k T_k' H' (I - P_k) H T_k f = sum_k w_k T_k' H' (I - P_k) y_k. Raises
-    IdentificationError when the columns are dependent and no penalty makes the solution unique.
-    """
-    samples, n_dof = part.samples, part.samples.epsilon.shape[1]
-    m = part.along.shape[1] - n_dof
-    weights = np.ones(n_dof) if weights is None else weights
-    ridge = np.zeros(n_dof) if penalties is None else penalties / weights
-    if not np.all(ridge > 0.0):
-        names = [str(samples.terms[i]) for i in part.columns]
-        what = "training part does not distinguish"
-        check_distinguished(part.s, part.vt, names, what, SINGULAR_RATIO)
-    turned = NED if m else np.zeros((n_dof, 0, 0))
-    normal, side = np.zeros((m, m)), np.zeros(m)
-    for k, T in enumerate(turned):
-        along, left = part.along[:, :m] @ T, part.left[:, :m] @ T
-        kept = (1.0 - part.shrinkage(ridge[k]))[:, None] * along
-        normal += weights[k] * (left.T @ left + along.T @ kept)
-        side += weights[k] * (left.T @ part.left[:, m + k] + kept.T @ part.along[:, m + k])
-    f = np.asarray(np.linalg.solve(normal, side), dtype=np.float64)
-    own = [part.coefficients(penalty) for penalty in ridge]
-    theta = np.stack(
-        [each[:, m + k] - each[:, :m] @ turned[k] @ f for k, each in enumerate(own)], axis=1
-    )
-    rest = samples.epsilon - samples.phi @ theta - samples.heading[:, :m] @ (turned @ f).T
-    return LinearFit(part, weights, ridge, turned, normal, theta, f, rest)
-
-
-def condition_diagnostics(
-    terms: Sequence[Term], varies: NDArray[np.bool_], conditions: Sequence[float],
-    dofs: Sequence[str],
-) -> tuple[Diagnostic, ...]:  # fmt: skip
-    """Condition number of each degree of freedom, and the terms (n_terms,) that do not vary."""
-    dropped = [term.name for term, kept in zip(terms, varies, strict=True) if not kept]
-    return (
-        *(Diagnostic("condition_number", *row) for row in zip(dofs, conditions, strict=True)),
-        *(Diagnostic("dropped_term", "all", 1.0, label=name) for name in dropped),
-    )
+        Raises IdentificationError when the columns are dependent and no penalty makes the solution
+        unique.
+        """
+        samples, s = self.samples, self.s
+        ridge = np.zeros(samples.epsilon.shape[1]) if penalties is None else penalties
+        if not np.all(ridge > 0.0):
+            names = [str(samples.terms[i]) for i in self.columns]
+            check_distinguished(s, self.vt, names, TRAINING, SINGULAR_RATIO)
+        shares = np.array([self.share(penalty) for penalty in ridge])
+        columns = ((each[1:].T @ self.along)[:, k] for k, each in enumerate(shares))
+        theta = np.stack(list(columns), axis=1)
+        if samples.constant is not None:
+            theta[samples.constant] += self.offset
+        varies = np.isin(range(len(samples.terms)), self.columns)
+        varies[[] if samples.constant is None else samples.constant] = True
+        condition = 1.0 if not len(s) else float(s[0] / s[-1]) if s[-1] > 0.0 else float("inf")
+        return LinearFit(
+            samples.terms, theta, samples.epsilon - samples.phi @ theta, self.rows, shares,
+            np.array([self.parameters(penalty) for penalty in ridge]), varies, condition,
+        )  # fmt: skip
 
 
 def long_run_covariances(rows: Callable[[slice], Array], rest: Array) -> Array:

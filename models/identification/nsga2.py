@@ -305,22 +305,17 @@ def front_diagnostics(
     free: FreeParameters, objectives: Objectives, result: SearchResult
 ) -> list[Diagnostic]:
     """All points of the Pareto set, and the history of the running metric."""
+    parameters = list(zip(free.dofs, free.labels, free.units, strict=True))
     diagnostics = []
-    for i, (point, values) in enumerate(zip(result.points, result.front, strict=True)):
-        for j, (dof, label, unit) in enumerate(
-            zip(free.dofs, free.labels, free.units, strict=True)
-        ):
-            diagnostics.append(
-                Diagnostic("pareto_parameter", dof, float(point[j]), unit, i, j, label)
-            )
-        for j, (dof, name, unit) in enumerate(objectives.labels):
-            diagnostics.append(
-                Diagnostic("pareto_objective", dof, float(values[j]), unit, i, j, name)
-            )
+    for i, pair in enumerate(zip(result.points, result.front, strict=True)):
+        names = ("pareto_parameter", parameters), ("pareto_objective", objectives.labels)
+        for (name, rows), values in zip(names, pair, strict=True):
+            diagnostics += [
+                Diagnostic(name, dof, float(value), unit, i, j, label)
+                for j, ((dof, label, unit), value) in enumerate(zip(rows, values, strict=True))
+            ]
     for i, step in enumerate(result.changes, start=2):
-        for j, (name, value) in enumerate(step._asdict().items()):
-            diagnostics.append(Diagnostic("running_metric", "all", value, "", i, j, name))
-    generations = Diagnostic(
-        "generations", "all", float(len(result.changes) + 1), label=result.reason
-    )
-    return [*diagnostics, generations]
+        for j, (label, value) in enumerate(step._asdict().items()):
+            diagnostics.append(Diagnostic("running_metric", "all", value, "", i, j, label))
+    count = float(len(result.changes) + 1)
+    return [*diagnostics, Diagnostic("generations", "all", count, label=result.reason)]

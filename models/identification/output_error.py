@@ -20,9 +20,9 @@ import scipy
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE, Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import Course, deviations
 from seatrial.models.identification.free_run_fit import Effort, Fit, FreeRuns, Stage, grown
+from seatrial.models.identification.linear import TRAINING, check_distinguished
 from seatrial.models.identification.physical_constraints import feasible
 from seatrial.models.identification.predictor import PredictionOptions, active_bounds, check_outputs
 from seatrial.models.identification.problem import Identified, Problem
@@ -80,7 +80,7 @@ class OutputError(PredictionOptions):
             check_outputs(self.outputs, nominal)
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of the best parameters, with standard errors and their covariance.
+        """The residual table of the best parameters, with standard errors.
 
         Raises IdentificationError when the predictions do not determine the parameters.
         """
@@ -150,21 +150,22 @@ def smoothed_starts(course: Course, pieces: Flags) -> Array:
 
 
 def model_of(options: PredictionOptions, problem: Problem, result: Fit) -> Identified:
-    """The model of a fit, with its standard errors, their covariance, and diagnostics.
+    """The model of a fit, with its standard errors, their distribution, and diagnostics.
 
     Raises IdentificationError when the predictions do not determine the parameters.
     """
-    free, training = result.runs.predictor.free, problem.training
-    condition = condition_of(result)
+    predictor, training = result.runs.predictor, problem.training
+    free, outputs, condition = predictor.free, predictor.compared, condition_of(result)
     point, covariance = result.parameters, result.covariance
-    errors = np.sqrt(np.diag(covariance))
+    rms = np.sqrt(np.mean(result.point.rest**2, axis=0))
+    rows = zip(outputs.dofs, outputs.names, outputs.units, rms, strict=True)
     bounds = active_bounds(free, point, options.box(free, training))
     known = {diagnostic.label for diagnostic in bounds}
     active = [name for name in result.active if name not in known]
     diagnostics = [
         Diagnostic("condition_number", "all", condition),
-        *covariance_diagnostics(free, covariance),
-        *fit_diagnostics(result),
+        *(Diagnostic("prediction_rms", dof, float(v), unit, label=n) for dof, n, unit, v in rows),
+        Diagnostic("evaluations", "all", float(result.evaluations)),
         *bounds,
         *(Diagnostic("active_constraint", "all", 1.0, label=name) for name in active),
     ]
@@ -175,7 +176,7 @@ def model_of(options: PredictionOptions, problem: Problem, result: Fit) -> Ident
         free.residual(point),
         free.std_error(covariance),
         tuple(diagnostics),
-        device_errors=free.device_errors(errors),
+        device_errors=free.device_errors(np.sqrt(np.diag(covariance))),
         spread=result.spread(problem.nominal),
     )
 
@@ -196,42 +197,14 @@ def condition_of(result: Fit) -> float:
     if np.any(prior > 0.0):  # in the same scale
         jacobian = np.vstack([jacobian, np.median(relative) * np.diag(np.sqrt(prior))])
     norms = np.linalg.norm(jacobian, axis=0)
-    labels, values = np.array(predictor.free.labels), predictor.free.values
+    labels, values = predictor.free.labels, predictor.free.values
     size = np.where(values != 0.0, np.abs(values), 1.0)
     unused = norms * size <= SINGULAR_RATIO * np.sqrt(result.rest.size)
     if np.any(unused):
         raise IdentificationError(
-            f"the training part does not determine {', '.join(labels[unused])}: "
+            f"the training part does not determine {', '.join(np.array(labels)[unused])}: "
             "the prediction does not depend on them"
         )
     _, s, vt = np.linalg.svd(jacobian / norms, full_matrices=False)
-    if s[-1] <= SINGULAR_RATIO * s[0]:
-        names = labels[np.abs(vt[-1]) > 0.1]
-        raise IdentificationError(
-            f"the training part does not distinguish {', '.join(names)} from each other: got a "
-            f"singular value ratio of {s[-1] / s[0]:.1e}, expected more than {SINGULAR_RATIO:g}"
-        )
+    check_distinguished(s, vt, labels, TRAINING, SINGULAR_RATIO)
     return float(s[0] / s[-1])
-
-
-def covariance_diagnostics(free: FreeParameters, covariance: Array) -> list[Diagnostic]:
-    """Covariance (m, m) of every pair of parameters, i and j counted from 1, j up to i."""
-    diagnostics = []
-    for i, j in zip(*np.tril_indices(len(free)), strict=True):
-        unit, label = (f"{names[i]} {names[j]}" for names in (free.units, free.labels))
-        value = float(covariance[i, j])
-        diagnostics.append(
-            Diagnostic("covariance", "all", value, unit, int(i) + 1, int(j) + 1, label)
-        )
-    return diagnostics
-
-
-def fit_diagnostics(result: Fit) -> list[Diagnostic]:
-    """Root mean square residual of each output, and the number of free runs."""
-    outputs = result.runs.predictor.compared
-    rms = np.sqrt(np.mean(result.point.rest**2, axis=0))
-    rows = zip(outputs.dofs, outputs.names, outputs.units, rms, strict=True)
-    return [
-        *(Diagnostic("prediction_rms", dof, float(v), unit, label=n) for dof, n, unit, v in rows),
-        Diagnostic("evaluations", "all", float(result.evaluations)),
-    ]

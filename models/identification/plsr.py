@@ -23,7 +23,6 @@ from seatrial.models.identification.kernel_pls import (
     columns,
     left_out_mse,
     mean_squares,
-    output_moment,
 )
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, Samples, thruster_of
@@ -106,12 +105,11 @@ class PartialLeastSquares(ResidualOptions):
 
 @dataclass(frozen=True)
 class Plsr(PartialLeastSquares):
-    """PLSR over all degrees of freedom together (`joint`) or each alone.
+    """PLSR over all degrees of freedom together.
 
     `max_order` null is the number of terms. Each bootstrap replicate chooses its own order.
     """
 
-    joint: bool
     max_order: PositiveInt | None
     selection: Selection
 
@@ -121,13 +119,15 @@ class Plsr(PartialLeastSquares):
         samples = self.samples(problem.training, problem.nominal, lag)
         z = self.columns(samples)
         left_out = self.left_out(self.selection, problem, lag, samples, z)
+        orders = min(self.max_order or z.n_x, z.n_x)
 
         def chosen(outputs: Array) -> tuple[Array, Array]:
             """The coefficients of the best order, and the errors of every order."""
             moments = left_out.moments(outputs)
-            every = self.fit(np.asarray(sum(moments)), z)
+            every = all_orders(np.asarray(sum(moments)), z.beta, orders)
             mse = left_out_mse(
-                left_out.pairs(moments), lambda used, left: mean_squares(left, self.fit(used, z))
+                left_out.pairs(moments),
+                lambda used, left: mean_squares(left, all_orders(used, z.beta, orders)),
             )
             best = enumerate(np.argmin(mse, axis=0))
             return np.stack([every[a, :, k] for k, a in best], axis=1), mse
@@ -140,15 +140,6 @@ class Plsr(PartialLeastSquares):
         diagnostics += scaled_coefficients(z, theta, residual)
         result = Identified(problem.nominal + residual, residual, errors, diagnostics)
         return finished(self, problem, lag, samples, result)
-
-    def fit(self, moment: Array, z: Columns) -> Array:
-        """Coefficients on Z of every order, shape (orders, 1 + J, K)."""
-        orders = min(self.max_order or z.n_x, z.n_x)
-        if self.joint:
-            return all_orders(moment, z.beta, orders)
-        outputs = range(len(moment) - 1 - z.n_x)
-        alone = [all_orders(output_moment(moment, z.n_x, k), z.beta, orders) for k in outputs]
-        return np.concatenate(alone, axis=2)
 
 
 def order_diagnostics(

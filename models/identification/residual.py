@@ -125,8 +125,7 @@ class ResidualOptions(Identifier):
         for name, choices in (self.tune or {}).items():
             if not choices:
                 raise ConfigurationError(f"tune.{name}: got no values, expected at least one")
-        for values in self._combinations():
-            self._with(values)
+        self._tuned()  # each is checked
         if isinstance(self.basis, str) and self.basis not in NAMED_BASES:
             raise ConfigurationError(
                 f"basis: got {self.basis!r}, expected {', '.join(NAMED_BASES)} or a list of terms"
@@ -205,27 +204,23 @@ class ResidualOptions(Identifier):
 
     def alternatives(self, problem: Problem) -> dict[str, Self]:
         """The identifiers of every combination of the values of `tune`."""
-        names = ", ".join(self.tune or ())
+        return self._tuned()
+
+    def _tuned(self) -> dict[str, Self]:
+        if not self.tune:
+            return {}
+        known, names = {field.name for field in fields(self)} - {"tune"}, list(self.tune)
+        if unknown := [name for name in names if name not in known]:
+            raise ConfigurationError(
+                f"tune: got {unknown[0]!r}, expected options of the identifier: "
+                f"{', '.join(sorted(known))}"
+            )
         return {
-            f"[{names} = {', '.join(map(str, values))}]": self._with(values)
-            for values in self._combinations()
+            f"[{', '.join(names)} = {', '.join(map(str, values))}]": replace(
+                self, **dict(zip(names, values, strict=True)), tune=None
+            )
+            for values in product(*self.tune.values())
         }
-
-    def _combinations(self) -> list[tuple[Any, ...]]:
-        """Every combination of the values of `tune`."""
-        return list(product(*self.tune.values())) if self.tune else []
-
-    def _with(self, values: tuple[Any, ...]) -> Self:
-        """This identifier with the values of the options of `tune`."""
-        options = dict(zip(self.tune or (), values, strict=True))
-        known = {field.name for field in fields(self)} - {"tune"}
-        for name in options:
-            if name not in known:
-                raise ConfigurationError(
-                    f"tune: got {name!r}, expected options of the identifier: "
-                    f"{', '.join(sorted(known))}"
-                )
-        return replace(self, **options, tune=None)
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel."""
@@ -416,5 +411,4 @@ def thruster_of(
     return lag, (
         Diagnostic("thruster_natural_frequency", "all", lag.natural_frequency_rad_s, "rad/s"),
         Diagnostic("thruster_damping", "all", lag.damping),
-        Diagnostic("thruster_r2", "all", 1.0 - unexplained(optimum.x)),
     )

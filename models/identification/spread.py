@@ -6,7 +6,6 @@ correlations that are drawn are of one covariance, which allows for residuals th
 other: those of the standard errors with the correlations for white residuals are too wide.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,7 +19,7 @@ from seatrial.models.vessel.table import Vessel
 
 @dataclass(frozen=True, eq=False)
 class TableSpread(Spread):
-    """Normal distribution of a table that a regression has found.
+    """Normal distribution of a table that a regression has found; variances of zero are fixed.
 
     `within` holds a factor A (n_terms, n_terms) of the correlation A A' of the coefficients of
     every degree of freedom, `across` one (n_dof, n_dof) of that of their residuals.
@@ -75,17 +74,6 @@ class ParameterSpread(Spread):
     @cached_property
     def _factors(self) -> dict[float, Array]:
         return {}
-
-
-def table_spread(covariances: Sequence[Array], rest: Array) -> TableSpread:
-    """The distribution by cov(theta_k) up to a factor, (n_terms, n_terms) each, and residuals.
-
-    `rest` (N, n_dof); a coefficient with a variance of zero is fixed.
-    """
-    return TableSpread(
-        tuple(factor_of(correlation(each)) for each in covariances),
-        factor_of(correlation(rest.T @ rest)),
-    )
 
 
 def correlation(covariance: Array) -> Array:

@@ -36,7 +36,7 @@ from seatrial.models.identification.kernel_pls import (
 )
 from seatrial.models.identification.plsr import PartialLeastSquares, Selection, scaled_coefficients
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.residual import Samples, thruster_of
+from seatrial.models.identification.residual import thruster_of
 from seatrial.models.notation import SQUARE_UNIT
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel, coefficient_unit
@@ -241,7 +241,7 @@ class SurfacePlsr(PartialLeastSquares):
         sums = np.cumsum(fit_stages(moment, z.beta, stages), axis=0)
         tables = [Vessel("residual", dofs, samples.terms, z.table(part)) for part in sums]
         parts = [tables[0], *(b - a for a, b in pairwise(tables))]
-        diagnostics += stage_diagnostics(samples, parts)
+        diagnostics += stage_diagnostics(parts)
         diagnostics += scaled_coefficients(z, sums[-1], tables[-1])
         errors = self.bootstrap_errors(problem, z, theta, rng)
         model = problem.nominal + tables[-1]
@@ -275,27 +275,13 @@ def surface_diagnostics(
     return tuple(diagnostics)
 
 
-def stage_diagnostics(samples: Samples, stages: list[Vessel]) -> tuple[Diagnostic, ...]:
-    """Training MSE before the first and after each stage, and each stage's coefficients.
-
-    i is the number of the stage. The coefficients of a single stage are omitted, since they equal
-    the residual table.
-    """
-    rest, diagnostics = samples.epsilon, []
-    for stage in range(len(stages) + 1):
-        if stage:
-            rest = rest - samples.phi @ stages[stage - 1].theta
-        for k, dof in enumerate(stages[0].dofs):
-            mse = float(np.mean(rest[:, k] ** 2))
-            diagnostics.append(Diagnostic("stage_mse", dof, mse, SQUARE_UNIT[dof], stage))
-    for stage, table in enumerate(stages if len(stages) > 1 else [], start=1):
-        for term, row in zip(table.terms, table.theta, strict=True):
-            for dof, value in zip(table.dofs, row, strict=True):
-                unit = coefficient_unit(term, dof)
-                if value:
-                    diagnostics.append(
-                        Diagnostic(
-                            "stage_coefficient", dof, float(value), unit, stage, label=term.name
-                        )
-                    )
-    return tuple(diagnostics)
+def stage_diagnostics(stages: list[Vessel]) -> tuple[Diagnostic, ...]:
+    """Each stage's coefficients, i is its number; of a single stage they are those of the table."""
+    return tuple(
+        Diagnostic("stage_coefficient", dof, float(value), coefficient_unit(term, dof), stage,
+                   label=term.name)
+        for stage, table in enumerate(stages if len(stages) > 1 else [], start=1)
+        for term, row in zip(table.terms, table.theta, strict=True)
+        for dof, value in zip(table.dofs, row, strict=True)
+        if value
+    )  # fmt: skip

@@ -9,9 +9,9 @@ from seatrial.models.identification.cross_validation import CrossValidation
 from seatrial.models.identification.free_parameters import FreeParameters, free_parameters
 from seatrial.models.identification.free_run_fit import (
     Fit,
+    FreeRuns,
     Stage,
     fit,
-    over_segments,
     refined_by_segments,
     segments,
 )
@@ -36,7 +36,7 @@ def refine(
     constraints: PhysicalConstraints | None,
 ) -> Fit:
     """The fit of the segments of a predictor, from a change or from the nominal parameters."""
-    stage = Stage(over_segments(predictor, deviation))
+    stage = Stage(FreeRuns(predictor, deviation))
     return fit(stage, [change, np.zeros_like(change)], deviation, constraints)
 
 

@@ -14,7 +14,6 @@ from seatrial.models.excitation.setpoints import UNFILTERED
 from seatrial.models.identification import instrumental_variables as iv
 from seatrial.models.identification.instrumental_variables import solve
 from seatrial.models.identification.problem import Problem
-from seatrial.models.identification.residual import Samples
 from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
@@ -174,12 +173,10 @@ def test_instruments_that_say_little_of_the_motion_are_weak() -> None:
     rng = np.random.default_rng(1)
     phi = rng.normal(size=(4000, 3))
     own, other = phi + 0.5 * rng.normal(size=phi.shape), rng.normal(size=phi.shape)
-    terms = basis.terms(["u", "v", "r"])
     lack = rng.normal(size=(4000, 1))
-    samples = Samples(terms, phi, lack, lack, np.zeros((4000, 2)))
 
     def strength(z: np.ndarray) -> float:
-        return iv.Estimate(samples, (0, 1, 2), iv.solve(z, phi, samples.epsilon), ()).strength
+        return solve(z, phi, lack).strength
 
     # Explained over left is one over 0.25, the variance of what the instruments have of their own.
     assert strength(own) == pytest.approx(4000 / 3 / 0.25, rel=0.15)
@@ -190,10 +187,8 @@ def test_instruments_that_say_little_of_the_motion_are_weak() -> None:
 def test_the_strength_of_one_regressor_is_the_f_of_its_first_stage() -> None:
     z, noise, lack = np.random.default_rng(2).normal(size=(3, 30, 8))
     phi, y = z[:, :1] + noise[:, :1], lack[:, :1]
-    samples = Samples(basis.terms(["u"]), phi, y, y, np.zeros((30, 2)))
     (rest,) = np.linalg.lstsq(z, phi, rcond=None)[1]
-    strength = iv.Estimate(samples, (0,), solve(z, phi, y)).strength
-    assert strength == pytest.approx((np.sum(phi**2) / rest - 1.0) * (30 - 8) / 8)
+    assert solve(z, phi, y).strength == pytest.approx((np.sum(phi**2) / rest - 1.0) * (30 - 8) / 8)
 
 
 # Consistency: a ship in wind and current, all velocities measured with noise
@@ -288,7 +283,7 @@ def median_errors(
         for seed in range(runs):
             problem, wanted = experiment.run(n, seed)
             for name, one in identifiers.items():
-                residual = one.estimate(problem, None).residual(problem.nominal.dofs)
+                residual = one.estimate(problem, None)[1].residual(problem.nominal.dofs)
                 wrong = effective(problem.nominal + residual) - wanted
                 found[name].append(float(np.linalg.norm(wrong)))
         for name in names:

@@ -9,6 +9,7 @@ from seatrial.models.errors import IdentificationError
 from tests.models.identification.known_results import diagnostics
 
 AXES = ("surge", "sway", "yaw")
+HEADING = ["cos(psi)", "sin(psi)"]
 
 
 def diagonal(vessel) -> np.ndarray:
@@ -64,25 +65,15 @@ def relative_error(found, truth) -> float:
 @pytest.mark.parametrize("basis", ["full", "physical"])
 @pytest.mark.parametrize("name", ["ls", "ridge"])
 def test_a_constant_ned_force_is_found_exactly(constant, estimator, rng, name, basis) -> None:
-    found = estimator(name, ned_force=True, basis=basis).identify(constant.problem, rng)
-    force = {f.label: f.value for f in diagnostics(found, "ned_force")}
-    assert force["north"] == pytest.approx(200.0, abs=1e-6)
-    assert force["east"] == pytest.approx(100.0, abs=1e-6)
+    found = estimator(name, basis=basis, extra_terms=HEADING).identify(constant.problem, rng)
+    assert found.residual.coefficient("surge", "cos(psi)") == pytest.approx(-200.0, abs=1e-6)
+    assert found.residual.coefficient("surge", "sin(psi)") == pytest.approx(-100.0, abs=1e-6)
     assert relative_error(found, constant.residual) < 1e-6
-
-
-def test_a_ned_force_is_told_from_noise(lap, estimator, rng) -> None:
-    ls = estimator("ls", ned_force=True, lowpass_hz=0.5)
-    found = [ls.identify(lap("noise", seed).problem, rng) for seed in range(4)]
-    force = np.array([[f.value for f in diagnostics(one, "ned_force")] for one in found])
-    error = np.array([[f.value for f in diagnostics(one, "ned_force_std_error")] for one in found])
-    assert np.all(np.abs(force) < 4.0 * error)
-    assert np.all(error < 2.0)
 
 
 @pytest.mark.parametrize("disturbance", ["calm", "constant"])
 def test_the_thruster_lag_is_found_from_the_recording(lap, estimator, rng, disturbance) -> None:
-    ls = estimator("ls", thruster="estimated", ned_force=True)
+    ls = estimator("ls", thruster="estimated", extra_terms=HEADING)
     found = ls.identify(replace(lap(disturbance).problem, thruster=None), rng)
     assert diagnostics(found, "thruster_natural_frequency")[0].value == pytest.approx(2.0, abs=1e-3)
     assert diagnostics(found, "thruster_damping")[0].value == pytest.approx(0.8, abs=1e-3)

@@ -40,62 +40,36 @@ def test_r_is_that_of_the_whole(n: int, rng) -> None:
     np.testing.assert_allclose(own, np.linalg.svd(x, compute_uv=False), atol=1e-14 * own[0])
 
 
-def axes_of(n: int, rng: np.random.Generator) -> Samples:
-    """Samples of three axes, with headings."""
-    samples = samples_of(n, rng)
-    epsilon = samples.phi @ rng.standard_normal((6, 3)) + rng.standard_normal((n, 3))
-    return replace(samples, epsilon=epsilon, heading=rng.standard_normal((n, 2)))
-
-
-WEIGHTS = np.array([1.0, 0.5, 2.0])
-
-
 @pytest.mark.parametrize("penalty", [0.0, 3.0])
-def test_unknowns_of_each_axis_and_shared_ones_minimise_the_sum(penalty: float, rng) -> None:
-    """One system of normal equations of all unknowns, with weights and a ridge."""
-    n, penalties = 330, penalty * np.array([1.0, 2.0, 3.0])
-    samples = axes_of(n, rng)
-    found = linear.fit(linear.Decomposition.of(samples, ned_force=True), penalties, WEIGHTS)
-    rows, phi = [], samples.phi[:, :5]
-    for k, w in enumerate(WEIGHTS):
-        own = [phi if k == j else np.zeros((n, 5)) for j in range(3)]
-        north_east = samples.heading @ linear.NED[k]
-        rows.append(np.sqrt(w) * np.hstack([*own, north_east, samples.epsilon[:, [k]]]))
-    ridge = np.append(np.outer(penalties, np.var(phi, axis=0)), [0.0, 0.0])
-    table = np.vstack(rows)
-    size = np.linalg.norm(table[:, :17], axis=0)
-    normal = table[:, :17].T @ table[:, :17] + np.diag(ridge)
-    side = table[:, :17].T @ table[:, 17] / size
-    expected = np.linalg.solve(normal / np.outer(size, size), side) / size
-    np.testing.assert_allclose(found.theta[:5].T.ravel(), expected[:15], rtol=1e-8)
-    np.testing.assert_allclose(found.force, expected[15:], rtol=1e-8)
+def test_coefficients_of_each_axis_minimise_the_sum(penalty: float, rng) -> None:
+    """The normal equations with a ridge, and what the fit of other targets adds."""
+    n, penalties = 330, penalty * np.array([1.0, 2.0])
+    samples, change = samples_of(n, rng), rng.standard_normal((n, 2))
+    found, again = (
+        linear.Decomposition.of(each).fit(penalties)
+        for each in (samples, replace(samples, epsilon=samples.epsilon + change))
+    )
+    phi = samples.phi[:, :5]
+    size = np.linalg.norm(phi, axis=0)
+    for k in range(2):
+        normal = phi.T @ phi + np.diag(penalties[k] * np.var(phi, axis=0))
+        side = phi.T @ samples.epsilon[:, k] / size
+        expected = np.linalg.solve(normal / np.outer(size, size), side) / size
+        np.testing.assert_allclose(found.theta[:5, k], expected, rtol=1e-8)
+        own, added = change[:, k] @ found.rows(slice(n)) @ found.shares[k], again.theta[:, k]
+        added = added - found.theta[:, k]
+        np.testing.assert_allclose(own, added, atol=1e-9 * np.max(np.abs(added)))
     assert np.all(found.theta[5] == 0.0)
 
 
 @pytest.mark.parametrize("penalty", [0.0, 3.0])
-def test_the_unknowns_are_linear_in_the_targets_as_the_fit_says(penalty: float, rng) -> None:
-    """Of residuals that were never seen: what a fit to them adds."""
-    n, penalties = 330, penalty * np.array([1.0, 2.0, 3.0])
-    samples, change = axes_of(n, rng), rng.standard_normal((n, 3))
-    found, again = (
-        linear.fit(linear.Decomposition.of(each, ned_force=True), penalties, WEIGHTS)
-        for each in (samples, replace(samples, epsilon=samples.epsilon + change))
-    )
-    own = sum(change[:, k] @ found.rows(slice(n)) @ found.share(k) for k in range(3))
-    expected = np.concatenate([(again.theta - found.theta).T.ravel(), again.force - found.force])
-    np.testing.assert_allclose(own, expected, atol=1e-9 * np.max(np.abs(expected)))
-
-
-@pytest.mark.parametrize("penalty", [0.0, 3.0])
-def test_axes_that_share_nothing_have_the_errors_of_each_alone(penalty: float, rng) -> None:
-    samples = samples_of(400, rng)
-    fitted = linear.fit(linear.Decomposition.of(samples), penalty * np.array([1.0, 2.0]))
-    errors, _ = fitted.standard_errors()
+def test_standard_errors_are_those_of_stationary_residuals(penalty: float, rng) -> None:
+    fitted = linear.Decomposition.of(samples_of(400, rng)).fit(penalty * np.array([1.0, 2.0]))
+    errors = fitted.standard_errors()
     rest = fitted.rest * np.sqrt(400 / (400 - fitted.parameters))
     for k in range(2):
-        gains = fitted.rows(slice(400)) @ fitted.share(k)
-        assert not np.any(np.delete(gains, slice(6 * k, 6 * k + 6), axis=1))
-        variance = np.diag(stationary_covariance(gains[:, 6 * k : 6 * k + 5], rest[:, k]))
+        gains = fitted.rows(slice(400)) @ fitted.shares[k]
+        variance = np.diag(stationary_covariance(gains[:, :5], rest[:, k]))
         np.testing.assert_allclose(errors[:5, k], np.sqrt(variance), rtol=1e-9)
     assert np.all(np.isnan(errors[5]))
 
@@ -115,4 +89,4 @@ def test_dependent_columns_are_named(rng) -> None:
     samples = samples_of(200, rng)
     samples.phi[:, 4] = samples.phi[:, 2] - 3.0 * samples.phi[:, 3] / 1e3
     with pytest.raises(IdentificationError, match="does not distinguish v, r, uv from each other"):
-        linear.fit(linear.Decomposition.of(samples))
+        linear.Decomposition.of(samples).fit()

@@ -19,9 +19,7 @@ REFUSED: dict[tuple[str, str], list[tuple[dict[str, Any], str]]] = {
         ({"force": "actual", "thruster": "estimated"}, "force must be filtered or null"),
         ({"force": "filtered"}, "has no known thruster lag"),
         ({"extra_terms": ["w"]}, "term w has w, but milliampere moves in"),
-        ({"ned_force": True, "extra_terms": ["cos(psi)"]}, "already has cos(psi)"),
     ],
-    ("ls", "surge_linear"): [({"ned_force": True}, "ned_force needs a vessel in surge, sway, yaw")],
     ("iv", "milliampere"): [
         ({"iterations": -1}, "iterations must not be negative, got -1"),
         ({"restart_s": 0.0}, "restart_s must be positive or null, got 0"),

@@ -12,7 +12,6 @@ from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import DOFS, PLANAR, VELOCITIES
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import Vessel
-from tests.models.identification.known_results import diagnostics
 from tests.trials import excited
 
 EULER = {"integrator": "euler"}
@@ -56,9 +55,7 @@ def test_noisy_estimates_have_the_predicted_spread_and_correlation(identifier, m
     reported = np.array([one.std_error[known] / truth.theta[known] for one in found])
     ratio = np.mean(reported, axis=0) / np.std(errors, axis=0, ddof=1)
     assert np.all((ratio > 0.5) & (ratio < 2.0))
-    covariance = np.zeros((3, 3))
-    for row in diagnostics(found[0], "covariance"):
-        covariance[row.i - 1, row.j - 1] = covariance[row.j - 1, row.i - 1] = row.value
+    covariance = found[0].spread.covariance
     deviation = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(deviation, found[0].std_error[known])
     correlation = covariance / np.outer(deviation, deviation)
