@@ -158,9 +158,7 @@ def _compared(
     """
     dofs, period, edges = recording.dofs, recording.period_s, recording.edges
     turns, path = set(PLANAR) <= set(dofs), np.zeros((len(recording), 6))
-    for i, dof in enumerate(dofs):
-        if dof in DOFS[:3]:
-            path[:, DOFS.index(dof)] = recording.eta[:, i]
+    path[:, [DOFS.index(dof) for dof in dofs]] = recording.eta
     path[:, 3:] = piecewise(turned, edges, recording.attitude)
     path = piecewise(without_jumps, edges, path)
     rate = piecewise(partial(central_difference, period_s=period), edges, path)

@@ -6,14 +6,14 @@ are pure; time and signals run along the first axis.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
 from typing import Literal
 
 import numpy as np
-import scipy
+from scipy.integrate import cumulative_trapezoid
 
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
-from seatrial.models.recording.recording import Mask, Recording
+from seatrial.models.recording.recording import Mask, Recording, piecewise
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian, turned
 
@@ -113,18 +113,13 @@ def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
     index = [DOFS.index(dof) for dof in dofs]
     eta[:, index], nu[:, index] = recording.eta, recording.nu
     turned_by = eta[:, 3:] if set(PLANAR) <= set(dofs) else np.zeros((n, 3))
-    turn = pose_jacobian(turned_by)[:, :3, :3]
-    pose, integral, rates = eta.copy(), np.empty((n, 6)), np.empty((n, 6))
-    for a, b in pairwise(recording.edges):
-        part = slice(a, b)
-        pose[part, 3:] = eta[a, 3:] + turned(eta[part, 3:])
-        along = np.einsum("nij,nj->ni", turn[part], nu[part, :3])
-        speed = np.column_stack([along, nu[part, 3:]])
-        way = scipy.integrate.cumulative_trapezoid(speed, dx=period_s, axis=0, initial=0.0)
-        integral[part] = pose[a] + way
-        rate = central_difference(pose[part], period_s)
-        rates[part, :3] = np.einsum("nji,nj->ni", turn[part], rate[:, :3])
-        rates[part, 3:] = rate[:, 3:]
+    along = np.einsum("nij,nj->ni", pose_jacobian(turned_by)[:, :3, :3], nu[:, :3])
+    way = partial(cumulative_trapezoid, dx=period_s, axis=0, initial=0.0)
+    pose, speed = eta.copy(), np.column_stack([along, nu[:, 3:]])
+    pose[:, 3:] = piecewise(lambda x: x[0] + turned(x), recording.edges, eta[:, 3:])
+    integral = piecewise(lambda x, v: x[0] + way(v), recording.edges, pose, speed)
+    rates = piecewise(partial(central_difference, period_s=period_s), recording.edges, pose)
+    rates[:, :3] = in_body(turned_by, rates[:, :3])
     checks = []
     for dof, i in zip(dofs, index, strict=True):
         unit, speed_unit = POSE_UNIT[dof], VELOCITY_UNIT[dof]

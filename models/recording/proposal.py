@@ -35,7 +35,6 @@ PART = re.compile(r"(.*?)([wxyz]|\d)[\])]?")
 SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
 MIN_SAMPLES = 30  # of a record that is preferred to others
 UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
-ALMOST_SAME = 0.99  # correlation of two columns of one quantity
 UNKNOWN = Quantity("", strange=99)
 AXES_OF = {  # where a map states the axes or reference of a column
     **dict.fromkeys(("velocity.surge", "velocity.sway"), ("frames", "velocity", "earth")),
@@ -122,7 +121,7 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
         written = unit and origin != "the file" and factor(unit, target) != 1.0
         columns[kind][name] = {"column": c.full, "unit": unit} if written else c.full
         group, key, frame = AXES_OF.get(option, ("", "", "any"))
-        if c.frame == frame or (option == "position.surge" and _is_east(c, every)):
+        if c.frame == frame:
             columns[group][key] = frame
         if c.frame == "magnetic":
             asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
@@ -131,18 +130,6 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     left |= {"not numbers": texts, "do not move": [], "look like inputs, not mapped": []}
     lines = _left_out(left, every, {c.full for c in chosen.values()})
     return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), tuple(lines))
-
-
-def _is_east(x: _Candidate, every: Sequence[_Candidate]) -> bool:
-    """Whether a position is east, by a longitude of the same source; both are there and move."""
-    beside = {c.option: c.values for c in every if c.source is x.source and c.moves}
-    both = [beside.get(f"geodetic.{name}") for name in ("latitude", "longitude")]
-    known = [values for values in both if values is not None]
-    if len(known) < 2 or not x.moves:
-        return False
-    rows = ~np.any(np.isnan([x.values, *known]), axis=0)
-    north, east = np.abs(np.corrcoef([x.values[rows], *(v[rows] for v in known)])[0, 1:])
-    return bool(east > ALMOST_SAME > north)
 
 
 def _left_out(

@@ -127,22 +127,30 @@ class Reading:
             RecordingError: a column is missing, a cell is no number, or channels cannot be joined.
             ConfigurationError: a unit is not known.
         """
+        notes = [line for source in sources.values() for line in source.left_out]
         try:
-            return self._signals(sources, dofs)
+            read = readings(sources, self.columns, wanted(self.columns, dofs))
+            channels = self._channels(sources, read, notes)
+            recorded = {r.column.removeprefix("-"): channels[o].values for o, r in read.items()}
+            for option, channel in channels.items() if self.outliers.replace else ():
+                valid, values = ~np.isnan(channel.values), channel.values.copy()
+                wrong = outliers(values[valid], self.outliers.window, self.outliers.deviations)
+                values[valid] = interpolated(channel.t[valid], values[valid], wrong)
+                channels[option] = channel._replace(values=values)
+            t, known = self._on_one_clock(channels, read, notes)
+            known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
         except RecordingError as error:
             named = str(path) in str(error)
             raise error if named else RecordingError(f"{path}: {error}") from error
+        return ReadSignals(t, known, recorded, tuple(read.values()), tuple(dict.fromkeys(notes)))
 
-    def _signals(self, sources: Sources, dofs: Sequence[str]) -> ReadSignals:
-        notes = [line for source in sources.values() for line in source.left_out]
-        read = readings(sources, self.columns, wanted(self.columns, dofs))
-        channels = self._channels(sources, read, notes)
-        recorded = {r.column.removeprefix("-"): channels[o].values for o, r in read.items()}
-        for option, channel in channels.items() if self.outliers.replace else ():
-            valid, values = ~np.isnan(channel.values), channel.values.copy()
-            wrong = outliers(values[valid], self.outliers.window, self.outliers.deviations)
-            values[valid] = interpolated(channel.t[valid], values[valid], wrong)
-            channels[option] = channel._replace(values=values)
+    def _on_one_clock(
+        self, channels: Mapping[str, Channel], read: Mapping[str, ColumnReading], notes: list[str]
+    ) -> tuple[Array, dict[str, Array]]:
+        """The times (N,) of all channels, and their values then: joined unless they share a clock.
+
+        Without `resample_hz` the rate is that of the slowest velocity, or position, rounded.
+        """
         alone = len({reading.source.name for reading in read.values()}) == 1
         t, rate, longest = None, self.resample_hz, self.max_gap_s
         if alone and rate is None and not self.columns.delay_s:
@@ -151,13 +159,17 @@ class Reading:
             channels = {option: c.cleaned(notes) for option, c in channels.items()}
         known = {option: channel.values for option, channel in channels.items()}
         if rate is None:
-            rate = _rate(channels)
+            pose = ("position", "geodetic", "orientation")
+            every = ([c.t for o, c in channels.items() if o.startswith(kinds) and len(c.t) > 1]
+                     for kinds in ("velocity", pose, ""))  # fmt: skip
+            steps = (float(np.median(np.diff(t))) for t in next(filter(None, every), ()))
+            step = max(steps, default=1.0)
+            rate = float(f"{1.0 / step:.2g}") if step > 0.0 else 1.0
             longest = max(longest, BRIDGED / rate)
         if t is None:
             t, known = join_channels(channels, rate, longest, self.at_gap)
         notes += left_in_gaps(t, channels, longest)
-        known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
-        return ReadSignals(t, known, recorded, tuple(read.values()), tuple(dict.fromkeys(notes)))
+        return t, known
 
     def _channels(
         self, sources: Sources, read: Mapping[str, ColumnReading], notes: list[str]
@@ -176,7 +188,15 @@ class Reading:
                 notes += [line] if (line := disagreement(source, clock)) else []
             kind, delays = option.partition(".")[0], self.columns.delay_s
             t = clocks[source.name] - start - delays.get(source.name, delays.get(kind, 0.0))
-            values = _without_sentinels(option, reading.values, reading.name, notes)
+            values = reading.values
+            missing = [(sign * size, 0.5 * size) for size in SENTINELS for sign in (1.0, -1.0)]
+            missing += [(size, 0.5) for size in NO_FIX.get(option, ())]
+            for size, near in missing:  # where nothing else is near
+                wrong = values == size
+                if np.any(wrong) and not np.any(np.abs(values[~wrong] - size) < near):
+                    cells = f"{np.count_nonzero(wrong)} cells are {size:g}"
+                    notes.append(f"column {reading.name}: {cells}: missing values")
+                    values = np.where(wrong, np.nan, values)
             if spec.full is not None:
                 values = (values - spec.neutral) / (spec.full - spec.neutral)
             values = values * spec.sign * units.si_factor(option, reading.unit, scale)
@@ -317,27 +337,6 @@ def _shared_clock(
     return t if row is None else None
 
 
-def _without_sentinels(option: str, values: Array, name: str, notes: list[str]) -> Array:
-    """The column without numbers that stand for none, such as -999, where nothing else is near."""
-    known = [(sign * size, 0.5 * size) for size in SENTINELS for sign in (1.0, -1.0)]
-    for sentinel, near in (*known, *((size, 0.5) for size in NO_FIX.get(option, ()))):
-        wrong = values == sentinel
-        if np.any(wrong) and not np.any(np.abs(values[~wrong] - sentinel) < near):
-            notes.append(f"column {name}: {np.sum(wrong)} cells are {sentinel:g}: missing values")
-            values = np.where(wrong, np.nan, values)
-    return values
-
-
-def _rate(channels: Mapping[str, Channel]) -> float:
-    """The sample rate [Hz] of the slowest velocity, or position, rounded to few digits."""
-    for kinds in ("velocity", ("position", "geodetic", "orientation"), ""):
-        own = [c.t for option, c in channels.items() if option.startswith(kinds) and len(c.t) > 1]
-        if own:
-            break
-    step = max((float(np.median(np.diff(t))) for t in own), default=1.0)
-    return float(f"{1.0 / step:.2g}") if step > 0.0 else 1.0
-
-
 def _unit_quaternions(channels: dict[str, Channel]) -> dict[str, Channel]:
     """Channels with quaternions of length one, without sign flips."""
     names = [f"orientation.{part}" for part in QUATERNION]
@@ -369,8 +368,12 @@ def _in_our_frames(
                 for kind in MOTION)  # fmt: skip
     attitude = _attitude(known, frames, len(t), heading)
     posed |= set(DOFS[3:]) if "orientation.w" in known else set()
-    if columns.geodetic:
-        pose[:, :3] = _path(known)
+    if columns.geodetic:  # from the first sample, on WGS 84
+        way = [known.get(f"geodetic.{name}", zero) for name in units.SI["geodetic"]]
+        if np.max(np.abs(way[0])) > 90.0 or np.max(np.abs(way[1])) > 360.0:
+            got = f"got {way[0][0]:g}, {way[1][0]:g}, expected degrees"
+            raise RecordingError(f"columns.geodetic: {got}")
+        pose[:, :3] = np.column_stack(pymap3d.geodetic2ned(*way, *(x[0] for x in way)))
         posed |= set(DOFS[: len(columns.geodetic)])
     elif frames.position == "ENU":
         pose[:, :3], posed = _from_enu(pose[:, :3]), {EXCHANGED.get(dof, dof) for dof in posed}
@@ -421,18 +424,6 @@ def _attitude(known: Mapping[str, Array], frames: Frames, n: int, heading: float
     if "orientation.w" in known or "position.yaw" in known:
         attitude = unroll(attitude - [0.0, 0.0, heading])
     return np.asarray(attitude)
-
-
-def _path(known: Mapping[str, Array]) -> Array:
-    """North, east and down [m] of the first sample, shape (N, 3), on WGS 84."""
-    latitude, longitude = known["geodetic.latitude"], known["geodetic.longitude"]
-    altitude = known.get("geodetic.altitude", np.zeros(len(latitude)))
-    if np.max(np.abs(latitude)) > 90.0 or np.max(np.abs(longitude)) > 360.0:
-        raise RecordingError(
-            f"columns.geodetic: got {latitude[0]:g}, {longitude[0]:g}, expected degrees"
-        )
-    origin = latitude[0], longitude[0], altitude[0]
-    return np.column_stack(pymap3d.geodetic2ned(latitude, longitude, altitude, *origin))
 
 
 def _differentiated(t: Array, pose: Array, attitude: Array) -> Array:

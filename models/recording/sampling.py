@@ -102,21 +102,13 @@ def _rate_of_images(values: Array, rate_hz: float) -> float | None:
     strength = np.sum(np.abs(products) ** 2, axis=1) / counts
     strength[: 2 * FEWEST_PAIRS] = strength[-2 * FEWEST_PAIRS :] = 0.0
     for total in np.sort(np.argsort(strength)[-LIKELY:]):
-        if _share_of_images(white, int(total)) > IMAGES:
+        reach = min(int(total) // 20, len(white) - 1 - int(total) // 2 - 1)
+        if reach < FEWEST_PAIRS:  # independent amplitudes have a coherence of 1 / n of n pairs
+            continue
+        lower = np.arange(total // 2 - reach, total // 2)  # beside half the rate
+        pairs = white[lower] * white[total - lower]
+        size = np.abs(pairs)  # a pure tone counts no more than any other frequency
+        turns = np.divide(pairs, size, out=np.zeros_like(pairs), where=size > 0.0)
+        if np.median(np.abs(np.mean(turns, axis=0)) ** 2) > IMAGES:
             return rate_hz * float(total) / length
     return None
-
-
-def _share_of_images(white: Array, total: int) -> float:
-    """Coherence of amplitudes (n, k) with those at `total` less their frequency, beside the middle.
-
-    Zero for fewer than FEWEST_PAIRS: independent amplitudes have 1 / n of n pairs.
-    """
-    reach = min(total // 20, len(white) - 1 - total // 2 - 1)
-    if reach < FEWEST_PAIRS:
-        return 0.0
-    lower = np.arange(total // 2 - reach, total // 2)
-    products = white[lower] * white[total - lower]
-    size = np.abs(products)  # a pure tone counts no more than any other frequency
-    turns = np.divide(products, size, out=np.zeros_like(products), where=size > 0.0)
-    return float(np.median(np.abs(np.mean(turns, axis=0)) ** 2))

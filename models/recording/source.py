@@ -174,7 +174,9 @@ def table_source(
     titles = [title.strip() or f"c{i + 1}" for i, title in enumerate(_grouped(titles, columns))]
     groups, lines = defaultdict[str, list[int]](list), list(left_out)
     for i, title in enumerate(titles):
-        if any(_equal(columns[i], columns[j]) for j in groups[title]):
+        same = (j for j in groups[title] if columns[j].dtype == columns[i].dtype)
+        exact = columns[i].dtype == np.object_
+        if any(np.array_equal(columns[i], columns[j], equal_nan=not exact) for j in same):
             lines.append(f"column {title}: stands {titles.count(title)} times, with equal cells")
         else:
             groups[title].append(i)
@@ -254,11 +256,6 @@ def degrees(values: Values) -> Array:
     numbers = np.asarray(values, dtype=np.float64)
     whole = np.trunc(numbers / 100.0)
     return np.asarray(whole + (numbers - 100.0 * whole) / 60.0)
-
-
-def _equal(one: Values, other: Values) -> bool:
-    exact = one.dtype == np.object_
-    return bool(one.dtype == other.dtype and np.array_equal(one, other, equal_nan=not exact))
 
 
 def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:

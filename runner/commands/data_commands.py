@@ -95,21 +95,17 @@ def drafted(file: Path, wanted: Sequence[str] = ()) -> Proposal:
     `wanted` are the names of the inputs of the vessel, if one is named.
     """
     sources = read_sources(file.expanduser(), ReadOptions())
-    draft = propose(sources, wanted)
-    node, known = {**draft.map, "at_gap": "split"}, None
+    draft, left_out = propose(sources, wanted), [x for s in sources.values() for x in s.left_out]
+    node, sure = {**draft.map, "at_gap": "split"}, list(draft.sure)
     try:
         reader = reader_of(file, options_of(deepcopy(node)))
         known = examine(reader, reader.columns.moving)
-        asked = [*doubts(sources, reader.columns).values()]
+        asked = [*(known.questions if known else doubts(sources, reader.columns).values())]
     except FAULTS as error:
-        asked = [str(error)]
-    if known is not None:
-        open_ = [f"{problem}?" for problem in known.problems if not problem.change]
-        asked = [*known.questions, *open_]
-    mended = [problem for problem in known.problems if problem.change] if known else []
-    for path, value in (change for problem in mended for change in problem.change.items()):
-        node = with_option(node, path.removeprefix("columns.").split("."), value)
-    lines = [line for source in sources.values() for line in source.left_out]
-    lines += known.not_compared if known else ()
-    return Proposal(node, (*draft.sure, *map(str, mended)), (*draft.questions, *asked),
-                    (*lines, *draft.left_out))  # fmt: skip
+        known, asked = None, [str(error)]
+    for problem in known.problems if known else ():
+        for path, value in problem.change.items():
+            node = with_option(node, path.removeprefix("columns.").split("."), value)
+        (sure if problem.change else asked).append(f"{problem}{'' if problem.change else '?'}")
+    left_out += [*(known.not_compared if known else ()), *draft.left_out]
+    return Proposal(node, tuple(sure), (*draft.questions, *asked), tuple(left_out))

@@ -50,31 +50,22 @@ def refuse(file: RecordedFile, dofs: Sequence[str]) -> None:
 
 def diagnostics(file: RecordedFile, dofs: Sequence[str]) -> list[Diagnostic]:
     """Warn of every problem in one line, and return what was found as diagnostics."""
-    read = file.account(dofs)
+    read, known = file.account(dofs), examined(file, dofs)
     left_out = dict.fromkeys(line for signals in read for line in signals.left_out)
-    for line in left_out:
-        log.warning("recording: %s", line)
     columns = dict.fromkeys(reading[:4] for signals in read for reading in signals.readings)
+    problems = known.problems if known else ()
+    for line in (*left_out, *problems):
+        log.warning("recording: %s", line)
+    axes, lag = (known.result.axes, known.result.lag_s) if known else ((), None)
     texts = [(f"{option}: {name} ({origin})", unit) for option, name, unit, origin in columns]
-    account = [
+    return [
         *(Diagnostic("recording_left_out", "all", None, i=i, label=line)
           for i, line in enumerate(left_out)),
         *(Diagnostic("recording_column", "all", None, unit, i=i, label=text)
           for i, (text, unit) in enumerate(texts)),
+        *(Diagnostic(f"consistency_{name}", axis.dof, getattr(axis, name))
+          for axis in axes for name in ("correlation", "scale")),
+        *([Diagnostic("consistency_lag", "all", lag, "s")] if known else []),
+        *(Diagnostic(f"recording_{p.kind}", "all", p.value, i=i, label=str(p))
+          for i, p in enumerate(problems)),
     ]  # fmt: skip
-    known = examined(file, dofs)
-    if known is None:
-        return account
-    result, found = known.result, known.problems
-    for problem in found:
-        log.warning("recording: %s", problem)
-    axes = [
-        Diagnostic(f"consistency_{name}", axis.dof, value)
-        for axis in result.axes
-        for name, value in (("correlation", axis.correlation), ("scale", axis.scale))
-    ]
-    problems = [
-        Diagnostic(f"recording_{p.kind}", "all", p.value, i=i, label=str(p))
-        for i, p in enumerate(found)
-    ]
-    return [*account, *axes, Diagnostic("consistency_lag", "all", result.lag_s, "s"), *problems]

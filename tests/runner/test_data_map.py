@@ -79,6 +79,16 @@ def test_a_map_is_not_written_over_and_has_the_inputs_of_a_vessel(
     assert "the map" in shown
 
 
+@pytest.mark.parametrize("recorded", [(), ("u", "v")])
+def test_positions_east_first_are_found(
+    tmp_path: Path, data: Data, recorded: tuple[str, ...]
+) -> None:
+    """By the velocities, or else by the way, which a boat makes ahead."""
+    m = _motion()
+    columns = {"t": m["t"], "x": m["y"], "y": m["x"], **{k: m[k] for k in ("psi", *recorded)}}
+    assert yaml.safe_load(data("map", _log(tmp_path, columns)).out)["frames"] == {"position": "ENU"}
+
+
 def test_outliers_are_a_problem(tmp_path: Path, data: Data) -> None:
     m = _motion()
     u = m["u"].copy()

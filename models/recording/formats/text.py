@@ -174,7 +174,17 @@ def _plain(data: bytes, text: TextOptions) -> tuple[bytes, list[str], str, bool]
         commented += [line.strip().lstrip(mark.decode()).strip() for line in lines if line.strip()]
         data = re.sub(rb"^" + sign, b"", data, flags=re.MULTILINE) if mark in data else data
     data = b"\n" * text.skip_lines + b"".join(data.split(b"\n", text.skip_lines)[text.skip_lines :])
-    separator = text.separator or _separator(data)
+    separator = text.separator
+    if separator is None:  # that which cuts most lines into equally many cells
+        lines = [e for e in data[:65536].decode(errors="replace").split("\n") if e.strip()]
+        lines = lines[:SAMPLE_LINES]
+        counts = {mark: Counter(e.count(mark) for e in lines if mark in e) for mark in SEPARATORS}
+        most = {mark: max(own.values(), default=0) for mark, own in counts.items()}
+        separator = max(most, key=lambda mark: most[mark])
+        words = (line.split() for line in lines)
+        numbers = (row for row in words if all(_is_number(c) or c.lower() in MISSING for c in row))
+        if 2 * most[separator] < len(lines) and len(next(numbers, ())) > 1:
+            separator = " "
     if separator != " ":
         return data, commented, separator, False
     rows = (WHITE.sub(b"\t", line.strip()) for line in data.split(b"\n"))
@@ -195,20 +205,6 @@ def _rows(path: Path, data: bytes, separator: str) -> Iterator[tuple[int, list[s
 
 def _is_number(cell: str, decimal: str = ".") -> bool:
     return bool(NUMBER.fullmatch(cell.strip().replace(decimal, ".")))
-
-
-def _separator(data: bytes) -> str:
-    """The separator that cuts most lines into equally many cells; " " for white space."""
-    lines = [line for line in data[:65536].decode(errors="replace").split("\n") if line.strip()]
-    lines = lines[:SAMPLE_LINES]
-    most = {}
-    for mark in SEPARATORS:
-        counts = Counter(line.count(mark) for line in lines if mark in line)
-        most[mark] = max(counts.values(), default=0)
-    best = max(most, key=lambda mark: most[mark])
-    words = [line.split() for line in lines]
-    numbers = [row for row in words if all(_is_number(c) or c.lower() in MISSING for c in row)]
-    return " " if 2 * most[best] < len(lines) and numbers and len(numbers[0]) > 1 else best
 
 
 def _header(rows: list[list[str]], decimal: str, white: bool) -> tuple[int, int]:
