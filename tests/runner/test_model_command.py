@@ -76,8 +76,9 @@ def test_what_cannot_be_done_is_one_line(seatrial: Command) -> None:
         assert message in seatrial.refuses("model", *words.split())
     table = pd.read_csv(seatrial.folder / "boat.csv").iloc[:, :7]
     table.to_csv(seatrial.folder / "motion.csv", index=False)
-    said = seatrial.refuses("model", "motion.csv", "--length", "6")
-    assert "motion.map.yaml: got neither forces nor inputs" in said
+    answer = seatrial("model", "motion.csv", "--length", "6")
+    assert answer.code == 2
+    assert "motion.map.yaml: got neither forces nor inputs" in answer.err
     assert not (seatrial.folder / "conf").exists()
 
 
