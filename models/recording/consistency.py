@@ -58,6 +58,7 @@ class Agreement:
     moves: bool  # the recorded signal varies more than its noise
     excited: bool  # both signals do
     significant: bool  # the correlation, of either sign, is not that of independent signals
+    steady: bool = False  # the means of both exceed their variation, and tell the scale
 
     @property
     def quality(self) -> float:
@@ -75,6 +76,11 @@ class Agreement:
     def certain(self) -> bool:
         """Whether the axis says something of signs and scales."""
         return self.excited and self.significant
+
+    @property
+    def in_scale(self) -> bool:
+        """Whether the axis shows that its unit is right."""
+        return (self.certain or self.steady) and not self.off
 
 
 @dataclass(frozen=True)
@@ -138,7 +144,8 @@ def consistency(
         moves, r = exceeds(x, own), float(rho[i, i])
         excited = moves and exceeds(y, other, (2.0 * np.pi * cutoff) ** 2 / 3.0)
         sure = bool(z[i, i] > CERTAIN * error)
-        axes.append(Agreement(dof, r, scale_of(x, y, r), moves, excited, sure))
+        scale, both = scale_of(x, y, r), _steady(x, y)
+        axes.append(Agreement(dof, r, scale, moves, excited, sure, both))
     swaps = []  # pairs whose z rises by CERTAIN for each axis that moves, and falls for none
     for i, j in (pair for group in groups for pair in combinations(group, 2)):
         better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if axes[a].moves]
@@ -251,12 +258,17 @@ def scale_of(observed: Array, expected: Array, correlation: float) -> float:
 
     Means count if they exceed the variation, as the forward speed of a ship on its way does.
     """
-    if all(abs(np.mean(x)) > np.std(x) for x in (observed, expected)):
+    if _steady(observed, expected):
         return float(np.mean(expected) / np.mean(observed))
     size = float(np.std(observed))
     if not size > 0.0 or not np.std(expected) > 0.0:
         return 1.0
     return float(np.copysign(np.std(expected) / size, correlation))
+
+
+def _steady(*signals: Array) -> bool:
+    """Whether the mean of each signal (N,) exceeds its variation."""
+    return all(abs(np.mean(x)) > np.std(x) for x in signals)
 
 
 def lag(

@@ -24,6 +24,7 @@ from seatrial.models.recording.consistency import (
     CERTAIN,
     SAME_SCALE,
     SURE,
+    Agreement,
     Consistency,
     consistency,
 )  # fmt: skip
@@ -46,6 +47,7 @@ ASIDE, AHEAD = 0.5, 0.9  # shares of the way ahead: of a wrong heading, and of a
 MOST_SAMPLES, BLOCKS = 50_000, 10  # of a longer recording, as many even blocks are compared
 LARGE = {"roll": np.pi, "pitch": np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # hardly rad, or 1/s
 LARGE_BEARING = 6.0 * np.pi  # [rad]
+SMALL_ANGLE = 0.05  # [rad] by which a heading is easily wrong
 PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
 LINEAR, ANGLES, YAW = DOFS[:3], DOFS[3:], ("yaw",)
 UNITS = {  # that people record, by that of SI
@@ -173,6 +175,16 @@ class _State(NamedTuple):
         u, v = (self.recording.nu[:, self.recording.dofs.index(dof)] for dof in LINEAR[:2])
         return float(np.sum(u) / (np.sum(np.hypot(u, v)) or 1.0))
 
+    def explained(self, axis: Agreement) -> bool:
+        """Whether a small angle between bow and heading explains the scale of an axis aside."""
+        surge = next((a for a in self.result.axes if a.dof == "surge"), None)
+        if surge is None or not surge.in_scale:
+            return False
+        ahead, aside = (self.recording.nu[:, self.recording.dofs.index(dof)]
+                        for dof in ("surge", axis.dof))  # fmt: skip
+        error = abs(abs(axis.scale) - 1.0) * np.std(aside)
+        return bool(error < SMALL_ANGLE * abs(np.mean(ahead)))
+
     @property
     def specs(self) -> dict[str, Column]:
         """The columns of motion by option; without those that a quaternion or GNSS replaces."""
@@ -284,6 +296,9 @@ class _Case:
             after = self._tried(state, defect, state.result.band)
             if after is None:
                 continue
+            axes = [axis for axis in after.result.axes if axis.dof in defect.axes]
+            if defect in guesses and not any(axis.correlation > SURE for axis in axes):
+                continue  # it shows nothing of the axes that it is about
             gain = after.result.quality - state.result.quality
             worse = any(
                 new.quality < old.quality - AS_GOOD and old.correlation > SURE
@@ -375,6 +390,11 @@ class _Case:
         for axis in (axis for axis in axes if axis.off):
             size, own = abs(axis.scale), f"velocity.{axis.dof}"
             own = "ground.speed" if columns.ground and axis.dof in LINEAR[:2] else own
+            if axis.dof in LINEAR[1:] and state.explained(axis):
+                line = (f"{text} {size:.3g} times the velocity, though surge agrees: a lever "
+                        "arm, or a heading that is late or turned, does that")  # fmt: skip
+                yield RecordingDefect("unknown", (axis.dof,), line, value=size)
+                continue
             for option, ratio in ((own, size), (f"position.{axis.dof}", 1.0 / size)):
                 if option in specs:
                     now = known[option].unit or targets_of(option)[0]

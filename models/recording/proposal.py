@@ -29,6 +29,7 @@ from seatrial.models.recording.units import (
 from seatrial.models.vessel.basis import Array
 
 SYMBOLS = {"eta": "x y z phi theta psi", "nu": "u v w p q r", "tau": "x y z k m n"}  # of matrices
+PLANE = ("x", "y", "z", "phi", "psi", "yaw", "roll")  # of which two stand beside a heading theta
 NUMBERED = re.compile(r"(.*?)[\[(_.]?(\d)[\])]?")
 RUN = re.compile(r"(.*)/\d+")
 PART = re.compile(r"(.*?)([wxyz]|\d)[\])]?")
@@ -192,6 +193,10 @@ def _titles(source: Source) -> dict[str, str]:
     result = {letter: f"tau {letter}" for letter in "XYZKMN"} if forces else {}
     if {"R", "P", "Y"} <= set(source.columns):
         result |= {"R": "roll rate", "P": "pitch rate", "Y": "yaw rate"}
+    for name in source.columns:  # a pose in the plane, as of ROS: x, y and theta
+        beside = {axis for axis in PLANE if re.sub("(?i)theta$", axis, name) in source.columns}
+        if name.lower().endswith("theta") and beside == {"x", "y"}:
+            result[name] = "yaw"
     groups = defaultdict[str, list[str]](list)
     for name in source.columns:
         if match := NUMBERED.fullmatch(name):

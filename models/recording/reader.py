@@ -380,6 +380,11 @@ def _in_our_frames(
     pose[:, 3:] = attitude
     pose[:, [i for i, dof in enumerate(DOFS) if dof not in posed]] = 0.0
     if frames.velocity == "earth":  # angular velocities are of the body
+        if len(moving & {"surge", "sway"}) == 1:
+            raise RecordingError(
+                "columns.velocity: got one of surge and sway along the axes of the earth, expected "
+                "both, which are turned into the axes of the body"
+            )
         if frames.position == "ENU":
             nu[:, :3], moving = _from_enu(nu[:, :3]), {EXCHANGED.get(dof, dof) for dof in moving}
         nu[:, :3] = in_body(attitude, nu[:, :3])

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, OrderedManoeuvre
@@ -231,7 +231,11 @@ class RecordedFile(Reading):
         for i, dof in enumerate(dofs):
             rate[:, i] = values.get(f"acceleration.{dof}", rate[:, i])
             way = values.get(f"position.{dof}")  # else the way made good
-            way = cumulative_trapezoid(nu[:, i], t, initial=0.0) if way is None else way
+            way = (
+                scipy.integrate.cumulative_trapezoid(nu[:, i], t, initial=0.0)
+                if way is None
+                else way
+            )
             eta[:, i] = way if dof in DOFS[:3] else attitude[:, DOFS.index(dof) - 3]
         tau = of("force", dofs)
         inputs, loads = tuple(self.columns.inputs), tuple(self.columns.loads)

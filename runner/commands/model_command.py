@@ -62,6 +62,12 @@ def model(
                 f"{questions[0]} (answer it in {map_file}, and go on with --map {map_file}{more})"
             )
     reader = reader_of(log, read_map(map_file))
+    columns = reader.columns
+    if not (columns.inputs or columns.force or columns.actual_force):
+        raise ConfigurationError(
+            f"{map_file}: got neither forces nor inputs, expected what moved the boat: "
+            "force: {surge: COLUMN, ...}, or inputs: {delta: COLUMN, n: COLUMN}"
+        )
     if vessel is None:
         assert length is not None
         vessel = _drafted_vessel(name, length, mass, reader.account(PLANAR), force)

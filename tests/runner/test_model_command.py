@@ -74,6 +74,12 @@ def test_what_cannot_be_done_is_one_line(seatrial: Command) -> None:
         ("boat.csv --length long", "model: Invalid value for '--length'"),
     ):
         assert message in seatrial.refuses("model", *words.split())
+    table = pd.read_csv(seatrial.folder / "boat.csv").iloc[:, :7]
+    table.to_csv(seatrial.folder / "motion.csv", index=False)
+    answer = seatrial("model", "motion.csv", "--length", "6")
+    assert answer.code == 2
+    assert "motion.map.yaml: got neither forces nor inputs" in answer.err
+    assert not (seatrial.folder / "conf").exists()
 
 
 @pytest.mark.slow

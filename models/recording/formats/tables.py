@@ -133,7 +133,7 @@ def _sources(
         else:
             shape = " x ".join(map(str, values.shape))
             kind = "single values" if values.size <= 1 else f"arrays of {shape}"
-            kind = kind if isinstance(value, np.ndarray) else str(value)
+            kind = "text" if text else kind if isinstance(value, np.ndarray) else str(value)
             lost[kind].append(f"{top}.{name}" if top else name)
     sources: dict[str, Source] = {}
     for (top, size), columns in sorted(groups.items(), key=lambda item: -len(item[1])):
@@ -150,7 +150,7 @@ def _sources(
 def _leaves(top: str, name: str, value: object) -> Iterator[tuple[str, str, object]]:
     """The arrays of a variable by source and name: a struct and each cell is a source.
 
-    Cells or structs of single numbers are the rows of one source.
+    Cells or structs of single numbers or texts are the rows of one source.
     """
     if isinstance(value, dict):
         for field, inner in value.items():
@@ -165,7 +165,10 @@ def _leaves(top: str, name: str, value: object) -> Iterator[tuple[str, str, obje
         ]
         if len(rows) > 1 and list(map(len, single)) == list(map(len, rows)):
             for field in dict.fromkeys(key for found in single for key in found):
-                yield base, field or base, np.array([found.get(field, np.nan) for found in single])
+                column = [found.get(field, np.nan) for found in single]
+                kind = object if any(isinstance(cell, str) for cell in column) else None
+                yield (base, field, np.array(column, dtype=kind)) if field else (
+                    top, name, np.array(column, dtype=kind))  # fmt: skip
             return
         for number, element in enumerate(value, 1):
             own = "" if isinstance(element, dict | list) else base.rpartition("/")[2]
@@ -188,8 +191,9 @@ def _plain(value: Any, stored: Any = None) -> object:
         array = np.asarray(value)
         if array.dtype == np.object_:
             return [_plain(element) for element in array.ravel()]
-        other = "text" if array.dtype.kind in "US" else f"values of {array.dtype.name}"
-        return array if array.dtype.kind in "biuf" else other
+        if array.dtype.kind == "U":
+            return array.astype(object)
+        return array if array.dtype.kind in "biuf" else f"values of {array.dtype.name}"
     kind = value.attrs.get("MATLAB_class", b"double").decode()
     if "MATLAB_object_decode" in value.attrs or not (kind in NUMERIC or "int" in kind):
         return f"objects of class {kind}"
@@ -200,10 +204,10 @@ def _plain(value: Any, stored: Any = None) -> object:
         if len(sizes) == 1 and (size := sizes.pop()):  # an array of structs
             return [{k: v[i] for k, v in fields.items()} for i in range(size)]  # type: ignore[index]
         return fields
-    if kind == "char":
-        return "text"
     if value.dtype.hasobject:
         return [_plain(stored[reference], stored) for reference in value[()].T.ravel()]
     if "MATLAB_empty" in value.attrs:
         return "empty arrays"
+    if kind == "char":  # a row of characters a text
+        return np.squeeze(np.array(["".join(map(chr, row)) for row in value[()].T], dtype=object))
     return value[()] if value.dtype.kind in "biuf" else f"values of {value.dtype}"

@@ -112,6 +112,11 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     if usual > 1 and not any(row[-1].strip() for _, row in head if len(row) == usual):
         # a separator at the end of the rows, which the header lacks
         head = [(line, [*row, ""] if len(row) == usual - 1 else row) for line, row in head]
+    counted = [row[0].strip() for _, row in head if len(row) == usual]
+    if counted[1:] and counted[0].isdigit() and usual > 1:
+        numbers = [str(int(counted[0]) + k) for k in range(len(counted))]
+        if counted == numbers:  # rows that are numbered, of which the header says nothing
+            head = [(line, ["", *row] if len(row) == usual - 1 else row) for line, row in head]
     decimal = text.decimal or "."
     if text.decimal is None and separator != ",":
         cells = [cell for _, row in head for cell in row]

@@ -256,6 +256,22 @@ def test_a_factor_of_no_unit_is_a_question(tmp_path: Path) -> None:
     assert known.questions == ("u is 0.40 of d(position)/dt: which unit?",)
 
 
+def test_a_small_drift_of_a_ship_on_her_way_is_not_of_another_unit(tmp_path: Path) -> None:
+    """A path that is half a sample late changes a drift of 0.3 m r by 0.2 m r."""
+    t = np.arange(0.0, 300.0, 0.2)
+    r = 0.05 * np.sin(0.2 * t) + 0.02 * np.sin(0.07 * t)
+    psi = 0.2 * np.cumsum(r)
+    u, v = np.full(len(t), 2.0), -0.3 * r
+    north = 0.2 * np.cumsum(u * np.cos(psi) - v * np.sin(psi))
+    east = 0.2 * np.cumsum(u * np.sin(psi) + v * np.cos(psi))
+    n = np.random.default_rng(1).normal(scale=0.02, size=(6, len(t)))
+    pose = {"north": north + n[0], "east": east + n[1], "psi": psi + 0.1 * n[2]}
+    rates = {"u": u + n[3], "v": v + n[4], "r": r + 0.1 * n[5]}
+    (problem,) = examined(log(tmp_path / "log.csv", t=t, **pose, **rates)).problems
+    assert problem.axes == ("sway",)
+    assert problem.change == {}
+
+
 def test_what_nothing_mends_has_no_change(tmp_path: Path) -> None:
     noise = np.convolve(np.random.default_rng(3).normal(size=4000), np.ones(40) / 40.0, "same")
     (problem,) = examined(log(tmp_path / "log.csv", v=noise)).problems

@@ -14,6 +14,7 @@ from pyarrow import parquet
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording import source as reading
 from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
+from seatrial.models.recording.times import find_time, seconds
 from tests.data import DATA
 
 
@@ -45,11 +46,12 @@ def file(folder: Path, name: str, content: str | bytes) -> Path:
         "a log\nt\tu\n0\t1.5\t\n1\t-2\t\n2\tnan\t\n",
         "// a log\n// of today\nt\tu\n0\t1.5\n1\t-2\n2\tnan\n",
         "!t,u\n!0,1\n!v11\n0,1.5\n1,-2\n2,\n",
+        '"t","u"\n"1",0,1.5\n"2",1,-2\n"3",2,NaN\n',
     ],
 )
 def test_layouts_of_text_are_found_out(tmp_path: Path, content: str) -> None:
     source = one(file(tmp_path, "a.csv", content))
-    assert list(source.columns) == ["t", "u", "c3"][: 3 if content.endswith("\t\n") else 2]
+    assert [name for name in source.columns if name not in ("c1", "c3")] == ["t", "u"]
     np.testing.assert_array_equal(source.columns["t"], [0.0, 1.0, 2.0])
     np.testing.assert_array_equal(source.columns["u"], [1.5, -2.0, np.nan])
 
@@ -183,6 +185,18 @@ def test_matlab_5(tmp_path: Path, compressed: bool) -> None:
         np.testing.assert_array_equal(sources[source].columns[name], values)
 
 
+def test_texts_of_matlab_are_columns(tmp_path: Path) -> None:
+    """Dates are written as rows of characters, or as cells of them."""
+    dates = [f"2024-05-01 12:00:0{k}" for k in range(4)]
+    cells = np.array(dates, dtype=object)
+    scipy.io.savemat(tmp_path / "a.mat", {"rows": dates, "cells": cells, "u": np.arange(4.0)})
+    source = one(tmp_path / "a.mat")
+    assert source.columns["rows"].tolist() == source.columns["cells"].tolist() == dates
+    time = find_time(source)
+    assert time is not None
+    np.testing.assert_allclose(np.diff(seconds(source, time)), 1.0)
+
+
 def test_matlab_5_with_an_object(tmp_path: Path) -> None:
     """A timeseries, whose contents only MATLAB knows."""
 
@@ -207,7 +221,7 @@ def test_matlab_7_3(tmp_path: Path) -> None:
         stored["t"] = t[None, :]
         stored["nu"] = np.column_stack([t, 2.0 * t]).T
         stored["log/u"] = t[None, :20]
-        stored["word"] = np.array([[114, 117, 110]], dtype=np.uint16)
+        stored["word"] = np.array([[114], [117], [110]], dtype=np.uint16)
         stored["word"].attrs["MATLAB_class"] = np.bytes_("char")
         stored["series"] = np.zeros((1, 6), np.uint32)
         stored["series"].attrs["MATLAB_class"] = np.bytes_("timeseries")

@@ -144,6 +144,8 @@ def test_velocities_along_the_earth(tmp_path: Path, motion: Motion) -> None:
     frame[["u", "v", "w"]] = attitude.apply(motion.nu[:, :3])
     _, _, velocity = _read(tmp_path, frame, _columns(frames=Frames(velocity="earth")))
     np.testing.assert_allclose(velocity, motion.nu, atol=1e-9)
+    with pytest.raises(RecordingError, match=r"one of surge and sway along the axes of the earth"):
+        _read(tmp_path, frame, _columns(frames=Frames(velocity="earth"), velocity={"sway": "v"}))
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])

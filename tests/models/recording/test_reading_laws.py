@@ -137,6 +137,13 @@ def test_clocks_that_disagree_are_named(tmp_path: Path) -> None:
         assert disagreement(other, Column("time")) is None
 
 
+def test_of_clocks_that_run_alike_the_one_that_does_not_repeat_counts(tmp_path: Path) -> None:
+    stamps = 1.7e12 + 90.0 * np.arange(1000)
+    rows = {"Date": pd.to_datetime(stamps // 1000, unit="s").astype(str), "timeStamp": stamps}
+    log = source_of(tmp_path, {**rows, "u": np.arange(1000.0)})
+    assert find_time(log) == Column("timeStamp", unit="ms")
+
+
 @pytest.mark.parametrize(
     ("title", "target", "unit"),
     [
