@@ -27,20 +27,10 @@ def request_of(options: cli.PlotOptions) -> PlotRequest:
                 f"plot {options.kind}: --{name}: not an option of this figure, expected {taken}"
             )
     rows, columns = cli.axes_of(options.rows or figure.rows or None, options.columns)
-    return PlotRequest(
-        run=options.run,
-        metric=options.metric,
-        rows=rows,
-        columns=columns,
-        dofs=cli.split(options.dof),
-        model=options.model,
-        facet=options.facet,
-        band=options.band,
-        log=options.log,
-        where=options.where,
-        sweep=options.sweep,
-        pool=cli.split(options.pool),
-    )
+    same = ("run", "metric", "model", "facet", "band", "log", "where", "sweep")
+    lists = {"dofs": cli.split(options.dof), "pool": cli.split(options.pool)}
+    given = {name: getattr(options, name) for name in same}
+    return PlotRequest(rows=rows, columns=columns, **lists, **given)
 
 
 def figures_of(
