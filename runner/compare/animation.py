@@ -148,7 +148,9 @@ def _drawn(
     A shorter voyage stays at its end.
     """
     t, norths, easts, psis = (series.columns[key] for key in ("t", "x", "y", "psi"))
-    colour = track.draw_track(axes, name, series, alpha=0.25)
+    whole = track.draw_track(axes, name, series)
+    colour, label = whole.get_color(), whole.get_label()
+    whole.set(alpha=0.25, label="_")  # the legend shows the line that moves
     axes.margins(0.08 + 0.7 * length / max(np.ptp(easts), np.ptp(norths), length))
     axes.set(aspect="equal", xlabel="East [m]", ylabel="North [m]")
     near = axes.inset_axes((0.74, 0.74, 0.26, 0.26), aspect="equal", xticks=[], yticks=[])
@@ -157,7 +159,7 @@ def _drawn(
     for view in (axes, near):
         if harbour is not None:
             track.draw_harbour(view, harbour, series)
-        (wake,) = view.plot([], [], color=colour)
+        (wake,) = view.plot([], [], color=colour, label=label)
         hull = Polygon(np.zeros((5, 2)), facecolor="white", edgecolor=colour, zorder=3)
         view.add_patch(hull)
         lines = [

@@ -76,7 +76,8 @@ def commanded_signals(
 
     What acts is left out where it is what is commanded, or was in the sample before.
     """
-    first, limits = series_of[0], style.limits_of(config)
+    first, vessel = series_of[0], config.get("vessel") or {}
+    limits = dict(zip(vessel.get("dofs") or (), vessel.get("force_limits") or (), strict=False))
     rows: list[tuple[str, str, str, str, float, list[float | None], str]] = []
     for dof in dofs:
         name, end = f"tau_{dof}", limits.get(dof)
@@ -85,7 +86,7 @@ def commanded_signals(
             ends = [end and -end, end]
             unit = style.prefixed(first.units[name], largest)
             rows.append((dof.capitalize(), name, f"tau_actual_{dof}", *unit, ends, dof))
-    for name, options in {} if rows else ((config.get("vessel") or {}).get("inputs") or {}).items():
+    for name, options in (vessel.get("inputs") or {}).items() if not rows else ():
         if name in first.columns:
             unit = INPUT_UNITS.get(name.split("_")[0], ("-", 1.0))
             ends = [options.get(end) for end in ("low", "high")]

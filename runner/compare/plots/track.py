@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
@@ -112,14 +113,13 @@ def in_ned(points: Sample, north: float, east: float, psi: float) -> Sample:
     return np.column_stack([easts, norths])
 
 
-def draw_track(axes: Axes, model: str, series: Series, **look: Any) -> str:
-    """Draw a track with its reference; return the colour of the model."""
+def draw_track(axes: Axes, model: str, series: Series) -> Line2D:
+    """Draw a track with its reference; return the line of the track."""
     columns, colour = series.columns, style.MODEL_COLOURS[model]
     if "x_d" in columns:
         axes.plot(columns["y_d"], columns["x_d"], "--", color=style.REFERENCE, label="reference")
     label = "sailed" if model == "recording" else f"{model} model"
-    axes.plot(columns["y"], columns["x"], color=colour, label=label, **look)
-    return colour
+    return axes.plot(columns["y"], columns["x"], color=colour, label=label)[0]
 
 
 def _plane(axes: Axes, series: Series, north: Sample, east: Sample) -> None:
@@ -209,7 +209,7 @@ def _panel(
     axes: Axes, model: str, series: Series, length: float, extent: float,
     harbour: Series | None = None,
 ) -> None:  # fmt: skip
-    columns, colour = series.columns, draw_track(axes, model, series)
+    columns, colour = series.columns, draw_track(axes, model, series).get_color()
     if "psi" in columns:
         spacing = SPACING if harbour is None else DOCKING_SPACING
         hull = None if harbour is None else hull_of(harbour)
