@@ -296,8 +296,8 @@ def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
             if name in columns:
                 band = columns.get(f"{dof}_{IDENTIFIED_STD}") if model == "identified" else None
                 labels = "Time [s]", with_unit(dof, series.units.get(name))
-                line = _over_time(model, t, columns[name], band)
-                yield f"{series.kind}-{dof}", title, labels, line
+                curve = _over_time(model, t, columns[name], band)
+                yield f"{series.kind}-{dof}", title, labels, curve
 
 
 def _plane(name: str, east: Sample, north: Sample) -> dict[str, object]:

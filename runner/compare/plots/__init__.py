@@ -1,6 +1,7 @@
 """Figures of stored runs, one in each file."""
 
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -28,9 +29,9 @@ def request_of(options: cli.PlotOptions) -> PlotRequest:
             )
     rows, columns = cli.axes_of(options.rows or figure.rows or None, options.columns)
     same = ("run", "metric", "model", "facet", "band", "log", "where", "sweep")
-    lists = {"dofs": cli.split(options.dof), "pool": cli.split(options.pool)}
-    given = {name: getattr(options, name) for name in same}
-    return PlotRequest(rows=rows, columns=columns, **lists, **given)
+    chosen: dict[str, Any] = {name: getattr(options, name) for name in same}
+    chosen |= {"dofs": cli.split(options.dof), "pool": cli.split(options.pool)}
+    return PlotRequest(rows=rows, columns=columns, **chosen)
 
 
 def figures_of(

@@ -94,7 +94,7 @@ def commanded_signals(
     signals_of = []
     for columns in (series.columns for series in series_of):
         signals_of.append(signals := list[CommandedSignal]())
-        for name, command, actual, unit, size, ends, dof in rows:
+        for name, command, actual, own_unit, size, ends, dof in rows:
             acting = columns.get(actual)
             force = columns[command] if command in columns else columns[actual]
             if acting is not None:
@@ -102,7 +102,7 @@ def commanded_signals(
                 acting = None if late else acting / size
             low, high = ends
             own = None if low is None or high is None else (low / size, high / size)
-            signals.append(CommandedSignal(name, force / size, acting, unit, own, dof))
+            signals.append(CommandedSignal(name, force / size, acting, own_unit, own, dof))
     return signals_of
 
 

@@ -1,6 +1,7 @@
 """Lack of fit of the force over time, before and after identification, per degree of freedom."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -68,7 +69,7 @@ def _drawing(request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
         unit, size = style.prefixed(unit, style.largest_of([*shown.values()]))
         texts = []
         for model, values in shown.items():
-            look = {"color": style.MODEL_COLOURS[model], "linewidth": 0.9}
+            look: dict[str, Any] = {"color": style.MODEL_COLOURS[model], "linewidth": 0.9}
             panel.plot(t, values / size, label=MODELS[model], alpha=0.9, **look)
             held_out = values[train == 0] if np.any(train == 0) else values
             level = float(np.sqrt(np.mean(np.square(held_out)))) / size
