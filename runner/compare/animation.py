@@ -20,23 +20,8 @@ from matplotlib.patches import Polygon
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.frame import Queries
-from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import (
-    DEPLOYMENTS,
-    PlotRequest,
-    distinct,
-    each_run,
-    in_plane,
-    subtitle,
-)
+from seatrial.runner.compare.plots import request, style, track
 from seatrial.runner.compare.plots.style import largest_of
-from seatrial.runner.compare.plots.track import (
-    HARBOUR,
-    draw_harbour,
-    drawn_length,
-    hull_of,
-    outline,
-)
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import Config
@@ -70,26 +55,15 @@ class DeviceLine:
 
     def in_plane(self, north: float, east: float, psi: float, frame: int) -> Sample:
         """Return (east, north) of both ends at a frame and pose, shape (2, 2) [m]."""
-        ahead, side = np.array([self.start[frame], self.end[frame]]).T
-        easts = east + np.sin(psi) * ahead + np.cos(psi) * side
-        return np.column_stack([easts, north + np.cos(psi) * ahead - np.sin(psi) * side])
+        return track.in_ned(np.array([self.start[frame], self.end[frame]]), north, east, psi)
 
 
 def animate(results: Queries, run: int, file: Path | None) -> Path:
-    """Write the film of a run.
+    """Write the film of a run and return the path of its file.
 
-    Args:
-        results: of the logbook.
-        run: its number.
-        file: ends in .html, .gif or .mp4; None is a page in the folder of the figures.
-
-    Returns:
-        The path of the file.
-
-    Raises:
-        ConfigurationError: for another format, a run without motion in the plane, or MP4 without
-            ffmpeg.
-        LogbookError: if the file cannot be written.
+    `file` ends in .html, .gif or .mp4; None is a page in the folder of the figures. Raises
+    ConfigurationError for another format, a run without motion in the plane, or MP4 without ffmpeg,
+    and LogbookError if the file cannot be written.
     """
     path = file or results.reader.results_dir / "figures" / f"animation-run-{run}.html"
     form = path.suffix.lower()
@@ -121,24 +95,21 @@ def animate(results: Queries, run: int, file: Path | None) -> Path:
 def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     """Return the film of a run in at most so many frames: a panel for each of its voyages."""
     config = results.reader.run(number).config  # that there is one
-    kinds = (*DEPLOYMENTS, "recording", HARBOUR)
-    ((run, stored),) = each_run(results, PlotRequest(run=number), kinds)
-    harbour = stored.pop(HARBOUR, None)
-    deployed = {kind: stored[kind] for kind in DEPLOYMENTS if kind in stored}
-    whole, absent = distinct(results, run, deployed or stored)
-    in_plane(run, "animate", whole)
-    for kind, series in whole.items():
-        if "psi" not in series.columns:
-            raise ConfigurationError(f"animate: run {number} has no heading psi in {kind}")
+    ((run, stored),) = request.each_run(
+        results, request.PlotRequest(run=number), (*request.DEPLOYMENTS, "recording", track.HARBOUR)
+    )
+    harbour = stored.pop(track.HARBOUR, None)
+    deployed = {kind: stored[kind] for kind in request.DEPLOYMENTS if kind in stored}
+    whole, absent = request.distinct(results, run, deployed or stored)
+    request.in_plane(run, "animate", whole, ("t", "x", "y", "psi"))
     extent = max(float(np.ptp(one.columns[name])) for one in whole.values() for name in ("x", "y"))
-    length, note = drawn_length(config, extent)
+    length, note = track.drawn_length(config, extent)
     sails = {name: _thinned(series, most) for name, series in whole.items()}
     vessel = config.get("vessel")
     devices = parts_of(list(sails.values()), vessel if isinstance(vessel, Mapping) else {}, length)
     notes = [note, "lines from the hull: thrust, relative to the largest or its limit"]
     if any(part.kind == "rudder" for parts in devices for part in parts):
         notes.append("rudder longer than it is")
-    notes += absent
     sheet, panels = style.panels(1, len(sails), INCHES, INCHES)
     moves = [
         _drawn(axes, name, series, parts, length, harbour)
@@ -148,16 +119,15 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     middle, half = np.mean(limits, axis=(0, 2)), 0.5 * np.max(np.ptp(limits, axis=2))
     for axes in panels:  # the same square for all, with room for the enlarged vessel
         axes.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, 1.7 * half])
-    style.headed(sheet, panels, f"Run {subtitle(run).removeprefix('run ')}")
-    style.footnote(sheet, notes)
-    for move in moves:
-        move(0)
-    sheet.draw_without_rendering()
-    sheet.set_layout_engine("none")  # the panels stay where the first frame has them
+    title = f"Run {request.subtitle(run).removeprefix('run ')}"
+    style.drawing_of("film", sheet, panels, title, [*notes, *absent])
 
     def show(frame: int) -> list[Polygon]:
         return [move(frame) for move in moves]
 
+    show(0)
+    sheet.draw_without_rendering()
+    sheet.set_layout_engine("none")  # the panels stay where the first frame has them
     return FuncAnimation(sheet, show, max(len(one.columns["t"]) for one in sails.values()))
 
 
@@ -170,33 +140,26 @@ def _thinned(series: Series, most: int) -> Series:
 
 
 def _drawn(
-    axes: Axes,
-    name: str,
-    series: Series,
-    parts: Sequence[DeviceLine],
-    length: float,
+    axes: Axes, name: str, series: Series, parts: Sequence[DeviceLine], length: float,
     harbour: Series | None,
-) -> Callable[[int], Polygon]:
+) -> Callable[[int], Polygon]:  # fmt: skip
     """Draw what stays, and return what moves the vessel of a panel to a frame.
 
     A shorter voyage stays at its end.
     """
     t, norths, easts, psis = (series.columns[key] for key in ("t", "x", "y", "psi"))
-    colour = style.MODEL_COLOURS[name]
-    label = "recording" if name == "recording" else f"{name} model"
-    if "x_d" in series.columns:
-        axes.plot(series.columns["y_d"], series.columns["x_d"], "--", color=style.REFERENCE,
-                  linewidth=0.9, label="reference")  # fmt: skip
-    axes.plot(easts, norths, color=colour, alpha=0.25)
+    whole = track.draw_track(axes, name, series)
+    colour, label = whole.get_color(), whole.get_label()
+    whole.set(alpha=0.25, label="_")  # the legend shows the line that moves
     axes.margins(0.08 + 0.7 * length / max(np.ptp(easts), np.ptp(norths), length))
     axes.set(aspect="equal", xlabel="East [m]", ylabel="North [m]")
     near = axes.inset_axes((0.74, 0.74, 0.26, 0.26), aspect="equal", xticks=[], yticks=[])
     near.spines[:].set_visible(True)
-    views, corners = [], None if harbour is None else hull_of(harbour)
+    views, corners = [], None if harbour is None else track.hull_of(harbour)
     for view in (axes, near):
         if harbour is not None:
-            draw_harbour(view, harbour, series)
-        (track,) = view.plot([], [], color=colour, label=label)
+            track.draw_harbour(view, harbour, series)
+        (wake,) = view.plot([], [], color=colour, label=label)
         hull = Polygon(np.zeros((5, 2)), facecolor="white", edgecolor=colour, zorder=3)
         view.add_patch(hull)
         lines = [
@@ -204,14 +167,14 @@ def _drawn(
                       linewidth=2.6 if part.kind == "rudder" else 1.6)[0]
             for part in parts
         ]  # fmt: skip
-        views.append((track, hull, lines))
+        views.append((wake, hull, lines))
 
     def move(frame: int) -> Polygon:
         k = min(frame, len(t) - 1)
         north, east, psi = float(norths[k]), float(easts[k]), float(psis[k])
-        for track, hull, lines in views:
-            track.set_data(easts[: k + 1], norths[: k + 1])
-            hull.set_xy(outline(north, east, psi, length, corners))
+        for wake, hull, lines in views:
+            wake.set_data(easts[: k + 1], norths[: k + 1])
+            hull.set_xy(track.outline(north, east, psi, length, corners))
             for line, part in zip(lines, parts, strict=True):
                 line.set_data(*part.in_plane(north, east, psi, k).T)
         half = NEAR * length
@@ -241,10 +204,12 @@ def _forces(series: Series, series_of: Sequence[Series], length: float) -> Itera
     zero = np.zeros(len(series.columns["t"]))
     surge, sway, yaw = (np.asarray(series.columns.get(name, zero)) for name in largest)
     size = ARROW_LENGTHS["thrust"] * length / max(largest["tau_surge"], largest["tau_sway"])
-    yield DeviceLine("force", "thrust", _points(zero, zero), _points(size * surge, size * sway))
+    force = np.column_stack([size * surge, size * sway])
+    yield DeviceLine("force", "thrust", np.zeros_like(force), force)
     if "tau_yaw" in series.columns:
-        bow, side = 0.5 * length, ARROW_LENGTHS["moment"] * length / largest["tau_yaw"] * yaw
-        yield DeviceLine("moment", "moment", _points(zero + bow, zero), _points(zero + bow, side))
+        side = ARROW_LENGTHS["moment"] * length / largest["tau_yaw"] * yaw
+        bow = np.column_stack([zero + 0.5 * length, zero])
+        yield DeviceLine("moment", "moment", bow, bow + np.column_stack([zero, side]))
 
 
 def _inputs(series: Series, vessel: Config, length: float) -> Iterator[DeviceLine]:
@@ -256,23 +221,19 @@ def _inputs(series: Series, vessel: Config, length: float) -> Iterator[DeviceLin
             continue
         device = next((d for d in devices if name in [d.get(key) for key in DRIVES]), {})
         value = np.asarray(series.columns[name], dtype=np.float64)
-        zero = np.zeros_like(value)
-        if name.startswith("delta"):
-            if device.get("kind") != "plane" and not name.endswith("_s"):
-                stock = _points(zero + STERN * length, zero)
-                side = turning_side(series, value) * np.sin(value)
-                blade = BLADE * length * _points(-np.cos(value), side)
-                yield DeviceLine(name, "rudder", stock, stock + blade)
-            continue
-        high = max(abs(float(limits.get(end) or 0.0)) for end in ("low", "high")) or 1.0
-        fixed = zero + float(device.get("angle_rad") or 0.0)
-        angle = np.asarray(series.columns.get(str(device.get("alpha")), fixed))
-        x = scale * float(device["x_m"]) if "x_m" in device else STERN * length
-        start = _points(zero + x, zero + scale * float(device.get("y_m") or 0.0))
-        size = ARROW_LENGTHS["thrust"] * length / high * value
-        yield DeviceLine(
-            name, "thrust", start, start + _points(size * np.cos(angle), size * np.sin(angle))
-        )
+        ahead, side = (scale * float(device.get(key) or 0.0) for key in ("x_m", "y_m"))
+        start = np.tile([ahead if "x_m" in device else STERN * length, side], (len(value), 1))
+        if not name.startswith("delta"):
+            high = max(abs(float(limits.get(end) or 0.0)) for end in ("low", "high")) or 1.0
+            fixed = np.full_like(value, float(device.get("angle_rad") or 0.0))
+            angle = np.asarray(series.columns.get(str(device.get("alpha")), fixed))
+            size = ARROW_LENGTHS["thrust"] * length / high * value
+            thrust = np.column_stack([size * np.cos(angle), size * np.sin(angle)])
+            yield DeviceLine(name, "thrust", start, start + thrust)
+        elif device.get("kind") != "plane" and not name.endswith("_s"):
+            stock = np.tile([STERN * length, 0.0], (len(value), 1))
+            blade = np.column_stack([-np.cos(value), turning_side(series, value) * np.sin(value)])
+            yield DeviceLine(name, "rudder", stock, stock + BLADE * length * blade)
 
 
 def turning_side(series: Series, helm: Sample) -> float:
@@ -285,7 +246,3 @@ def turning_side(series: Series, helm: Sample) -> float:
     rate = np.gradient(np.unwrap(series.columns["psi"]), t) if rate is None else np.asarray(rate)
     solution = np.linalg.lstsq(np.column_stack([rate, helm]), np.gradient(rate, t), rcond=None)[0]
     return -1.0 if solution[1] < 0.0 else 1.0
-
-
-def _points(x: Sample, y: Sample) -> Sample:
-    return np.column_stack([x, y])

@@ -7,7 +7,7 @@ with the same two names is a figure as well; it is selected by its module name.
 """
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
@@ -113,8 +113,13 @@ def _module(name: str) -> ModuleType:
 @cache
 def _modules() -> dict[str, ModuleType]:
     """The modules of the figures by name; of two figures of one name the first counts."""
+    files = [(path, f"{__package__}.plots.{path.stem}") for path in sorted(PLOTS.glob("*.py"))]
+    for plugin in plugins():
+        for path in plugin.files:
+            inside = plugin.is_package and path.stem != "__init__"
+            files.append((path, f"{plugin.module}.{path.stem}" if inside else plugin.module))
     modules: dict[str, ModuleType] = {}
-    for name in _declaring():
+    for name in (name for path, name in files if DECLARES in path.read_text("utf-8", "replace")):
         try:
             module = import_module(name)
             figure = vars(module)["FIGURE"]
@@ -129,13 +134,3 @@ def _modules() -> dict[str, ModuleType]:
         if first is not module:
             log.warning("figure %s of %s is not used: %s has it", figure.name, name, first.__name__)
     return modules
-
-
-def _declaring() -> Iterator[str]:
-    """Yield the names of the modules whose files declare a figure."""
-    files = [(path, f"{__package__}.plots.{path.stem}") for path in sorted(PLOTS.glob("*.py"))]
-    for plugin in plugins():
-        for path in plugin.files:
-            inside = plugin.is_package and path.stem != "__init__"
-            files.append((path, f"{plugin.module}.{path.stem}" if inside else plugin.module))
-    return (module for path, module in files if DECLARES in path.read_text("utf-8", "replace"))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -56,12 +56,9 @@ def page(
     `lead` stands above the links: those to its sections and `links` (text by address) to other
     pages. `scripts` are files beside the page, `programs` templates of further scripts in it.
     """
+    strict: dict[str, Any] = {"autoescape": True, "undefined": StrictUndefined}
     environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=FileSystemLoader(TEMPLATES), trim_blocks=True, lstrip_blocks=True, **strict
     )
     return environment.get_template("page.html").render(
         written=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
@@ -123,7 +120,10 @@ def write_page(page: str, file: Path) -> None:
     """Write a page atomically; raises LogbookError if the file cannot be written."""
     if not file.name:
         raise LogbookError(f"{file}: cannot write the report: expected the name of a file")
-    if _is_database(file):
+    database = False
+    with suppress(OSError), file.open("rb") as stream:  # there is none, or it cannot be written
+        database = stream.read(len(SQLITE)) == SQLITE
+    if database:
         raise LogbookError(f"{file}: got a SQLite database, expected the name of the report")
     temporary = file.with_name(f".{file.name}.tmp")
     try:
@@ -134,14 +134,6 @@ def write_page(page: str, file: Path) -> None:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
         raise LogbookError(f"{file}: cannot write the report: {error.strerror}") from error
-
-
-def _is_database(file: Path) -> bool:
-    try:
-        with file.open("rb") as stream:
-            return stream.read(len(SQLITE)) == SQLITE
-    except OSError:  # there is none; or what it is shows when it is written
-        return False
 
 
 def thin(figure: "Figure") -> None:
@@ -183,9 +175,7 @@ def picture(figure: "Figure", caption: str, prefix: str) -> Markup:
     svg = out.getvalue()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(PLACES, lambda place: DECIMALS.sub(r"\1", place[0]), svg)
-    svg = re.sub(r'(?<=[ \n]id=")', prefix, svg)
-    svg = re.sub(r'(?<=href="#)', prefix, svg)
-    svg = re.sub(r"(?<=url\(#)", prefix, svg)
+    svg = re.sub(r'(?<=[ \n]id=")|(?<=href="#)|(?<=url\(#)', prefix, svg)
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{escape(caption)}"', 1)
     least = round(LEGIBLE * figure.get_figwidth() * 72.0 * CSS_PX_PER_POINT)
     kind = "wide" if figure.get_figwidth() > WIDE_FIGURE else ""

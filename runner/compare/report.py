@@ -132,14 +132,13 @@ class _Report:
 
     def choices(self) -> list[tuple[str, str]]:
         """Every choice with its levels, those with several first; many seeds are a range."""
-        choices = []
-        for name in (*GROUPS, "seed"):
-            levels = ordered(run.levels[name] for run in self.runs)
-            text = ", ".join(levels)
-            if name == "seed" and len(levels) > 5:
-                text = f"{len(levels)} seeds, {levels[0]} to {levels[-1]}"
-            choices.append((len(levels) == 1 or name == "seed", name, text))
-        return [(name, text) for _, name, text in sorted(choices, key=lambda choice: choice[0])]
+        choices = {name: ordered(run.levels[name] for run in self.runs) for name in GROUPS}
+        varied = sorted(choices, key=lambda name: len(choices[name]) == 1)
+        seeds = ordered(run.levels["seed"] for run in self.runs)
+        text = (
+            f"{len(seeds)} seeds, {seeds[0]} to {seeds[-1]}" if len(seeds) > 5 else ", ".join(seeds)
+        )
+        return [*((name, ", ".join(choices[name])) for name in varied), ("seed", text)]
 
     def table(self, one: Headline) -> list[Markup]:
         """A table and the command that makes it."""
@@ -217,11 +216,9 @@ class _Report:
         """The sweeps with their commands, and a table of all settings."""
         ids, blocks = {run.sweep for run in self.runs}, list[Markup]()
         for sweep in (one for one in self.results.reader.sweeps() if one.id in ids):
-            end = (
-                f"to {sweep.finished_at:%Y-%m-%d %H:%M}" if sweep.finished_at else ", not finished"
-            )
-            begin = f"{sweep.planned} trials planned; {sweep.started_at:%Y-%m-%d %H:%M} UTC"
-            words = [f"{begin} {end}, on {sweep.host}"]
+            end, begin = sweep.finished_at, f"{sweep.started_at:%Y-%m-%d %H:%M} UTC"
+            until = f"to {end:%Y-%m-%d %H:%M}" if end else ", not finished"
+            words = [f"{sweep.planned} trials planned; {begin} {until}, on {sweep.host}"]
             words += [f"tags: {', '.join(sweep.tags)}"] if sweep.tags else []
             words += [sweep.note] if sweep.note else []
             blocks.append(Markup("<h3>Sweep {}: {}</h3>").format(sweep.id, sweep.name))

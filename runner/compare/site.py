@@ -42,7 +42,7 @@ MOST_FILTERS = 30  # keys of the configuration
 STRETCHES = 300  # of which a line keeps the lowest and the highest sample
 DIGITS = 5  # significant
 ERRORS = {"e_pos": ("Position error", 1.0, "m"), "e_psi": ("Heading error", 180.0 / np.pi, "deg")}
-LAST = ("configuration",)  # of the tables of a run, before its provenance
+LAST = ("Configuration", "Provenance")  # titles of the last tables of a run
 PLOTS = Markup('<div class="figures" id="plots"></div>')
 Json = Mapping[str, object]
 
@@ -54,7 +54,10 @@ def write_site(results: Queries, folder: Path, database: str, opened: int) -> Pa
     newest `opened` runs have a page. Raises LogbookError if it cannot be written.
     """
     try:
-        _require_own(folder)
+        index = folder / INDEX
+        own = index.is_file() and MARK in index.read_text(encoding="utf-8", errors="replace")
+        if not own and folder.exists() and any(folder.iterdir()):
+            raise LogbookError(f"{folder}: got a folder with files, expected a new or empty one")
         for old in (*folder.glob("*.html"), *folder.glob("data/*.js")):
             old.unlink()
         for name, text in _files(results, database, opened):
@@ -65,16 +68,6 @@ def write_site(results: Queries, folder: Path, database: str, opened: int) -> Pa
     except ValueError as error:
         raise LogbookError(f"{folder}: cannot write the site: expected a name in UTF-8") from error
     return folder / INDEX
-
-
-def _require_own(folder: Path) -> None:
-    """Refuse a folder with files of others."""
-    index = folder / INDEX
-    with suppress(FileNotFoundError):
-        if index.is_file() and MARK in index.read_text(encoding="utf-8", errors="replace"):
-            return
-        if any(folder.iterdir()):
-            raise LogbookError(f"{folder}: got a folder with files, expected a new or empty one")
 
 
 def _files(results: Queries, database: str, opened: int) -> Iterator[tuple[str, str]]:
@@ -121,39 +114,33 @@ def script_of(name: str, content: object) -> str:
 def _list_page(results: Queries, pages: Sequence[str], links: Mapping[str, str]) -> str:
     """The page that filters, sorts and overlays runs, and links to the pages of the sweeps."""
     parts = [Markup('<div id="plots"></div><div id="list"></div>')]
-    sweeps = [
-        link(f"sweep-{sweep.id}.html", f"Sweep {sweep.id}: {sweep.name}")
-        for sweep in reversed(results.reader.sweeps())
-        if f"sweep-{sweep.id}.html" in pages
-    ]
+    named = {
+        f"sweep-{one.id}.html": f"Sweep {one.id}: {one.name}" for one in results.reader.sweeps()
+    }
+    sweeps = [link(file, named[file]) for file in pages if file in named]
     sections = [Section("Runs", "runs", parts), Section("Sweeps", "sweeps", [bullets(sweeps)])]
-    programs = ("elements.js", "plot.js", "runs.js")
     lead = [paragraph(f"From {results.reader.address}.", "small")]
+    programs = ("elements.js", "plot.js", "runs.js")
     return page("Sea trials: the runs", lead, sections, links, ("data/runs.js",), programs)
 
 
 def _run_page(
-    results: Queries,
-    run: StoredRun,
-    trouble: Sequence[str],
-    links: Mapping[str, str],
+    results: Queries, run: StoredRun, trouble: Sequence[str], links: Mapping[str, str],
     database: str,
 ) -> str:  # fmt: skip
     """The page of a run: its numbers, its figures, and at last where it comes from."""
-    tables = {table.title: table for table in run_details(results, run.id)}
-    own = f"run {run.id}"
-    last = [tables.pop(name) for name in (*LAST, own) if name in tables]
-    numbers = [_numbers(name.capitalize(), table) for name, table in tables.items()]
+    titles = {f"run {run.id}": "Provenance"}
+    sections = [
+        _numbers(titles.get(table.title, table.title.capitalize()), table)
+        for table in run_details(results, run.id)
+    ]
+    sections.sort(key=lambda section: section.title in LAST)
     refused = [paragraph(text, "refused") for text in trouble]
-    figures = Section("Figures", "figures", [*refused, PLOTS])
+    sections.insert(1, Section("Figures", "figures", [*refused, PLOTS]))
     show = [*results_program().split(), "show", str(run.id), *words_of(database)]
-    titles = ("Configuration", "Provenance")[-len(last) :]
-    origin = [_numbers(title, table) for title, table in zip(titles, last, strict=True)]
-    sections = [*numbers[:1], figures, *numbers[1:], *origin]
-    lead = [code(" ".join(show))]
     overlay = {f"{RUNS}#runs={run.id}": "Overlay with other runs"}
     scripts, programs = (f"data/run-{run.id}.js",), ("elements.js", "plot.js")
-    title = f"R{subtitle(run)[1:]}"
+    title, lead = f"R{subtitle(run)[1:]}", [code(" ".join(show))]
     return page(title, lead, sections, {**links, **overlay}, scripts, programs)
 
 
@@ -309,12 +296,8 @@ def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
             if name in columns:
                 band = columns.get(f"{dof}_{IDENTIFIED_STD}") if model == "identified" else None
                 labels = "Time [s]", with_unit(dof, series.units.get(name))
-                yield (
-                    f"{series.kind}-{dof}",
-                    title,
-                    labels,
-                    _over_time(model, t, columns[name], band),
-                )
+                curve = _over_time(model, t, columns[name], band)
+                yield f"{series.kind}-{dof}", title, labels, curve
 
 
 def _plane(name: str, east: Sample, north: Sample) -> dict[str, object]:

@@ -1,6 +1,7 @@
 """Figures of stored runs, one in each file."""
 
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -27,20 +28,10 @@ def request_of(options: cli.PlotOptions) -> PlotRequest:
                 f"plot {options.kind}: --{name}: not an option of this figure, expected {taken}"
             )
     rows, columns = cli.axes_of(options.rows or figure.rows or None, options.columns)
-    return PlotRequest(
-        run=options.run,
-        metric=options.metric,
-        rows=rows,
-        columns=columns,
-        dofs=cli.split(options.dof),
-        model=options.model,
-        facet=options.facet,
-        band=options.band,
-        log=options.log,
-        where=options.where,
-        sweep=options.sweep,
-        pool=cli.split(options.pool),
-    )
+    same = ("run", "metric", "model", "facet", "band", "log", "where", "sweep")
+    chosen: dict[str, Any] = {name: getattr(options, name) for name in same}
+    chosen |= {"dofs": cli.split(options.dof), "pool": cli.split(options.pool)}
+    return PlotRequest(rows=rows, columns=columns, **chosen)
 
 
 def figures_of(

@@ -15,11 +15,13 @@ from seatrial.runner.compare.frame import (
     complete,
     observations,
 )
+from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import INFEASIBLE, MARK, UNSETTLED, Cell, Pivot, pivot
 from seatrial.runner.record.catalogue import definition_of
+from seatrial.runner.record.vocabulary import COMBINED
 
 FIGURE = Figure(
     "bars",
@@ -68,14 +70,15 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
         )
         for dof in dofs
     }
-    first = tables[dofs[0]]
+    first, definition = tables[dofs[0]], definition_of(request.metric)
     width = max(3.4, FRAME + 0.32 * len(first.row_keys) * len(first.column_keys))
     width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
     figure, axes = style.panels(1, len(dofs), width, 3.8)
     for panel, dof in zip(axes, dofs, strict=True):
-        unit = frame.loc[frame["dof"] == dof, "unit"].iloc[0]
-        _panel(panel, tables[dof], request, style.metric_label(request.metric, dof, unit), width)
-    title = facet.title(f"{definition_of(request.metric).heading}, {request.model} model")
+        label = definition.label if dof in COMBINED else f"{definition.label}, {dof}"
+        panel.set_ylabel(with_unit(label, frame.loc[frame["dof"] == dof, "unit"].iloc[0]))
+        _panel(panel, tables[dof], request, width)
+    title = facet.title(f"{definition.heading}, {request.model} model")
     cells = [cell for table in tables.values() for cell in table.cells.values()]
     several = max(cell.experiments for cell in cells) > 1
     means = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
@@ -86,7 +89,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     return style.drawing_of(facet.file(f"bars-{request.metric}"), figure, axes, title, notes)
 
 
-def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_width: float) -> None:
+def _panel(axes: Axes, table: Pivot, request: PlotRequest, panel_width: float) -> None:
     names = [key[0] for key in table.column_keys]
     width, places = GROUP_WIDTH / len(table.row_keys), np.arange(len(names), dtype=np.float64)
     narrow = (panel_width - FRAME) * GROUP_WIDTH / (len(names) * len(table.row_keys)) <= WORD
@@ -105,7 +108,6 @@ def _panel(axes: Axes, table: Pivot, request: PlotRequest, label: str, panel_wid
             lost |= bool(cell.missing)
     axes.set_xticks(places, names)
     axes.set_xlabel(request.columns)
-    axes.set_ylabel(label)
     axes.grid(axis="x", visible=False)
     axes.margins(y=0.35 if narrow and lost else 0.12)
     means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.by_seed]

@@ -1,6 +1,5 @@
 """Mean ranks of the benchmark's entrants, and which do not differ, as in Demsar (2006), Fig. 1."""
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Chart
 
 from seatrial.models.errors import ConfigurationError
@@ -48,53 +47,28 @@ def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
 
 
 def chart(title: str, ranks: Ranking) -> Chart:
-    """Return the figure of the ranks of one set of cases."""
+    """Return the figure of the ranks of one set of cases, the better half at the left."""
     count = len(ranks.mean_ranks)
-    lines = -(-count // 2) + len(ranks.groups())
-    figure, (axes,) = style.panels(1, 1, 7.0, ROW * lines + 2.2)
-    _axis(axes, count, critical_difference(count, ranks.cases))
-    _names(axes, ranks, _groups(axes, ranks))
-    axes.set_axis_off()
-    cases = f"{ranks.cases} case{'s'[: ranks.cases != 1]}"
-    title = f"{title}: mean ranks over {cases}"
-    return style.drawing_of("critical_difference", figure, [axes], title, [NOTE]).figure
-
-
-def _axis(axes: Axes, count: int, difference: float) -> None:
-    """The scale of the ranks from 1 to `count`, and above it the critical difference."""
+    half, groups = -(-count // 2), ranks.groups()
+    figure, (axes,) = style.panels(1, 1, 7.0, ROW * (half + len(groups)) + 2.2)
     axes.plot([1.0, count], [0.0, 0.0], color=style.REFERENCE, linewidth=1.0)
     for rank in range(1, count + 1):
         axes.plot([rank, rank], [0.0, 0.3], color=style.REFERENCE, linewidth=1.0)
         axes.text(rank, 0.45, str(rank), ha="center", va="bottom", fontsize=9)
-    end = min(1.0 + difference, float(count))
+    difference = critical_difference(count, ranks.cases)
+    ends = [1.0, min(1.0 + difference, float(count))]
     text = f"CD = {number_text(difference, 3)}"
-    if 1.0 + difference > count:
-        text += ", more than all ranks"
-    axes.plot([1.0, end], [2.0, 2.0], color=style.MUTED, linewidth=1.4, marker="|", markersize=8)
+    text += ", more than all ranks" if 1.0 + difference > count else ""
+    axes.plot(ends, [2.0, 2.0], color=style.MUTED, linewidth=1.4, marker="|", markersize=8)
     axes.text(1.0, 2.3, text, ha="left", va="bottom", fontsize=9, color=style.MUTED)
-    room = SIDE * (count - 1.0)
-    axes.set_xlim(1.0 - room, count + room)
-
-
-def _groups(axes: Axes, ranks: Ranking) -> float:
-    """The bars of entrants that do not differ; returns the height below the last one."""
     height = -0.6
-    for group in ranks.groups():
-        ends = [float(ranks.mean_ranks[group[0]]), float(ranks.mean_ranks[group[-1]])]
-        axes.plot(
-            [ends[0] - 0.04, ends[1] + 0.04], [height, height], color=style.PALETTE[5],
-            linewidth=4.0, solid_capstyle="butt",
-        )  # fmt: skip
+    for group in groups:
+        ends = [float(ranks.mean_ranks[group[0]]) - 0.04, float(ranks.mean_ranks[group[-1]]) + 0.04]
+        axes.plot(ends, [height, height], color=style.PALETTE[5], linewidth=4.0,
+                  solid_capstyle="butt")  # fmt: skip
         height -= 0.6
-    return height - 0.4
-
-
-def _names(axes: Axes, ranks: Ranking, below: float) -> None:
-    """The entrants, the better half at the left, each joined to its rank."""
-    count = len(ranks.mean_ranks)
-    half = -(-count // 2)
-    low, high = axes.get_xlim()
-    inner = 0.1 * (high - low) * SIDE
+    below, room = height - 0.4, SIDE * (count - 1.0)
+    inner = 0.1 * (count - 1.0 + 2.0 * room) * SIDE
     for place, (name, rank) in enumerate(ranks.mean_ranks.items()):
         left = place < half
         height = below - (place if left else count - 1 - place)
@@ -103,4 +77,7 @@ def _names(axes: Axes, ranks: Ranking, below: float) -> None:
         text = f"{shown}  {rank:.2f}" if left else f"{rank:.2f}  {shown}"
         side = -0.3 * inner if left else 0.3 * inner
         axes.text(edge + side, height, text, ha="right" if left else "left", va="center")
-    axes.set_ylim(below - half + 0.4, 3.6)
+    axes.set(xlim=(1.0 - room, count + room), ylim=(below - half + 0.4, 3.6))
+    axes.set_axis_off()
+    title = f"{title}: mean ranks over {ranks.cases} case{'s'[: ranks.cases != 1]}"
+    return style.drawing_of("critical_difference", figure, [axes], title, [NOTE]).figure

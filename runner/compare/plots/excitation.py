@@ -2,23 +2,21 @@
 
 There is a row of panels for each force by degree of freedom, or for each input by name: over time
 with the limits, and its spectrum. Rows below show the wind, and of a subspace identification the
-singular values of the data with the eigenvalues of the model. Vessels by force have columns
+singular values of the data. Vessels by force have columns
 `tau_surge`, ..., steered vessels the inputs of their configuration, such as `delta` and `n`, with
 `delta_command` where the command is recorded too.
 
 Diagnostics: `regressor_rank`, `regressor_unknowns`, `spectral_lines`, and `inseparable_terms`
-with the names in `label`; `singular_value` (i = number, from 1), `selected_order`, and
-`eigenvalue_real`, `eigenvalue_imag` (i = number), discrete time, of the identified model.
+with the names in `label`; `singular_value` (i = number, from 1), `selected_order`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
@@ -49,7 +47,6 @@ INPUT_UNITS = {
 REPORT = ("regressor_rank", "regressor_unknowns", "spectral_lines")
 INSEPARABLE_TERMS = "inseparable_terms"
 SINGULAR, ORDER = "singular_value", "selected_order"
-REAL, IMAGINARY = "eigenvalue_real", "eigenvalue_imag"
 MATTERS = 0.1  # smallest amplitude that matters, relative to the largest, both smoothed
 DEPTH = 1e-3  # smallest amplitude shown, likewise
 FORCE, ACTING = style.PALETTE[0], style.PALETTE[1]
@@ -72,33 +69,41 @@ class CommandedSignal:
     dof: str = ""
 
 
-def commanded_signals(series: Series, config: Config, dofs: Sequence[str]) -> list[CommandedSignal]:
-    """Return the forces of a series in these degrees of freedom, or else its inputs."""
-    columns, limits, signals = series.columns, style.limits_of(config), []
+def commanded_signals(
+    series_of: Sequence[Series], config: Config, dofs: Sequence[str]
+) -> list[list[CommandedSignal]]:
+    """Return for each series its forces in these degrees of freedom, or else its inputs.
+
+    What acts is left out where it is what is commanded, or was in the sample before.
+    """
+    first, vessel = series_of[0], config.get("vessel") or {}
+    limits = dict(zip(vessel.get("dofs") or (), vessel.get("force_limits") or (), strict=False))
+    rows: list[tuple[str, str, str, str, float, list[float | None], str]] = []
     for dof in dofs:
-        if f"tau_{dof}" in columns:
-            force, acting = columns[f"tau_{dof}"], columns.get(f"tau_actual_{dof}")
-            unit, size = style.prefixed(series.units[f"tau_{dof}"], style.largest_of([force]))
-            if acting is not None and np.allclose(acting[1:], force[:-1]):
-                acting = None
-            own = (-limits[dof] / size, limits[dof] / size) if dof in limits else None
-            signals.append(CommandedSignal(
-                dof.capitalize(), force / size, None if acting is None else acting / size, unit,
-                own, dof,
-            ))  # fmt: skip
-    if signals:
-        return signals
-    for name, options in ((config.get("vessel") or {}).get("inputs") or {}).items():
-        if name in columns:
-            measured = columns[name]
-            command = columns.get(f"{name}_command", measured)
-            unit, size = INPUT_UNITS.get(name.split("_")[0], ("-", 1.0))
+        name, end = f"tau_{dof}", limits.get(dof)
+        if name in first.columns:
+            largest = style.largest_of([series.columns[name] for series in series_of])
+            ends = [end and -end, end]
+            unit = style.prefixed(first.units[name], largest)
+            rows.append((dof.capitalize(), name, f"tau_actual_{dof}", *unit, ends, dof))
+    for name, options in (vessel.get("inputs") or {}).items() if not rows else ():
+        if name in first.columns:
+            unit = INPUT_UNITS.get(name.split("_")[0], ("-", 1.0))
             ends = [options.get(end) for end in ("low", "high")]
-            signals.append(CommandedSignal(
-                name, command / size, None if np.allclose(command, measured) else measured / size,
-                unit, None if None in ends else (ends[0] / size, ends[1] / size),
-            ))  # fmt: skip
-    return signals
+            rows.append((name, f"{name}_command", name, *unit, ends, ""))
+    signals_of = []
+    for columns in (series.columns for series in series_of):
+        signals_of.append(signals := list[CommandedSignal]())
+        for name, command, actual, own_unit, size, ends, dof in rows:
+            acting = columns.get(actual)
+            force = columns[command] if command in columns else columns[actual]
+            if acting is not None:
+                late = np.allclose(acting[1:], force[:-1]) or np.allclose(acting, force)
+                acting = None if late else acting / size
+            low, high = ends
+            own = None if low is None or high is None else (low / size, high / size)
+            signals.append(CommandedSignal(name, force / size, acting, own_unit, own, dof))
+    return signals_of
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -111,15 +116,13 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 
 def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
     dofs = request.shown(lambda dof: f"tau_{dof}" in series.columns) or list(request.dofs)
-    signals = commanded_signals(series, results.reader.run(run.id).config, dofs)
+    (signals,) = commanded_signals([series], results.reader.run(run.id).config, dofs)
     excited = [s for s in signals if np.any(s.commanded if s.dof else np.diff(s.commanded))]
     excited = excited or [signal for signal in signals if np.any(signal.commanded)]
     if not excited:
         raise ConfigurationError(f"plot excitation: run {run.id} has no force in these DOFs")
-    names = (*REPORT, INSEPARABLE_TERMS, SINGULAR, ORDER, REAL, IMAGINARY)
-    diagnostics = diagnostics_of(results, run, names)
-    values = {name: own.set_index("i")["value"] for name, own in diagnostics.groupby("name")}
-    subspace = SINGULAR in values or REAL in values
+    diagnostics = diagnostics_of(results, run, (*REPORT, INSEPARABLE_TERMS, SINGULAR, ORDER))
+    subspace = (diagnostics["name"] == SINGULAR).any()
     blown = request.shown(lambda dof: f"wind_{dof}" in series.columns)
     winds = 0 if NORTH not in series.columns else 2 if blown else 1
     rows = len(excited) + winds + subspace
@@ -133,7 +136,8 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
     if winds:
         _wind(axes[last : last + 2 * winds], series, blown)
     if subspace:
-        _subspace(axes[-2], axes[-1], values, diagnostics)
+        _singular_values(axes[-2], diagnostics)
+        axes[-1].remove()
     notes = ["shaded: training part"] if np.any(series.columns.get("train", np.zeros(1))) else []
     idle = [signal for signal in signals if signal not in excited]
     if idle and all(signal.dof and not np.any(signal.commanded) for signal in idle):
@@ -205,37 +209,36 @@ def _spectrum(
 def _wind(axes: Sequence[Axes], series: Series, dofs: Sequence[str]) -> None:
     """Draw speed and direction of the wind, and below them its forces and its moments."""
     north, east, t = (series.columns[name] for name in (NORTH, EAST, "t"))
-    speed_axes, direction_axes, *below = axes
-    speed, direction = np.hypot(north, east), blown_to(north, east)
-    for panel, values, unit in ((speed_axes, speed, "m/s"), (direction_axes, direction, "deg")):
-        panel.plot(t, values, color=style.WIND)
-        if unit == "m/s":
-            panel.set_ylim(0.0, 1.1 * max(float(np.nanmax(speed)), CALM_M_S))
-            panel.set_ylabel("Wind speed [m/s]")
-        else:
-            middle = float(np.nanmean(values)) if np.any(np.isfinite(values)) else 0.0
-            low, high = panel.get_ylim()
-            panel.set_ylim(min(low, middle - NARROWEST_DEG), max(high, middle + NARROWEST_DEG))
-            panel.set_ylabel("Blows to [deg]")
-        style.beside(panel, [_statistics(values, unit, style.WIND)])
-    for panel, what, si in zip(below, ("force", "moment"), ("N", "Nm"), strict=False):
-        own = [dof for dof in dofs if series.units[f"wind_{dof}"] == si]
-        if not own:
+    direction = blown_to(north, east)
+    shown = [
+        ("Wind speed", "m/s", {"": np.hypot(north, east)}),
+        ("Blows to", "deg", {"": direction}),
+    ]
+    for what, si in (("Wind force", "N"), ("Wind moment", "Nm")):
+        own = {d: series.columns[f"wind_{d}"] for d in dofs if series.units[f"wind_{d}"] == si}
+        unit, size = style.prefixed(si, style.largest_of([*own.values()]))
+        shown.append((what, unit, {dof: force / size for dof, force in own.items()}))
+    for panel, (name, unit, signals) in zip(axes, shown, strict=False):
+        if not signals:
             panel.remove()
             continue
-        forces = {dof: series.columns[f"wind_{dof}"] for dof in own}
-        unit, size = style.prefixed(si, style.largest_of([*forces.values()]))
-        panel.axhline(0.0, color="black", linewidth=0.8)
         texts = []
-        for dof, force in forces.items():
-            colour = style.PALETTE[2 + DOFS.index(dof)]
-            panel.plot(t, force / size, color=colour, linewidth=1.0, label=f"wind, {dof}")
-            texts.append(_statistics(force / size, unit, colour))
-        panel.set_ylabel(with_unit(f"Wind {what}", unit))
+        for dof, values in signals.items():
+            colour = style.PALETTE[2 + DOFS.index(dof)] if dof else style.WIND
+            label = f"wind, {dof}" if dof else None
+            panel.plot(t, values, color=colour, linewidth=1.0, label=label)
+            texts.append(_statistics(values, unit, colour))
+        low, high = panel.get_ylim()
+        if unit == "deg":
+            panel.set_ylim(
+                min(low, texts[0][0] - NARROWEST_DEG), max(high, texts[0][0] + NARROWEST_DEG)
+            )
+        else:
+            panel.set_ylim(min(low, 0.0), max(high, 0.0))
         style.beside(panel, texts)
-    for panel in axes:
+        panel.set_ylabel(with_unit(name, unit))
+        panel.set_xlabel(with_unit("Time", series.units["t"]) if panel is axes[-1] else "")
         panel.margins(x=0)
-    axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
 
 
 def blown_to(north: Sample, east: Sample) -> Sample:
@@ -259,36 +262,16 @@ def _statistics(values: Sample, unit: str, colour: str) -> tuple[float, str, str
     return mean, f"{number_text(mean, 3)} ± {_amount(deviation, unit)}", colour
 
 
-def _subspace(
-    left: Axes, right: Axes, values: "Mapping[str, pd.Series[float]]", rows: pd.DataFrame
-) -> None:
-    """Draw the singular values of the data and the eigenvalues of the model.
-
-    Singular values within the selected order are filled; the eigenvalues are in the complex plane
-    with the unit circle.
-    """
-    points = values.get(SINGULAR, pd.Series(dtype=float)).dropna().sort_index()
-    if points.empty:
-        left.remove()
-    else:
-        left.plot(points.index, points, "o-", color=FORCE, fillstyle="none")
-        order = values[ORDER].iloc[0] if ORDER in values else 0
-        if order > 0:
-            left.plot(points.index[points.index <= order], points[points.index <= order], "o",
-                      color=FORCE)  # fmt: skip
-            left.set_title(f"filled: the selected order {order:g}", **SMALL)
-        left.set_yscale("log")
-        left.set_xlabel("Number")
-        unit = rows.loc[rows["name"] == SINGULAR, "unit"].iloc[0]
-        left.set_ylabel(with_unit("Singular value", unit))
-        left.xaxis.set_major_locator(MaxNLocator(integer=True))
-    if REAL not in values:
-        right.remove()
-        return
-    plane = pd.DataFrame({name: values[name] for name in (REAL, IMAGINARY)}).dropna()
-    right.add_patch(Circle((0.0, 0.0), 1.0, fill=False, edgecolor=style.MUTED, linewidth=1.2))
-    right.plot(plane[REAL], plane[IMAGINARY], "o", color=FORCE, markersize=6, alpha=0.8)
-    reach = 1.1 * max(1.0, float(np.hypot(plane[REAL], plane[IMAGINARY]).max()))
-    right.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
-    right.set_xlabel("Real part of the eigenvalues")
-    right.set_ylabel("Imaginary part")
+def _singular_values(axes: Axes, diagnostics: pd.DataFrame) -> None:
+    """Draw the singular values of the data, filled within the selected order."""
+    rows = diagnostics[diagnostics["name"] == SINGULAR].dropna(subset="value").sort_values("i")
+    axes.plot(rows["i"], rows["value"], "o-", color=FORCE, fillstyle="none")
+    order = diagnostics.loc[diagnostics["name"] == ORDER, "value"].max()
+    if order > 0:
+        within = rows[rows["i"] <= order]
+        axes.plot(within["i"], within["value"], "o", color=FORCE)
+        axes.set_title(f"filled: the selected order {order:g}", **SMALL)
+    axes.set_yscale("log")
+    axes.set_xlabel("Number")
+    axes.set_ylabel(with_unit("Singular value", rows["unit"].iloc[0]))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,9 +1,9 @@
 """Lack of fit of the force over time, before and after identification, per degree of freedom."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure
@@ -12,7 +12,6 @@ from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
 from seatrial.runner.compare.plots.style import Drawing
-from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.rows import Series
 
@@ -61,9 +60,25 @@ def _drawing(request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
     if not dofs:
         raise ConfigurationError(f"plot residual: run {run.id} has no residual of these DOFs")
     train = np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64)
+    t = series.columns["t"]
     figure, axes = style.panels(len(dofs), 1, 8.0, 2.3, share_x=True)
     for panel, dof in zip(axes, dofs, strict=True):
-        _panel(panel, series, dof, train)
+        found = {model: series.columns.get(f"residual_{model}_{dof}") for model in MODELS}
+        shown = {model: values for model, values in found.items() if values is not None}
+        unit = series.units[f"residual_nominal_{dof}"]
+        unit, size = style.prefixed(unit, style.largest_of([*shown.values()]))
+        texts = []
+        for model, values in shown.items():
+            look: dict[str, Any] = {"color": style.MODEL_COLOURS[model], "linewidth": 0.9}
+            panel.plot(t, values / size, label=MODELS[model], alpha=0.9, **look)
+            held_out = values[train == 0] if np.any(train == 0) else values
+            level = float(np.sqrt(np.mean(np.square(held_out)))) / size
+            panel.axhline(level, linestyle="--", **look)
+            texts.append((level, f"rms {number_text(level, 3)} {unit}", style.MODEL_COLOURS[model]))
+        style.shaded(panel, t, train)
+        panel.set_ylabel(with_unit(dof.capitalize(), unit))
+        panel.margins(x=0)
+        style.beside(panel, texts)
     axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
     notes = ["shaded: training part"] if train.any() else []
     samples = "the part that is not shaded" if train.any() else "all samples"
@@ -73,24 +88,3 @@ def _drawing(request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
     notes += ["a run of median improvement; --run shows another"] if request.run is None else []
     title = f"Force residual, {subtitle(run)}"
     return style.drawing_of(f"residual-run-{run.id}", figure, axes, title, notes)
-
-
-def _panel(axes: Axes, series: Series, dof: str, train: Sample) -> None:
-    t = series.columns["t"]
-    residuals = {model: series.columns.get(f"residual_{model}_{dof}") for model in MODELS}
-    shown = {model: values for model, values in residuals.items() if values is not None}
-    unit, size = style.prefixed(
-        series.units[f"residual_nominal_{dof}"], style.largest_of([*shown.values()])
-    )
-    texts = []
-    for model, values in shown.items():
-        colour, label = style.MODEL_COLOURS[model], MODELS[model]
-        axes.plot(t, values / size, color=colour, label=label, linewidth=0.9, alpha=0.9)
-        held_out = values[train == 0] if np.any(train == 0) else values
-        level = float(np.sqrt(np.mean(np.square(held_out)))) / size
-        axes.axhline(level, color=colour, linewidth=0.9, linestyle="--")
-        texts.append((level, f"rms {number_text(level, 3)} {unit}", colour))
-    style.shaded(axes, t, train)
-    axes.set_ylabel(with_unit(dof.capitalize(), unit))
-    axes.margins(x=0)
-    style.beside(axes, texts)

@@ -28,7 +28,6 @@ FIGURE = Figure(
 
 LINE_STYLES = ("-", "--", ":", "-.")
 MIN_ORDERS = 8  # orders that are shown at least, if there are as many
-MAX_SHOWN_ERROR = 100.0  # largest error shown, in medians of the errors shown
 MSE, SELECTED = "order_mse", "selected_order"
 
 
@@ -95,15 +94,10 @@ def _limit(axes: Axes, frame: pd.DataFrame) -> None:
 
     Beyond it the error of an overfitted model grows by orders of magnitude.
     """
-    points = frame[frame["name"] == MSE]
-    selected = frame.loc[frame["name"] == SELECTED, "value"].dropna()
-    last = min(
-        max(2.0 * selected.max() if len(selected) else np.inf, MIN_ORDERS), points["i"].max()
-    )
+    points = frame[(frame["name"] == MSE) & (frame["value"] > 0.0)]
+    largest = frame.loc[frame["name"] == SELECTED, "value"].max()  # NaN: no order was selected
+    last = np.fmin(max(np.nan_to_num(2.0 * largest, nan=np.inf), MIN_ORDERS), points["i"].max())
     axes.set_xlim(points["i"].min() - 0.5, last + 0.5)
-    values = points.loc[(points["i"] <= last) & (points["value"] > 0.0), "value"]
+    values = points.loc[points["i"] <= last, "value"]
     if len(values):
-        chosen = points.loc[points["i"].isin(selected), "value"]
-        highest = min(values.max(), MAX_SHOWN_ERROR * values.median())
-        highest = np.nanmax([highest, *chosen[np.isfinite(chosen)]])
-        axes.set_ylim(0.7 * values.min(), 1.4 * highest)
+        axes.set_ylim(0.7 * values.min(), 1.4 * values.max())

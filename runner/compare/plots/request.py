@@ -218,16 +218,17 @@ def subtitle(run: StoredRun) -> str:
     return f"run {run.id}: {levels}, seed {run.levels['seed']}"
 
 
-def in_plane(run: StoredRun, what: str, series_of: Voyages) -> Voyages:
-    """Return the voyages of a run; raises ConfigurationError if one has no track in the plane."""
+def in_plane(
+    run: StoredRun, what: str, series_of: Voyages, names: Sequence[str] = ("t", "x", "y")
+) -> None:
+    """Raise ConfigurationError if a voyage of a run has no track in the plane."""
     for series in series_of.values():
-        missing = [name for name in ("t", "x", "y") if name not in series.columns]
+        missing = [name for name in names if name not in series.columns]
         if missing:
             raise ConfigurationError(
                 f"{what}: run {run.id} has no {missing[0]} in its series {series.kind}; it needs a"
                 " vessel that moves in the plane"
             )
-    return series_of
 
 
 def distinct(

@@ -7,9 +7,7 @@ models of one run, or with `--rows controller` the runs of several controllers o
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
 
-import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -32,7 +30,7 @@ from seatrial.runner.compare.plots.request import (
 from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
-from seatrial.runner.record.vocabulary import DOFS, GROUPS, POSES, Config
+from seatrial.runner.record.vocabulary import DOFS, GROUPS, POSES
 
 FIGURE = Figure(
     "response",
@@ -54,7 +52,7 @@ NOTE = (
     "positions in north and east, forces in the vessel's axes; dashed: set-point; "
     "dotted: reference, if it differs from the set-point"
 )
-STEERED_NOTE = "inputs as commanded; dashed: reference"
+STEERED_NOTE = "inputs as commanded"
 Lines = Mapping[str, tuple[Series, str]]  # deployment and colour by label
 
 
@@ -123,99 +121,76 @@ def _drawing(
     results: Queries, request: PlotRequest, run: StoredRun, lines: Lines, name: str, title: str,
     notes: Sequence[str],
 ) -> Drawing:  # fmt: skip
-    """Draw lines in their colours; vessel and limits are those of `run`."""
-    config = results.reader.run(run.id).config
+    """Draw a column for each DOF, of pose, force and wind; of a steered vessel heading and inputs.
+
+    `lines` are drawn in their colours; vessel and limits are those of `run`.
+    """
+    series_of, colours = zip(*lines.values(), strict=True)
+    first, t_label = series_of[0], with_unit("Time", series_of[0].units["t"])
+    dofs = request.shown(lambda dof: all(f"tau_{dof}" in s.columns for s in series_of))
     steered = all(
-        "psi" in s.columns and not any(n.startswith("tau_") for n in s.columns)
-        for s, _ in lines.values()
+        "psi" in s.columns and not any(n.startswith("tau_") for n in s.columns) for s in series_of
     )
-    note, draw = (STEERED_NOTE, _steered) if steered else (NOTE, _by_force)
-    figure = draw(lines, config, request)
-    if figure is None:
+    if not (dofs or (steered and "yaw" in (request.dofs or ["yaw"]))):
         raise ConfigurationError(
             f"plot response: run {run.id} has no response of these degrees of freedom"
         )
-    for panel in figure.axes:
+    signals_of = commanded_signals(series_of, results.reader.run(run.id).config, dofs)
+    poses, signals = dofs or ["yaw"], [*zip(*signals_of, strict=True)]
+    columns, winds = len(poses), any(f"wind_{dof}" in first.columns for dof in dofs)
+    rows = 1 + len(signals) // columns + winds
+    figure, axes = style.panels(rows, columns, max(4.3, 8.0 / columns), 2.1, share_x=True)
+    widths = [1.1 + 0.45 * i for i in reversed(range(len(lines)))]  # the first is seen below others
+    looks = [{"color": colour, "label": label, "linewidth": width}
+             for label, colour, width in zip(lines, colours, widths, strict=True)]  # fmt: skip
+    for panel, dof in zip(axes, poses, strict=False):
+        _references(panel, first, dof, steered)
+        for series, look in zip(series_of, looks, strict=True):
+            panel.plot(series.columns["t"], _pose(series, POSE_OF[dof], steered), **look)
+    for panel, own in zip(axes[columns:], signals, strict=False):
+        for series, signal, look in zip(series_of, own, looks, strict=True):
+            panel.plot(series.columns["t"], signal.commanded, **look)
+        heading = f"Force, {own[0].dof}" if own[0].dof else own[0].name
+        panel.set_ylabel(with_unit(heading, own[0].unit))
+        if own[0].limits is not None:
+            peak = style.largest_of([signal.commanded for signal in own])
+            style.draw_limits(panel, own[0].limits, peak, own[0].unit)
+    for panel, dof in zip(axes[columns + len(signals) :], dofs, strict=False):
+        # that of the first run; it hardly depends on the controller
+        values = first.columns.get(f"wind_{dof}", np.zeros(0))
+        unit, size = style.prefixed(first.units[f"tau_{dof}"], style.largest_of([values]))
+        if len(values):
+            panel.plot(first.columns["t"], values / size, color=style.MUTED, linewidth=1.0,
+                       label="wind")  # fmt: skip
+        panel.set_ylabel(with_unit(f"Wind, {dof}", unit))
+    for panel in axes[-columns:]:
+        panel.set_xlabel(t_label)
+    for panel in axes:
         panel.margins(x=0)
-    return style.drawing_of(name, figure, figure.axes, title, [note, *notes])
+    note = STEERED_NOTE if steered else NOTE
+    return style.drawing_of(name, figure, axes, title, [note, *notes])
 
 
-def _by_force(
-    lines: Lines, config: Config, request: PlotRequest
-) -> matplotlib.figure.Figure | None:
-    """Draw one column for each DOF: pose, force with its limit [N, Nm] and wind, if any."""
-    first, limits = next(iter(lines.values()))[0], style.limits_of(config)
-    dofs = request.shown(lambda dof: all(f"tau_{dof}" in s.columns for s, _ in lines.values()))
-    if not dofs:
-        return None
-    rows = 3 if any(f"wind_{dof}" in first.columns for dof in dofs) else 2
-    figure, axes = style.panels(rows, len(dofs), max(4.3, 7.0 / len(dofs)), 2.1, share_x=True)
-    for column, dof in enumerate(dofs):
-        pose, force, *wind = axes[column :: len(dofs)]
-        _reference(pose, first, dof)
-        peak = style.largest_of([series.columns[f"tau_{dof}"] for series, _ in lines.values()])
-        unit, size = style.prefixed(first.units[f"tau_{dof}"], peak)
-        for i, (label, (series, colour)) in enumerate(lines.items()):
-            look: dict[str, Any] = {"color": colour, "label": label}
-            width = 1.1 + 0.45 * (len(lines) - 1 - i)  # the first ones are seen below others
-            t, tau = series.columns["t"], series.columns[f"tau_{dof}"] / size
-            pose.plot(t, _pose(series, POSE_OF[dof]), linewidth=width, **look)
-            force.plot(t, tau, linewidth=width, **look)
-        force.set_ylabel(with_unit(f"Force, {dof}", unit))
-        if dof in limits:
-            ends = -limits[dof] / size, limits[dof] / size
-            style.draw_limits(force, ends, peak / size, unit)
-        for panel in wind:  # that of the first run; it hardly depends on the controller
-            values, unit = first.columns.get(f"wind_{dof}"), first.units[f"tau_{dof}"]
-            if values is not None:
-                unit, size = style.prefixed(unit, style.largest_of([values]))
-                panel.plot(first.columns["t"], values / size, color=style.MUTED, linewidth=1.0,
-                           label="wind")  # fmt: skip
-            panel.set_ylabel(with_unit(f"Wind, {dof}", unit))
-        axes[(rows - 1) * len(dofs) + column].set_xlabel(with_unit("Time", first.units["t"]))
-    return figure
-
-
-def _pose(series: Series, name: str) -> Sample:
+def _pose(series: Series, name: str, unwrapped: bool) -> Sample:
     """Return a pose component over time, shape (n,), angles in degrees."""
     values = np.asarray(series.columns[name], dtype=np.float64)
-    return style.degrees(values) if series.units[name] == "rad" else values
+    if series.units[name] != "rad":
+        return values
+    return np.asarray(np.degrees(np.unwrap(values) if unwrapped else values))
 
 
-def _reference(axes: Axes, series: Series, dof: str) -> None:
+def _references(axes: Axes, series: Series, dof: str, unwrapped: bool) -> None:
     """Draw the set-point, and the reference if it differs from it."""
     name, t = POSE_OF[dof], series.columns["t"]
-    setpoint_name = f"{name}_setpoint" if f"{name}_setpoint" in series.columns else f"{name}_d"
-    setpoint, reference = _pose(series, setpoint_name), _pose(series, f"{name}_d")
-    axes.plot(t, setpoint, "--", color=style.REFERENCE, linewidth=1.0, label="set-point")
-    # a step of the reference may be one sample later
-    if np.mean(setpoint != reference) > DIFFERENT_SHARE:
-        axes.plot(t, reference, ":", color=style.MUTED, linewidth=1.0, label="reference")
+    drawn: list[Sample] = []
+    for column, label, line in (
+        (f"{name}_setpoint", "set-point", "--"), (f"{name}_d", "reference", ":"),
+    ):  # fmt: skip
+        if column in series.columns:
+            values = _pose(series, column, unwrapped)
+            # a step of the reference may be one sample later
+            if not drawn or np.mean(drawn[0] != values) > DIFFERENT_SHARE:
+                axes.plot(t, values, line, color=style.REFERENCE, linewidth=1.0, label=label)
+            drawn.append(values)
     unit = "deg" if series.units[name] == "rad" else series.units[name]
     axes.set_ylabel(with_unit(NAMES[dof], unit))
-
-
-def _steered(lines: Lines, config: Config, request: PlotRequest) -> matplotlib.figure.Figure | None:
-    """Draw heading and inputs, the response in yaw; None without it among the DOFs asked for."""
-    if request.dofs and "yaw" not in request.dofs:
-        return None
-    first = next(iter(lines.values()))[0]
-    shown = {label: commanded_signals(series, config, ()) for label, (series, _) in lines.items()}
-    signals = next(iter(shown.values()))
-    figure, (heading, *inputs) = style.panels(1 + len(signals), 1, 8.0, 2.3, share_x=True)
-    if "psi_d" in first.columns:
-        reference = style.degrees(np.unwrap(first.columns["psi_d"]))
-        heading.plot(first.columns["t"], reference, "--", color=style.REFERENCE, label="reference")
-    for label, (series, colour) in lines.items():
-        t, psi = series.columns["t"], style.degrees(np.unwrap(series.columns["psi"]))
-        heading.plot(t, psi, color=colour, label=label)
-        for panel, signal in zip(inputs, shown[label], strict=True):
-            panel.plot(t, signal.commanded, color=colour, linewidth=1.1)
-    heading.set_ylabel("Heading [deg]")
-    for i, (panel, signal) in enumerate(zip(inputs, signals, strict=True)):
-        panel.set_ylabel(with_unit(signal.name, signal.unit))
-        if signal.limits is not None:
-            peak = style.largest_of([those[i].commanded for those in shown.values()])
-            style.draw_limits(panel, signal.limits, peak, signal.unit)
-    figure.axes[-1].set_xlabel(with_unit("Time", first.units["t"]))
-    return figure

@@ -23,11 +23,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots import paper
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.record.catalogue import definition_of
-from seatrial.runner.record.vocabulary import COMBINED, Config
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -299,20 +297,6 @@ def marker_of(i: int) -> str:
     return MARKERS[(i + i // len(PALETTE)) % len(MARKERS)]
 
 
-def metric_label(name: str, dof: str, unit: str | None) -> str:
-    """Return an axis label such as `Force MSE, surge [N²]`.
-
-    `name` is that of a metric, `dof` its degree of freedom, `unit` the stored unit.
-    """
-    label = definition_of(name).label
-    return with_unit(label if dof in COMBINED else f"{label}, {dof}", unit)
-
-
-def degrees(values: Sample) -> Sample:
-    """Convert radians to degrees."""
-    return np.asarray(np.degrees(values), dtype=np.float64)
-
-
 def prefixed(unit: str, largest: float) -> tuple[str, float]:
     """Return the unit that suits a largest value, and its size: `kN`, 1000.0 from 10 kN on."""
     if unit in PREFIXED:
@@ -326,12 +310,6 @@ def largest_of(signals: Sequence[Sample]) -> float:
     """Return the largest absolute value of signals, without NaN; 0 if there is none."""
     finite = [np.abs(signal[np.isfinite(signal)]) for signal in signals]
     return max((float(np.max(values)) for values in finite if values.size), default=0.0)
-
-
-def limits_of(config: Config) -> dict[str, float]:
-    """Return the thrusters' limits [N, Nm] by degree of freedom, if the vessel has them."""
-    vessel = config.get("vessel", {})
-    return dict(zip(vessel.get("dofs") or (), vessel.get("force_limits") or (), strict=False))
 
 
 def draw_limits(axes: Axes, limits: tuple[float, float], peak: float, unit: str) -> None:

@@ -7,9 +7,6 @@ Diagnostics: `surface_mse` (dof, i = order, j = number of variables), `selected_
 from functools import partial
 
 import numpy as np
-import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import MaxNLocator
 
@@ -56,7 +53,20 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     for panel, dof in zip(axes, dofs, strict=True):
         own = rows[rows["dof"] == dof]
         points = own[own["name"] == SURFACE]
-        mesh = _panel(panel, points.pivot(index="i", columns="j", values="value"))
+        mse = points.pivot(index="i", columns="j", values="value")
+        low, high = float(mse.min(axis=None)), float(mse.max(axis=None))
+        low = max(low, 1e-12 * high, np.finfo(float).tiny)
+        norm = LogNorm(low, max(min(high, WORST * low), 1.0000001 * low))
+        grid = mse.columns.to_numpy(float), mse.index.to_numpy(float), np.ma.masked_invalid(mse)
+        mesh = panel.pcolormesh(*grid, norm=norm, cmap=COLOURS, shading="nearest")
+        powers = np.arange(np.ceil(np.log10(low)), np.floor(np.log10(high)) + 1)
+        if min(mse.shape) > 1 and powers.size:
+            panel.contour(*grid, levels=10.0**powers, colors="white", linewidths=0.8)
+        panel.set_xlabel("Number of variables")
+        panel.set_ylabel("Model order")
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_major_locator(MaxNLocator(integer=True))
+        panel.grid(visible=False)
         label = with_unit("MSE", points["unit"].iloc[0])
         figure.colorbar(mesh, ax=panel, label=label, pad=0.02, extend="max")
         panel.set_title(dof, loc="left")
@@ -70,22 +80,3 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     ]
     title = f"Force MSE over order and variables, {subtitle(run)}"
     return style.drawing_of(f"surface-run-{run.id}", figure, axes, title, notes)
-
-
-def _panel(axes: Axes, mse: pd.DataFrame) -> QuadMesh:
-    """Draw the errors by order and number of variables; return the mesh for the colour bar."""
-    low, high = float(mse.min(axis=None)), float(mse.max(axis=None))
-    low = max(low, 1e-12 * high, np.finfo(float).tiny)
-    norm = LogNorm(low, max(min(high, WORST * low), 1.0000001 * low))
-    variables, orders = mse.columns.to_numpy(float), mse.index.to_numpy(float)
-    masked = np.ma.masked_invalid(mse.to_numpy(float))
-    mesh = axes.pcolormesh(variables, orders, masked, norm=norm, cmap=COLOURS, shading="nearest")
-    powers = np.arange(np.ceil(np.log10(low)), np.floor(np.log10(high)) + 1)
-    if min(mse.shape) > 1 and powers.size:
-        axes.contour(variables, orders, masked, levels=10.0**powers, colors="white", linewidths=0.8)
-    axes.set_xlabel("Number of variables")
-    axes.set_ylabel("Model order")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(integer=True))
-    axes.grid(visible=False)
-    return mesh

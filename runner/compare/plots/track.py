@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
@@ -73,7 +74,7 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
             drawn.append(_plan(results, run, series_of["plan"], series_of["recording"]))
         if deployed or "plan" not in series_of:
             own, notes = distinct(results, run, deployed or {"recording": series_of["recording"]})
-            own = in_plane(run, "plot track", own)
+            in_plane(run, "plot track", own)
             drawn.append(_drawing(results, run, own, notes, series_of.get(HARBOUR)))
     return drawn
 
@@ -101,10 +102,24 @@ def outline(
     It is rotated from body to NED by psi [rad] about the down axis. `hull` are the corners in
     body axes [m], by default those of a ship of the length.
     """
-    forward, right = (length_m * HULL if hull is None else hull).T
+    return in_ned(length_m * HULL if hull is None else hull, north, east, psi)
+
+
+def in_ned(points: Sample, north: float, east: float, psi: float) -> Sample:
+    """Return east and north [m] of points of the body, both of shape (n, 2); psi [rad]."""
+    forward, right = points.T
     norths = north + np.cos(psi) * forward - np.sin(psi) * right
     easts = east + np.sin(psi) * forward + np.cos(psi) * right
     return np.column_stack([easts, norths])
+
+
+def draw_track(axes: Axes, model: str, series: Series) -> Line2D:
+    """Draw a track with its reference; return the line of the track."""
+    columns, colour = series.columns, style.MODEL_COLOURS[model]
+    if "x_d" in columns:
+        axes.plot(columns["y_d"], columns["x_d"], "--", color=style.REFERENCE, label="reference")
+    label = "sailed" if model == "recording" else f"{model} model"
+    return axes.plot(columns["y"], columns["x"], color=colour, label=label)[0]
 
 
 def _plane(axes: Axes, series: Series, north: Sample, east: Sample) -> None:
@@ -194,11 +209,7 @@ def _panel(
     axes: Axes, model: str, series: Series, length: float, extent: float,
     harbour: Series | None = None,
 ) -> None:  # fmt: skip
-    columns, colour = series.columns, style.MODEL_COLOURS[model]
-    if "x_d" in columns:
-        axes.plot(columns["y_d"], columns["x_d"], "--", color=style.REFERENCE, label="reference")
-    label = "sailed" if model == "recording" else f"{model} model"
-    axes.plot(columns["y"], columns["x"], color=colour, label=label)
+    columns, colour = series.columns, draw_track(axes, model, series).get_color()
     if "psi" in columns:
         spacing = SPACING if harbour is None else DOCKING_SPACING
         hull = None if harbour is None else hull_of(harbour)

@@ -49,7 +49,7 @@ def _drawing(run: StoredRun, voyages: Voyages, absent: list[str]) -> Drawing:
         for model, series in voyages.items():
             if name in series.columns:
                 values = np.asarray(series.columns[name])
-                values = style.degrees(values) if series.units[name] == "rad" else values
+                values = np.degrees(values) if series.units[name] == "rad" else values
                 mean, colour = float(np.mean(np.abs(values))), style.MODEL_COLOURS[model]
                 panel.plot(
                     series.columns["t"], values, color=colour, label=f"{model} model",

@@ -327,9 +327,6 @@ def _spectrum() -> list[Diagnostic]:
     for k in range(1, 9):
         value = float(np.exp(-k)) if k <= 3 else 0.01 / k
         found.append(Diagnostic("singular_value", "all", value, i=k))
-    for k, z in enumerate((0.9 + 0.2j, 0.9 - 0.2j, 0.5 + 0.0j)):
-        found.append(Diagnostic("eigenvalue_real", "all", z.real, i=k))
-        found.append(Diagnostic("eigenvalue_imag", "all", z.imag, i=k))
     return found
 
 
