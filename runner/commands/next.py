@@ -219,7 +219,7 @@ def _sheet(
     purpose: Purpose,
 ) -> Iterator[str]:
     """Lines of times, helm or forces, and the interval expected after each manoeuvre."""
-    said, last = list(zip(sailed.chosen, widths[1:], strict=True)), ""
+    said, last = list(zip(sorted(sailed.chosen), widths[1:], strict=True)), ""
     for begin, text in _rows(sailed):
         if said and said[0][0][0] <= begin + HALF_A_SAMPLE:
             (_, number), width = said.pop(0)
