@@ -1,5 +1,6 @@
 """`seatrial next`: what to sail next, for a purpose, from what is known by now."""
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -218,7 +219,7 @@ def _sheet(
     purpose: Purpose,
 ) -> Iterator[str]:
     """Lines of times, helm or forces, and the interval expected after each manoeuvre."""
-    said, last = list(zip(sailed.chosen, widths[1:], strict=True)), ""
+    said, last = list(zip(sorted(sailed.chosen), widths[1:], strict=True)), ""
     for begin, text in _rows(sailed):
         if said and said[0][0][0] <= begin + HALF_A_SAMPLE:
             (_, number), width = said.pop(0)
@@ -274,14 +275,5 @@ def _yaml(
         ]
         pose = list(map(float, mission.start_pose))
         node = {**base, "steps": steps, "start_pose": pose, "expected": expected}
-    plain = yaml.safe_load(yaml.safe_dump(_plain(node)))
+    plain = json.loads(json.dumps(node, default=np.generic.item))  # lists, no aliases
     return "# Chosen by seatrial next.\n" + str(yaml.safe_dump(plain, sort_keys=False, width=100))
-
-
-def _plain(value: Any) -> Any:
-    """Numbers, texts, lists and mappings that YAML can hold."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value.item() if isinstance(value, np.generic) else value

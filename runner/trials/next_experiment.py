@@ -249,6 +249,8 @@ def _value(known: Known, name: str, tracked: Trial | None) -> tuple[Callable[[Ve
     quantity = name.replace("_", " ")
     if name == "e_pos" and tracked is not None and tracked.controller is not None:
         return _tracking(known, tracked), "m"
+    if name == "e_pos":
+        raise ConfigurationError("next: e_pos: expected --after RUNS, the last with a controller")
     manoeuvres = reference_manoeuvres(known)
     if name == "FIT" and "turn" in manoeuvres:
         size = np.std(known.sailed(manoeuvres["turn"]).nu, axis=0)

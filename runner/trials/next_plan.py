@@ -233,20 +233,20 @@ def sequence(
     """Candidates added by what they save in a second, until the target is reached or none fits.
 
     Returns:
-        The sequence, and half the interval before it and after each of its candidates.
+        The sequence, and half the interval before it and after each of its candidates as they are
+        sailed, which a planned route may do in another order than that in which they were chosen.
     """
     sailed, known = Sailed(()), np.zeros_like(informations[0])
-    widths = [purpose.width(known[None])]
     times = np.array([candidate.seconds for candidate in planner.candidates])
-    while widths[-1] > target:
-        order, after = ranked(purpose, known, informations, times)
+    while purpose.width(known[None]) > target:
+        order, _ = ranked(purpose, known, informations, times)
         usable = [n for n in order if sailed.seconds + times[n] <= seconds]
         more = next(
             (m for n in usable[:TRIED] if (m := planner.added(sailed, int(n))) is not None), None
         )
         if more is None:
             break
-        sailed, number = more, more.chosen[-1][1]
-        known = known + informations[number]
-        widths.append(float(after[number]))
-    return sailed, widths
+        sailed = more
+        known = known + informations[more.chosen[-1][1]]
+    told = [np.zeros_like(known), *(informations[number] for _, number in sorted(sailed.chosen))]
+    return sailed, [purpose.width(np.array(told[: k + 1])) for k in range(len(told))]

@@ -4,13 +4,16 @@ import csv
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from seatrial.models.excitation.next_experiment import Purpose, root_mean_square
 from seatrial.runner.commands import fits
 from seatrial.runner.sweeps import in_process
 from seatrial.runner.sweeps.job import shown
+from seatrial.runner.trials.next_plan import Sailed, sequence
 from tests.runner.command import Command
 
 SQUARE = '{"type": "Polygon", "coordinates": [[[0,0],[%s,0],[%s,%s],[0,%s],[0,0]]]}'
@@ -47,6 +50,8 @@ def test_what_cannot_be_sailed_or_predicted_is_one_line(
     said = seatrial.refuses(*OTTER, "--for", "head_reach=3%")
     assert said.startswith("next: otter has no measure head_reach, expected coefficients, FIT")
     assert "tactical_diameter" in said
+    said = seatrial.refuses(*OTTER, "--for", "e_pos=5%")
+    assert said == "next: e_pos: expected --after RUNS, the last with a controller"
     area = str(_area(tmp_path_factory.mktemp("area"), 6.0))
     said = seatrial.refuses(*OTTER, "--for", "FIT=2", "--area", area, "--start", "3,3,0")
     assert said.startswith("next: area: no turning circle fits")
@@ -124,3 +129,25 @@ def test_stored_trials_fit_and_vessels_that_can_have_the_same_are_shown_together
     fits.main(["vessel=osv,otter,frigate", "excitation=prbs", "evaluation=none"])
     groups = capsys.readouterr().out.split("\n\n")
     assert [group.partition("\n")[0] for group in groups] == ["osv, frigate", "otter"]
+
+
+class _Backwards:
+    """A planner whose route carries out first what is chosen last, each candidate once."""
+
+    candidates = tuple(SimpleNamespace(seconds=1.0) for _ in range(2))
+
+    def added(self, so_far: Sailed, number: int) -> Sailed | None:
+        if so_far.chosen and number == so_far.chosen[0][1]:
+            return None
+        numbers = [*(n for _, n in so_far.chosen), number]
+        return Sailed(tuple((float(-k), n) for k, n in enumerate(numbers)))
+
+
+def test_widths_are_those_after_each_candidate_as_it_is_sailed() -> None:
+    purpose = Purpose("a", "m", np.eye(1), root_mean_square)
+    told = np.array([[[8.0]], [[3.0]]])  # the first is chosen first
+    target = 1.01 * purpose.width(told)
+    sailed, widths = sequence(purpose, target, told, _Backwards(), 10.0)  # type: ignore[arg-type]
+    assert [number for _, number in sailed.chosen] == [0, 1]
+    expected = [purpose.width(told[:0]), purpose.width(told[1:]), purpose.width(told)]
+    np.testing.assert_allclose(widths, expected, rtol=1e-12)
