@@ -236,8 +236,7 @@ def _rows(sailed: Sailed) -> Iterator[tuple[float, str]]:
     mission = sailed.mission
     if isinstance(mission, OptimalDesign):
         for edge, phase in zip(mission.schedule.edges, mission.schedule.phases, strict=False):
-            passage = phase.kind == "passage"
-            yield edge * mission.period_s, f"passage ({phase.name})" if passage else phase.kind
+            yield edge * mission.period_s, phase.kind
         return
     assert isinstance(mission, HelmSequence)
     for begin, step in zip(mission.edges_s, mission.steps, strict=False):
