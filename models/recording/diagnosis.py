@@ -297,7 +297,7 @@ class _Case:
             if after is None:
                 continue
             axes = [axis for axis in after.result.axes if axis.dof in defect.axes]
-            if defect in guesses and not any(axis.correlation > SURE for axis in axes):
+            if defect in guesses and not any(abs(axis.correlation) > SURE for axis in axes):
                 continue  # it shows nothing of the axes that it is about
             gain = after.result.quality - state.result.quality
             worse = any(
