@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from functools import lru_cache
 from io import BytesIO
+from types import SimpleNamespace
 from typing import Any, cast
 from uuid import uuid4
 
@@ -276,10 +277,12 @@ class Composer:
     def order(self, job: list[str]) -> Order:
         """Return the order of one job; raises errors of Hydra and OmegaConf."""
         config = self._loader.load_sweep_config(self._master, job)
-        HydraConfig.instance().set_config(config)  # for interpolations of Hydra's part
         hydra = config.hydra
         with open_dict(config), read_write(config):
             del config["hydra"]
+        # For interpolations such as ${hydra:job.name}. Hydra's own `set_config` copies the part,
+        # which takes a third of the time of planning; what is moved is as much apart as its copy.
+        HydraConfig.instance().cfg = cast(Any, SimpleNamespace(hydra=hydra))
         return order_of(config, hydra, job)
 
     def choices(self, job: list[str]) -> list[str]:
