@@ -165,10 +165,10 @@ def _leaves(top: str, name: str, value: object) -> Iterator[tuple[str, str, obje
         ]
         if len(rows) > 1 and list(map(len, single)) == list(map(len, rows)):
             for field in dict.fromkeys(key for found in single for key in found):
-                column = [found.get(field, np.nan) for found in single]
-                kind = object if any(isinstance(cell, str) for cell in column) else None
-                yield (base, field, np.array(column, dtype=kind)) if field else (
-                    top, name, np.array(column, dtype=kind))  # fmt: skip
+                cells = [found.get(field, np.nan) for found in single]
+                kind = object if any(isinstance(cell, str) for cell in cells) else None
+                place = (base, field) if field else (top, name)
+                yield *place, np.array(cells, dtype=kind)
             return
         for number, element in enumerate(value, 1):
             own = "" if isinstance(element, dict | list) else base.rpartition("/")[2]
