@@ -69,6 +69,10 @@ class Controller(ABC):
         """Number of samples at which no command could be computed and the last one was held."""
         return 0
 
+    def findings(self, state: State) -> list[Diagnostic]:
+        """What the state tells of a voyage that has ended."""
+        return []
+
     def diagnostics(self, model: Model, period_s: float) -> list[Diagnostic]:
         """Diagnostics about the design; a `spectral_radius` of 1 or more gives a warning."""
         return []

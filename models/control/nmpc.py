@@ -8,7 +8,7 @@ Where the mission has obstacles, each pose of this guess gives the lines to the 
 found, the command is that of the last plan.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -35,7 +35,7 @@ from seatrial.models.control.mpc import Preview
 from seatrial.models.control.nonlinear_program import Program, ProgramStructure
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
-from seatrial.models.simulation.casadi_rates import check_casadi, coefficients
+from seatrial.models.simulation.casadi_rates import coefficients, solver_of
 from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array, Codes
@@ -71,7 +71,7 @@ class NmpcMemory:
     acting: Array  # (r,) by the lag
     command: Array  # (r,)
     plan: Array | None = None  # unknowns of the last problem
-    slack: float = 0.0  # largest violation so far: of a distance [m], or share of a speed
+    slack: dict[str, float] = field(default_factory=dict)  # largest so far: distance [m], speed
 
 
 @kernel
@@ -112,7 +112,7 @@ def _predict(mpc: NmpcTable, past: NmpcMemory, state: Array, stage: Array) -> No
         to_axes(turning, -psi, mpc.outlook.added[estimated.instant[0]], added)
     stage = stage.copy()
     stage[n : 2 * n] += added
-    unknowns = np.concatenate([past.command, np.zeros(program.slacks)])
+    unknowns = np.concatenate([past.command, np.zeros(len(program.slacks))])
     ahead = np.asarray(program.step(state, unknowns, stage, mpc.shared)).ravel()
     estimated.x[:n], past.acting = ahead[:n], ahead[-2 * n : -n]
     to_axes(turning, -heading(mpc.observer, estimated.x), ahead[n : 2 * n], estimated.x[n:])
@@ -124,7 +124,7 @@ def _solve(mpc: NmpcTable, past: NmpcMemory, state: Array, eta_d: Array) -> Arra
     program, n = mpc.program, mpc.program.n
     width, nx = program.width, program.states
     if past.plan is None or len(past.plan) != program.length:
-        rest = np.concatenate([state, past.command, np.zeros(program.slacks)])
+        rest = np.concatenate([state, past.command, np.zeros(len(program.slacks))])
         rest[n : 2 * n] = 0.0
         plan = np.tile(rest, program.structure.steps + 1)[: program.length]
     else:
@@ -138,8 +138,9 @@ def _solve(mpc: NmpcTable, past: NmpcMemory, state: Array, eta_d: Array) -> Arra
     else:
         past.estimated.failures[0] += 1
     past.plan, past.command = plan, np.clip(plan[nx : nx + n], -1.0, 1.0)
-    if program.slacks:
-        past.slack = max(past.slack, float(np.max(program.stages(plan)[:, nx + n :])))
+    most = np.max(program.stages(plan)[:, nx + n :], axis=0)
+    for name, slack in zip(program.slacks, most.tolist(), strict=True):
+        past.slack[name] = max(past.slack.get(name, 0.0), slack)
     return stages
 
 
@@ -224,7 +225,7 @@ class Nmpc(Controller):
             values = getattr(self, name)
             if values is not None:
                 check_weights(name, values, n, positive=True)
-        check_casadi(self.solver)
+        solver_of(self.solver)
 
     @property
     def margin_m(self) -> float:
@@ -248,6 +249,12 @@ class Nmpc(Controller):
     def failures(self, state: NmpcMemory) -> int:
         """Number of problems that were not solved."""
         return int(state.estimated.failures[0])
+
+    def findings(self, state: NmpcMemory) -> list[Diagnostic]:
+        """The largest violations: of the distance from obstacles, and of a speed limit [share]."""
+        units = {"distance": "m", "speed": ""}
+        return [Diagnostic(f"slack_{name}", "all", most, units[name])
+                for name, most in state.slack.items()]  # fmt: skip
 
     def design(self, model: Model, period_s: float) -> DesignModel:
         """The linear model of the estimator, at the period of the commands."""
@@ -291,7 +298,8 @@ class Nmpc(Controller):
         hull = outlook.hull if outlook.obstacles and outlook.hull is not None else np.zeros((0, 2))
         structure = ProgramStructure(
             model.dofs, lag is not None, self.horizon, self.lines if len(hull) else 0, len(hull),
-            self.speed_limits is not None, bool(np.any(np.isfinite(rates))), self.solver,
+            self.speed_limits is not None, bool(np.any(np.isfinite(rates))),
+            solver_of(self.solver),
         )  # fmt: skip
         program = Program(structure, plant)
         decay = 0.0 if lag is None else float(np.exp(-0.5 * step_s / lag.delay_s))

@@ -74,13 +74,14 @@ class Program:
         self.n = n = len(structure.dofs)
         self.kinematics = kinematics_of(structure.dofs)
         self.states = 3 * n + n * structure.lagging
-        self.slacks = int(structure.lines > 0) + int(structure.limited_speed)
-        self.unknowns = n + self.slacks
+        limits = {"distance": structure.lines > 0, "speed": structure.limited_speed}
+        self.slacks = [name for name, limited in limits.items() if limited]
+        self.unknowns = n + len(self.slacks)
         self.paths = structure.lines * structure.corners + 2 * n * structure.limited_speed
         self.rates = n * structure.limited_rate
         self.stage = n, n, 2, 3 * structure.lines  # target, force in NED, wind, lines
         self.shared = (  # step, decay, limits, weights, speeds, hull, coefficients
-            1, 1, n, n, n, self.slacks, n, 2 * structure.corners, len(coefficients(plant)),
+            1, 1, n, n, n, len(self.slacks), n, 2 * structure.corners, len(coefficients(plant)),
         )  # fmt: skip
 
     @property
@@ -172,7 +173,7 @@ class Program:
         of = x, w, q[:, :steps], ca.repmat(shared, 1, steps)
         gaps = ca.horzcat(x[:, 1:], last) - f.map(steps)(*of)
         end = cost(
-            last, ca.vertcat(last[nx - self.n :], ca.DM(self.slacks, 1)), q[:, steps], shared
+            last, ca.vertcat(last[nx - self.n :], ca.DM(len(self.slacks), 1)), q[:, steps], shared
         )
         rows = path.map(steps)(*of) if self.paths + self.rates else ca.MX(0, steps)
         others = ca.vec(ca.vertcat(gaps[:, 1:], rows[:, 1:]))

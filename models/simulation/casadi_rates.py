@@ -3,6 +3,8 @@
 Coefficients are an argument, so that one function holds for all tables of the same terms.
 """
 
+import logging
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +23,7 @@ else:
 
     ca = lazy_loader.load("casadi")  # an extra
 
+log = logging.getLogger(__name__)
 ARGUMENTS = "eta", "nu", "acting", "force", "wind", "current", "coefficients"
 SPELLED = {
     "add": "plus", "subtract": "minus", "multiply": "times", "divide": "rdivide",
@@ -30,14 +33,19 @@ SPELLED = {
 SMALLEST = 1e-24  # under a square root, whose derivative is then finite at rest
 
 
-def check_casadi(solver: str) -> None:
-    """Raise ConfigurationError if CasADi is not installed, or lacks a solver."""
+@lru_cache
+def solver_of(wanted: str) -> str:
+    """The solver by its name; ipopt where this build of CasADi lacks it, which is logged once.
+
+    Raises ConfigurationError if CasADi is not installed.
+    """
     try:
-        known = ca.has_nlpsol(solver)
+        known = ca.has_nlpsol(wanted)
     except ModuleNotFoundError as error:
         raise ConfigurationError("casadi is not installed: pip install 'seatrial[nmpc]'") from error
     if not known:
-        raise ConfigurationError(f"solver: got {solver}, which this build of casadi does not have")
+        log.warning("this build of CasADi lacks %s: ipopt solves the problems of nmpc", wanted)
+    return wanted if known else "ipopt"
 
 
 def coefficients(plant: PlantTable) -> Array:

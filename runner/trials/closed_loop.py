@@ -65,6 +65,7 @@ class SimulatedMission:
     period_s: float
     design: ControlDesign
     failures: int = 0  # number of commands that could not be computed; the last one was held
+    findings: Sequence[Diagnostic] = ()  # of the controller
     adapter: Adapter | None = None  # the online identification, if any
     wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
     slowdown: float | None = None  # of a loop in Python, for a controller from elsewhere
@@ -134,6 +135,7 @@ class MissionSetup:
             period,
             self.design,
             failures=0 if controller is None else controller.failures(self.control[1]),
+            findings=() if controller is None else controller.findings(self.control[1]),
             adapter=adapter,
             wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
             slowdown=self._slowdown(voyage),

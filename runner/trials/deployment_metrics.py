@@ -137,10 +137,12 @@ def design_warnings(design: ControlDesign, model: str) -> list[str]:
 
 
 def loop_diagnostics(sailed: SimulatedMission | None, model: str) -> list[Diagnostic]:
-    """Return how much longer a loop in Python took than a compiled one, if it was one."""
-    if sailed is None or sailed.slowdown is None:
+    """Return what the controller found, and how much longer its loop in Python took, if it was."""
+    if sailed is None:
         return []
-    return [Diagnostic("uncompiled_slowdown", "all", sailed.slowdown, label=model)]
+    slowdown = [Diagnostic("uncompiled_slowdown", "all", sailed.slowdown)]
+    rows = [*sailed.findings, *(slowdown if sailed.slowdown is not None else ())]
+    return [replace(row, label=model) for row in rows]
 
 
 def losses(sailed: SimulatedMission, model: str) -> list[str]:
