@@ -54,7 +54,7 @@ def test_another_program_accepts_and_simulates_it(
 
 
 def check_alike(file: Path, ours: Ours) -> None:
-    """An FMU is valid, and has our velocities after each step."""
+    """An FMU is valid, and in two other programs has our velocities after each step."""
     pytest.importorskip("fmpy", reason="the extra fmu is not installed")
     from fmpy.validation import validate_fmu
 
@@ -64,10 +64,11 @@ def check_alike(file: Path, ours: Ours) -> None:
     track = ours.sail(commands, PERIOD, PARTS)[:, -ours.n :]
     assert np.all(np.isfinite(track))
     assert np.any(np.ptp(track, axis=0) > 0.0)
-    assert np.max(np.abs(simulated(file, ours, commands) - track)) < EQUAL
+    for simulated in (by_fmpy, by_libcosim):
+        assert np.max(np.abs(simulated(file, ours, commands) - track)) < EQUAL
 
 
-def simulated(file: Path, ours: Ours, commands: Array) -> Array:
+def by_fmpy(file: Path, ours: Ours, commands: Array) -> Array:
     """Velocities after each communication step."""
     from fmpy import extract, read_model_description
     from fmpy.fmi2 import FMU2Slave
@@ -95,6 +96,36 @@ def simulated(file: Path, ours: Ours, commands: Array) -> Array:
         track[k] = slave.getReal(outputs)
     slave.terminate()
     slave.freeInstance()
+    return track
+
+
+def by_libcosim(file: Path, ours: Ours, commands: Array) -> Array:
+    """Velocities after each communication step; DNV's Open Simulation Platform."""
+    pytest.importorskip("libcosimpy", reason="the extra test is not installed")
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimManipulator import CosimManipulator
+    from libcosimpy.CosimObserver import CosimObserver
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    log_output_level(CosimLogLevel.ERROR)
+    execution = CosimExecution.from_step_size(round(1e9 * PERIOD))
+    slave = execution.add_local_slave(CosimLocalSlave(str(file), "ours"))
+    given, seen = CosimManipulator.create_override(), CosimObserver.create_last_value()
+    execution.add_manipulator(given)
+    execution.add_observer(seen)
+    where = {item.name.decode(): item.reference for item in execution.slave_variables(slave)}
+    outputs = [where[name] for name in "uvwpqr" if name in where]
+    inputs = [where[name] for name in where if name.startswith("command_")]
+    for name, start in zip([n for n in "uvwpqr" if n in where], ours.nu_start, strict=True):
+        execution.real_initial_value(slave, where[f"start_{name}"], float(start))
+    streams = [where[f"{what}_{way}"] for what in ("wind", "current") for way in ("north", "east")]
+    given.slave_real_values(slave, streams, [*WIND, *CURRENT])
+    track = np.empty((len(commands), len(outputs)))
+    for k, command in enumerate(commands):
+        given.slave_real_values(slave, inputs, list(command))
+        execution.step()
+        track[k] = seen.last_real_values(slave, outputs)
     return track
 
 
