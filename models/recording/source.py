@@ -6,7 +6,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib import import_module
@@ -34,8 +34,6 @@ MISSING = frozenset(
      "null", "none", "nil", "-", "--", "---", "?", "missing", "1.#qnan", "-1.#ind", "1.#ind",
      "#value!", "#div/0!", "#num!", "#null!", "#ref!", "#name?")
 )  # fmt: skip
-# The place of a cell in its file, such as "line 7", and its text, None where there is no text.
-Cell: TypeAlias = Callable[[int, str], tuple[str, str | None]]
 
 
 class FileFormat(NamedTuple):
@@ -54,25 +52,22 @@ FORMATS: dict[str, FileFormat] = {
         ("csv", ".csv .tsv", "text.read"),
         ("dat", ".dat .txt .asc .dba .log .alog", "text.read"),
         ("excel", ".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
-        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]|\x89HDF"),
+        ("hdf5", ".h5 .hdf5", "tables.read_hdf5", "h5py", rb"(?:.{512})?\x89HDF"),  # MATLAB 7.3
+        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]"),
         ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "pymavlink",
          rb"\xa3\x95|FMT, ?\d|.{8}[\xfd\xfe].{5,}"),
         ("nmea", ".nmea .nma", "nmea.read", "pynmea2", NMEA),
         ("parquet", ".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
-        ("mat", ".mat", "tables.read_matlab", None, rb"MATLAB "),
+        ("mat", ".mat", "tables.read_matlab", None, rb"MATLAB [^7]"),
         ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "rosbags",
          rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
         ("ulog", ".ulg .ulog", "messages.read_ulog", "pyulog", rb"ULog\x01"),
     )
 }  # fmt: skip
-EXTRAS = {"rosbag": "ros"}  # that install a package; others are called as their format
+EXTRAS = {"rosbag": "ros", "hdf5": "mat"}  # others are called as their format
 SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes}
 BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
-ANY = (".csv", ".txt", ".dat", ".log", ".asc", ".bin")  # suffixes of files of any content
-
-
-def _row(row: int, column: str) -> tuple[str, None]:
-    return f"row {row + 1}", None
+ANY = {".csv", ".txt", ".dat", ".log", ".asc", ".bin", ".mat"}  # suffixes of files of any content
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +85,8 @@ class Source:
     units: dict[str, str] = field(default_factory=dict)
     titles: dict[str, str] = field(default_factory=dict)  # as written, where names differ
     left_out: tuple[str, ...] = ()  # what of the file was left out, and why
-    cell: Cell = _row  # a cell of the file, by row and column
+    # The place of a cell in its file, such as "line 7", and its text, by row and column.
+    cell: Callable[[int, str], tuple[str, str]] | None = None
     times: dict[object, Array] = field(default_factory=dict, init=False, repr=False)  # as read
 
     def __len__(self) -> int:
@@ -115,7 +111,7 @@ class Source:
             raise self.absent(name)
         values = self.columns[column]
         text = values.dtype == np.object_
-        wrong = np.ones(len(values), dtype=bool) if text else np.isnan(values.astype(np.float64))
+        wrong = np.ones(len(values), dtype=bool) if text else np.isnan(values)
         if np.any(wrong) and (text or not gaps):
             raise self.refused(int(np.argmax(wrong)), name)
         return np.asarray(values, dtype=np.float64)
@@ -123,8 +119,8 @@ class Source:
     def refused(self, row: int, name: str, expected: str = "a finite number") -> RecordingError:
         """What is raised of a cell of a column `name` that is not what is expected."""
         column = self.find(name) or next(iter(self.columns))
-        place, text = self.cell(row, column)
-        text = str(self.columns[column][row]) if text is None else text
+        place, text = f"row {row + 1}", str(self.columns[column][row])
+        place, text = self.cell(row, column) if self.cell else (place, text)
         got = repr(shorten(text, 40, placeholder="...")) if text.strip() else "an empty cell"
         return RecordingError(
             f"{self.path}, column {name}, {place}: got {got}, expected {expected}"
@@ -223,18 +219,13 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
     Raises RecordingError if a file cannot be read, ConfigurationError for a format that is not
     known or whose package is not installed.
     """
-    stamps: list[tuple[int, ...]] = []
-    with suppress(OSError, ValueError):  # which reading it says
-        for file in (*map(Path, options.messages), path, *path.rglob("*")):
-            state = file.stat()
-            stamps.append((state.st_mtime_ns, state.st_size, state.st_ino))
-    return dict(_sources(path, options, tuple(stamps)))
+    files = (*map(Path, options.messages), path, *path.rglob("*"))
+    states = (file.stat() for file in files if file.exists())
+    return dict(_sources(path, options, tuple((s.st_mtime_ns, s.st_size) for s in states)))
 
 
 @lru_cache(maxsize=1)
-def _sources(
-    path: Path, options: ReadOptions, stamp: tuple[tuple[int, ...], ...]
-) -> dict[str, Source]:
+def _sources(path: Path, options: ReadOptions, stamp: tuple[object, ...]) -> dict[str, Source]:
     """Those of a file in one state of it: what checks a recording reads it several times."""
     if options.format not in (None, *FORMATS):
         raise ConfigurationError(
@@ -262,10 +253,8 @@ def _sources(
         except SeatrialError:
             raise
         except Exception as error:  # a library may raise anything
-            reason = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
-            raise RecordingError(
-                f"{file}: cannot be read ({reason}), expected a recording"
-            ) from error
+            got = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
+            raise RecordingError(f"{file}: cannot be read ({got}), expected a recording") from error
         for source in known:
             own = "" if name and source.name == file.stem else source.name
             full = "/".join(filter(None, (name, own)))
@@ -275,14 +264,13 @@ def _sources(
 
 def _read(path: Path, options: ReadOptions) -> list[Source]:
     """The sources of one file: its format by the option, else by its suffix or its content."""
-    suffix, kind = path.suffix.lower(), options.format
-    kind = kind or ("rosbag" if path.is_dir() else SUFFIXES.get(suffix))
-    if options.format is None and path.is_file() and (kind is None or suffix in ANY):
+    suffix = path.suffix.lower()
+    kind = options.format or ("rosbag" if path.is_dir() else SUFFIXES.get(suffix, "dat"))
+    if options.format is None and path.is_file() and suffix not in SUFFIXES.keys() - ANY:
         with path.open("rb") as file:
             head = file.read(4096)
         told = (name for name, form in FORMATS.items() if re.match(form.begins, head, re.DOTALL))
         kind = next(told, kind)
-    kind = kind or "dat"
     form = FORMATS[kind]
     if form.package is not None and find_spec(form.package) is None:
         extra = EXTRAS.get(kind, kind)

@@ -3,7 +3,6 @@
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from textwrap import shorten
@@ -84,10 +83,10 @@ def table_source(
             lines.append(f"column {own}: degrees and minutes, read as degrees")
         result[own], units[own] = angles, "deg"
     titles = {own: written[i] for own, i in numbers.items() if own != written[i]}
-    source = Source(name, path, result, units, titles, tuple(dict.fromkeys(lines)))
-    if cell is None:
-        return source
-    return replace(source, cell=lambda row, column: cell(row, numbers[column]))
+    return Source(
+        name, path, result, units, titles, tuple(dict.fromkeys(lines)),
+        None if cell is None else lambda row, column: cell(row, numbers[column]),
+    )  # fmt: skip
 
 
 def column_of_cells(cells: Cells, decimal: str = ".") -> tuple[Values, str]:

@@ -104,7 +104,7 @@ def read_bag(path: Path, options: ReadOptions) -> Contents:
                 ) from error
             named = file.parent.parent.name if file.parent.name == "msg" else ""
             for package in [named] if named else strange:
-                types = get_types_from_msg(text, f"{package}/msg/{file.stem}") | types
+                types |= get_types_from_msg(text, f"{package}/msg/{file.stem}")
         bag.typestore.register({k: v for k, v in types.items() if k not in bag.typestore.fielddefs})
         for connection in bag.connections:
             try:

@@ -4,7 +4,6 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -14,7 +13,7 @@ import pandas as pd
 import scipy
 from pyarrow import parquet
 
-from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.errors import RecordingError
 from seatrial.models.recording.formats.columns import Cells, column_of_cells, table_source
 from seatrial.models.recording.formats.text import table
 from seatrial.models.recording.source import (
@@ -25,9 +24,6 @@ from seatrial.models.recording.source import (
     Values,
     check_size,
 )
-
-HDF5 = b"\x89HDF\r\n\x1a\n"
-NUMERIC = re.compile("double|single|logical|cell|struct|char|u?int.*")  # classes of MATLAB
 
 
 def read_excel(path: Path, options: ReadOptions) -> Contents:
@@ -66,26 +62,23 @@ def _cells(values: "pd.Series[Any]") -> Cells:
 
 
 def read_matlab(path: Path, options: ReadOptions) -> Contents:
-    """The variables of a MATLAB file."""
-    with path.open("rb") as file:
-        head = file.read(520)
-    variables: dict[str, object] = {}
-    if HDF5 in (head[:8], head[512:]):
-        if find_spec("h5py") is None:
-            raise ConfigurationError(
-                f"{path}: is a MATLAB 7.3 file: h5py is not installed: pip install 'seatrial[mat]'"
-            )
-        import h5py
+    """The variables of a file of MATLAB 5 to 7."""
+    variables = dict[str, object]()
+    read = scipy.io.loadmat(path, struct_as_record=False, squeeze_me=True)
+    for name, value in read.items():
+        if isinstance(value, scipy.io.matlab.MatlabOpaque):  # its own name is lost
+            name = value["s0"].item().decode()
+        if not name.startswith("__"):
+            variables[name] = _of_scipy(value)
+    return _sources(path, _leaves("", "", variables), {}, {})
 
-        with h5py.File(path, "r") as stored:
-            variables = {n: _of_hdf5(v, stored) for n, v in stored.items() if n[0] != "#"}
-    else:
-        read = scipy.io.loadmat(path, struct_as_record=False, squeeze_me=True)
-        for name, value in read.items():
-            if isinstance(value, scipy.io.matlab.MatlabOpaque):  # its own name is lost
-                name = value["s0"].item().decode()
-            if not name.startswith("__"):
-                variables[name] = _of_scipy(value)
+
+def read_hdf5(path: Path, options: ReadOptions) -> Contents:
+    """The variables of a file of MATLAB 7.3, or another of HDF5."""
+    import h5py
+
+    with h5py.File(path, "r") as stored:
+        variables = {n: _of_hdf5(v, stored) for n, v in stored.items() if n[0] != "#"}
     return _sources(path, _leaves("", "", variables), {}, {})
 
 
@@ -189,8 +182,8 @@ def _of_scipy(value: Any) -> object:
 
 def _of_hdf5(value: Any, stored: Any) -> object:
     """The same of a part of an HDF5 file."""
-    kind = value.attrs.get("MATLAB_class", b"double").decode()
-    if "MATLAB_object_decode" in value.attrs or not NUMERIC.fullmatch(kind):
+    kind = value.attrs.get("MATLAB_class", b"").decode()
+    if "MATLAB_object_decode" in value.attrs:
         return f"objects of class {kind}"
     if hasattr(value, "items"):
         fields = {name: _of_hdf5(inner, stored) for name, inner in value.items()}

@@ -143,7 +143,7 @@ def _plain(data: bytes, text: TextOptions) -> tuple[bytes, list[str], str, bool]
         leading = re.match(rb"(?:(?:" + sign + rb")?\r?\n)*", data)
         lines = leading[0].decode().split("\n") if leading else []
         commented = [line.strip().lstrip(mark).strip() for line in lines]
-        data = re.sub(rb"^" + sign, b"", data, flags=re.MULTILINE)
+        data = re.sub(rb"^" + sign, b"", data, flags=re.M) if mark.encode() in data else data
     data = b"\n" * text.skip_lines + b"".join(data.split(b"\n", text.skip_lines)[text.skip_lines :])
     separator: str | None = text.separator
     if separator is None:  # that which cuts most lines into equally many cells
@@ -241,8 +241,8 @@ def _cells(
         )
     columns = [pc.utf8_trim_whitespace(column.combine_chunks()) for column in stored.columns]
     counts = {f"{len(other)} rows with more or fewer than {len(titles)} cells": len(other)}
-    if any(titles):
-        again = reduce(pc.and_, map(pc.equal, columns, titles))
+    again = reduce(pc.and_, map(pc.equal, columns, titles))
+    if any(titles) and again.true_count:
         counts[f"{again.true_count} lines that repeat the header"] = again.true_count
         columns = [pc.filter(column, pc.invert(again)) for column in columns]
     return columns, [reason for reason, there in counts.items() if there]

@@ -214,6 +214,7 @@ def test_matlab_7_3(tmp_path: Path) -> None:
         stored["word"].attrs["MATLAB_class"] = np.bytes_("char")
         stored["series"] = np.zeros((1, 6), np.uint32)
         stored["series"].attrs["MATLAB_class"] = np.bytes_("timeseries")
+        stored["series"].attrs["MATLAB_object_decode"] = 3
         cell = stored.create_dataset("runs", (2, 1), dtype=h5py.ref_dtype)
         for i in range(2):
             stored[f"#refs#/{i}/t"] = stored[f"#refs#/{i}/x"] = np.arange(10.0 + i)[None]
@@ -272,6 +273,7 @@ def test_a_format_by_option_and_one_that_is_not_known(tmp_path: Path) -> None:
         ("ulg", "pyulog", "ulog"),
         ("xlsx", "openpyxl", "excel"),
         ("nc", "xarray", "netcdf"),
+        ("h5", "h5py", "mat"),
         ("bin", "pymavlink", "ardupilot"),
         ("nmea", "pynmea2", "nmea"),
     ],
