@@ -258,6 +258,7 @@ def _sources(path: Path, options: ReadOptions, stamp: tuple[object, ...]) -> dic
         for source in known:
             own = "" if name and source.name == file.stem else source.name
             full = "/".join(filter(None, (name, own)))
+            full = f"{full}/{len(sources)}" if full in sources else full
             sources[full] = replace(source, name=full)
     return sources
 

@@ -141,16 +141,17 @@ def _angles(columns: Mapping[str, Values], units: Mapping[str, str]) -> Iterator
     The unit of such numbers is lat or lon, as that of gliders is, or both are of this form by their
     range; a column of letters may stand beside them.
     """
-    known = {name: unit for name, unit in units.items() if unit in SIDES}
-    titled = {kind: name for name, values in columns.items() for kind in SIDES
-              if values.dtype != np.object_ and re.search(rf"(?i)\b{kind}", name)}  # fmt: skip
+    numbers = [name for name, values in columns.items() if values.dtype != np.object_]
+    known = {name: units[name] for name in numbers if units.get(name) in SIDES}
+    titled = {kind: name for name in numbers for kind in SIDES
+              if re.search(rf"(?i)\b{kind}(g?itude|g)?(?![a-z])", name)}  # fmt: skip
     if len(titled) == 2:
         largest = np.nanmax(np.abs(columns[titled["lat"]]), initial=0.0)
         minutes = [np.nanmax(np.abs(columns[n]) % 100.0, initial=0.0) for n in titled.values()]
         if 90.0 < largest <= 9000.0 and max(minutes) < 60.0:
             known |= {name: kind for kind, name in titled.items()}
     for name, kind in known.items():
-        whole = np.trunc(np.asarray(columns[name], float) / 100.0)
+        whole = np.trunc(columns[name] / 100.0)
         angles = whole + (columns[name] - 100.0 * whole) / 60.0
         angles[np.abs(angles) > 180.0] = np.nan  # where a glider had no position
         texts = (cells for cells in columns.values() if cells.dtype == np.object_)

@@ -166,9 +166,9 @@ def read_ulog(path: Path, options: ReadOptions) -> Contents:
 
     with path.open("rb") as file:  # pyulog leaves a bad file open
         topics = ULog(file).data_list
-    sources, units = [], {"timestamp": "us"}
+    sources = []
     for topic in topics:
         name = f"{topic.name}/{topic.multi_id}" if topic.multi_id else topic.name
-        columns = ((title, cells, units.get(title, "")) for title, cells in topic.data.items())
+        columns = ((t, cells, "us" if t == "timestamp" else "") for t, cells in topic.data.items())
         sources.append(table_source(name, path, columns))
     return sources, []

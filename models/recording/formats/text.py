@@ -55,12 +55,7 @@ def read(path: Path, options: ReadOptions) -> Contents:
             header = next((line for line in part.split(b"\n") if TITLED.match(line)), b"")
             parts[header] = parts.get(header, b"") + b"\n" + part
         parts.pop(b"", None)
-    sources = [s for part in parts.values() for s in _wide(table(path, part, options.text))]
-    names = Counter(source.name for source in sources)
-    return [
-        replace(source, name=f"{source.name}/{i}") if names[source.name] > 1 else source
-        for i, source in enumerate(sources, 1)
-    ], left_out
+    return [s for part in parts.values() for s in _wide(table(path, part, options.text))], left_out
 
 
 def decoded(path: Path, encoding: str | None) -> tuple[bytes, tuple[str, ...]]:
