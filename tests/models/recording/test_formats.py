@@ -366,6 +366,8 @@ def test_angles_repeated_groups_and_logs_of_moos(tmp_path: Path) -> None:
         angles = one(file(tmp_path, "a.csv", text))
         assert (angles.columns["lat"].tolist(), angles.units["lat"]) == ([-40.5, -40.5], "deg")
         assert angles.columns["lon"].tolist() == [11.5, 11.5]
+    sideways = "lateral_velocity,longitudinal_velocity\n150,20\n150,20\n"  # no latitude
+    assert one(file(tmp_path, "a.csv", sideways)).columns["lateral_velocity"][0] == 150.0
     text = "t,position,x,y,linear,x,y\n" + "".join(f"{k},,{k},1,,{2 * k},3\n" for k in range(3))
     titles = ["t", "position", "position.x", "position.y", "linear", "linear.x", "linear.y"]
     assert list(one(file(tmp_path, "b.csv", text)).columns) == titles
@@ -496,11 +498,14 @@ def test_nmea(tmp_path: Path, stamp: str) -> None:
         for body in (
             f"GPRMC,{clock}.00,A,4807.50,S,01130.00,W,22.4,084.4,{day},003.1,W", "HEHDT,274.5,T",
             "IIMWV,214.8,R,10.0,K,A", "IIMWV,200.0,T,5.0,N,A", "HEROT,-12.5,V",
+            "GPVTG,84.4,T,,M,22.4,N,41.5,K", f"PASHR,{clock}.00,84.4,T,1.5,-0.5,0.1,,,,1,1",
         ):  # fmt: skip
             lines.append(stamp.format(k) + sentence(body))
         lines += [stamp.format(k) + "$HEHDT,1.0,T*00", "!AIVDM,1,1,,A,15Mg,0*4E"]
     sources = read_sources(file(tmp_path, "a.log", "\r\n".join(lines)), ReadOptions())
-    assert list(sources) == ["RMC", "HDT", "MWV/R", "MWV/T"]
+    assert list(sources) == ["RMC", "HDT", "MWV/R", "MWV/T", "VTG", "ASHRATT"]
+    assert sources["VTG"].units["spd_over_grnd_kmph"] == "km/h"
+    assert sources["ASHRATT"].columns["pitch"][0] == -0.5
     rmc = sources["RMC"]
     assert (rmc.columns["latitude"][0], rmc.columns["longitude"][0]) == (-48.125, -11.5)
     assert rmc.units["spd_over_grnd"] == "knot"
