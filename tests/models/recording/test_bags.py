@@ -103,6 +103,6 @@ def test_topics_of_unknown_type_are_left_out_or_defined_by_a_file(tmp_path: Path
         sources = read_sources(tmp_path / "a", ReadOptions(messages=(str(file),)))
         np.testing.assert_array_equal(sources["ballast"].columns["level"], np.arange(5.0))
         first = next(iter(sources.values()))
-        assert first.left_out == ("topic /ballast, scan: arrays of 100 elements",)
+        assert first.left_out == ("ballast, scan: arrays of 100 elements",)
     with pytest.raises(ConfigurationError, match=r"messages: none\.msg: cannot be read"):
         read_sources(tmp_path / "a", ReadOptions(messages=("none.msg",)))
