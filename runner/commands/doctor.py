@@ -5,9 +5,7 @@ Every line is one of: ok; problem, which makes the exit code 1; absent, for what
 
 import os
 import platform
-import re
 import tempfile
-import tomllib
 from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, metadata, requires, version
 from pathlib import Path
@@ -21,89 +19,68 @@ from seatrial.models.source_digest import cache_home
 from seatrial.runner import database
 from seatrial.runner.configuration.invocation import (
     DEFAULT_DATABASE,
-    PROJECT,
     ROOT,
-    in_checkout,
     program_version,
     trial_program,
 )
-from seatrial.runner.database.engine import ENVIRONMENT
 
 OF_PROJECT = ("test", "bench", "check", "docs")  # extras for work on the project itself
 
 
 class Check(NamedTuple):
-    """One line: `verdict` is ok, problem or absent; `note` is what was expected or is lost."""
+    """One line; what is not there is a `problem`, or absent if it is `optional`."""
 
-    verdict: str
     name: str
     result: str
     note: str = ""
+    problem: bool = False
+    optional: bool = False
+
+    def __str__(self) -> str:
+        verdict = ("absent" if self.optional else "problem") if self.problem else "ok"
+        return (
+            f"{verdict:<8} {self.name:<22} {self.result}{f'  ({self.note})' if self.note else ''}"
+        )
 
 
 def main(arguments: Sequence[str]) -> int:
     """Print the checks and return 1 if there is a problem, else 0."""
     if arguments:
         raise ConfigurationError(f"doctor: got {' '.join(arguments)}, expected no arguments")
-    checks = list(examined())
-    for check in checks:
-        note = f"  ({check.note})" if check.note else ""
-        print(f"{check.verdict:<8} {check.name:<22} {check.result}{note}")
-    problems = sum(check.verdict == "problem" for check in checks)
+    problems = 0
+    for check in (*_packages(), _cache(), _data(), _logbook()):
+        print(check)
+        problems += check.problem and not check.optional
     print(f"{problems} problem{'' if problems == 1 else 's'}")
     return 1 if problems else 0
 
 
-def examined() -> Iterator[Check]:
-    """Check interpreter, packages, extras, cache, data and logbook, in this order."""
-    if in_checkout():
-        project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
-        supported, lines = project["requires-python"], list(project["dependencies"])
-        for extra, own in project["optional-dependencies"].items():
-            lines += [f'{line}; extra == "{extra}"' for line in own]
-    else:
-        supported, lines = metadata("seatrial")["Requires-Python"], requires("seatrial") or []
-    extras = sorted(set(re.findall(r"extra == [\"'](\w+)", "\n".join(lines))) - {*OF_PROJECT})
-    of_extra: dict[str, list[Check]] = {extra: [] for extra in extras}
-    yield _check("seatrial", program_version(), note=str(ROOT))
-    yield _version("Python", platform.python_version(), SpecifierSet(supported))
-    for requirement in map(Requirement, lines):
-        marker = requirement.marker
-        if marker is None or marker.evaluate({"extra": ""}):
-            yield _package(requirement)
-            continue
-        for extra in extras:
-            if marker.evaluate({"extra": extra}):
-                of_extra[extra].append(_package(requirement))
-    for extra, checks in of_extra.items():
+def _packages() -> Iterator[Check]:
+    """Check interpreter, packages and extras against what the installed seatrial declares."""
+    own, every = metadata("seatrial"), [*map(Requirement, requires("seatrial") or ())]
+    yield Check("seatrial", program_version(), str(ROOT))
+    yield _version("Python", platform.python_version(), SpecifierSet(own["Requires-Python"]))
+    needed = [one for one in every if not one.marker or one.marker.evaluate({"extra": ""})]
+    yield from map(_package, needed)
+    for extra in sorted({*(own.get_all("Provides-Extra") or ())} - {*OF_PROJECT}):
+        more = [one for one in every if not one.marker or one.marker.evaluate({"extra": extra})]
+        checks = [_package(one) for one in more if one not in needed]
         found = ", ".join(f"{check.name} {check.result}" for check in checks)
-        wrong = [check for check in checks if check.verdict == "problem"]
-        if any(check.result == "not installed" for check in wrong):
-            yield Check("absent", f"extra {extra}", found, f"pip install 'seatrial[{extra}]'")
-        else:
-            yield _check(f"extra {extra}", found, wrong[0].note if wrong else "")
-    yield _cache()
-    if data := os.environ.get("SEATRIAL_DATA"):
-        yield _check("SEATRIAL_DATA", data, "" if Path(data).is_dir() else "not a folder")
-    else:
-        yield Check("absent", "SEATRIAL_DATA", "not set", "for experiments on outside data")
-    yield _logbook(ENVIRONMENT if os.environ.get(ENVIRONMENT) else DEFAULT_DATABASE)
-
-
-def _check(name: str, result: str, problem: str = "", note: str = "") -> Check:
-    return Check("problem" if problem else "ok", name, result, problem or note)
+        lacking = any(check.problem for check in checks)
+        remedy = f"pip install 'seatrial[{extra}]'" if lacking else ""
+        yield Check(f"extra {extra}", found, remedy, lacking, optional=True)
 
 
 def _package(requirement: Requirement) -> Check:
     try:
         return _version(requirement.name, version(requirement.name), requirement.specifier)
     except PackageNotFoundError:
-        return _check(requirement.name, "not installed", f"expected {requirement}")
+        return Check(requirement.name, "not installed", f"expected {requirement}", problem=True)
 
 
 def _version(name: str, result: str, versions: SpecifierSet) -> Check:
     fits = versions.contains(result, prereleases=True)
-    return _check(name, result, "" if fits else f"expected {versions}")
+    return Check(name, result, "" if fits else f"expected {versions}", not fits)
 
 
 def _cache() -> Check:
@@ -117,20 +94,28 @@ def _cache() -> Check:
         problem = problem or f"not writable: {error.strerror}"
     sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
     note = f"{sum(sizes) / 1e6:.0f} MB in {len(sizes)} files; it may be deleted"
-    if folder.is_relative_to(tempfile.gettempdir()) and not wanted:
-        note = "temporary: set SEATRIAL_CACHE to a folder that stays"
-    return _check("compiled code", str(folder), problem, note)
+    return Check("compiled code", str(folder), problem or note, bool(problem))
 
 
-def _logbook(url: str) -> Check:
+def _data() -> Check:
+    folder = os.environ.get("SEATRIAL_DATA")
+    if not folder:
+        note = "for experiments on outside data"
+        return Check("SEATRIAL_DATA", "not set", note, problem=True, optional=True)
+    absent = not Path(folder).is_dir()
+    return Check("SEATRIAL_DATA", folder, "not a folder" * absent, absent)
+
+
+def _logbook() -> Check:
     """Check that the logbook can be read; a SQLite file is made by the first trial."""
-    shown = url
+    variable = database.engine.ENVIRONMENT
+    shown = url = variable if os.environ.get(variable) else DEFAULT_DATABASE
     try:
         shown = database.engine.display_url(url)
         address = database.engine.parse(url)
         if address.path is not None and not address.path.exists():
-            return _check("logbook", shown, note=f"made by the first trial of {trial_program()}")
-        condition = database.schema.inspect(address)
+            return Check("logbook", shown, f"made by the first trial of {trial_program()}")
+        state = database.schema.inspect(address)
     except SeatrialError as error:
-        return _check("logbook", shown, str(error))
-    return _check("logbook", shown, note=f"schema: {condition.value}")
+        return Check("logbook", shown, str(error), problem=True)
+    return Check("logbook", shown, f"schema: {state.value}")

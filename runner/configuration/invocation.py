@@ -22,7 +22,6 @@ else:
     yaml = lazy_loader.load("yaml")
 
 ROOT = Path(__file__).resolve().parents[2]  # the checkout, or the installed package
-PROJECT = ROOT / "pyproject.toml"  # in a checkout only
 SCRIPTS = ("seatrial", "seatrial-results")
 DEFAULT_DATABASE = "sqlite:///results/results.db"
 
