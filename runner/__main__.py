@@ -54,6 +54,7 @@ from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refus
 from seatrial.runner.configuration.invocation import (
     import_from_working_folder,
     program_version,
+    replaced,
     results_program,
     trial_program,
 )
@@ -88,7 +89,6 @@ INTERRUPTED = "interrupted: finished runs are kept, the same command runs the re
 COMMANDS = {
     "benchmark": "benchmark",
     "data": "data_commands",
-    "doctor": "doctor",
     "fits": "fits",
     "init": "init",
     "model": "model_command",
@@ -222,6 +222,8 @@ def _checked_arguments() -> list[str]:
     UserFolders.config_dir = arguments.config_dir
     overrides: list[str] = arguments.overrides
     for word in overrides:
+        if instead := replaced().get(f"seatrial {word}"):
+            raise ConfigurationError(f"{word} is gone: {instead}")
         if word.isidentifier():
             raise ConfigurationError(f"{word!r} cannot be read, {_meant(word)}")
     return overrides

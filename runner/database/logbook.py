@@ -240,19 +240,6 @@ class LogbookWriter(LogbookReader):
         failures = maintenance.remove(self.results_dir, paths)
         return PruneResult(deleted, len(paths) - len(failures), failures)
 
-    def remove_orphans(self) -> list[Path]:
-        """Delete the series files that no row refers to, and return their paths.
-
-        Raises LogbookError if one cannot be deleted.
-        """
-        paths = self.orphans()
-        for path in paths:
-            try:
-                path.unlink(missing_ok=True)
-            except OSError as error:
-                raise LogbookError(f"{path}: cannot be deleted: {error.strerror}") from error
-        return paths
-
     def _write_series(self, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
         if not series:
             return []

@@ -234,12 +234,6 @@ class LogbookReader:
             spent_s=spent_s,
         )
 
-    def orphans(self) -> list[Path]:
-        """Return the series files that no row refers to, without those of running runs."""
-        with engines.explained(self.address), self._engine.connect() as connection:
-            paths = maintenance.orphans(connection, self.results_dir)
-        return [path for path in paths if files.owner(path) is not None]
-
     def verify(self) -> Verification:
         """Check the database, every foreign key and every series file."""
         with engines.explained(self.address), self._engine.connect() as connection:

@@ -163,18 +163,6 @@ def read(results_dir: Path, file: SeriesFile) -> Series:
     return Series(file.kind, columns, dict(file.columns))
 
 
-def shape(content: bytes) -> tuple[dict[str, int], list[str]]:
-    """Return the number of rows of each kind in a file, and the names of all columns.
-
-    Raises LogbookError if it is not a Parquet file.
-    """
-    try:
-        stored = _open(content)
-        return dict(_groups(stored)), stored.schema_arrow.names[1:]
-    except pa.ArrowException as error:
-        raise LogbookError(f"not a Parquet file: {error}") from error
-
-
 def _open(content: bytes) -> "parquet.ParquetFile":
     from pyarrow import parquet
 

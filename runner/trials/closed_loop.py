@@ -17,7 +17,7 @@ from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.dynamics import advance
-from seatrial.models.simulation.loop import compiled_step_s, sail
+from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import Log, Outlook, Voyage, outlook
@@ -31,10 +31,7 @@ from seatrial.runner.configuration.plugins import is_own
 from seatrial.runner.record.vocabulary import STREAMS, Stream
 
 log = logging.getLogger(__name__)
-SLOW = (
-    "controller {}: its step is Python, so the loop is not compiled: "
-    "{:.2g} ms a step, {:.0f} times as long"
-)
+IN_PYTHON = "controller %s: its step is Python, so the loop is not compiled and takes longer"
 _said: set[str] = set()  # controllers of which this has been said
 
 
@@ -67,7 +64,6 @@ class SimulatedMission:
     failures: int = 0  # number of commands that could not be computed; the last one was held
     adapter: Adapter | None = None  # the online identification, if any
     wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
-    slowdown: float | None = None  # of a loop in Python, for a controller from elsewhere
 
 
 class Streams:
@@ -120,6 +116,7 @@ class MissionSetup:
     def sail(self, adaptive: bool = False) -> SimulatedMission:
         """Simulate the mission, with online identification if `adaptive`; raises Diverged."""
         trial, controller = self.trial, self.controller
+        self._say_if_uncompiled()
         adapter = None
         if adaptive and controller is not None and isinstance(self.model, Vessel):
             adapter = self._adapter(controller, self.model)
@@ -136,7 +133,6 @@ class MissionSetup:
             failures=0 if controller is None else controller.failures(self.control[1]),
             adapter=adapter,
             wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
-            slowdown=self._slowdown(voyage),
         )
 
     def _adapter(self, controller: Controller, model: Vessel) -> Adapter:
@@ -154,24 +150,14 @@ class MissionSetup:
             period, model, self.seeds.generator("identifier"), adapt,
         )  # fmt: skip
 
-    def _slowdown(self, voyage: Voyage) -> float | None:
-        """Return how many times longer a voyage took than in a compiled loop, and log it once.
-
-        None for a compiled loop, without a compiler, and for the controllers of this package.
-        """
+    def _say_if_uncompiled(self) -> None:
+        """Log once that a controller from elsewhere keeps the loop from being compiled."""
         if self.controller is None or is_own(name := name_of(self.controller)):
-            return None
+            return
         step = CONTROLLERS[type(self.control[0])]
-        if is_compiled(step) or not is_compiled(advance) or not len(voyage.step_times):
-            return None
-        trial, took = self.trial, float(np.median(voyage.step_times))
-        expected = compiled_step_s(
-            self.plant, voyage.weather, trial.sample_time_s, trial.integration_step_s
-        )
-        if name not in _said:
+        if is_compiled(advance) and not is_compiled(step) and name not in _said:
             _said.add(name)
-            log.info(SLOW.format(name, 1e3 * took, took / expected))
-        return took / expected
+            log.info(IN_PYTHON, name)
 
 
 def drawn(trial: Trial, seeds: Streams) -> Trial:

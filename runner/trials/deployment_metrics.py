@@ -136,13 +136,6 @@ def design_warnings(design: ControlDesign, model: str) -> list[str]:
     return warnings
 
 
-def loop_diagnostics(sailed: SimulatedMission | None, model: str) -> list[Diagnostic]:
-    """Return how much longer a loop in Python took than a compiled one, if it was one."""
-    if sailed is None or sailed.slowdown is None:
-        return []
-    return [Diagnostic("uncompiled_slowdown", "all", sailed.slowdown, label=model)]
-
-
 def losses(sailed: SimulatedMission, model: str) -> list[str]:
     """Return the problems of the simulation: forces that the thrusters could not produce."""
     shares = [row.value for row in unreached(sailed.voyage, "deployment", model)]

@@ -119,7 +119,6 @@ def of_excitation(trial: Trial, problem: Problem, excited: ExcitationData) -> Re
         diagnostics=[
             *excitation_results.excitation_report(reports),
             *_outside_of_devices(problem.nominal, excited),
-            *deployment_metrics.loop_diagnostics(sailed, "excitation"),
         ],
         series=[time_series.recording_series(recording, excited.training, sailed)],
     )
@@ -306,10 +305,7 @@ def of_voyage(trial: Trial, sailed: SimulatedMission, model: str) -> Results:
             *deployment_metrics.response_metrics(sailed, model),
             *own_metrics.deployment_rows(trial.metrics, voyage, model),
         ],
-        diagnostics=[
-            *deployment_metrics.warning_rows(losses),
-            *deployment_metrics.loop_diagnostics(sailed, model),
-        ],
+        diagnostics=deployment_metrics.warning_rows(losses),
         series=[time_series.deployment_series(sailed, model)],
     )
     if adapter is not None:
