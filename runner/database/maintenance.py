@@ -1,4 +1,4 @@
-"""Maintenance of a logbook: verification, and deletion of runs and series files.
+"""Maintenance of a logbook: verification, and which runs may be deleted.
 
 Series files are removed after their rows, and written before them, so that no row refers to a
 missing file. A program that is killed in between leaves a file without a row: `verify` lists it.
@@ -6,12 +6,11 @@ missing file. A program that is killed in between leaves a file without a row: `
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 
-from sqlalchemy import ColumnElement, Connection, and_, delete, func, or_, select
+from sqlalchemy import ColumnElement, Connection, and_, func, or_, select
 from sqlalchemy.exc import DatabaseError
 
 from seatrial.models.errors import LogbookError
@@ -19,9 +18,7 @@ from seatrial.runner.database import series_files as files
 from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.records import LogbookDefect, SeriesFile, Verification
-from seatrial.runner.database.tables import PlannedRow, RunRow, SeriesRow
-
-_CHUNK = 500  # ids in one statement
+from seatrial.runner.database.tables import RunRow, SeriesRow
 
 
 def verify(connection: Connection, results_dir: Path) -> Verification:
@@ -84,37 +81,3 @@ def prunable(dialect: str, statuses: Sequence[str] = ()) -> list[ColumnElement[b
         chosen = RunRow.status.in_(statuses)
         conditions.append(or_(chosen, stale) if "interrupted" in statuses else chosen)
     return conditions
-
-
-def delete_runs(connection: Connection, run_ids: Sequence[int]) -> tuple[int, list[str]]:
-    """Delete runs that are not running; returns their number and the paths of their files.
-
-    Their trials are no longer planned: nobody waits for what was deleted.
-    """
-    paths: list[str] = []
-    deleted = 0
-    for first in range(0, len(run_ids), _CHUNK):
-        ids = RunRow.id.in_(run_ids[first : first + _CHUNK])
-        ended = select(RunRow.id).where(ids, *prunable(connection.dialect.name)).with_for_update()
-        deleted_ids = connection.scalars(ended).all()
-        paths += connection.scalars(
-            select(SeriesRow.path).where(SeriesRow.run_id.in_(deleted_ids)).distinct()
-        )
-        gone = select(RunRow.fingerprint).where(RunRow.id.in_(deleted_ids))
-        connection.execute(delete(PlannedRow).where(PlannedRow.fingerprint.in_(gone)))
-        connection.execute(delete(RunRow).where(RunRow.id.in_(deleted_ids)))
-        deleted += len(deleted_ids)
-    return deleted, paths
-
-
-def remove(results_dir: Path, paths: Sequence[str]) -> list[str]:
-    """Remove series files; returns the paths that could not be removed."""
-    failures: list[str] = []
-    for relative in paths:
-        try:
-            files.locate(results_dir, relative).unlink(missing_ok=True)
-        except (OSError, LogbookError):
-            failures.append(relative)
-    with suppress(OSError):  # the folder is removed only if it is empty
-        (results_dir / files.FOLDER).rmdir()
-    return failures

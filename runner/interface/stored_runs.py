@@ -76,7 +76,8 @@ class Logbook:
         Returns:
             One row a run; its index `run_id` is the number of the run.
         """
-        return self._run_list(limit, status, where, sweep).frame.set_index("run_id")
+        chosen = {"where": where, "sweep": self._chosen(sweep), "status": status, "limit": limit}
+        return self._listed(**chosen).frame.set_index("run_id")
 
     def run(self, number: int) -> "Run":
         """Return a run by its number; raises LogbookError if there is no such run."""
@@ -198,16 +199,9 @@ class Logbook:
             answer = results.reader.sql(query, timeout_s, limit)
         return pd.DataFrame(list(answer.rows), columns=list(answer.columns))
 
-    def _run_list(
-        self,
-        limit: int,
-        status: str | None = None,
-        where: str | None = None,
-        sweep: int | str | None = None,
-    ) -> Table:
+    def _listed(self, **options: Any) -> Table:
         with self.opened() as results:
-            chosen = self._chosen(sweep)
-            return Table(commands.runs(results, where, chosen, status, limit))
+            return Table(commands.runs(results, **{"sweep": self._chosen(None), **options}))
 
     def _chosen(self, sweep: int | str | None) -> str:
         return str(sweep) if sweep is not None else self._sweep or "all"
@@ -217,7 +211,7 @@ class Logbook:
 
     def _repr_html_(self) -> str:
         try:
-            return self._run_list(50).text("html")
+            return self._listed().text("html")
         except ConfigurationError as error:  # there is no run yet
             return f"<p>{escape(str(error))}</p>"
 
@@ -231,7 +225,7 @@ class Sweep(Logbook):
         self._sweep = str(number)
 
     def __repr__(self) -> str:
-        return str(self._run_list(MAX_ROWS))
+        return str(self._listed(limit=MAX_ROWS))
 
 
 class Run:

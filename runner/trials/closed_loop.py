@@ -46,13 +46,6 @@ class ControlDesign:
     every: int = 1  # period of the commands, in loop instants
     diagnostics: Sequence[Diagnostic] = ()
 
-    @property
-    def infeasible(self) -> Array:
-        """Whether the limit of each axis is below the largest disturbance, shape (n_dof,)."""
-        if self.limits is None:
-            return np.zeros(len(self.needed), dtype=bool)
-        return np.asarray(self.needed > np.array(self.limits))
-
 
 @dataclass(frozen=True, eq=False)
 class SimulatedMission:
@@ -183,7 +176,7 @@ def prepare(
 ) -> MissionSetup:  # fmt: skip
     """Prepare a mission that starts at rest, with the controller built on `model`.
 
-    In a deployment (`deployed`) the plant changes as the trial's `plant_change` says. `true` is the
+    In a deployment (`deployed`) the plant changes as the trial's `plant.change` says. `true` is the
     model of the plant; None means the nominal one, scaled.
     """
     vessel, period = trial.vessel, trial.sample_time_s
@@ -258,9 +251,9 @@ def plant_of(trial: Trial, deployed: bool, true: Vessel | None = None) -> Plant:
 
     Wind forces are not added to a model `true` that has terms of its own for them.
     """
-    vessel, change = trial.vessel, trial.plant_change
+    vessel, change = trial.vessel, trial.plant.change
     wind = trial.disturbance.aerodynamics(vessel.dofs)
-    model, scale = (vessel.nominal(), trial.plant_scale) if true is None else (true, 1.0)
+    model, scale = (vessel.nominal(), trial.plant.scale) if true is None else (true, 1.0)
     if true is not None and true.force_table().aerodynamic:
         wind = 0.0 * wind
     plant = vessel.plant(scale * model + wind)
