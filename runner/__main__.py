@@ -22,9 +22,8 @@ get_mode            Hydra composes everything once more for hydra.mode, which on
                     a user's own files can set (tests/runner/test_experiments.py).
 SlurmInfoWatcher,   submitit asks the queue of Slurm instead of its accounting, by the command of
 SlurmJob            _make_command (tests/runner/test_slurm.py).
-_get_node, _is_none, OmegaConf's values that are missing or interpolations are looked at as they
-_is_missing,        are written, without an error, and one node is written to
-_is_interpolation,  (tests/runner/test_composition.py).
+_get_node,          OmegaConf's interpolations are looked at as they are written, without an
+_is_interpolation,  error, and one node is written to (tests/runner/test_composition.py).
 _set_flag
 _option_string_actions  The flags of Hydra's parser, for `did you mean`
                     (tests/runner/test_command_line.py).

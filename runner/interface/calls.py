@@ -109,7 +109,7 @@ def sweep(
             `seed=range(5)`.
 
     Returns:
-        The runs: `runs()`, `metrics()`, `table()`, `plot()` are those of this sweep. Runs that
+        The runs: `runs()`, `to_pandas()`, `table()`, `plot()` are those of this sweep. Runs that
         failed or diverged are in it, with their status.
 
     Raises:

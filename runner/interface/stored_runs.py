@@ -85,10 +85,13 @@ class Logbook:
         _ = run.status
         return run
 
-    def metrics(
+    def to_pandas(
         self, names: Names | None = None, where: str | None = None, sweep: int | str | None = None
     ) -> "pd.DataFrame":
-        """Return the metrics of the runs, one row a number.
+        """Return the metrics of the runs as a tidy frame, one row a run and number.
+
+        A run with identifier=none has each number once: its nominal and its identified model are
+        the same, and the rows of the second one stay.
 
         Args:
             names: only these metrics; all by default.
@@ -105,20 +108,10 @@ class Logbook:
             labels = results.trials(condition)[[*GROUPS, "seed"]].astype({"seed": "int64"})
         frame = numbers.join(labels, on="run", how="inner")
         frame = frame.rename(columns={"run": "run_id", "metric": "name"})
-        columns = ("run_id", *labels, "stage", "model", "dof", "name", "value", "unit")
-        return frame[list(columns)].reset_index(drop=True)
-
-    def to_pandas(
-        self, names: Names | None = None, where: str | None = None, sweep: int | str | None = None
-    ) -> "pd.DataFrame":
-        """Return a tidy frame: as `metrics`, but a run with identifier=none has each number once.
-
-        Its nominal and its identified model are the same; the rows of the second one stay.
-        """
-        frame = self.metrics(names, where, sweep)
         twice = frame.duplicated(["run_id", "stage", "dof", "name"], keep=False)
         twice &= (frame["identifier"] == "none") & (frame["model"] == "nominal")
-        return frame[~twice].reset_index(drop=True)
+        columns = ("run_id", *labels, "stage", "model", "dof", "name", "value", "unit")
+        return frame.loc[~twice, list(columns)].reset_index(drop=True)
 
     def table(self, **options: Any) -> Table:
         """Compare a metric or coefficients over seeds, as `seatrial-results table` does.
