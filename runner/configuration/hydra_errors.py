@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.configuration.invocation import replaced, trial_program
+from seatrial.runner.configuration.invocation import meant, replaced, trial_program
 from seatrial.runner.configuration.search_path import CONF, is_group, options
 
 # Launchers that need an extra, and the name of the extra.
@@ -86,12 +86,9 @@ def _missing_config(error: MissingConfigException) -> str:
         return f"{text} is not installed: pip install 'seatrial[{extra}]'"
     known = sorted(error.options or ()) or options(match["group"])
     known = [name for name in known if f"{match['group']}={name}" not in UNUSED]
-    close = get_close_matches(match["option"], known, n=1)
-    hint = f"did you mean {close[0]}? " if close else ""
-    return (
-        f"{match['group']}: no option {match['option']!r}, "
-        f"{hint}expected {'one of ' + ', '.join(known) if known else 'none: there are none'}"
-    )
+    expected = f"one of {', '.join(known)}" if known else "none: there are none"
+    hint = meant(match["option"], known)
+    return f"{match['group']}: no option {match['option']!r}, {hint}expected {expected}"
 
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:

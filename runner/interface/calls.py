@@ -4,7 +4,6 @@ import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -127,7 +126,7 @@ def sweep(
     call.variants = variants
     in_notebook = progress and _in_notebook()
     if in_notebook or not progress:
-        call.view = partial(nullcontext, _NotebookLine()) if in_notebook else None
+        call.view = (lambda: nullcontext(_NotebookLine())) if in_notebook else None
     in_process.run_sweep(call, words)
     if in_notebook:
         _NotebookLine().show(call.lines[0])

@@ -173,7 +173,7 @@ def _unit(text: str) -> Unit:
     return {dof: unit for dof, _, unit in pairs} if ": " in text else text
 
 
-def _definition(row: Mapping[str, str]) -> Definition:
+def _of_row(row: Mapping[str, str]) -> Definition:
     return Definition(
         row["name"], cast(tuple[Stage, ...], tuple(row["stages"].split())), _unit(row["unit"]),
         cast(Better, row["better"] or None), row["label"], row["formula"], row["caption"],
@@ -183,7 +183,7 @@ def _definition(row: Mapping[str, str]) -> Definition:
 
 
 with TABLE.open(encoding="utf-8", newline="") as _file:
-    _TABLED = [*map(_definition, csv.DictReader(_file))]
+    _TABLED = [*map(_of_row, csv.DictReader(_file))]
 METRICS = (
     *(one for one in _TABLED if one.stages == VALIDATION),
     *_predictions(),
