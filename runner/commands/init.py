@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -52,19 +52,32 @@ def main(words: Sequence[str]) -> int:
     return run_typer(app, words)
 
 
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise typer.BadParameter(f"got {text!r}, expected a positive number")
+    return value
+
+
+def _size(meaning: str) -> Any:
+    """Return the option of a dimension."""
+    return typer.Option(help=meaning, parser=_positive, metavar="X")
+
+
 @app.command("vessel")
 def _vessel(
     name: Name,
-    length: Annotated[float, typer.Option(help="[m] between perpendiculars")] = 5.0,
+    length: Annotated[float, _size("[m] between perpendiculars")] = 5.0,
     beam: Annotated[
-        float | None, typer.Option(help="[m] at the waterline (default: a third of the length)")
+        float | None, _size("[m] at the waterline (default: a third of the length)")
     ] = None,
     draught: Annotated[
-        float | None, typer.Option(help="[m] (default: that of the mass, or a third of the beam)")
+        float | None, _size("[m] (default: that of the mass, or a third of the beam)")
     ] = None,
-    mass: Annotated[
-        float | None, typer.Option(help="[kg] displacement (default: from the draught)")
-    ] = None,
+    mass: Annotated[float | None, _size("[kg] displacement (default: from the draught)")] = None,
 ) -> None:
     """A vessel as a YAML file, every number with its symbol, unit and where to find it."""
     given = {"length": length, "beam": beam, "draught": draught, "mass": mass}
@@ -133,9 +146,6 @@ def draft_vessel(name: str, given: Mapping[str, float | None]) -> Draft:
     if (CONF / "vessel" / path.name).is_file():
         raise ConfigurationError(f"vessel {name} is seatrial's own, expected a new name")
     known = {key: value for key, value in given.items() if value is not None}
-    for option, size in known.items():
-        if not 0.0 < size < float("inf"):
-            raise ConfigurationError(f"{option}: got {size:g}, expected a positive number")
     hull = scales.hull(known["length"], *map(known.get, ("beam", "draught", "mass")))
     forces = scales.derivatives(hull)
     thrust = scales.limits(hull)

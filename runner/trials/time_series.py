@@ -34,7 +34,7 @@ WIND_NOISE = ("noise_wind_ahead", "noise_wind_abeam")
 _AFFIXES = re.compile(r"^(?:wave|noise|process)_|_(?:d|setpoint)$")
 
 
-class Columns(dict[str, Array]):
+class SeriesColumns(dict[str, Array]):
     """The columns of a series of a vessel with some degrees of freedom."""
 
     def __init__(self, dofs: tuple[str, ...], t: Array) -> None:
@@ -105,7 +105,7 @@ def recording_series(
     recording: Recording, training: Mask, sailed: SimulatedMission | None
 ) -> Series:
     """Return the recording as measured; for a simulation, with the realised weather."""
-    columns = Columns(recording.dofs, recording.t)
+    columns = SeriesColumns(recording.dofs, recording.t)
     columns["train"] = training.astype(np.float64)
     columns.add_recording(recording)
     if sailed is not None:
@@ -123,7 +123,7 @@ def training_series(recording: Recording) -> Series:
     `tau_filtered` is the command filtered by a known thruster lag, `air` the measured velocity of
     the air.
     """
-    columns = Columns(recording.dofs, recording.t)
+    columns = SeriesColumns(recording.dofs, recording.t)
     columns.add_recording(recording)
     columns.add(recording.tau_filtered, columns.dofs, "tau_filtered_")
     columns.add(recording.wind, ("ahead", "abeam"), "air_")
@@ -133,7 +133,7 @@ def training_series(recording: Recording) -> Series:
 def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identified) -> Series:
     """Return the commanded force, and its residual for every model, over the recording."""
     recording = excited.recording
-    columns = Columns(recording.dofs, recording.t)
+    columns = SeriesColumns(recording.dofs, recording.t)
     columns["train"] = excited.training.astype(np.float64)
     columns.add(recording.tau, columns.dofs, "tau_")
     models = {"nominal": nominal, "identified": identified.model}
@@ -155,7 +155,7 @@ def prediction_series(
     the state measured 10 s before; likewise `x` and `x_identified`. `surge_identified_std` is the
     standard deviation of the measured velocity about that of the free run (`model_error`).
     """
-    columns = Columns(held_out.dofs, held_out.t)
+    columns = SeriesColumns(held_out.dofs, held_out.t)
     names = (*columns.poses, *columns.dofs)
     unit_of = [units[dof] for units in (POSE_UNIT, VELOCITY_UNIT) for dof in columns.dofs]
     columns["start"] = held_out.piece_starts.astype(np.float64)
@@ -174,7 +174,7 @@ def prediction_series(
 def deployment_series(sailed: SimulatedMission, model: str) -> Series:
     """Return a deployment: pose, reference, set-point, velocity, force, error and weather."""
     voyage = sailed.voyage
-    log, columns = voyage.log, Columns(voyage.dofs, voyage.t)
+    log, columns = voyage.log, SeriesColumns(voyage.dofs, voyage.t)
     columns.add(log.eta, columns.poses)
     columns.add(log.eta_d, columns.poses, after="_d")
     columns.add(log.nu, columns.velocities)
