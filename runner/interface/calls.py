@@ -1,6 +1,5 @@
 """Run trials and sweeps from Python, and open their results."""
 
-import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -121,9 +120,7 @@ def sweep(
     variants = [overrides_of(trial) for trial in mappings]
     fixed = {"sweep.name": name, **options} if name is not None else options
     words = [*texts, *overrides_of(fixed), *place_of(database), f"hydra/launcher={launcher}"]
-    shown = [word for variant in variants for word in ("--variant", shlex.join(variant))]
-    call = in_process.Call(["-m", *words, *shown])
-    call.variants = variants
+    call = in_process.Call(["-m", *words], variants)
     in_notebook = progress and _in_notebook()
     if in_notebook or not progress:
         call.view = (lambda: nullcontext(_NotebookLine())) if in_notebook else None
