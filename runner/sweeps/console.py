@@ -143,11 +143,7 @@ def sweep_exit_code(status: "SweepStatus", outcomes: Iterable["Outcome"]) -> int
 
 def failure(run: "RunSummary") -> str:
     """Return one line about a run that did not finish."""
-    choices = (
-        f"vessel={run.vessel} disturbance={run.disturbance} excitation={run.excitation} "
-        f"identifier={run.identifier} controller={run.controller} "
-        f"evaluation={run.evaluation} seed={run.seed}"
-    )
+    choices = " ".join(f"{name}={getattr(run, name)}" for name in (*GROUPS, "seed"))
     reason = ": ".join(part for part in (run.error_type, run.error) if part) or "no reason known"
     return error_line(f"run {run.run_id} {run.status} ({choices}): {reason}")
 

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,7 +156,7 @@ class MissionSetup:
 
 def drawn(trial: Trial, seeds: Streams) -> Trial:
     """Return a trial with what its missions draw; raises ConfigurationError where that is none."""
-    missions: dict[str, Mission] = {}
+    missions: dict[str, Any] = {}
     groups: tuple[Stream, ...] = ("excitation", "evaluation")
     for group in groups:
         if isinstance(mission := getattr(trial, group), Mission):
@@ -163,11 +164,7 @@ def drawn(trial: Trial, seeds: Streams) -> Trial:
                 missions[group] = mission.drawn(seeds.generator(group))
             except ConfigurationError as error:
                 raise ConfigurationError(f"{group}={trial.names[group]}: {error}") from error
-    return replace(
-        trial,
-        excitation=missions.get("excitation", trial.excitation),
-        evaluation=missions.get("evaluation", trial.evaluation),
-    )
+    return replace(trial, **missions)
 
 
 def prepare(
