@@ -22,9 +22,8 @@ get_mode            Hydra composes everything once more for hydra.mode, which on
                     a user's own files can set (tests/runner/test_experiments.py).
 SlurmInfoWatcher,   submitit asks the queue of Slurm instead of its accounting, by the command of
 SlurmJob            _make_command (tests/runner/test_slurm.py).
-_get_node, _is_none, OmegaConf's values that are missing or interpolations are looked at as they
-_is_missing,        are written, without an error, and one node is written to
-_is_interpolation,  (tests/runner/test_composition.py).
+_get_node,          OmegaConf's interpolations are looked at as they are written, without an
+_is_interpolation,  error, and one node is written to (tests/runner/test_composition.py).
 _set_flag
 _option_string_actions  The flags of Hydra's parser, for `did you mean`
                     (tests/runner/test_command_line.py).
@@ -36,12 +35,13 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from importlib import import_module
 from io import TextIOWrapper
 from itertools import pairwise
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import hydra
 from hydra._internal.hydra import Hydra
@@ -49,11 +49,11 @@ from hydra._internal.utils import get_args_parser
 from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.commands import init
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_unused
 from seatrial.runner.configuration.invocation import (
     import_from_working_folder,
     program_version,
+    replaced,
     results_program,
     trial_program,
 )
@@ -65,25 +65,6 @@ from seatrial.runner.sweeps.console import NewWarnings
 from seatrial.runner.sweeps.in_process import register
 from seatrial.runner.sweeps.stop_signals import StopSignals
 from seatrial.runner.sweeps.sweep import Session
-
-if TYPE_CHECKING:  # what is slow to import, or seldom used
-    from seatrial.runner.commands import benchmark, data_commands, doctor, fits, model_command
-    from seatrial.runner.commands import next as next_command
-    from seatrial.runner.compare import __main__ as results
-else:
-    import lazy_loader
-
-    benchmark = lazy_loader.load("seatrial.runner.commands.benchmark", suppress_warning=True)
-    data_commands = lazy_loader.load(
-        "seatrial.runner.commands.data_commands", suppress_warning=True
-    )
-    model_command = lazy_loader.load(
-        "seatrial.runner.commands.model_command", suppress_warning=True
-    )
-    results = lazy_loader.load("seatrial.runner.compare.__main__", suppress_warning=True)
-    doctor = lazy_loader.load("seatrial.runner.commands.doctor", suppress_warning=True)
-    fits = lazy_loader.load("seatrial.runner.commands.fits", suppress_warning=True)
-    next_command = lazy_loader.load("seatrial.runner.commands.next", suppress_warning=True)
 
 WELCOME = """\
 seatrial {version}: sea trials for models and controllers of marine vessels
@@ -103,16 +84,14 @@ SANITIZED, MODE = Hydra.get_sanitized_cfg, Hydra.get_mode
 SET_MODE = ("experiment", "hydra", "--config")  # beginnings of words with which it can be set
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
-# What the first word may ask for beside trials and sweeps; called with the other words.
-COMMANDS: Mapping[str, Callable[[Sequence[str]], int]] = {
-    "--version": lambda words: _show("seatrial {version}"),
-    "benchmark": lambda words: benchmark.main(words),
-    "data": lambda words: data_commands.main(words),
-    "doctor": lambda words: doctor.main(words),
-    "fits": lambda words: fits.main(words),
-    "model": lambda words: model_command.main(words),
-    "next": lambda words: next_command.main(words),
-    "init": lambda words: init.run(words),
+# What the first word may ask for beside trials and sweeps: modules with a function `main`.
+COMMANDS = {
+    "benchmark": "benchmark",
+    "data": "data_commands",
+    "fits": "fits",
+    "init": "init",
+    "model": "model_command",
+    "next": "next",
 }
 
 
@@ -133,11 +112,13 @@ def _main(stop: StopSignals) -> int:
     overrides: Sequence[str] = ()
     try:
         refuse_passwords(sys.argv)
-        if not sys.argv[1:]:
-            return _show(WELCOME)
+        if not sys.argv[1:] or sys.argv[1] == "--version":
+            print(_named("seatrial {version}" if sys.argv[1:] else WELCOME))
+            return 0
         if command := COMMANDS.get(sys.argv[1]):
             session.started = True
-            return command(sys.argv[2:])
+            module = import_module(f"seatrial.runner.commands.{command}")
+            return int(module.main(sys.argv[2:]))
         refuse_unused(sys.argv[1:])
         session.variants = _take_variants()
         if {"-m", "--multirun"} & set(sys.argv):
@@ -167,15 +148,8 @@ def _main(stop: StopSignals) -> int:
     if isinstance(session.error, Exception):
         if traceback_wanted:
             raise session.error
-        return _complain(one_line(session.error, overrides), session.exit_code)
-    if session.error:
-        return _complain(session.error, session.exit_code)
-    return session.exit_code
-
-
-def _show(text: str) -> int:
-    print(_named(text))
-    return 0
+        session.error = one_line(session.error, overrides)
+    return _complain(session.error, session.exit_code) if session.error else session.exit_code
 
 
 def _named(text: str) -> str:
@@ -247,6 +221,8 @@ def _checked_arguments() -> list[str]:
     UserFolders.config_dir = arguments.config_dir
     overrides: list[str] = arguments.overrides
     for word in overrides:
+        if instead := replaced().get(f"seatrial {word}"):
+            raise ConfigurationError(f"{word} is gone: {instead}")
         if word.isidentifier():
             raise ConfigurationError(f"{word!r} cannot be read, {_meant(word)}")
     return overrides
@@ -255,32 +231,25 @@ def _checked_arguments() -> list[str]:
 def _meant(word: str) -> str:
     """Return what a word that is no option is meant as: a command, a group, or an option."""
     group = word if is_group(word) else word.removesuffix("s")
-    if word in MEANT:
-        meant = MEANT[word]
-    elif is_group(group):
+    if is_group(group):
         return _named(f"expected {group}=NAME; {{trial}} --help lists the names")
-    elif close := get_close_matches(word, COMMANDS, n=1, cutoff=0.8):
-        meant = f"{{trial}} {close[0]}"
-    elif close := get_close_matches(word, results.names(), n=1, cutoff=0.8):
-        meant = f"{{results}} {close[0]}"
-    else:
-        return "expected option=value"
-    return _named(f"did you mean {meant}?")
+    from seatrial.runner.compare.__main__ import names  # slow to import
+
+    meant = {name: f"{{results}} {name}" for name in names()}
+    meant |= {name: f"{{trial}} {name}" for name in COMMANDS} | MEANT
+    close = get_close_matches(word, meant, n=1, cutoff=0.8)
+    return _named(f"did you mean {meant[close[0]]}?" if close else "expected option=value")
 
 
 def _refuse(message: str) -> NoReturn:
     """Raise ConfigurationError for flags that the parser does not know."""
-    hydras = get_args_parser()._option_string_actions
+    flags = ["--version", *get_args_parser()._option_string_actions]
     for flag, following in pairwise([*sys.argv[1:], "NAME"]):
         if not flag.startswith("--") or flag not in message:
             continue
         name, equals, value = flag.removeprefix("--").partition("=")
-        if is_group(name):
-            meant = f"{name}={value if equals else following}"
-        else:
-            ours = get_close_matches(flag, COMMANDS, n=1, cutoff=0.7)
-            meant = next(iter(ours or get_close_matches(flag, hydras, n=1)), "")
-        if meant:
+        option = [f"{name}={value if equals else following}"] if is_group(name) else []
+        for meant in option or get_close_matches(flag, flags, n=1):
             raise ConfigurationError(f"unknown flag {flag}, did you mean {meant}?")
     raise ConfigurationError(f"{message} (flags come before or after all options, see --help)")
 
@@ -288,15 +257,13 @@ def _refuse(message: str) -> NoReturn:
 @contextmanager
 def _raising() -> Iterator[None]:
     """Make Hydra raise its errors instead of printing them."""
-    before = os.environ.get(FULL_ERROR)
+    before = {name: os.environ[name] for name in {FULL_ERROR} & os.environ.keys()}
     os.environ[FULL_ERROR] = "1"
     try:
         yield
     finally:
-        if before is None:
-            del os.environ[FULL_ERROR]
-        else:
-            os.environ[FULL_ERROR] = before
+        del os.environ[FULL_ERROR]
+        os.environ |= before
 
 
 if __name__ == "__main__":

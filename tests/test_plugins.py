@@ -70,16 +70,7 @@ def test_a_controller_in_python_runs_beside_a_compiled_one(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     assert "2 runs: 2 finished" in done.stdout
     (line,) = [line for line in done.stderr.splitlines() if "not compiled" in line]
-    assert re.search(r"controller pd_python\.Pd: .* [\d.e-]+ ms a step, \d+ times as long", line)
-    query = (
-        "select run.controller, diagnostic.label, diagnostic.value from diagnostic join run"
-        " on run.id = run_id where diagnostic.name = 'uncompiled_slowdown'"
-    )
-    found = rows(folder, query)
-    assert {(name, label) for name, label, _ in found} == {
-        ("pd_python", label) for label in ("excitation", "nominal", "identified")
-    }
-    assert all(isinstance(value, float) and value > 1.0 for *_, value in found)
+    assert "controller pd_python.Pd: its step is Python" in line
 
 
 @pytest.mark.nightly

@@ -1,7 +1,5 @@
 """The reference of the commands, from what their parsers say of themselves."""
 
-import argparse
-from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -21,9 +19,7 @@ COMMON = ("help", "install_completion", "show_completion")
 
 def commands(program: str) -> str:
     """The sections of `results`, `data`, `model`, `benchmark` or `init`."""
-    if program == "init":
-        return "\n".join(_subjects())
-    trees = {"results": app, "data": data_commands.app}
+    trees = {"results": app, "data": data_commands.app, "init": init.app}
     trees |= {"model": model_command.app, "benchmark": benchmark.app}
     tree = trees[program]
     command: Command = typer.main.get_command(tree)
@@ -66,28 +62,3 @@ def _values(annotation: Any) -> str:
     if choices := get_args(annotation):
         return "|".join(map(str, choices))
     return {str: "TEXT", int: "N", float: "X", Path: "PATH"}.get(annotation, "VALUE")
-
-
-def _parser(parser: argparse.ArgumentParser) -> str:
-    rows = []
-    for action in parser._actions:
-        if isinstance(action, argparse._HelpAction | argparse._SubParsersAction):
-            continue
-        names = ", ".join(action.option_strings) or str(action.metavar or action.dest)
-        if action.option_strings and action.nargs != 0:
-            names += f" {action.metavar or action.dest.upper()}"
-        shown = "" if action.default in (None, False) else str(action.default)
-        rows.append([code(names), code(shown), prose(action.help or "")])
-    usage = " ".join(parser.format_usage().removeprefix("usage: ").split())
-    return (
-        f"### {parser.prog}\n\n```console\n$ {usage}\n```\n\n"
-        f"{prose(parser.description or '')}\n\n{table(HEADERS, rows)}"
-    )
-
-
-def _subjects() -> Iterator[str]:
-    for name, subject in init.SUBJECTS.items():
-        parser = argparse.ArgumentParser(f"seatrial init {name}", description=subject.summary)
-        parser.add_argument("name", metavar="NAME", help="of the files")
-        subject.declare(parser)
-        yield _parser(parser)

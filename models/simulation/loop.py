@@ -39,7 +39,6 @@ from seatrial.models.vessel.pose import Kinematics, kinematics_of, pose_of, stat
 from seatrial.models.vessel.thruster import LagTable, input_lag, lag_table
 from seatrial.models.weather.weather import Weather
 
-TIMED = 2000  # integration steps
 BLOCK_INSTANTS = 2000  # control instants of the compiled loop that are timed as one block
 # added force, thrust, pose, velocity and its limits, step [s], steps in a period, by Euler
 Craft = tuple[Array, Array, Array, Array, Array, float, int, bool]
@@ -269,28 +268,6 @@ def _loop(
     if plant.change is not None:
         edges |= {min(n, int(np.ceil(plant.change[0] / period_s - 1e-9)))}
     return compiled, [0, *sorted(edges)]
-
-
-def compiled_step_s(plant: Plant, weather: Weather, period_s: float, step_s: float) -> float:
-    """Time that a control period of the compiled loop takes [s], measured without a controller.
-
-    The right-hand side is evaluated four times in an integration step, and in the first of a
-    period once more where a command acts immediately: the log needs it before the command.
-    """
-    n_dof, table = len(plant.vessel.dofs), plant.at(0.0).plant_table()
-    kinematics = kinematics_of(plant.vessel.dofs, plant.vessel.attitude)
-    pose, zero = state_of(kinematics, np.zeros(n_dof)), np.zeros(n_dof)
-    work, lag = scratch(len(table.codes), n_dof, len(pose)), _lag(plant, 0.5 * step_s)
-    command = np.zeros(len(lag.low))
-    times = []
-    for steps in (1, TIMED, TIMED, TIMED):  # the first loads the machine code
-        start = perf_counter()
-        advance(
-            kinematics, table, lag, np.zeros((len(command), 2)), command, pose.copy(), zero.copy(),
-            weather, 0, 1e-9, steps, work, plant.integrator == "euler",
-        )  # fmt: skip
-        times.append((perf_counter() - start) / steps)
-    return min(times[1:]) * (_substeps(period_s, step_s) + 0.25)
 
 
 def _diverged(plant: Plant, log: Log, rows: int, period_s: float) -> Diverged:

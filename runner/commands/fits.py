@@ -71,8 +71,7 @@ def fits_of(vessel: str, given: dict[str, str]) -> dict[str, Fit]:
         for group, names in groups.items()
         for name in names
     }
-    listing = _Listing(["-m", "dry_run=true"])
-    listing.variants = [*words.values()]
+    listing = _Listing(["-m", "dry_run=true"], [*words.values()])
     in_process.run_sweep(listing, ["dry_run=true"])
     fits = {group: Fit() for group in groups}
     for (group, name), one in words.items():

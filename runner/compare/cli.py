@@ -93,7 +93,6 @@ HELP = {
     "model model": "Which model.",
     "model output": "Path of the file.  [default: named by the vessel and the run]",
     "model to": "yaml, json, statespace, python-control, mss, pvs, gazebo, vrx, c or fmu.",
-    "orphans": "Series files that belong to no run, instead of runs.",
     "output": "Folder of the files.  [default: figures in the results folder]",
     "page": "Also write tables and free runs to this HTML file.",
     "plot metric": "Metric of the bars.",

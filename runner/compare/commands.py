@@ -246,49 +246,32 @@ def export(results: "Queries", folder: Path) -> list[Path]:
 
 @command()
 def prune(
-    results: "Queries",
-    status: Several = None,
-    where: str | None = None,
-    orphans: bool = False,
-    yes: bool = False,
+    results: "Queries", status: Several = None, where: str | None = None, yes: bool = False
 ) -> TextTable:
     """Show which runs would be deleted with their files, and with --yes delete them."""
-    statuses, chosen = split(status), bool(status or where)
+    statuses = split(status)
     compare.runs.check_statuses(statuses, (*LOST, "finished"))
-    if status and not statuses:
-        raise ConfigurationError("--status: got no status, expected one of those of the help")
-    if orphans == chosen:
-        got, expected = "both" if chosen else "none", "--status or --where, or --orphans alone"
-        raise ConfigurationError(f"prune: got {got}, expected {expected}")
-    ids: list[int] | None = None
-    if orphans:
-        files = [path for path in results.reader.orphans() if path.exists()]
-        sizes: list[tuple[str, int]] = [(str(path), path.stat().st_size) for path in files]
-        title = f"{len(files)} files that belong to no run"
-        grid = grid_of(title, ("file", "bytes"), sizes, labels=2)
-    else:
-        conditions = results.names.clauses(results.where(where))
-        summaries = results.reader.prunable(*conditions, statuses=statuses)
-        ids = [run.run_id for run in summaries]
-        title = f"{len(ids)} runs with {sum(run.series for run in summaries)} series"
-        grid = compare.runs.run_table(results, summaries, title)
-    if grid.rows and not yes:
-        what = "files" if orphans else "runs and their files"
-        typer.echo(f"nothing is deleted yet: --yes deletes these {what}", err=True)
-    elif grid.rows:
-        typer.echo(_delete(results, ids), err=True)
+    if not (statuses or where) or (status and not statuses):
+        raise ConfigurationError("prune: got no choice of runs, expected --status or --where")
+    conditions = results.names.clauses(results.where(where))
+    summaries = results.reader.prunable(*conditions, statuses=statuses)
+    title = f"{len(summaries)} runs with {sum(run.series for run in summaries)} series"
+    grid = compare.runs.run_table(results, summaries, title)
+    if summaries:
+        deleted = "nothing is deleted yet: --yes deletes these runs and their files"
+        if yes:
+            deleted = _delete(results, [run.run_id for run in summaries])
+        typer.echo(deleted, err=True)
     return grid
 
 
-def _delete(results: "Queries", runs: list[int] | None) -> str:
-    """Delete runs with their rows and files, or files of no run; return what was deleted."""
+def _delete(results: "Queries", runs: list[int]) -> str:
+    """Delete runs with their rows and files; return what was deleted."""
     reader = results.reader
     reader.close()  # the last to close a SQLite file completes it
     with databases.LogbookWriter.open(
         reader.address.url, results_dir=reader.results_dir, create=False
     ) as logbook:
-        if runs is None:
-            return f"deleted {len(logbook.remove_orphans())} files"
         pruned = logbook.prune(runs)
     running = len(runs) - pruned.runs
     text = f"deleted {pruned.runs} runs and {pruned.files} files"
@@ -302,14 +285,14 @@ def _delete(results: "Queries", runs: list[int] | None) -> str:
 def verify(results: "Queries", form: OutputFormat = OutputFormat.RICH) -> None:
     """Check the database, every foreign key and the checksum of every series file.
 
-    Killed programs can leave unused files; they are not a problem.
+    Killed programs can leave unused files; they are not a problem, and may be deleted.
     """
     report = results.reader.verify()
     rows = [[problem.where, problem.what] for problem in report.problems]
     rows += [[str(path), "unused: this file belongs to no run"] for path in report.leftovers]
     verdict = f"{len(report.problems)} problems" if report.problems else "no problems"
     if report.leftovers:
-        verdict += f", {len(report.leftovers)} unused files (prune --orphans)"
+        verdict += f", {len(report.leftovers)} unused files"
     title = f"checked {report.runs} runs and {report.series} series files: {verdict}"
     cli.show_grids([grid_of(title, ("where", "problem"), rows, labels=2)], form)
     if report.problems:

@@ -61,50 +61,6 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Trial:
-    """One checked trial: its parts, and where its results are stored.
-
-    `names` are the options chosen from each group; `config` is the resolved configuration of the
-    trial. Controller and evaluation are None if the node of their group is empty.
-    """
-
-    vessel: "VesselParameters"
-    disturbance: "Disturbance"
-    excitation: "Mission | RecordedFile"
-    identifier: "Identifier"
-    controller: "Controller | None"
-    evaluation: "Evaluation | None"
-    sample_time_s: float  # control and logging period
-    integration_step_s: float  # of the plant's simulation
-    plant_scale: float  # true plant = plant_scale x nominal coefficient table
-    seed: int
-    names: Mapping[str, str]
-    config: Node
-    results_dir: Path
-    database_url: str
-    rerun: bool = False
-    sweep: "SweepLabels" = field(default_factory=lambda: SweepLabels())
-    metrics: "tuple[OwnMetric, ...]" = ()  # user-defined metrics
-    plant_change: "PlantChange | None" = None
-    update: "Update | None" = None  # of the model during the deployment
-    limits: Limits = Limits()  # of its size
-    horizons_s: tuple[float, ...] = ()  # of predictions that are stored beside the free run
-    deploy_unphysical: bool = False  # whether a model that creates energy is deployed too
-    model_error: bool = True  # whether it is calibrated, of a model with a distribution
-    samples: int | None = None  # to train, to test and to deploy with, at most; None: all
-
-    def __post_init__(self) -> None:
-        for group, part in (
-            ("vessel", self.vessel),
-            ("disturbance", self.disturbance),
-            ("excitation", self.excitation),
-            ("identifier", self.identifier),
-        ):
-            if part is None:
-                raise ConfigurationError(f"{group}: got none, expected an option of the group")
-
-
-@dataclass(frozen=True)
 class PlantChange:
     """A change of the plant in the deployment, from `at_s` [s] on, to `scale` x the nominal."""
 
@@ -160,17 +116,17 @@ class Settings:
     controller: object
     evaluation: object
     seed: NotNegativeInt
-    sample_time_s: Positive
-    integration_step_s: Positive
+    sample_time_s: Positive  # control and logging period
+    integration_step_s: Positive  # of the plant's simulation
     plant: PlantOptions
     results_dir: Path
     database: Database
     update: object = None
     metrics: tuple[object, ...] = ()
-    horizons_s: tuple[Positive, ...] | None = None
-    limits: Limits = Limits()
-    deploy_unphysical: bool = False
-    model_error: bool = True
+    horizons_s: tuple[Positive, ...] | None = None  # of predictions beside the free run
+    limits: Limits = Limits()  # of its size
+    deploy_unphysical: bool = False  # whether a model that creates energy is deployed too
+    model_error: bool = True  # whether it is calibrated, of a model with a distribution
     rerun: bool = False
     dry_run: bool = False
     sweep: SweepLabels = field(default_factory=SweepLabels)
@@ -182,6 +138,37 @@ class Settings:
                 f"integration_step_s must not be above sample_time_s = {self.sample_time_s:g}, "
                 f"got {self.integration_step_s:g}"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial(Settings):
+    """One checked trial: its options with their parts, and what it is called.
+
+    `names` are the options chosen from each group; `config` is the resolved configuration of the
+    trial. Controller and evaluation are None if the node of their group is empty.
+    """
+
+    vessel: "VesselParameters"
+    disturbance: "Disturbance"
+    excitation: "Mission | RecordedFile"
+    identifier: "Identifier"
+    controller: "Controller | None"
+    evaluation: "Evaluation | None"
+    update: "Update | None"  # of the model during the deployment
+    metrics: "tuple[OwnMetric, ...]"  # user-defined metrics
+    names: Mapping[str, str]
+    config: Node
+    samples: int | None = None  # to train, to test and to deploy with, at most; None: all
+
+    def __post_init__(self) -> None:
+        for group in ("vessel", "disturbance", "excitation", "identifier"):
+            if getattr(self, group) is None:
+                raise ConfigurationError(f"{group}: got none, expected an option of the group")
+
+    @property
+    def database_url(self) -> str:
+        """The address of the logbook; by default a SQLite file in the folder of results."""
+        return self.database.url or database.engine.file_url(self.results_dir / "results.db")
 
 
 def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
@@ -199,24 +186,11 @@ def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     for i, node in enumerate(metrics if isinstance(metrics, list | tuple) else ()):
         _check_role(node, roles.METRIC, f"metrics[{i}]")
     settings = build_as(Settings, nodes, "")
-    parts = {
-        name: getattr(settings, name)
-        for name in Trial.__dataclass_fields__
-        if hasattr(settings, name)
-    }
+    parts = vars(settings)
     if roles.only_validates(settings.excitation, settings.evaluation):
-        parts |= {"controller": None, "evaluation": None}
+        parts = {**parts, "controller": None, "evaluation": None}
         names = {**names, "controller": "none", "evaluation": "none"}
-    parts["horizons_s"] = settings.horizons_s or ()
-    url = settings.database.url or database.engine.file_url(settings.results_dir / "results.db")
-    return Trial(
-        **parts,
-        plant_scale=settings.plant.scale,
-        plant_change=settings.plant.change,
-        database_url=url,
-        names=names,
-        config=config,
-    )
+    return Trial(**parts, names=names, config=config)
 
 
 def _check_role(node: object, role: "type | UnionType", key: str) -> None:

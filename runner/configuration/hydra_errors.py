@@ -1,18 +1,19 @@
 """Errors of Hydra and OmegaConf as one line: what, where, got, expected."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import accumulate
+from typing import Any, cast
 
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
-from omegaconf import DictConfig
+from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.configuration.invocation import replaced, trial_program
+from seatrial.runner.configuration.invocation import meant, replaced, trial_program
 from seatrial.runner.configuration.search_path import CONF, is_group, options
 
 # Launchers that need an extra, and the name of the extra.
@@ -85,12 +86,9 @@ def _missing_config(error: MissingConfigException) -> str:
         return f"{text} is not installed: pip install 'seatrial[{extra}]'"
     known = sorted(error.options or ()) or options(match["group"])
     known = [name for name in known if f"{match['group']}={name}" not in UNUSED]
-    close = get_close_matches(match["option"], known, n=1)
-    hint = f"did you mean {close[0]}? " if close else ""
-    return (
-        f"{match['group']}: no option {match['option']!r}, "
-        f"{hint}expected {'one of ' + ', '.join(known) if known else 'none: there are none'}"
-    )
+    expected = f"one of {', '.join(known)}" if known else "none: there are none"
+    hint = meant(match["option"], known)
+    return f"{match['group']}: no option {match['option']!r}, {hint}expected {expected}"
 
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:
@@ -115,17 +113,15 @@ def _known_keys(overrides: Sequence[str]) -> list[str]:
         GlobalHydra.instance().clear()
         try:
             with initialize_config_dir(str(CONF), version_base="1.3"):
-                return _keys(compose("trial", overrides=list(attempt)), "")
+                node = OmegaConf.to_container(compose("trial", overrides=list(attempt)))
+                return [*_keys(cast(Mapping[Any, Any], node), "")]
         except (HydraException, OmegaConfBaseException, ValueError):
             continue
     return []
 
 
-def _keys(node: DictConfig, prefix: str) -> list[str]:
-    keys = []
-    for name in map(str, node):
-        value = node._get_node(name)
-        keys.append(f"{prefix}{name}")
-        if isinstance(value, DictConfig) and not value._is_none() and not value._is_missing():
-            keys += _keys(value, f"{prefix}{name}.")
-    return keys
+def _keys(node: Mapping[Any, Any], prefix: str) -> Iterator[str]:
+    for name, value in node.items():
+        yield f"{prefix}{name}"
+        if isinstance(value, dict):
+            yield from _keys(value, f"{prefix}{name}.")

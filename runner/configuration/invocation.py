@@ -7,7 +7,8 @@ import re
 import shlex
 import sys
 from argparse import ArgumentParser
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +23,6 @@ else:
     yaml = lazy_loader.load("yaml")
 
 ROOT = Path(__file__).resolve().parents[2]  # the checkout, or the installed package
-PROJECT = ROOT / "pyproject.toml"  # in a checkout only
 SCRIPTS = ("seatrial", "seatrial-results")
 DEFAULT_DATABASE = "sqlite:///results/results.db"
 
@@ -32,6 +32,12 @@ def replaced() -> Mapping[str, str]:
     """Return the commands and options that are gone, each with what replaces it."""
     text = Path(__file__).with_name("replaced.yaml").read_text(encoding="utf-8")
     return dict(yaml.safe_load(text))
+
+
+def meant(word: str, known: Iterable[str], most: int = 1) -> str:
+    """Return the words on the known names that are near to a wrong one; empty without any."""
+    close = get_close_matches(word, [*known], n=most)
+    return f"did you mean {' or '.join(close)}? " if close else ""
 
 
 def in_checkout(root: Path = ROOT) -> bool:

@@ -11,7 +11,6 @@ takes as long to import as Hydra.
 
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from difflib import get_close_matches
 from functools import cache, partial
 from importlib import import_module
 from math import isfinite
@@ -34,6 +33,7 @@ from typing_extensions import TypedDict
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import Bound, in_words
+from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.configuration.plugins import failure, is_own
 
 Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
@@ -249,9 +249,8 @@ def _expected(problem: ErrorDetails) -> str:
 
 def _hint(name: str, cls: type) -> str:
     known = [field.name for field in fields(cls) if field.init]
-    if close := get_close_matches(name, known):
-        return f"did you mean {' or '.join(close)}?"
-    return f"expected one of {', '.join(known)}" if known else "expected no options here"
+    expected = f"expected one of {', '.join(known)}" if known else "expected no options here"
+    return meant(name, known, 3).rstrip() or expected
 
 
 def _shown(value: object) -> str:

@@ -16,6 +16,10 @@ from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.tables import Base, Utc
 
 FORMATS = ("parquet", "csv")
+ARROW: dict[type, pa.DataType] = {
+    Utc: pa.timestamp("us", tz="UTC"), Boolean: pa.bool_(), Integer: pa.int64(),
+    Float: pa.float64(),
+}  # fmt: skip
 _BATCH = 10_000  # rows held at once
 
 
@@ -32,12 +36,9 @@ def export(connection: Connection, folder: Path) -> list[Path]:
             for table in Base.metadata.sorted_tables
             for path in _table(connection, table, folder)
         ]
-    except OSError as error:
-        raise LogbookError(f"{folder}: cannot export: {error.strerror or error}") from error
-    except UnicodeEncodeError as error:
-        raise LogbookError(f"{folder}: cannot export: expected a name in UTF-8") from error
-    except (ValueError, TypeError) as error:  # a damaged cell
-        raise LogbookError(f"{folder}: cannot export: {one_line(error)}") from error
+    except (OSError, ValueError, TypeError) as error:  # the latter of a damaged cell
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise LogbookError(f"{folder}: cannot export: {reason}") from error
 
 
 def _table(connection: Connection, table: Table, folder: Path) -> list[Path]:
@@ -70,12 +71,5 @@ def _batches(connection: Connection, table: Table, schema: pa.Schema) -> Iterato
 
 
 def _arrow(column: TypeEngine[object]) -> pa.DataType:
-    """Return the Arrow type of a column."""
-    if isinstance(column, Utc):
-        return pa.timestamp("us", tz="UTC")
-    if isinstance(column, JSON):
-        return pa.string()
-    for kind, arrow in ((Boolean, pa.bool_()), (Integer, pa.int64()), (Float, pa.float64())):
-        if isinstance(column, kind):
-            return arrow
-    return pa.string()
+    """Return the Arrow type of a column; JSON is text."""
+    return next((arrow for kind, arrow in ARROW.items() if isinstance(column, kind)), pa.string())

@@ -1,17 +1,16 @@
-"""Maintenance of a logbook: verification, and deletion of runs and series files.
+"""Maintenance of a logbook: verification, and which runs may be deleted.
 
 Series files are removed after their rows, and written before them, so that no row refers to a
-missing file. A program that is killed in between leaves an orphaned file, which `verify` lists.
+missing file. A program that is killed in between leaves a file without a row: `verify` lists it.
 """
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 
-from sqlalchemy import ColumnElement, Connection, and_, delete, func, or_, select
+from sqlalchemy import ColumnElement, Connection, and_, func, or_, select
 from sqlalchemy.exc import DatabaseError
 
 from seatrial.models.errors import LogbookError
@@ -19,9 +18,7 @@ from seatrial.runner.database import series_files as files
 from seatrial.runner.database.engine import one_line
 from seatrial.runner.database.liveness import is_gone, is_stale
 from seatrial.runner.database.records import LogbookDefect, SeriesFile, Verification
-from seatrial.runner.database.tables import PlannedRow, RunRow, SeriesRow
-
-_CHUNK = 500  # ids in one statement
+from seatrial.runner.database.tables import RunRow, SeriesRow
 
 
 def verify(connection: Connection, results_dir: Path) -> Verification:
@@ -53,21 +50,15 @@ def _damage(connection: Connection) -> Iterator[LogbookDefect]:
 
 
 def _wrong_files(connection: Connection, results_dir: Path) -> Iterator[LogbookDefect]:
-    """Read every series file once, and compare it with its rows."""
+    """Read every series file once, and compare its checksum with that of its rows."""
     rows = connection.execute(select(SeriesRow.__table__).order_by(SeriesRow.run_id, SeriesRow.id))
-    for (run_id, path), group in groupby(rows, attrgetter("run_id", "path")):
+    for (run_id, _), group in groupby(rows, attrgetter("run_id", "path")):
         series = [SeriesFile(r.kind, r.path, r.n_rows, r.sha256, r.columns) for r in group]
-        where = f"run {run_id}, series {', '.join(file.kind for file in series)}"
         try:
-            n_rows, columns = files.shape(files.checked(results_dir, series[0]))
+            files.checked(results_dir, series[0])
         except LogbookError as error:
-            yield LogbookDefect(where, str(error))
-            continue
-        for file in series:
-            if n_rows.get(file.kind, 0) != file.n_rows or not file.columns.keys() <= set(columns):
-                got = f"got {n_rows.get(file.kind, 0)} rows of {', '.join(columns)}"
-                expected = f"expected {file.n_rows} of {', '.join(file.columns)}"
-                yield LogbookDefect(where, f"{path}: {got}; {expected}")
+            kinds = ", ".join(file.kind for file in series)
+            yield LogbookDefect(f"run {run_id}, series {kinds}", str(error))
 
 
 def orphans(connection: Connection, results_dir: Path) -> list[Path]:
@@ -90,37 +81,3 @@ def prunable(dialect: str, statuses: Sequence[str] = ()) -> list[ColumnElement[b
         chosen = RunRow.status.in_(statuses)
         conditions.append(or_(chosen, stale) if "interrupted" in statuses else chosen)
     return conditions
-
-
-def delete_runs(connection: Connection, run_ids: Sequence[int]) -> tuple[int, list[str]]:
-    """Delete runs that are not running; returns their number and the paths of their files.
-
-    Their trials are no longer planned: nobody waits for what was deleted.
-    """
-    paths: list[str] = []
-    deleted = 0
-    for first in range(0, len(run_ids), _CHUNK):
-        ids = RunRow.id.in_(run_ids[first : first + _CHUNK])
-        ended = select(RunRow.id).where(ids, *prunable(connection.dialect.name)).with_for_update()
-        deleted_ids = connection.scalars(ended).all()
-        paths += connection.scalars(
-            select(SeriesRow.path).where(SeriesRow.run_id.in_(deleted_ids)).distinct()
-        )
-        gone = select(RunRow.fingerprint).where(RunRow.id.in_(deleted_ids))
-        connection.execute(delete(PlannedRow).where(PlannedRow.fingerprint.in_(gone)))
-        connection.execute(delete(RunRow).where(RunRow.id.in_(deleted_ids)))
-        deleted += len(deleted_ids)
-    return deleted, paths
-
-
-def remove(results_dir: Path, paths: Sequence[str]) -> list[str]:
-    """Remove series files; returns the paths that could not be removed."""
-    failures: list[str] = []
-    for relative in paths:
-        try:
-            files.locate(results_dir, relative).unlink(missing_ok=True)
-        except (OSError, LogbookError):
-            failures.append(relative)
-    with suppress(OSError):  # the folder is removed only if it is empty
-        (results_dir / files.FOLDER).rmdir()
-    return failures

@@ -1,11 +1,14 @@
 """Queries of a logbook over a read-only connection."""
 
+import sqlite3
+import time
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from datetime import UTC
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self, TypeVar, TypeVarTuple
+from typing import TYPE_CHECKING, Any, Self, TypeVar, TypeVarTuple
 
 from sqlalchemy import (
     URL,
@@ -23,7 +26,7 @@ from sqlalchemy.exc import DataError
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, sql_query, tables
+from seatrial.runner.database import maintenance, schema, tables
 from seatrial.runner.database import series_files as files
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.liveness import is_gone
@@ -50,6 +53,9 @@ else:
 Fact = TypeVar("Fact", Metric, Coefficient, Diagnostic, SeriesFile)
 Columns = TypeVarTuple("Columns")
 AT_ONCE = 500  # values in one condition; databases limit the variables of a query
+STEPS = 1000  # of SQLite's virtual machine between two looks at the clock
+READS = "expected one query that only reads (SELECT, WITH, VALUES)"
+REFUSALS = ("readonly", "read-only", "syntax", "one statement at a time")
 
 
 class LogbookReader:
@@ -86,15 +92,33 @@ class LogbookReader:
         """Close every connection."""
         self._engine.dispose()
 
-    def sql(
-        self, query: str, timeout_s: float = sql_query.TIMEOUT_S, limit: int = sql_query.ROWS
-    ) -> Answer:
+    def sql(self, query: str, timeout_s: float = 30.0, limit: int = 10_000) -> Answer:
         """Run one SQL query and return its first `limit` rows.
 
         Raises LogbookError if it fails, would write, or takes longer than `timeout_s` [s].
         """
         with engines.explained(self.address), self._engine.begin() as connection:
-            return sql_query.ask(connection, query, timeout_s, limit)
+            raw: Any = connection.connection.dbapi_connection
+            errors = (connection.dialect.loaded_dbapi.Error, sqlite3.Warning, ValueError)
+            try:
+                # A cursor that is declared by a name on PostgreSQL takes one query.
+                named = {} if isinstance(raw, sqlite3.Connection) else {"name": "question"}
+                with closing(raw.cursor(**named)) as cursor, _limited(raw, timeout_s):
+                    cursor.execute(query.strip().rstrip(";"))
+                    rows = cursor.fetchmany(limit + 1)
+                    columns = tuple(column[0] for column in cursor.description or ())
+            except errors as error:
+                message = engines.one_line(error)
+                if message == "interrupted" or getattr(error, "sqlstate", None) == "57014":
+                    message = (
+                        f"stopped after {timeout_s:g} s; expected a shorter query, or a longer"
+                    )
+                    raise LogbookError(f"sql: {message} --timeout") from None
+                hint = f"; {READS}" if any(word in message for word in REFUSALS) else ""
+                raise LogbookError(f"sql: {message}{hint}") from None
+        if not columns:
+            raise LogbookError(f"sql: the statement returns no rows; {READS}")
+        return Answer(columns, [tuple(row) for row in rows[:limit]], len(rows) > limit)
 
     def select(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
         """Return the rows of a SQLAlchemy query over `tables` and `views.run_overview`."""
@@ -234,12 +258,6 @@ class LogbookReader:
             spent_s=spent_s,
         )
 
-    def orphans(self) -> list[Path]:
-        """Return the series files that no row refers to, without those of running runs."""
-        with engines.explained(self.address), self._engine.connect() as connection:
-            paths = maintenance.orphans(connection, self.results_dir)
-        return [path for path in paths if files.owner(path) is not None]
-
     def verify(self) -> Verification:
         """Check the database, every foreign key and every series file."""
         with engines.explained(self.address), self._engine.connect() as connection:
@@ -273,3 +291,18 @@ def _status(row: Row[*tuple[object, ...]]) -> str:
     """Return the status of the view; `interrupted` if the process of a running run has ended."""
     status: str = row.status
     return "interrupted" if status == "running" and is_gone(row.process) else status
+
+
+@contextmanager
+def _limited(raw: Any, timeout_s: float) -> Iterator[None]:
+    """Let the connection of a driver end a query after `timeout_s` [s]."""
+    if not isinstance(raw, sqlite3.Connection):
+        raw.execute(f"SET LOCAL statement_timeout = {max(1, round(1000 * timeout_s))}")
+        yield
+        return
+    end = time.monotonic() + timeout_s
+    raw.set_progress_handler(lambda: time.monotonic() > end, STEPS)
+    try:
+        yield
+    finally:
+        raw.set_progress_handler(None, 0)

@@ -24,7 +24,6 @@ from seatrial.runner.record.rows import Series
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from pyarrow import parquet
 else:
     import lazy_loader
 
@@ -152,39 +151,19 @@ def locate(results_dir: Path, relative: str) -> Path:
 
 def read(results_dir: Path, file: SeriesFile) -> Series:
     """Read a series; raises LogbookError if the file is missing or was changed."""
+    from pyarrow import parquet
+
     content = checked(results_dir, file)
     try:
-        stored = _open(content)
-        groups = [i for i, (kind, _) in enumerate(_groups(stored)) if kind == file.kind]
+        stored = parquet.ParquetFile(pa.BufferReader(content))
+        parts = [stored.metadata.row_group(i) for i in range(stored.metadata.num_row_groups)]
+        kinds = [part.column(0).statistics.min for part in parts]
+        groups = [i for i, kind in enumerate(kinds) if kind == file.kind]
         table = stored.read_row_groups(groups, columns=[*file.columns], use_threads=False)
         columns = {name: table.column(name).to_numpy() for name in file.columns}
     except (pa.ArrowException, KeyError) as error:
         raise LogbookError(f"{file.path}: cannot be read: {error}") from error
     return Series(file.kind, columns, dict(file.columns))
-
-
-def shape(content: bytes) -> tuple[dict[str, int], list[str]]:
-    """Return the number of rows of each kind in a file, and the names of all columns.
-
-    Raises LogbookError if it is not a Parquet file.
-    """
-    try:
-        stored = _open(content)
-        return dict(_groups(stored)), stored.schema_arrow.names[1:]
-    except pa.ArrowException as error:
-        raise LogbookError(f"not a Parquet file: {error}") from error
-
-
-def _open(content: bytes) -> "parquet.ParquetFile":
-    from pyarrow import parquet
-
-    return parquet.ParquetFile(pa.BufferReader(content))
-
-
-def _groups(stored: "parquet.ParquetFile") -> list[tuple[str, int]]:
-    """Return the kind and the number of rows of each row group."""
-    groups = map(stored.metadata.row_group, range(stored.metadata.num_row_groups))
-    return [(group.column(0).statistics.min, group.num_rows) for group in groups]
 
 
 def checked(results_dir: Path, file: SeriesFile) -> bytes:

@@ -2,14 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_type_hints
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database
 from seatrial.runner.compare.cli import Several, split
-from seatrial.runner.configuration.invocation import quoted
+from seatrial.runner.configuration.invocation import meant, quoted
 from seatrial.runner.record.vocabulary import GROUPS, Config
 
 TARGET = "_target_"
@@ -122,10 +121,8 @@ def command_options(command: str, kind: type[T], given: Mapping[str, Any]) -> T:
     chosen: dict[str, object] = {}
     for name, value in given.items():
         if name not in known:
-            near = [f"did you mean {word}? " for word in get_close_matches(name, known, 1)]
-            raise ConfigurationError(
-                f"{command}: no option {name!r}, {''.join(near)}expected one of {', '.join(known)}"
-            )
+            expected = f"{meant(name, known)}expected one of {', '.join(known)}"
+            raise ConfigurationError(f"{command}: no option {name!r}, {expected}")
         if value is None:
             continue
         names = not isinstance(value, str) and isinstance(value, Sequence)

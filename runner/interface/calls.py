@@ -1,6 +1,5 @@
 """Run trials and sweeps from Python, and open their results."""
 
-import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -15,17 +14,15 @@ from seatrial.runner.interface.vessel_models import Model
 from seatrial.runner.record.vocabulary import GROUPS
 
 if TYPE_CHECKING:
-    from seatrial.runner.sweeps import console, in_process
+    from seatrial.runner.sweeps import in_process
 else:
     import lazy_loader
 
-    console, in_process = (
-        lazy_loader.load(f"seatrial.runner.sweeps.{name}", suppress_warning=True)
-        for name in ("console", "in_process")
-    )
+    in_process = lazy_loader.load("seatrial.runner.sweeps.in_process", suppress_warning=True)
 
 # A name, a path, a list of disturbances, a part as an object, or a mapping.
 Choice = object
+LINE = 80  # characters that the line of a notebook has at least
 
 
 class RunFailed(SeatrialError):  # noqa: N818 - named like the status of the run
@@ -110,7 +107,7 @@ def sweep(
             `seed=range(5)`.
 
     Returns:
-        The runs: `runs()`, `metrics()`, `table()`, `plot()` are those of this sweep. Runs that
+        The runs: `runs()`, `to_pandas()`, `table()`, `plot()` are those of this sweep. Runs that
         failed or diverged are in it, with their status.
 
     Raises:
@@ -123,15 +120,13 @@ def sweep(
     variants = [overrides_of(trial) for trial in mappings]
     fixed = {"sweep.name": name, **options} if name is not None else options
     words = [*texts, *overrides_of(fixed), *place_of(database), f"hydra/launcher={launcher}"]
-    shown = [word for variant in variants for word in ("--variant", shlex.join(variant))]
-    call = in_process.Call(["-m", *words, *shown])
-    call.variants = variants
-    line = _NotebookLine() if progress and _in_notebook() else None
-    if line is not None or not progress:
-        call.view = lambda: nullcontext(line or _Silence())
+    call = in_process.Call(["-m", *words], variants)
+    in_notebook = progress and _in_notebook()
+    if in_notebook or not progress:
+        call.view = (lambda: nullcontext(_NotebookLine())) if in_notebook else None
     in_process.run_sweep(call, words)
-    if line is not None:
-        line.write(call.lines[0])
+    if in_notebook:
+        _NotebookLine().show(call.lines[0])
     assert call.sweep_id is not None
     assert call.logbook is not None
     return Sweep(*call.logbook, call.sweep_id)
@@ -174,31 +169,13 @@ def _in_notebook() -> bool:
     return type(shell).__name__ == "ZMQInteractiveShell"
 
 
-class _Silence:
-    """Shows nothing."""
-
-    def show(self, standing: "console.Standing") -> None:
-        """Show nothing."""
-
-    def failure(self, line: str) -> None:
-        """Show nothing."""
-
-
 class _NotebookLine:
     """The progress of a sweep as one line of a notebook, which is written again and again."""
 
-    def __init__(self) -> None:
-        self._display: Any = sys.modules["IPython"].display
-        self._handle = self._display.display(self._display.Pretty("starting"), display_id=True)
-
-    def write(self, text: str) -> None:
-        """Replace the line."""
-        self._handle.update(self._display.Pretty(text))
-
-    def show(self, standing: "console.Standing") -> None:
-        """Write the progress."""
-        self.write(str(standing))
+    def show(self, standing: object) -> None:
+        """Write the line over the last one."""
+        print(f"\r{standing!s:<{LINE}}", end="", flush=True)
 
     def failure(self, line: str) -> None:
-        """Print a failed run below the line."""
-        print(line, file=sys.stderr)
+        """Leave a line about a failed run above it."""
+        print(f"\r{line:<{LINE}}")

@@ -76,7 +76,8 @@ class Logbook:
         Returns:
             One row a run; its index `run_id` is the number of the run.
         """
-        return self._run_list(limit, status, where, sweep).frame.set_index("run_id")
+        chosen = {"where": where, "sweep": self._chosen(sweep), "status": status, "limit": limit}
+        return self._listed(**chosen).frame.set_index("run_id")
 
     def run(self, number: int) -> "Run":
         """Return a run by its number; raises LogbookError if there is no such run."""
@@ -84,10 +85,13 @@ class Logbook:
         _ = run.status
         return run
 
-    def metrics(
+    def to_pandas(
         self, names: Names | None = None, where: str | None = None, sweep: int | str | None = None
     ) -> "pd.DataFrame":
-        """Return the metrics of the runs, one row a number.
+        """Return the metrics of the runs as a tidy frame, one row a run and number.
+
+        A run with identifier=none has each number once: its nominal and its identified model are
+        the same, and the rows of the second one stay.
 
         Args:
             names: only these metrics; all by default.
@@ -104,20 +108,10 @@ class Logbook:
             labels = results.trials(condition)[[*GROUPS, "seed"]].astype({"seed": "int64"})
         frame = numbers.join(labels, on="run", how="inner")
         frame = frame.rename(columns={"run": "run_id", "metric": "name"})
-        columns = ("run_id", *labels, "stage", "model", "dof", "name", "value", "unit")
-        return frame[list(columns)].reset_index(drop=True)
-
-    def to_pandas(
-        self, names: Names | None = None, where: str | None = None, sweep: int | str | None = None
-    ) -> "pd.DataFrame":
-        """Return a tidy frame: as `metrics`, but a run with identifier=none has each number once.
-
-        Its nominal and its identified model are the same; the rows of the second one stay.
-        """
-        frame = self.metrics(names, where, sweep)
         twice = frame.duplicated(["run_id", "stage", "dof", "name"], keep=False)
         twice &= (frame["identifier"] == "none") & (frame["model"] == "nominal")
-        return frame[~twice].reset_index(drop=True)
+        columns = ("run_id", *labels, "stage", "model", "dof", "name", "value", "unit")
+        return frame.loc[~twice, list(columns)].reset_index(drop=True)
 
     def table(self, **options: Any) -> Table:
         """Compare a metric or coefficients over seeds, as `seatrial-results table` does.
@@ -198,16 +192,9 @@ class Logbook:
             answer = results.reader.sql(query, timeout_s, limit)
         return pd.DataFrame(list(answer.rows), columns=list(answer.columns))
 
-    def _run_list(
-        self,
-        limit: int,
-        status: str | None = None,
-        where: str | None = None,
-        sweep: int | str | None = None,
-    ) -> Table:
+    def _listed(self, **options: Any) -> Table:
         with self.opened() as results:
-            chosen = self._chosen(sweep)
-            return Table(commands.runs(results, where, chosen, status, limit))
+            return Table(commands.runs(results, **{"sweep": self._chosen(None), **options}))
 
     def _chosen(self, sweep: int | str | None) -> str:
         return str(sweep) if sweep is not None else self._sweep or "all"
@@ -217,7 +204,7 @@ class Logbook:
 
     def _repr_html_(self) -> str:
         try:
-            return self._run_list(50).text("html")
+            return self._listed().text("html")
         except ConfigurationError as error:  # there is no run yet
             return f"<p>{escape(str(error))}</p>"
 
@@ -231,7 +218,7 @@ class Sweep(Logbook):
         self._sweep = str(number)
 
     def __repr__(self) -> str:
-        return str(self._run_list(MAX_ROWS))
+        return str(self._listed(limit=MAX_ROWS))
 
 
 class Run:

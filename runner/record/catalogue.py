@@ -1,16 +1,19 @@
 """The catalogue of metrics: every metric that a trial stores is declared here once.
 
 A declaration gives the name of a metric, its unit for each degree of freedom, which values are
-better, and its definition in words. Stored rows, the database's views, tables, figures, reports and
-the command `seatrial-results metrics` read it. A user-defined metric is declared with `register` in
-its own module. An undeclared metric in a database is shown with its stored unit, and no value
-is marked as better.
+better, and its definition in words. Those of predictions are made here, the others are the rows of
+`metrics.csv`; what is empty there has the default of `Definition`. Stored rows, the database's
+views, tables, figures, reports and the command `seatrial-results metrics` read it. A user-defined
+metric is declared with `register` in its own module. An undeclared metric in a database is shown
+with its stored unit, and no value is marked as better.
 """
 
+import csv
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Literal, cast
 
 from seatrial.models.notation import (
     ACCELERATION_UNIT,
@@ -24,6 +27,7 @@ from seatrial.runner.record.vocabulary import Stage
 
 Unit = str | Mapping[str, str]
 Better = Literal["lower", "higher"] | float | None
+TABLE = Path(__file__).with_name("metrics.csv")
 
 
 @dataclass(frozen=True)
@@ -87,13 +91,19 @@ def _each(units: Mapping[str, str], form: str) -> dict[str, str]:
 
 
 VALIDATION: tuple[Stage, ...] = ("validation",)
-DEPLOYMENT: tuple[Stage, ...] = ("deployment",)
-IDENTIFICATION: tuple[Stage, ...] = ("identification",)
 POSE_IN_DEGREES = {dof: "m" if unit == "m" else "deg" for dof, unit in POSE_UNIT.items()}
-VELOCITY_SQUARED = _each(VELOCITY_UNIT, "({})^2")
-ACCELERATION_SQUARED = _each(ACCELERATION_UNIT, "({})^2")
-ENERGY = {"position": "J", "heading": "J"}
-POWER = {"position": "W", "heading": "W"}
+UNITS = {  # what the table calls `force of each axis`
+    "pose": POSE_UNIT,
+    "pose in degrees": POSE_IN_DEGREES,
+    "pose in degrees squared": _each(POSE_IN_DEGREES, "{}^2"),
+    "pose in degrees times s": _each(POSE_IN_DEGREES, "{} s"),
+    "pose in degrees times s^2": _each(POSE_IN_DEGREES, "{} s^2"),
+    "velocity": VELOCITY_UNIT,
+    "velocity squared": _each(VELOCITY_UNIT, "({})^2"),
+    "acceleration squared": _each(ACCELERATION_UNIT, "({})^2"),
+    "force": FORCE_UNIT,
+    "force squared": SQUARE_UNIT,
+}
 HIDES_BIAS = (
     "one step ahead hides bias, for the measured state corrects a model at every sample: judge by"
     " free_run"
@@ -154,220 +164,31 @@ def _predictions() -> Iterator[Definition]:
     )  # fmt: skip
 
 
-PREDICTIONS = tuple(_predictions())
+def _unit(text: str) -> Unit:
+    """The unit of a row of the table: of each axis, of those that it names, or one of all."""
+    quantity, of_each, _ = text.partition(" of each axis")
+    if of_each:
+        return UNITS[quantity]
+    pairs = [part.partition(": ") for part in text.split("; ")]
+    return {dof: unit for dof, _, unit in pairs} if ": " in text else text
+
+
+def _of_row(row: Mapping[str, str]) -> Definition:
+    return Definition(
+        row["name"], cast(tuple[Stage, ...], tuple(row["stages"].split())), _unit(row["unit"]),
+        cast(Better, row["better"] or None), row["label"], row["formula"], row["caption"],
+        wide=row["wide"] == "yes", headline=row["headline"],
+        resolution=float(row["resolution"] or Definition.resolution),
+    )  # fmt: skip
+
+
+with TABLE.open(encoding="utf-8", newline="") as _file:
+    _TABLED = [*map(_of_row, csv.DictReader(_file))]
 METRICS = (
-    Definition(
-        "force_mse", VALIDATION, SQUARE_UNIT, "lower", "Force MSE",
-        "mean square of the commanded force less the model's, on the held-out part",
-        "Force residual on the held-out part", wide=True, headline="surge",
-        resolution=1e-12,
-    ),
-    Definition(
-        "force_mae", VALIDATION, FORCE_UNIT, "lower", "Force MAE",
-        "mean absolute commanded force less the model's, on the held-out part", wide=True,
-    ),
-    Definition(
-        "force_mse_filtered", VALIDATION, SQUARE_UNIT, "lower", "Force MSE, filtered",
-        "as force_mse, of the commanded force after the known thruster lag",
-        "Force residual, thruster lag taken into account", wide=True, resolution=1e-12,
-    ),
-    Definition(
-        "force_mae_filtered", VALIDATION, FORCE_UNIT, "lower", "Force MAE, filtered",
-        "as force_mae, of the commanded force after the known thruster lag",
-    ),
-    Definition(
-        "below_true_model", VALIDATION, "", None, "Below the true model",
-        "1 where the force MSE is below 0.99 times the true plant's: the model then fits lag or"
-        " feedback, not the vessel", wide=True,
-    ),
-    Definition(
-        "coefficient_error", VALIDATION, "", "lower", "Relative coefficient error",
-        "largest |estimate - true| / |true| over the coefficients whose true value is not zero",
-        "Largest relative error of a coefficient", wide=True,
-    ),
-    Definition(
-        "coefficient_error_median", VALIDATION, "", "lower", "Relative coefficient error, median",
-        "median of |estimate - true| / |true| over the coefficients of the vessel's own terms",
-    ),
-    *PREDICTIONS,
-    Definition(
-        "e_pos_mae", DEPLOYMENT, {"position": "m"}, "lower", "Position MAE",
-        "mean distance from the reference position", "Position error when deployed",
-        wide=True, headline="position",
-    ),
-    Definition(
-        "e_pos_mse", DEPLOYMENT, {"position": "m^2"}, "lower", "Position MSE",
-        "mean square distance from the reference position", wide=True, resolution=1e-12,
-    ),
-    Definition(
-        "e_psi_mae", DEPLOYMENT, {"heading": "deg"}, "lower", "Heading MAE",
-        "mean absolute heading error, wrapped to (-180, 180] deg", "Heading error when deployed",
-        wide=True, headline="heading",
-    ),
-    Definition(
-        "e_psi_mse", DEPLOYMENT, {"heading": "deg^2"}, "lower", "Heading MSE",
-        "mean square heading error, wrapped to (-180, 180] deg", wide=True,
-        resolution=1e-12,
-    ),
-    Definition(
-        "nu_mse", DEPLOYMENT, VELOCITY_SQUARED, "lower", "Velocity MSE",
-        "mean square error of the velocity against its reference", wide=True,
-        resolution=1e-12,
-    ),
-    Definition(
-        "nu_dot_mse", DEPLOYMENT, ACCELERATION_SQUARED, "lower", "Acceleration MSE",
-        "mean square error of the acceleration against its reference", wide=True,
-        resolution=1e-12,
-    ),
-    Definition(
-        "tau_mean_abs", DEPLOYMENT, FORCE_UNIT, "lower", "Mean |force|",
-        "mean absolute commanded force", "Mean absolute force when deployed", wide=True,
-    ),
-    Definition(
-        "tau_fb_mean_abs", DEPLOYMENT, FORCE_UNIT, "lower", "Mean |feedback force|",
-        "mean absolute part of the commanded force that is feedback", wide=True,
-    ),
-    Definition(
-        "power_mean", DEPLOYMENT, POWER, "lower", "Mean power",
-        "mean of |force times velocity|, in the plane or about the down axis",
-        "Mean power when deployed", wide=True,
-    ),
-    Definition(
-        "iaew", DEPLOYMENT, {"position": "m J s", "heading": "rad J s"}, "lower", "IAEW",
-        "integral of the absolute error times the integral of the power",
-        "Integral of absolute error times work", wide=True,
-    ),
-    Definition(
-        "error_mae", DEPLOYMENT, POSE_IN_DEGREES, "lower", "Pose MAE",
-        "mean absolute error of the pose against its reference, by axis",
-        "Pose error by axis when deployed",
-    ),
-    Definition(
-        "error_mse", DEPLOYMENT, _each(POSE_IN_DEGREES, "{}^2"), "lower", "Pose MSE",
-        "mean square error of the pose against its reference, by axis", resolution=1e-12,
-    ),
-    Definition(
-        "iae", DEPLOYMENT, _each(POSE_IN_DEGREES, "{} s"), "lower", "IAE",
-        "integral of the absolute error of the pose",
-    ),
-    Definition(
-        "itae", DEPLOYMENT, _each(POSE_IN_DEGREES, "{} s^2"), "lower", "ITAE",
-        "integral of the absolute error of the pose times the time since the set-point last moved",
-    ),
-    Definition(
-        "steady_state_error", DEPLOYMENT, POSE_IN_DEGREES, "lower", "Steady-state error",
-        "largest |mean error| over the last 60 s of the stretches with a constant set-point",
-        "Steady-state error when deployed",
-    ),
-    Definition(
-        "overshoot", DEPLOYMENT, "%", "lower", "Overshoot",
-        "largest overshoot of the set-point steps, of the step's size",
-    ),
-    Definition(
-        "rise_time", DEPLOYMENT, "s", "lower", "Rise time",
-        "mean time from 10 to 90 % of a set-point step",
-    ),
-    Definition(
-        "settling_time", DEPLOYMENT, "s", "lower", "Settling time",
-        "mean time until the pose stays within 5 % of a set-point step",
-    ),
-    Definition(
-        "settling_time_first", DEPLOYMENT, "s", "lower", "Settling time, first step",
-        "time until the pose stays within 5 % of the first set-point step",
-    ),
-    Definition(
-        "settling_time_last", DEPLOYMENT, "s", "lower", "Settling time, last step",
-        "time until the pose stays within 5 % of the last set-point step",
-    ),
-    Definition(
-        "early_share", DEPLOYMENT, "%", "lower", "Early share",
-        "mean share of a set-point step that is made in the 10 s before it",
-    ),
-    Definition(
-        "tau_max_abs", DEPLOYMENT, FORCE_UNIT, "lower", "Largest |force|",
-        "largest absolute commanded force",
-    ),
-    Definition(
-        "tau_rms", DEPLOYMENT, FORCE_UNIT, "lower", "RMS force",
-        "root mean square of the commanded force",
-    ),
-    Definition(
-        "tau_tv", DEPLOYMENT, FORCE_UNIT, "lower", "Total variation of the force",
-        "sum of the absolute changes of the commanded force",
-    ),
-    Definition(
-        "limit_hits", DEPLOYMENT, "", "lower", "Samples at the limit",
-        "number of samples at which the commanded force is at its limit",
-    ),
-    Definition(
-        "saturated_share", DEPLOYMENT, "", "lower", "Saturated share",
-        "share of the samples of a docking at which a commanded force is at its limit",
-    ),
-    Definition(
-        "contacts", DEPLOYMENT, "", "lower", "Contacts",
-        "number of times that the hull met the land, between samples too",
-        "Contacts with the harbour",
-    ),
-    Definition(
-        "smallest_clearance", DEPLOYMENT, "L", "higher", "Smallest clearance",
-        "smallest distance of the hull from the land, in lengths of the vessel",
-    ),
-    Definition(
-        "final_position_error", DEPLOYMENT, {"position": "L"}, "lower", "Final position error",
-        "distance from the berth at the end, in lengths of the vessel",
-        "Position error in the berth",
-    ),
-    Definition(
-        "final_heading_error", DEPLOYMENT, {"heading": "deg"}, "lower", "Final heading error",
-        "absolute heading error in the berth at the end",
-    ),
-    Definition(
-        "time_to_berth", DEPLOYMENT, "s", "lower", "Time to berth",
-        "time from which the vessel stays in its berth within the bounds of the docking",
-    ),
-    Definition(
-        "energy", DEPLOYMENT, ENERGY, "lower", "Energy",
-        "integral of |force times velocity|, in the plane or about the down axis",
-    ),
-    Definition(
-        "failures", DEPLOYMENT, "", "lower", "Failures of the controller",
-        "number of commands that the controller could not compute, the last one being held",
-    ),
-    Definition(
-        "held_commands", DEPLOYMENT, "", "lower", "Held commands",
-        "number of samples at which a command was not a number, so that the last one was held",
-    ),
-    Definition(
-        "step_time_median", DEPLOYMENT, "us", "lower", "Step time, median",
-        "median time to compute one step of the controller",
-    ),
-    Definition(
-        "step_time_p99", DEPLOYMENT, "us", "lower", "Step time, 99th percentile",
-        "99th percentile of the time to compute one step of the controller",
-    ),
-    Definition(
-        "spectral_radius", DEPLOYMENT, "", "lower", "Spectral radius",
-        "largest |eigenvalue| of the closed loop on the controller's own model; stable below 1",
-    ),
-    Definition(
-        "infeasible_limits", DEPLOYMENT, "", "lower", "Infeasible limits",
-        "1 where the weather needs more force than the limits give",
-    ),
-    Definition(
-        "unreached_share", ("identification", "deployment"), "", "lower", "Unreached share",
-        "share of the commanded forces that the thrusters cannot give",
-    ),
-    Definition(
-        "integrated_velocity_error_max", IDENTIFICATION, POSE_UNIT, "lower",
-        "Largest error of the integrated velocity",
-        "largest |measured pose - integral of the measured velocity|",
-    ),
-    Definition(
-        "differentiated_position_error_max", IDENTIFICATION, VELOCITY_UNIT, "lower",
-        "Largest error of the differentiated pose",
-        "largest |measured velocity - derivative of the measured pose|",
-    ),
-)  # fmt: skip
+    *(one for one in _TABLED if one.stages == VALIDATION),
+    *_predictions(),
+    *(one for one in _TABLED if one.stages != VALIDATION),
+)
 MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # diagnostics: a 90 % interval
 
 

@@ -143,11 +143,7 @@ def sweep_exit_code(status: "SweepStatus", outcomes: Iterable["Outcome"]) -> int
 
 def failure(run: "RunSummary") -> str:
     """Return one line about a run that did not finish."""
-    choices = (
-        f"vessel={run.vessel} disturbance={run.disturbance} excitation={run.excitation} "
-        f"identifier={run.identifier} controller={run.controller} "
-        f"evaluation={run.evaluation} seed={run.seed}"
-    )
+    choices = " ".join(f"{name}={getattr(run, name)}" for name in (*GROUPS, "seed"))
     reason = ": ".join(part for part in (run.error_type, run.error) if part) or "no reason known"
     return error_line(f"run {run.run_id} {run.status} ({choices}): {reason}")
 
@@ -293,12 +289,15 @@ def terminal_view() -> Iterator[View]:
         yield LiveLine(progress)
 
 
-MakeView = Callable[[], AbstractContextManager[View]]
+MakeView = Callable[[], AbstractContextManager[View]] | None  # None: the progress is not shown
 
 
 @contextmanager
 def shown(url: str, sweep_id: int, make_view: MakeView = terminal_view) -> Iterator[None]:
     """Show the progress of a sweep in the view that `make_view` opens while the block runs."""
+    if make_view is None:
+        yield
+        return
     with make_view() as view, in_background(partial(_watch, url, sweep_id, view)):
         yield
 

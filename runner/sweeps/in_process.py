@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from itertools import chain
 from threading import current_thread, main_thread
 from typing import TYPE_CHECKING
 
@@ -52,11 +53,16 @@ QUIET = ("hydra/job_logging=none", "hydra/hydra_logging=none")
 
 
 class Call(Session):
-    """A call from Python: it prints nothing, and is stored as the command that does the same."""
+    """A call from Python: it prints nothing, and is stored as the command that does the same.
 
-    def __init__(self, words: Sequence[str]) -> None:
+    `words` are those of the command, `variants` the overrides of each of its variants.
+    """
+
+    def __init__(self, words: Sequence[str], variants: Sequence[Sequence[str]] = ()) -> None:
         super().__init__()
-        self._words = words
+        named = (("--variant", shlex.join(variant)) for variant in variants)
+        self._words = [*words, *chain.from_iterable(named)]
+        self.variants = [*map(list, variants)]
         self.lines: list[str] = []
 
     def say(self, lines: Iterable[str]) -> None:

@@ -190,12 +190,9 @@ class PlannedTrial:
     @property
     def row(self) -> dict[str, object]:
         """The trial as a row of the table `planned`."""
+        own = {name: getattr(self, name) for name in ("fingerprint", "seed")}
         choices = dict(zip(GROUPS, self.choices, strict=True))
-        overrides = list(self.overrides)
-        return {
-            "fingerprint": self.fingerprint, "choices": choices, "seed": self.seed,
-            "overrides": overrides,
-        }  # fmt: skip
+        return {**own, "choices": choices, "overrides": list(self.overrides)}
 
     def __str__(self) -> str:
         return shown(self.overrides)

@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import astuple, dataclass, field
-from difflib import get_close_matches
 from importlib.util import find_spec
 from statistics import median
 from typing import TYPE_CHECKING, Any, Literal
@@ -25,7 +24,7 @@ from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.ranges import NotNegativeInt, PositiveInt, check_ranges
 from seatrial.runner.configuration.config import Limits, build_as
 from seatrial.runner.configuration.hydra_errors import EXPECTED
-from seatrial.runner.configuration.invocation import trial_program
+from seatrial.runner.configuration.invocation import meant, trial_program
 from seatrial.runner.configuration.overrides import nested_sweeps, text_of
 from seatrial.runner.sweeps import console
 from seatrial.runner.sweeps import sweep as sweeps
@@ -78,8 +77,7 @@ class Objective:
         self.name, _, dof = metric.partition(":")
         names = [each.name for each in catalogue.all_declared()]
         if self.name not in names:
-            close = get_close_matches(self.name, names, n=1)
-            hint = f"did you mean {close[0]}?" if close else "see seatrial-results metrics"
+            hint = meant(self.name, names).rstrip() or "see seatrial-results metrics"
             raise ConfigurationError(f"search.metric: got {self.name!r}, {hint}")
         declared = catalogue.declared(self.name)
         units = [] if isinstance(declared.unit, str) else [*declared.unit]

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from seatrial.models.identification.adaptive import Adapter
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.dynamics import advance
-from seatrial.models.simulation.loop import compiled_step_s, sail
+from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
 from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import Log, Outlook, Voyage, outlook
@@ -31,10 +32,7 @@ from seatrial.runner.configuration.plugins import is_own
 from seatrial.runner.record.vocabulary import STREAMS, Stream
 
 log = logging.getLogger(__name__)
-SLOW = (
-    "controller {}: its step is Python, so the loop is not compiled: "
-    "{:.2g} ms a step, {:.0f} times as long"
-)
+IN_PYTHON = "controller %s: its step is Python, so the loop is not compiled and takes longer"
 _said: set[str] = set()  # controllers of which this has been said
 
 
@@ -49,13 +47,6 @@ class ControlDesign:
     every: int = 1  # period of the commands, in loop instants
     diagnostics: Sequence[Diagnostic] = ()
 
-    @property
-    def infeasible(self) -> Array:
-        """Whether the limit of each axis is below the largest disturbance, shape (n_dof,)."""
-        if self.limits is None:
-            return np.zeros(len(self.needed), dtype=bool)
-        return np.asarray(self.needed > np.array(self.limits))
-
 
 @dataclass(frozen=True, eq=False)
 class SimulatedMission:
@@ -68,7 +59,6 @@ class SimulatedMission:
     findings: Sequence[Diagnostic] = ()  # of the controller
     adapter: Adapter | None = None  # the online identification, if any
     wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
-    slowdown: float | None = None  # of a loop in Python, for a controller from elsewhere
 
 
 class Streams:
@@ -121,6 +111,7 @@ class MissionSetup:
     def sail(self, adaptive: bool = False) -> SimulatedMission:
         """Simulate the mission, with online identification if `adaptive`; raises Diverged."""
         trial, controller = self.trial, self.controller
+        self._say_if_uncompiled()
         adapter = None
         if adaptive and controller is not None and isinstance(self.model, Vessel):
             adapter = self._adapter(controller, self.model)
@@ -138,7 +129,6 @@ class MissionSetup:
             findings=() if controller is None else controller.findings(self.control[1]),
             adapter=adapter,
             wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
-            slowdown=self._slowdown(voyage),
         )
 
     def _adapter(self, controller: Controller, model: Vessel) -> Adapter:
@@ -156,29 +146,19 @@ class MissionSetup:
             period, model, self.seeds.generator("identifier"), adapt,
         )  # fmt: skip
 
-    def _slowdown(self, voyage: Voyage) -> float | None:
-        """Return how many times longer a voyage took than in a compiled loop, and log it once.
-
-        None for a compiled loop, without a compiler, and for the controllers of this package.
-        """
+    def _say_if_uncompiled(self) -> None:
+        """Log once that a controller from elsewhere keeps the loop from being compiled."""
         if self.controller is None or is_own(name := name_of(self.controller)):
-            return None
+            return
         step = CONTROLLERS[type(self.control[0])]
-        if is_compiled(step) or not is_compiled(advance) or not len(voyage.step_times):
-            return None
-        trial, took = self.trial, float(np.median(voyage.step_times))
-        expected = compiled_step_s(
-            self.plant, voyage.weather, trial.sample_time_s, trial.integration_step_s
-        )
-        if name not in _said:
+        if is_compiled(advance) and not is_compiled(step) and name not in _said:
             _said.add(name)
-            log.info(SLOW.format(name, 1e3 * took, took / expected))
-        return took / expected
+            log.info(IN_PYTHON, name)
 
 
 def drawn(trial: Trial, seeds: Streams) -> Trial:
     """Return a trial with what its missions draw; raises ConfigurationError where that is none."""
-    missions: dict[str, Mission] = {}
+    missions: dict[str, Any] = {}
     groups: tuple[Stream, ...] = ("excitation", "evaluation")
     for group in groups:
         if isinstance(mission := getattr(trial, group), Mission):
@@ -186,11 +166,7 @@ def drawn(trial: Trial, seeds: Streams) -> Trial:
                 missions[group] = mission.drawn(seeds.generator(group))
             except ConfigurationError as error:
                 raise ConfigurationError(f"{group}={trial.names[group]}: {error}") from error
-    return replace(
-        trial,
-        excitation=missions.get("excitation", trial.excitation),
-        evaluation=missions.get("evaluation", trial.evaluation),
-    )
+    return replace(trial, **missions)
 
 
 def prepare(
@@ -199,7 +175,7 @@ def prepare(
 ) -> MissionSetup:  # fmt: skip
     """Prepare a mission that starts at rest, with the controller built on `model`.
 
-    In a deployment (`deployed`) the plant changes as the trial's `plant_change` says. `true` is the
+    In a deployment (`deployed`) the plant changes as the trial's `plant.change` says. `true` is the
     model of the plant; None means the nominal one, scaled.
     """
     vessel, period = trial.vessel, trial.sample_time_s
@@ -274,9 +250,9 @@ def plant_of(trial: Trial, deployed: bool, true: Vessel | None = None) -> Plant:
 
     Wind forces are not added to a model `true` that has terms of its own for them.
     """
-    vessel, change = trial.vessel, trial.plant_change
+    vessel, change = trial.vessel, trial.plant.change
     wind = trial.disturbance.aerodynamics(vessel.dofs)
-    model, scale = (vessel.nominal(), trial.plant_scale) if true is None else (true, 1.0)
+    model, scale = (vessel.nominal(), trial.plant.scale) if true is None else (true, 1.0)
     if true is not None and true.force_table().aerodynamic:
         wind = 0.0 * wind
     plant = vessel.plant(scale * model + wind)

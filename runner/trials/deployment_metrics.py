@@ -12,24 +12,46 @@ from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
-from seatrial.runner.record.rows import Metric, metric, per_dof
+from seatrial.runner.record.rows import Metric, Results, metric, per_dof
 from seatrial.runner.record.vocabulary import Stage
 from seatrial.runner.trials.closed_loop import ControlDesign, SimulatedMission
 
 STAND_S = 30.0  # the vessel is expected to settle at a set-point that lasts this long [s]
 
 
-def design_metrics(design: ControlDesign, model: str) -> list[Metric]:
-    """Return the spectral radius of the closed loop, and the limits that the weather exceeds."""
-    rows = [
-        metric("spectral_radius", "deployment", model, diagnostic.dof, diagnostic.value)
-        for diagnostic in design.diagnostics
-        if diagnostic.name == "spectral_radius" and diagnostic.value is not None
+def of_design(design: ControlDesign, model: str) -> tuple[Results, list[str]]:
+    """Return the controller's diagnostics and the force that the weather needs; and warnings.
+
+    They warn of a closed loop that is unstable, and of limits that the weather exceeds.
+    """
+    radii = [
+        (one.dof, one.value)
+        for one in design.diagnostics
+        if one.name == "spectral_radius" and one.value is not None
     ]
-    if design.limits is not None:
-        flags = 1.0 * design.infeasible
-        rows += per_dof("infeasible_limits", "deployment", model, design.dofs, flags)
-    return rows
+    warnings = [
+        f"{model} model: the closed loop's spectral radius is {radius:.4f}, "
+        f"expected less than 1: the loop is unstable on the controller's own model"
+        for _, radius in radii
+        if radius >= 1.0
+    ]
+    metrics = [metric("spectral_radius", "deployment", model, dof, value) for dof, value in radii]
+    diagnostics = [
+        Diagnostic(one.name, one.dof, one.value, one.unit, label=model)
+        for one in design.diagnostics
+    ]
+    for i, (dof, needed) in enumerate(zip(design.dofs, map(float, design.needed), strict=True)):
+        unit = FORCE_UNIT[dof]
+        diagnostics.append(Diagnostic("needed_force", dof, needed, unit, label=model))
+        if design.limits is not None:
+            limit = design.limits[i]
+            metrics.append(metric("infeasible_limits", "deployment", model, dof, needed > limit))
+            if needed > limit:
+                warnings.append(
+                    f"infeasible_limits: {dof} needs up to {needed:.3g} {unit} to stand still, "
+                    f"the limit is {limit:.3g} {unit}"
+                )
+    return Results(metrics, diagnostics=[*diagnostics, *warning_rows(warnings)]), warnings
 
 
 def withheld(rows: Sequence[Metric]) -> list[Metric]:
@@ -101,48 +123,9 @@ def _powers(voyage: Voyage) -> dict[str, Array]:
     return powers
 
 
-def design_diagnostics(design: ControlDesign, model: str) -> list[Diagnostic]:
-    """Return the diagnostics of the controller, the force that the weather needs, and warnings."""
-    needed = zip(design.dofs, map(float, design.needed), strict=True)
-    return [
-        *(Diagnostic(row.name, row.dof, row.value, row.unit, label=model)
-          for row in design.diagnostics),
-        *(Diagnostic("needed_force", dof, force, FORCE_UNIT[dof], label=model)
-          for dof, force in needed),
-        *warning_rows(design_warnings(design, model)),
-    ]  # fmt: skip
-
-
 def warning_rows(texts: Sequence[str]) -> list[Diagnostic]:
     """Return warnings as diagnostics, to be stored with the run."""
     return [Diagnostic("warning", "all", None, label=text) for text in texts]
-
-
-def design_warnings(design: ControlDesign, model: str) -> list[str]:
-    """Return the problems of the design before the simulation, one line each."""
-    warnings = [
-        f"{model} model: the closed loop's spectral radius is {diagnostic.value:.4f}, "
-        f"expected less than 1: the loop is unstable on the controller's own model"
-        for diagnostic in design.diagnostics
-        if diagnostic.name == "spectral_radius" and (diagnostic.value or 0.0) >= 1.0
-    ]
-    for i in np.flatnonzero(design.infeasible):
-        assert design.limits is not None
-        dof, unit = design.dofs[i], FORCE_UNIT[design.dofs[i]]
-        warnings.append(
-            f"infeasible_limits: {dof} needs up to {design.needed[i]:.3g} {unit} to stand still, "
-            f"the limit is {design.limits[i]:.3g} {unit}"
-        )
-    return warnings
-
-
-def loop_diagnostics(sailed: SimulatedMission | None, model: str) -> list[Diagnostic]:
-    """Return what the controller found, and how much longer its loop in Python took, if it was."""
-    if sailed is None:
-        return []
-    slowdown = [Diagnostic("uncompiled_slowdown", "all", sailed.slowdown)]
-    rows = [*sailed.findings, *(slowdown if sailed.slowdown is not None else ())]
-    return [replace(row, label=model) for row in rows]
 
 
 def losses(sailed: SimulatedMission, model: str) -> list[str]:

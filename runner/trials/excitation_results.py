@@ -17,36 +17,34 @@ from seatrial.models.planning.planner import PlannedPath
 from seatrial.models.recording.preprocessing import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
-from seatrial.runner.record.rows import Metric, Results, Series, metric
+from seatrial.runner.record.rows import Results, Series, metric
+from seatrial.runner.trials import recording_checks
 
 if TYPE_CHECKING:
     from seatrial.runner.trials.closed_loop import ExcitationData
 
 
-def column_statistics(excitation: RecordedFile) -> list[Diagnostic]:
-    """Compute descriptive statistics of each recorded column in the window; i is the column."""
-    return [
+def of_file(file: RecordedFile, recording: Recording) -> Results:
+    """The statistics and outliers of a measured file's columns, its quality, and its problems.
+
+    The index `i` of a diagnostic is the column. The quality are the largest errors of the velocity
+    integrated, and of the position differentiated.
+    """
+    statistics = [
         Diagnostic(f"statistic_{name}", "all", value, i=i, label=column)
-        for i, (column, values) in enumerate(excitation.describe().items())
+        for i, (column, values) in enumerate(file.describe().items())
         for name, value in values.items()
     ]
-
-
-def outlier_counts(excitation: RecordedFile, dofs: tuple[str, ...]) -> list[Diagnostic]:
-    """Count the outliers of each column in use, by the outlier rule of the file."""
-    counts = excitation.outlier_counts(dofs)
-    return [
+    outliers = [
         Diagnostic("outliers", "all", count, i=i, label=column)
-        for i, (column, count) in enumerate(counts.items())
+        for i, (column, count) in enumerate(file.outlier_counts(recording.dofs).items())
     ]
-
-
-def recording_quality(recording: Recording) -> list[Metric]:
-    """Compute the largest errors of the velocity integrated, and of the position differentiated."""
-    return [
+    quality = [
         metric(f"{check.check}_error_max", "identification", "plant", check.dof, check.maximum)
         for check in quality_checks(recording)
     ]
+    problems = recording_checks.diagnostics(file, recording.dofs)
+    return Results(quality, diagnostics=[*statistics, *outliers, *problems])
 
 
 PASSAGE = -1.0  # in the column `manoeuvre` of the series `plan`

@@ -52,7 +52,7 @@ def kinds(trial: Trial) -> tuple[str, ...]:
         simulated = True
         if trial.evaluation is not None:  # a replay sails the excitation
             parts["evaluation"] = _kind(trial.evaluation.mission(excitation))
-    rest = simulated, _kind(trial.update), _kind(trial.plant_change)
+    rest = simulated, _kind(trial.update), _kind(trial.plant.change)
     rows = [(rest, *(parts[group] for group in groups)) for groups in TOGETHER]
     return tuple(sha256(repr(row).encode()).hexdigest()[:16] for row in rows)
 

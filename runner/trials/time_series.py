@@ -1,7 +1,7 @@
 """Time series of a trial: the recording, the residual force and the deployments."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,90 +29,92 @@ from seatrial.runner.trials.deployment_metrics import is_allocated
 from seatrial.runner.trials.validation_metrics import Predictions
 
 Mask = NDArray[np.bool_]
+AXES = ("north", "east")
 WIND_NOISE = ("noise_wind_ahead", "noise_wind_abeam")
 _AFFIXES = re.compile(r"^(?:wave|noise|process)_|_(?:d|setpoint)$")
 
 
-def _columns(names: Iterable[str], values: Array) -> dict[str, Array]:
-    return dict(zip(names, np.asarray(values).T, strict=True))
+class SeriesColumns(dict[str, Array]):
+    """The columns of a series of a vessel with some degrees of freedom."""
 
+    def __init__(self, dofs: tuple[str, ...], t: Array) -> None:
+        super().__init__(t=t)
+        self.dofs, self.poses = dofs, poses_of(dofs)
+        self.velocities, self.accelerations = velocities_of(dofs), accelerations_of(dofs)
 
-def _units(dofs: tuple[str, ...], columns: Iterable[str]) -> dict[str, str]:
-    """Return the unit of each series column, by its name."""
-    axes = [f"{medium}_{axis}" for medium in ("wind", "current") for axis in ("north", "east")]
-    units = dict.fromkeys([*axes, *WIND_NOISE], "m/s")
-    units |= {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
-    for names, unit_of in (
-        (poses_of(dofs), POSE_UNIT),
-        (velocities_of(dofs), VELOCITY_UNIT),
-        (accelerations_of(dofs), ACCELERATION_UNIT),
-    ):
-        units |= {name: unit_of[dof] for name, dof in zip(names, dofs, strict=True)}
-    # That of `x` for `x_d`, `x_setpoint`, `wave_x`, `noise_x` and `process_x`, or that of a force.
-    return {
-        name: units.get(name)
-        or units.get(_AFFIXES.sub("", name))
-        or FORCE_UNIT.get(name.rpartition("_")[2], "")
-        for name in columns
-    }
+    def add(
+        self, values: Array | None, names: Sequence[str], before: str = "", after: str = ""
+    ) -> None:
+        """Add values (N, k) as columns of these names, if there are any."""
+        if values is not None and len(values):
+            columns = np.asarray(values).T
+            self.update(zip((f"{before}{n}{after}" for n in names), columns, strict=True))
 
+    def add_weather(self, weather: Weather) -> None:
+        """Add the realised disturbances that are present and vary over time."""
+        self.add(weather.wind_ned, AXES, "wind_")
+        self.add(weather.current_ned, AXES, "current_")
+        self.add(weather.wave_motion, self.poses, "wave_")
+        self.add(weather.process, self.accelerations, "process_")
 
-def _weather(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
-    """Return the realised disturbances that are present and vary over time."""
-    axes = ("north", "east")
-    parts = (
-        ([f"wind_{axis}" for axis in axes], weather.wind_ned),
-        ([f"current_{axis}" for axis in axes], weather.current_ned),
-        ([f"wave_{name}" for name in poses_of(dofs)], weather.wave_motion),
-        ([f"process_{name}" for name in accelerations_of(dofs)], weather.process),
-    )
-    return {k: v for names, part in parts if len(part) for k, v in _columns(names, part).items()}
+    def add_noise(self, weather: Weather) -> None:
+        """Add the measurement noise and the force in NED, if they are not zero."""
+        waves = weather.wave_motion if len(weather.wave_motion) else 0.0
+        for values, names, before in (
+            (weather.pose_noise - waves, self.poses, "noise_"),
+            (weather.velocity_noise, self.velocities, "noise_"),
+            (weather.acceleration_noise, self.accelerations, "noise_"),
+            (weather.wind_noise, WIND_NOISE, ""),
+            (weather.force_ned, self.dofs, "force_ned_"),
+        ):
+            self.add(values if np.any(values) else None, names, before)
 
+    def add_recording(self, recording: Recording) -> None:
+        """Add motion, command and acting force of a recording."""
+        self.add(recording.eta, self.poses)
+        self.add(recording.nu, self.velocities)
+        self.add(recording.nu_dot, self.accelerations)
+        if recording.inputs is None:
+            self.add(recording.tau, self.dofs, "tau_")
+        self.add(recording.inputs, recording.input_names)
+        self.add(recording.commands, recording.input_names, after="_command")
+        self.add(recording.tau_actual, self.dofs, "tau_actual_")
 
-def _noise(weather: Weather, dofs: tuple[str, ...]) -> dict[str, Array]:
-    """Return the measurement noise and the force in NED, if they are not zero."""
-    waves = weather.wave_motion if len(weather.wave_motion) else 0.0
-    parts = (
-        ([f"noise_{name}" for name in poses_of(dofs)], weather.pose_noise - waves),
-        ([f"noise_{name}" for name in velocities_of(dofs)], weather.velocity_noise),
-        ([f"noise_{name}" for name in accelerations_of(dofs)], weather.acceleration_noise),
-        (WIND_NOISE, weather.wind_noise),
-        ([f"force_ned_{dof}" for dof in dofs], weather.force_ned),
-    )
-    return {k: v for names, part in parts if np.any(part) for k, v in _columns(names, part).items()}
+    def series(self, kind: str) -> Series:
+        """Return the columns as a series, with the unit of each by its name."""
+        axes = [f"{medium}_{axis}" for medium in ("wind", "current") for axis in AXES]
+        units = dict.fromkeys([*axes, *WIND_NOISE, "air_ahead", "air_abeam"], "m/s")
+        units |= {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
+        for names, unit_of in (
+            (self.poses, POSE_UNIT),
+            (self.velocities, VELOCITY_UNIT),
+            (self.accelerations, ACCELERATION_UNIT),
+        ):
+            units |= {name: unit_of[dof] for name, dof in zip(names, self.dofs, strict=True)}
+        # That of `x` for `x_d`, `x_setpoint`, `wave_x`, `noise_x` and `process_x`, or of a force.
+        named = {
+            name: units.get(name)
+            or units.get(_AFFIXES.sub("", name))
+            or FORCE_UNIT.get(name.rpartition("_")[2], "")
+            for name in self
+        }
+        return Series(kind, dict(self), named)
 
 
 def recording_series(
     recording: Recording, training: Mask, sailed: SimulatedMission | None
 ) -> Series:
     """Return the recording as measured; for a simulation, with the realised weather."""
-    dofs = recording.dofs
-    columns = {"t": recording.t, "train": training.astype(np.float64), **_measured(recording)}
+    columns = SeriesColumns(recording.dofs, recording.t)
+    columns["train"] = training.astype(np.float64)
+    columns.add_recording(recording)
     if sailed is not None:
-        columns |= _weather(sailed.voyage.weather, dofs)
-        columns |= _noise(sailed.voyage.weather, dofs)
+        columns.add_weather(sailed.voyage.weather)
+        columns.add_noise(sailed.voyage.weather)
         if is_allocated(sailed.voyage):  # the commanded forces before the allocation
-            columns |= _columns([f"tau_asked_{dof}" for dof in dofs], sailed.voyage.log.tau)
-        if sailed.wind is not None:
-            columns |= _columns([f"wind_{dof}" for dof in dofs], sailed.wind)
-    return Series("recording", columns, _units(dofs, columns))
-
-
-def _measured(recording: Recording) -> dict[str, Array]:
-    """Return motion, command and acting force of a recording."""
-    dofs = recording.dofs
-    columns = _columns(poses_of(dofs), recording.eta)
-    columns |= _columns(velocities_of(dofs), recording.nu)
-    columns |= _columns(accelerations_of(dofs), recording.nu_dot)
-    if recording.inputs is None:
-        columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
-    else:
-        columns |= _columns(recording.input_names, recording.inputs)
-    if recording.commands is not None:
-        columns |= _columns(_command_names(recording.input_names), recording.commands)
-    if recording.tau_actual is not None:
-        columns |= _columns([f"tau_actual_{dof}" for dof in dofs], recording.tau_actual)
-    return columns
+            columns.add(sailed.voyage.log.tau, columns.dofs, "tau_asked_")
+        columns.add(sailed.wind, columns.dofs, "wind_")
+    return columns.series("recording")
 
 
 def training_series(recording: Recording) -> Series:
@@ -121,35 +123,26 @@ def training_series(recording: Recording) -> Series:
     `tau_filtered` is the command filtered by a known thruster lag, `air` the measured velocity of
     the air.
     """
-    dofs = recording.dofs
-    columns = {"t": recording.t, **_measured(recording)}
-    if recording.tau_filtered is not None:
-        columns |= _columns([f"tau_filtered_{dof}" for dof in dofs], recording.tau_filtered)
-    units = _units(dofs, columns)
-    if recording.wind is not None:
-        wind = _columns(("air_ahead", "air_abeam"), recording.wind)
-        columns, units = columns | wind, units | dict.fromkeys(wind, "m/s")
-    return Series("recording", columns, units)
-
-
-def _command_names(inputs: Sequence[str]) -> list[str]:
-    """Return the columns of the commands of inputs."""
-    return [f"{name}_command" for name in inputs]
+    columns = SeriesColumns(recording.dofs, recording.t)
+    columns.add_recording(recording)
+    columns.add(recording.tau_filtered, columns.dofs, "tau_filtered_")
+    columns.add(recording.wind, ("ahead", "abeam"), "air_")
+    return columns.series("recording")
 
 
 def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identified) -> Series:
     """Return the commanded force, and its residual for every model, over the recording."""
     recording = excited.recording
-    dofs = recording.dofs
-    columns = {"t": recording.t, "train": excited.training.astype(np.float64)}
-    columns |= _columns([f"tau_{dof}" for dof in dofs], recording.tau)
+    columns = SeriesColumns(recording.dofs, recording.t)
+    columns["train"] = excited.training.astype(np.float64)
+    columns.add(recording.tau, columns.dofs, "tau_")
     models = {"nominal": nominal, "identified": identified.model}
     if excited.truth is not None:
         models["plant"] = excited.truth
     for name, model in models.items():
         residual = lack_of_fit(recording, model, "commanded")
-        columns |= _columns([f"residual_{name}_{dof}" for dof in dofs], residual)
-    return Series("residual", columns, _units(dofs, columns))
+        columns.add(residual, columns.dofs, f"residual_{name}_")
+    return columns.series("residual")
 
 
 def prediction_series(
@@ -162,47 +155,42 @@ def prediction_series(
     the state measured 10 s before; likewise `x` and `x_identified`. `surge_identified_std` is the
     standard deviation of the measured velocity about that of the free run (`model_error`).
     """
-    dofs = held_out.dofs
-    names, unit = (*poses_of(dofs), *dofs), _units(dofs, (*poses_of(dofs), *velocities_of(dofs)))
-    unit_of = dict(zip(names, unit.values(), strict=True))
-    columns = {"t": held_out.t, "start": held_out.piece_starts.astype(np.float64)}
-    columns |= _columns(names, np.hstack([held_out.eta, held_out.nu]))
-    units = {"t": "s", "start": "", **unit_of}
-    parts = [(names, model, motion) for model, motion in predicted.free_runs.items()]
-    parts += [
-        (names, f"{model}_{seconds:g}s", values)
-        for (model, seconds), values in predicted.after.items()
-    ]
+    columns = SeriesColumns(held_out.dofs, held_out.t)
+    names = (*columns.poses, *columns.dofs)
+    unit_of = [units[dof] for units in (POSE_UNIT, VELOCITY_UNIT) for dof in columns.dofs]
+    columns["start"] = held_out.piece_starts.astype(np.float64)
+    units = {"t": "s", "start": ""}
+    parts = {"": np.hstack([held_out.eta, held_out.nu])}
+    parts |= {f"_{model}": motion for model, motion in predicted.free_runs.items()}
+    parts |= {f"_{model}_{s:g}s": values for (model, s), values in predicted.after.items()}
     if deviation is not None:
-        parts.append((names, IDENTIFIED_STD, deviation))
-    for of, suffix, values in parts:
-        columns |= _columns([f"{name}_{suffix}" for name in of], values)
-        units |= {f"{name}_{suffix}": unit_of[name] for name in of}
-    return Series("prediction", columns, units)
+        parts[f"_{IDENTIFIED_STD}"] = deviation
+    for suffix, values in parts.items():
+        columns.add(values, names, after=suffix)
+        units |= {f"{n}{suffix}": unit for n, unit in zip(names, unit_of, strict=True)}
+    return Series("prediction", dict(columns), units)
 
 
 def deployment_series(sailed: SimulatedMission, model: str) -> Series:
     """Return a deployment: pose, reference, set-point, velocity, force, error and weather."""
     voyage = sailed.voyage
-    log, dofs = voyage.log, voyage.dofs
-    columns = {"t": voyage.t}
-    columns |= _columns(poses_of(dofs), log.eta)
-    columns |= _columns([f"{name}_d" for name in poses_of(dofs)], log.eta_d)
-    columns |= _columns(velocities_of(dofs), log.nu)
-    columns |= _columns([f"{name}_d" for name in velocities_of(dofs)], log.nu_d)
+    log, columns = voyage.log, SeriesColumns(voyage.dofs, voyage.t)
+    columns.add(log.eta, columns.poses)
+    columns.add(log.eta_d, columns.poses, after="_d")
+    columns.add(log.nu, columns.velocities)
+    columns.add(log.nu_d, columns.velocities, after="_d")
     if voyage.inputs:
-        columns |= _columns(voyage.inputs, log.tau_actual)
-        columns |= _columns(_command_names(voyage.inputs), log.applied)
+        columns.add(log.tau_actual, voyage.inputs)
+        columns.add(log.applied, voyage.inputs, after="_command")
     if voyage.by_force:
-        columns |= _columns([f"tau_{dof}" for dof in dofs], log.tau)
-        columns |= _columns([f"tau_fb_{dof}" for dof in dofs], log.tau_fb)
+        columns.add(log.tau, columns.dofs, "tau_")
+        columns.add(log.tau_fb, columns.dofs, "tau_fb_")
     if is_allocated(voyage):
-        columns |= _columns([f"tau_applied_{dof}" for dof in dofs], log.applied)
+        columns.add(log.applied, columns.dofs, "tau_applied_")
     columns["e_pos"] = measure.position_error(log.eta_d, log.eta)
-    if dofs == PLANAR:
+    if columns.dofs == PLANAR:
         columns["e_psi"] = measure.heading_error(log.eta_d, log.eta)
-    columns |= _weather(voyage.weather, dofs)
-    columns |= _columns([f"{name}_setpoint" for name in poses_of(dofs)], log.setpoint)
-    if sailed.wind is not None:
-        columns |= _columns([f"wind_{dof}" for dof in dofs], sailed.wind)
-    return Series(f"deployment_{model}", columns, _units(dofs, columns))
+    columns.add_weather(voyage.weather)
+    columns.add(log.setpoint, columns.poses, after="_setpoint")
+    columns.add(sailed.wind, columns.dofs, "wind_")
+    return columns.series(f"deployment_{model}")

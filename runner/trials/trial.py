@@ -34,7 +34,6 @@ from seatrial.runner.trials import (
     deployment_metrics,
     excitation_results,
     manoeuvre_results,
-    recording_checks,
     time_series,
     validation_metrics,
 )
@@ -104,7 +103,7 @@ def excite(trial: Trial, seeds: Streams) -> ExcitationData:
         except Diverged as error:
             raise TrialDiverged(error, design) from error
         recording = recording_of(sailed.voyage, sailed.voyage.weather)
-        truth = trial.plant_scale * vessel.nominal() + trial.disturbance.table(vessel.dofs)
+        truth = trial.plant.scale * vessel.nominal() + trial.disturbance.table(vessel.dofs)
         split = excitation.split(recording.t)
     train, test = (mask & (np.cumsum(mask) <= (trial.samples or np.inf)) for mask in split)
     return ExcitationData(recording.with_thruster(vessel.thruster), train, test, truth, sailed)
@@ -119,7 +118,6 @@ def of_excitation(trial: Trial, problem: Problem, excited: ExcitationData) -> Re
         diagnostics=[
             *excitation_results.excitation_report(reports),
             *_outside_of_devices(problem.nominal, excited),
-            *deployment_metrics.loop_diagnostics(sailed, "excitation"),
         ],
         series=[time_series.recording_series(recording, excited.training, sailed)],
     )
@@ -129,14 +127,7 @@ def of_excitation(trial: Trial, problem: Problem, excited: ExcitationData) -> Re
         warn(f"excitation: {deployment_metrics.UNREACHED}", shares)
         results += Results(unreached)
     if isinstance(file := trial.excitation, RecordedFile):
-        results += Results(
-            excitation_results.recording_quality(recording),
-            diagnostics=[
-                *excitation_results.column_statistics(file),
-                *excitation_results.outlier_counts(file, recording.dofs),
-                *recording_checks.diagnostics(file, recording.dofs),
-            ],
-        )
+        results += excitation_results.of_file(file, recording)
     return results + excitation_results.mix_results(trial.excitation, excited)
 
 
@@ -194,7 +185,7 @@ def validate(
     """Predict what was not trained on: accelerations, free runs, and manoeuvres."""
     tested, truth = problem.validation, excited.truth
     metrics = validation_metrics.validation(tested, problem.nominal, identified, truth)
-    predicted = validation_metrics.predictions(problem, identified, truth, trial.horizons_s)
+    predicted = validation_metrics.predictions(problem, identified, truth, trial.horizons_s or ())
     deviation, unknown = validation_metrics.deviation(problem, identified)
     warn("prediction: {}", (one.label for one in (*predicted.diagnostics, *unknown)))
     models = {"nominal": problem.nominal, "identified": identified.model}
@@ -287,12 +278,9 @@ def evaluated(trial: Trial) -> Mission:
 
 def of_design(prepared: MissionSetup, model: str, where: str = "") -> Results:
     """The properties of a controller's design on a model; warn of those that ask for it."""
-    design = prepared.design
-    warn(f"{where}{{}}", deployment_metrics.design_warnings(design, model))
-    return Results(
-        deployment_metrics.design_metrics(design, model),
-        diagnostics=deployment_metrics.design_diagnostics(design, model),
-    )
+    results, warnings = deployment_metrics.of_design(prepared.design, model)
+    warn(f"{where}{{}}", warnings)
+    return results
 
 
 def of_voyage(trial: Trial, sailed: SimulatedMission, model: str) -> Results:
@@ -308,7 +296,7 @@ def of_voyage(trial: Trial, sailed: SimulatedMission, model: str) -> Results:
         ],
         diagnostics=[
             *deployment_metrics.warning_rows(losses),
-            *deployment_metrics.loop_diagnostics(sailed, model),
+            *(replace(finding, label=model) for finding in sailed.findings),
         ],
         series=[time_series.deployment_series(sailed, model)],
     )

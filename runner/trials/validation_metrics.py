@@ -1,6 +1,6 @@
 """Validation metrics on the held-out part: force residuals, coefficients and predictions."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,30 +82,33 @@ def validation(
             flags |= measure.below_true_model(squares["identified"], squares["plant"], variance)
     if truth is not None:
         metrics += per_dof("below_true_model", "validation", "identified", dofs, 1.0 * flags)
-        metrics += _coefficient_errors(nominal, "nominal", truth)
-        metrics += _coefficient_errors(identified.model, "identified", truth)
-        own = truth.on(nominal.terms)
-        metrics.append(_median_error(nominal, "nominal", own))
-        metrics.append(_median_error(identified.model, "identified", own))
+        metrics += _coefficient_errors({"nominal": nominal, "identified": identified.model}, truth)
     return metrics
 
 
-def _coefficient_errors(model: Vessel, name: str, truth: Vessel) -> list[Metric]:
-    """Compute the largest relative error of the non-zero coefficients per degree of freedom."""
-    errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
-    return [
+def _coefficient_errors(models: Mapping[str, Vessel], truth: Vessel) -> list[Metric]:
+    """Compute relative errors of the non-zero coefficients of models beside the true one.
+
+    For each degree of freedom the largest, and over all of them the median of the vessel's own,
+    which are the nominal terms, without the wind's.
+    """
+
+    def errors(model: Vessel, true: Vessel) -> Array:
+        return measure.relative_errors(model.on(true.terms).theta, true.theta)
+
+    metrics = [
         metric("coefficient_error", "validation", name, dof, np.nanmax(by_term))
-        for dof, by_term in zip(truth.dofs, errors.T, strict=True)
+        for name, model in models.items()
+        for dof, by_term in zip(truth.dofs, errors(model, truth).T, strict=True)
         if np.any(~np.isnan(by_term))
     ]
-
-
-def _median_error(model: Vessel, name: str, truth: Vessel) -> Metric:
-    """Compute the median relative error of the vessel's coefficients, without the wind's."""
-    errors = measure.relative_errors(model.on(truth.terms).theta, truth.theta)
-    known = errors[~np.isnan(errors)]
-    median = np.median(known) if known.size else np.nan
-    return metric("coefficient_error_median", "validation", name, "all", median)
+    own = truth.on(models["nominal"].terms)
+    for name, model in models.items():
+        of_terms = errors(model, own)
+        known = of_terms[~np.isnan(of_terms)]
+        median = np.median(known) if known.size else np.nan
+        metrics.append(metric("coefficient_error_median", "validation", name, "all", median))
+    return metrics
 
 
 @dataclass(frozen=True, eq=False)

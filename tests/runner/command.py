@@ -40,8 +40,8 @@ class FakeTrial:
     ran: list[int] = field(default_factory=list)
 
     def check(self, trial: Trial) -> None:
-        if trial.plant_scale in self.refused:
-            raise ConfigurationError(f"plant.scale: {trial.plant_scale:g} is not seaworthy")
+        if trial.plant.scale in self.refused:
+            raise ConfigurationError(f"plant.scale: {trial.plant.scale:g} is not seaworthy")
 
     def run(self, trial: Trial) -> Results:
         self.ran.append(trial.seed)

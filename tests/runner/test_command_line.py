@@ -45,6 +45,7 @@ REFUSED = {
     "run": "'run' cannot be read, did you mean python -m runner option=value ...?",
     "list": "'list' cannot be read, did you mean python -m runner.compare runs?",
     "tabel": "'tabel' cannot be read, did you mean python -m runner.compare table?",
+    "doctor": "doctor is gone: pip check examines the packages; ",
     "benchmrk": "'benchmrk' cannot be read, did you mean python -m runner benchmark?",
     "--config-name=nope": "Cannot find primary config 'nope'.",
     "--resolve": "The --resolve flag can only be used in conjunction with --cfg or --help",

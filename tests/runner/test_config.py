@@ -89,7 +89,7 @@ def test_a_node_needs_a_target() -> None:
 def test_builds_a_trial() -> None:
     config = configuration(plant={"scale": 2}, seed=7)
     trial = build_trial(config, NAMES)
-    assert (trial.seed, trial.plant_scale, trial.sample_time_s) == (7, 2.0, 0.1)
+    assert (trial.seed, trial.plant.scale, trial.sample_time_s) == (7, 2.0, 0.1)
     assert trial.results_dir == Path("results")
     assert trial.config == config
     assert trial.controller is None

@@ -122,7 +122,7 @@ def test_what_is_stored_explains_the_motion(rough: Results) -> None:
     through[:, :2] -= stream
     rate[:, 0] -= nu[:, 2] * stream[:, 1]  # a stream turns in body axes
     rate[:, 1] += nu[:, 2] * stream[:, 0]
-    plant = trial.plant_scale * trial.vessel.nominal()
+    plant = trial.plant.scale * trial.vessel.nominal()
     needed = plant.inverse(rate, through)
     acting = columns(c, PLANAR, "tau_actual_") + columns(c, PLANAR, "wind_")
     acting[:, :2] += in_body(columns(c, ("surge", "sway"), "force_ned_"), psi)

@@ -24,7 +24,7 @@ def lap(lead: bool, model: Vessel | None = None, period_s: float = 0.1) -> Voyag
     """The ferry's lap in the calm, with the controller built on its true model, or on another."""
     options = [f"controller.thruster_lead={str(lead).lower()}", f"sample_time_s={period_s}"]
     one = composed("controller=pid_ff", "identifier=none", *options, "integration_step_s=0.02")
-    return sailed(one, model=model or one.plant_scale * one.vessel.nominal()).voyage
+    return sailed(one, model=model or one.plant.scale * one.vessel.nominal()).voyage
 
 
 def error_of(voyage: Voyage) -> float:

@@ -154,7 +154,7 @@ def test_the_nominal_vessel_sails_its_plan() -> None:
 def test_another_vessel_keeps_to_the_plan_by_feedback() -> None:
     """The true ship is 15 % lighter; without feedback it would stray by metres."""
     asked = trial(*BASIN)
-    assert np.max(off_the_plan(asked, asked.plant_scale * asked.vessel.nominal())) < RUN_UP
+    assert np.max(off_the_plan(asked, asked.plant.scale * asked.vessel.nominal())) < RUN_UP
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from seatrial import __version__
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.cli import axes_of
 from seatrial.runner.compare.runs import repeat_command
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.database.engine import file_url, parse
+from tests.runner.command import Command
 from tests.runner.compare import stored
 from tests.runner.compare.conftest import Program
 
@@ -252,3 +254,10 @@ def test_show_has_the_columns_of_a_measured_file_in_their_order(
         "max": 0.27,
     }  # fmt: skip
     assert "as measured" not in program("show", "2", *database(folder))[1]
+
+
+def test_version_is_that_of_the_project(seatrial: Command, program: Program) -> None:
+    version = f"{__version__} (checkout)\n"
+    answer = seatrial("--version")
+    assert (answer.code, answer.out, answer.err) == (0, f"seatrial {version}", "")
+    assert program("--version") == (0, f"seatrial-results {version}", "")

@@ -58,10 +58,6 @@ def test_what_happened_to_series_files_is_found(
         filled.series(1, "recording")
     with pytest.raises(LogbookError, match="run 1 has no series 'other'"):
         filled.series(1, "other")
-    assert [path.name for path in filled.remove_orphans()] == left
-    verified = filled.verify()
-    assert len(verified.problems) == 2
-    assert [path.name for path in verified.leftovers] == ["notes.txt"]
     assert len(list(folder.glob("run-000005-*.parquet"))) == 1
 
 
@@ -85,9 +81,9 @@ def test_another_logbook_in_the_same_folder_keeps_its_files(tmp_path: Path) -> N
 
 
 def test_rows_that_were_changed_are_found(filled: LogbookWriter, url: str) -> None:
-    change(url, update(SeriesRow).where(SeriesRow.run_id == 1).values(n_rows=7))
+    change(url, update(SeriesRow).where(SeriesRow.run_id == 1).values(sha256="0" * 64))
     (problem,) = filled.verify().problems
-    assert "got 100 rows of t, u; expected 7 of t, u" in problem.what
+    assert "the file was changed: got SHA-256" in problem.what
     if parse(url).path:  # PostgreSQL has no way round a foreign key
         change(url, delete(RunRow).where(RunRow.id == 2))
         found = {problem.where: problem.what for problem in filled.verify().problems}

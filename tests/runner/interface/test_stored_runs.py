@@ -51,7 +51,7 @@ def test_the_table_is_that_of_the_shell(
     assert len(records) == 4
     assert list(table.frame.columns) == list(records[0])
     assert list(table.frame["mean"]) == [record["mean"] for record in records]
-    mean = sweep.metrics("force_mse").query(
+    mean = sweep.to_pandas("force_mse").query(
         "identifier == 'ls' and dof == 'surge' and model == 'identified'"
     )["value"].mean()  # fmt: skip
     row = table.frame.query("identifier == 'ls' and dof == 'surge'")
@@ -75,7 +75,7 @@ def test_the_figure_is_that_of_the_shell(
 def test_figures_take_axes(sweep: st.Sweep, run: st.Run) -> None:
     axes = Figure().subplots()
     assert sweep.plot("bars", metric="force_mse", dof="surge", ax=axes) is axes.figure
-    means = sweep.metrics("force_mse").query("dof == 'surge' and model == 'identified'")
+    means = sweep.to_pandas("force_mse").query("dof == 'surge' and model == 'identified'")
     expected = means.groupby("identifier")["value"].mean()
     assert [bar.get_height() for bar in axes.patches] == pytest.approx(
         [expected["none"], expected["ls"]]
@@ -96,7 +96,7 @@ def test_a_sweep_selects_its_own_runs(sweep: st.Sweep, here: Path) -> None:
     assert sorted(zip(frame["identifier"], frame["seed"], strict=True)) == [
         ("ls", 0), ("ls", 1), ("none", 0), ("none", 1),
     ]  # fmt: skip
-    assert set(sweep.metrics()["run_id"]) == set(frame.index)
+    assert set(sweep.to_pandas()["run_id"]) == set(frame.index)
     models = sweep.to_pandas("force_mse").groupby("identifier")["model"].unique()
     assert {"identified"} == {"nominal", "identified"} & set(models["none"])
     assert {"nominal", "identified"} <= set(models["ls"])
@@ -104,7 +104,7 @@ def test_a_sweep_selects_its_own_runs(sweep: st.Sweep, here: Path) -> None:
     chosen = everything.table(metric="force_mse", dof="surge", sweep=sweep.number)
     assert str(chosen) == str(sweep.table(metric="force_mse", dof="surge"))
     assert set(everything.runs().index) == {1, *frame.index}
-    assert set(everything.metrics("force_mse")["run_id"]) == {1, *frame.index}
+    assert set(everything.to_pandas("force_mse")["run_id"]) == {1, *frame.index}
     assert list(everything.runs(where="seed=3").index) == [1]
     assert everything.sql("SELECT count(*) AS n FROM run")["n"].item() == 5
     with pytest.raises(st.LogbookError, match="there is no run 77"):
