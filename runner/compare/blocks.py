@@ -3,28 +3,22 @@
 from functools import cache, partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from seatrial.runner.database.terminal import visible
-
-if TYPE_CHECKING:
-    import jinja2
-else:
-    import lazy_loader
-
-    jinja2 = lazy_loader.load("jinja2")
 
 TEMPLATES = Path(__file__).with_name("templates")
 
 
 @cache
-def environment() -> "jinja2.Environment":
+def environment() -> Environment:
     """Return the templates; the filter `lines` escapes a text and keeps the ends of its lines."""
-    loader, strict = jinja2.FileSystemLoader(TEMPLATES), jinja2.StrictUndefined
+    loader, strict = FileSystemLoader(TEMPLATES), StrictUndefined
     options: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "undefined": strict}
-    templates = jinja2.Environment(loader=loader, autoescape=True, **options)
+    templates = Environment(loader=loader, autoescape=True, **options)
     templates.filters["lines"] = lambda text: Markup(escape(visible(text)).replace("\n", "<br>"))
     return templates
 

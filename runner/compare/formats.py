@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 from rich import box
@@ -13,9 +14,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from seatrial.runner.compare import blocks
 from seatrial.runner.compare.grid import TableCell, TextTable
 from seatrial.runner.database.terminal import visible
+
+if TYPE_CHECKING:
+    from seatrial.runner.compare import blocks
+else:
+    import lazy_loader
+
+    blocks = lazy_loader.load("seatrial.runner.compare.blocks", suppress_warning=True)
 
 
 class OutputFormat(StrEnum):

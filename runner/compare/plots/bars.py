@@ -100,7 +100,7 @@ def _panel(axes: Axes, table: Pivot, request: PlotRequest, panel_width: float) -
     """Draw a bar for each cell: those of a column beside each other, rows by colour."""
     columns, rows = table.column_keys, table.cells["row"].nunique()
     width, samples = GROUP_WIDTH / rows, table.samples()
-    means = {cell: np.mean(own) if own.size else np.nan for cell, own in samples.items()}
+    means = {cell: float(np.mean(own)) if own.size else np.nan for cell, own in samples.items()}
     for i, ((row,), cells) in enumerate(table.cells.groupby("row", sort=False)):
         shift, colour = (i - 0.5 * (rows - 1)) * width, style.colour_of(i)
         centres = np.array([columns.index(key) for key in cells["column"]]) + shift

@@ -274,8 +274,7 @@ def over_time(
     `label` is that of the axis, whose limits stay within `room` and are then final.
     """
     for curve in curves:
-        named = {"label": curve.label} if curve.label else {}
-        axes.plot(curve.t, curve.values, color=curve.colour, **named, **look)
+        axes.plot(curve.t, curve.values, color=curve.colour, label=curve.label or None, **look)
     axes.set_ylabel(label)
     axes.margins(x=0)
     axes.set_ylim(*np.clip(axes.get_ylim(), *room).tolist())

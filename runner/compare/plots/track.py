@@ -180,8 +180,8 @@ def _drawing(
         spacing = length * (SPACING if harbour is None else DOCKING_SPACING)
         if "psi" in columns:
             for index in _equidistant(columns["x"], columns["y"], spacing):
-                pose = (float(columns[name][index]) for name in ("x", "y", "psi"))
-                corners = outline(*pose, length, hull)
+                x, y, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
+                corners = outline(x, y, psi, length, hull)
                 panel.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
         if harbour is not None:
             draw_harbour(panel, harbour, series)
