@@ -108,7 +108,7 @@ def _source(board: Board) -> Markup:
 
 def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
     """Yield the figures of every test file, of the first entrants and `none`."""
-    names = [*board.leaders(FIRST), "none"]
+    names = [*[name for name in board.contest.order() if name != "none"][:FIRST], "none"]
     for label, case in board.task.cases.items():
         entries = board.entries[board.entries["status"] == FINISHED]
         entries = entries[(entries["case"] == label) & (entries["seed"] == 0)]

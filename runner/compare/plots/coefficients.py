@@ -13,14 +13,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from seatrial.runner.compare.comparability import distinct, with_conditions
+from seatrial.runner.compare.comparability import with_conditions
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, observations, ordered
 from seatrial.runner.compare.grid import number_text, unit_text
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import Drawing
-from seatrial.runner.compare.statistics import confidence_interval
+from seatrial.runner.compare.statistics import confidence_interval, pivot
 
 FIGURE = Figure(
     "coefficients",
@@ -63,8 +63,8 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     numbers = numbers[numbers["dof"].isin(dofs)]
     if numbers.empty:
         return None
-    numbers = distinct(with_conditions(results, facet.trials, numbers)[0])
-    numbers["covers"] = numbers["run"].isin(results.covering(facet.condition))
+    numbers = with_conditions(results, facet.trials, numbers.assign(is_baseline=False))[0]
+    numbers["interval_of_estimate"] = ~numbers["run"].isin(results.covering(facet.condition))
     estimates = _estimates(numbers, request)
     if estimates.empty:
         return None
@@ -99,22 +99,22 @@ def _estimates(numbers: pd.DataFrame, request: PlotRequest) -> pd.DataFrame:
     for name in (request.columns, "vessel"):
         if name not in factors and numbers[name].nunique() > 1:
             factors.append(name)
-    rows = []
-    for levels, own in numbers.groupby([*factors, "dof", "metric"], observed=True, sort=False):
-        values, truths = own["value"].to_numpy(), own["true_value"].unique()
-        mean, error = float(np.mean(values)), float(np.sqrt((own["std_error"] ** 2).mean()))
-        truth = float(truths[0]) if len(truths) == 1 else np.nan
+    table, rows = pivot(numbers, tuple(factors), ("dof", "metric")), []
+    samples = table.samples()
+    for cell in table.cells.itertuples():
+        sample, truth = samples[cell.Index], cell.true_value
+        mean = float(np.mean(sample))
         reference = mean if np.isnan(truth) else truth
-        if reference == 0.0 or np.isnan([truth, error]).all():
+        if reference == 0.0 or np.isnan([truth, cell.std_error]).all():
             continue
-        half, of_seeds = NORMAL_95 * np.nan_to_num(error), bool(np.ptp(values) > 0.0)
-        ends = confidence_interval(values) if of_seeds else (mean - half, mean + half)
+        half, of_seeds = NORMAL_95 * np.nan_to_num(cell.std_error), bool(np.ptp(sample) > 0.0)
+        ends = confidence_interval(sample) if of_seeds else (mean - half, mean + half)
         low, high = sorted(end / reference for end in ends)
         rows.append({
-            "group": ", ".join(levels[:-2]), "dof": levels[-2], "term": levels[-1],
-            "unit": own["unit"].iloc[0], "reference": reference, "known": not np.isnan(truth),
-            "value": mean / reference, "low": low, "high": high, "of_seeds": of_seeds,
-            "covers": bool(own["covers"].all()),
+            "group": ", ".join(cell.row), "dof": cell.column[0], "term": cell.column[1],
+            "unit": min(cell.units, default=""), "reference": reference,
+            "known": not np.isnan(truth), "value": mean / reference, "low": low, "high": high,
+            "of_seeds": of_seeds, "covers": not cell.interval_of_estimate,
         })  # fmt: skip
     return pd.DataFrame(rows)
 
