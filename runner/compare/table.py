@@ -2,8 +2,6 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
@@ -66,80 +64,16 @@ DIVERGED_NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class Selection:
-    """What the options of a table select.
-
-    `trials` are those started or planned; `frame` has the numbers of finished runs, the baseline's
-    included; those of the models that are `shown` fill the cells. `facts` describe their
-    conditions. `rows` are all factors of the rows, `apart` those that the runs of a cell would
-    differ in. `fixed` has the level of each factor of the numbers, None where there are several;
-    `scope` names the sweep.
-    """
-
-    trials: pd.DataFrame
-    frame: pd.DataFrame
-    shown: pd.DataFrame
-    facts: pd.DataFrame
-    rows: Key
-    apart: Key
-    fixed: Mapping[str, str | None]
-    scope: str
-
-
 def comparison(results: Queries, options: TableOptions) -> TextTable:
     """Return the table of the options of the command `table`.
 
+    A cell whose runs differ in more than the seed is split by what they differ in, or refused.
     Raises ConfigurationError for unknown names, if no run matches, or for too many cells.
     """
-    return _Comparison(results, options).grid()
-
-
-def select(results: Queries, options: TableOptions, apart: Key = ()) -> Selection:
-    """Read what the options select, `apart` by further factors of the rows.
-
-    A cell whose runs differ in more than the seed is split by what they differ in, or refused.
-    Raises ConfigurationError for an unknown name.
-    """
-    (rows, columns), reference = options.axes, options.reference
-    models, pool = options.levels["model"], ("all",) if apart else split(options.pool)
-    own = [
-        n for n in dict.fromkeys((*rows, *apart, *columns, *reference)) if n not in METRIC_FACTORS
-    ]
-    for option, factors in (("--rows/--columns", own), ("--pool", pool)):
-        for factor in factors:
-            if factor != "all":
-                results.names.check(factor, option)
-    condition, scope = results.selected(options.where, options.sweep)
-    trials = results.trials(condition, own, planned=True)
-    numbers = _read(results, options, condition)
-    started = trials[trials["status"] != NOT_STARTED]
-    for factor, level in reference.items():
-        available = ordered((numbers if factor in METRIC_FACTORS else started)[factor].unique())
-        if level not in available:
-            raise ConfigurationError(
-                f"--baseline: no run has {factor}={level}; expected one of {', '.join(available)}"
-            )
-    frame = observations(numbers, trials, results.marks(condition))
-    if options.of_coefficients:
-        covering = frame["run"].isin(results.covering(condition))
-        frame["interval_of_estimate"] = frame["std_error"].notna() & ~covering
-    frame["is_baseline"] = bool(reference)
-    for factor, level in reference.items():
-        frame["is_baseline"] &= frame[factor] == level
-    frame, facts = with_conditions(results, trials, frame)
-    shown = frame[frame["model"].isin(models)] if models else frame
-    cells = codes(shown, list(dict.fromkeys((*rows, *apart, *columns, *METRIC_FACTORS))))
-    unlike = [] if "all" in pool else differing(facts, cells, shown["condition"], pool)
-    require_few(unlike, "the cells of this table")
-    if unlike:
-        return select(results, options, tuple(unlike))
-    of_number = METRIC_FACTORS if "file" in (*rows, *columns, *reference) else METRIC_FACTORS[:-1]
-    levels = {name: ordered(shown[name].unique()) for name in of_number}
-    several = [name for name, each in levels.items() if len(each) > 1]
-    extra = [name for name in several if name not in (*rows, *columns)]
-    fixed = {name: each[0] if len(each) == 1 else None for name, each in levels.items()}
-    return Selection(trials, frame, shown, facts, (*extra, *rows, *apart), apart, fixed, scope)
+    found = _Comparison(results, options)
+    if found.unlike:
+        found = _Comparison(results, options, tuple(found.unlike))
+    return found.grid()
 
 
 def _read(results: Queries, options: TableOptions, condition: Condition) -> pd.DataFrame:
@@ -186,14 +120,62 @@ def _read(results: Queries, options: TableOptions, condition: Condition) -> pd.D
 
 
 class _Comparison:
-    """The cells of a table, and their texts, bold, marks, notes and records."""
+    """What the options of a table select: its cells, and their texts, marks, notes and records.
 
-    def __init__(self, results: Queries, options: TableOptions) -> None:
-        self.options = options
+    `trials` are those started or planned; `frame` has the numbers of finished runs, the baseline's
+    included; those of the models that are `shown` fill the cells. `facts` describe their
+    conditions. The rows are split `apart` by further factors; `unlike` are those that the runs of
+    a cell would still differ in. `fixed` has the level of each factor of the numbers, None where
+    there are several; `scope` names the sweep.
+    """
+
+    def __init__(self, results: Queries, options: TableOptions, apart: Key = ()) -> None:
+        self.options, self.apart = options, apart
         self.statistics = stats.checked(split(options.statistic) or stats.DEFAULT)
-        self.selection = chosen = select(results, options)
-        axes = {"rows": chosen.rows, "columns": options.axes[1]}
-        whole = complete(chosen.shown, chosen.trials, (*axes["rows"], *axes["columns"]))
+        (rows, columns), reference = options.axes, options.reference
+        models, pool = options.levels["model"], ("all",) if apart else split(options.pool)
+        named = dict.fromkeys((*rows, *apart, *columns, *reference))
+        own = [name for name in named if name not in METRIC_FACTORS]
+        for option, factors in (("--rows/--columns", own), ("--pool", pool)):
+            for factor in factors:
+                if factor != "all":
+                    results.names.check(factor, option)
+        condition, self.scope = results.selected(options.where, options.sweep)
+        self.trials = trials = results.trials(condition, own, planned=True)
+        numbers = _read(results, options, condition)
+        started = trials[trials["status"] != NOT_STARTED]
+        for factor, level in reference.items():
+            available = ordered((numbers if factor in METRIC_FACTORS else started)[factor].unique())
+            if level not in available:
+                known = ", ".join(available)
+                raise ConfigurationError(
+                    f"--baseline: no run has {factor}={level}; expected one of {known}"
+                )
+        frame = observations(numbers, trials, results.marks(condition))
+        if options.of_coefficients:
+            covering = frame["run"].isin(results.covering(condition))
+            frame["interval_of_estimate"] = frame["std_error"].notna() & ~covering
+        frame["is_baseline"] = bool(reference)
+        for factor, level in reference.items():
+            frame["is_baseline"] &= frame[factor] == level
+        self.frame, self.facts = with_conditions(results, trials, frame)
+        self.shown = self.frame[self.frame["model"].isin(models)] if models else self.frame
+        cells = codes(self.shown, list(dict.fromkeys((*rows, *apart, *columns, *METRIC_FACTORS))))
+        conditions = self.shown["condition"]
+        self.unlike = [] if "all" in pool else differing(self.facts, cells, conditions, pool)
+        require_few(self.unlike, "the cells of this table")
+        by_file = "file" in (*rows, *columns, *reference)
+        of_number = METRIC_FACTORS if by_file else METRIC_FACTORS[:-1]
+        levels = {name: ordered(self.shown[name].unique()) for name in of_number}
+        several = [name for name, each in levels.items() if len(each) > 1]
+        extra = [name for name in several if name not in (*rows, *columns)]
+        self.fixed = {name: each[0] if len(each) == 1 else None for name, each in levels.items()}
+        self.axes = {"rows": (*extra, *rows, *apart), "columns": columns}
+
+    def fill(self) -> None:
+        """Group the numbers into cells; raises ConfigurationError for too many of them."""
+        options, axes = self.options, self.axes
+        whole = complete(self.shown, self.trials, (*axes["rows"], *axes["columns"]))
         sizes = {axis: int(codes(whole, own).max()) + 1 for axis, own in axes.items()}
         if (count := math.prod(sizes.values())) > options.cells:
             axis = max(sizes, key=lambda each: sizes[each])
@@ -205,20 +187,21 @@ class _Comparison:
         self.baseline = ", ".join(f"{name}={level}" for name, level in options.reference.items())
         self.tests = {}
         if self.baseline:
-            of_baseline = chosen.frame, chosen.facts, options.reference
+            of_baseline = self.frame, self.facts, options.reference
             self.tests = stats.against_baseline(table, *of_baseline)
         # the median represents a sample if it is shown without the mean
         median = "median" in self.statistics and "mean" not in self.statistics
         self.location = "median" if median else "mean"
         shown = [name for name in (*self.statistics, self.location) if name != "n"]
         cells = table.cells.join(stats.summary(table.values, shown))
-        self.cells = cells.assign(best=stats.best_cells(table, chosen.facts, self.location))
+        self.cells = cells.assign(best=stats.best_cells(table, self.facts, self.location))
         first = table.values.groupby("cell")["value"].transform("first")
         same = table.values["cell"][~stats.equal(table.values["value"], first)]
         self.cells["all_equal"] = (cells["n"] > 1) & ~cells.index.isin(same)
 
     def grid(self) -> TextTable:
         """Return the table; it has a column of units if the rows have different units."""
+        self.fill()
         cells, keys = self.cells, self.table.column_keys
         unit, of_rows = _unit(cells), dict(iter(cells.groupby("row", sort=False)))
         by_row = unit == MIXED and all(_unit(own) != MIXED for own in of_rows.values())
@@ -253,19 +236,19 @@ class _Comparison:
         return GridCell(text, bool(cell.best), None if math.isnan(value) else value)
 
     def _title(self, unit: str) -> str:
-        fixed, of_coefficients = self.selection.fixed, self.options.of_coefficients
+        fixed, of_coefficients = self.fixed, self.options.of_coefficients
         subject = fixed["metric"] or ", ".join(self.options.names) or "coefficients"
         factors = ("dof", "model") if of_coefficients else ("dof", "stage", "model")
         about = [with_unit(subject, "" if unit == MIXED else unit), *(fixed[n] for n in factors)]
-        runs = int((self.selection.trials["status"] != NOT_STARTED).sum())
+        runs = int((self.trials["status"] != NOT_STARTED).sum())
         words = {"std": "± standard deviation", "n": "(n)", "ci": "[95 % interval, t]"}
         told = " ".join(words.get(name, name) for name in self.statistics)
         told += ", se: standard error" if of_coefficients else ""
-        scope = f", {self.selection.scope}" if self.selection.scope else ""
+        scope = f", {self.scope}" if self.scope else ""
         return f"{', '.join(filter(None, about))}: {told}, {runs} run{'s'[: runs != 1]}{scope}"
 
     def _qualifications(self) -> list[str]:
-        cells, apart = self.cells, ", ".join(self.selection.apart)
+        cells, apart = self.cells, ", ".join(self.apart)
         notes = [BOLD_NOTE] if cells["best"].any() else []
         if apart:
             pool = apart.replace(" ", "")
@@ -282,7 +265,7 @@ class _Comparison:
         notes += [ESTIMATE_NOTE] if cells.get("interval_of_estimate", pd.Series()).any() else []
         if diverged := int(cells[stats.COUNTS[DIVERGED]].sum()):
             notes.append(DIVERGED_NOTE.format(diverged, "s"[: diverged != 1]))
-        statuses = self.selection.trials["status"]
+        statuses = self.trials["status"]
         unfinished = sorted(Counter(statuses[statuses != FINISHED]).items())
         if counts := ", ".join(f"{n} {status}" for status, n in unfinished):
             notes.append(f"not included: {counts} (see: runs --status failed)")
@@ -292,7 +275,7 @@ class _Comparison:
         """Return the facts of the cells, at full precision."""
         of_coefficients, table = self.options.of_coefficients, self.table
         factors = [*map(self._name, (*table.rows, *table.columns))]
-        fixed = {self._name(name): level for name, level in self.selection.fixed.items()}
+        fixed = {self._name(name): level for name, level in self.fixed.items()}
         if of_coefficients:
             del fixed["stage"]
         figures = (("ci_low", "ci_high") if name == "ci" else (name,) for name in self.statistics)
