@@ -33,5 +33,6 @@ def test_a_trial_runs_with_a_part_of_each_role(tmp_path: Path) -> None:
     assert isinstance(factor, float)
     speeds = rows(folder, "select model, unit from metric where name = 'speed_max'")
     assert speeds == [("nominal", "m/s"), ("identified", "m/s")]
-    files = run(folder, "seatrial.runner.compare", "plot", "speed_figure").split()
+    plugin = {"SEATRIAL_PLUGINS": "speed_figure"}
+    files = run(folder, "seatrial.runner.compare", "plot", "speeds", **plugin).split()
     assert {Path(file).stem for file in files} == {"speeds"}

@@ -33,7 +33,6 @@ BLADE = 0.16  # length of a rudder [L], longer than a real one, to be seen
 ARROW_LENGTHS = {"thrust": 0.8, "moment": 0.6}  # length of a line at the limit [L]
 COLOURS = {"thrust": style.PALETTE[2], "moment": style.PALETTE[3], "rudder": style.REFERENCE}
 DRIVES = ("drive", "n", "delta")  # options of a device that name its input
-NEAR = 1.1  # half the width of the enlarged picture [L]
 # Signs of the player's buttons, and a page that fits; matplotlib's page loads them from a network.
 PAGE_STYLE = """<meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <style>.animation, .animation img { max-width: 100%; } .fa { font-style: normal; }
@@ -105,8 +104,7 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     extent = max(float(np.ptp(one.columns[name])) for one in whole.values() for name in ("x", "y"))
     length, note = track.drawn_length(config, extent)
     sails = {name: _thinned(series, most) for name, series in whole.items()}
-    vessel = config.get("vessel")
-    devices = parts_of(list(sails.values()), vessel if isinstance(vessel, Mapping) else {}, length)
+    devices = parts_of([*sails.values()], config.get("vessel") or {}, length)
     notes = [note, "lines from the hull: thrust, relative to the largest or its limit"]
     if any(part.kind == "rudder" for parts in devices for part in parts):
         notes.append("rudder longer than it is")
@@ -117,10 +115,9 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     ]
     limits = np.array([[axes.get_xlim(), axes.get_ylim()] for axes in panels])
     middle, half = np.mean(limits, axis=(0, 2)), 0.5 * np.max(np.ptp(limits, axis=2))
-    for axes in panels:  # the same square for all, with room for the enlarged vessel
-        axes.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, 1.7 * half])
-    title = f"Run {request.subtitle(run).removeprefix('run ')}"
-    style.drawing_of("film", sheet, panels, title, [*notes, *absent])
+    for axes in panels:  # the same square for all
+        axes.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, half], aspect="equal")
+    style.drawing_of("film", sheet, panels, f"R{request.subtitle(run)[1:]}", [*notes, *absent])
 
     def show(frame: int) -> list[Polygon]:
         return [move(frame) for move in moves]
@@ -148,39 +145,30 @@ def _drawn(
     A shorter voyage stays at its end.
     """
     t, norths, easts, psis = (series.columns[key] for key in ("t", "x", "y", "psi"))
-    whole = track.draw_track(axes, name, series)
-    colour, label = whole.get_color(), whole.get_label()
-    whole.set(alpha=0.25, label="_")  # the legend shows the line that moves
+    wake, corners = track.draw_track(axes, name, series), None
+    axes.plot(easts, norths, color=wake.get_color(), alpha=0.25)
+    if harbour is not None:
+        track.draw_harbour(axes, harbour, series)
+        corners = track.hull_of(harbour)
     axes.margins(0.08 + 0.7 * length / max(np.ptp(easts), np.ptp(norths), length))
-    axes.set(aspect="equal", xlabel="East [m]", ylabel="North [m]")
-    near = axes.inset_axes((0.74, 0.74, 0.26, 0.26), aspect="equal", xticks=[], yticks=[])
-    near.spines[:].set_visible(True)
-    views, corners = [], None if harbour is None else track.hull_of(harbour)
-    for view in (axes, near):
-        if harbour is not None:
-            track.draw_harbour(view, harbour, series)
-        (wake,) = view.plot([], [], color=colour, label=label)
-        hull = Polygon(np.zeros((5, 2)), facecolor="white", edgecolor=colour, zorder=3)
-        view.add_patch(hull)
-        lines = [
-            view.plot([], [], color=COLOURS[part.kind], label=part.kind, zorder=4,
-                      linewidth=2.6 if part.kind == "rudder" else 1.6)[0]
-            for part in parts
-        ]  # fmt: skip
-        views.append((wake, hull, lines))
+    axes.set(xlabel="East [m]", ylabel="North [m]")
+    hull = Polygon(np.zeros((5, 2)), facecolor="white", edgecolor=wake.get_color(), zorder=3)
+    axes.add_patch(hull)
+    lines = [
+        axes.plot([], [], color=COLOURS[part.kind], label=part.kind, zorder=4,
+                  linewidth=2.6 if part.kind == "rudder" else 1.6)[0]
+        for part in parts
+    ]  # fmt: skip
 
     def move(frame: int) -> Polygon:
         k = min(frame, len(t) - 1)
         north, east, psi = float(norths[k]), float(easts[k]), float(psis[k])
-        for wake, hull, lines in views:
-            wake.set_data(easts[: k + 1], norths[: k + 1])
-            hull.set_xy(track.outline(north, east, psi, length, corners))
-            for line, part in zip(lines, parts, strict=True):
-                line.set_data(*part.in_plane(north, east, psi, k).T)
-        half = NEAR * length
-        near.set(xlim=(east - half, east + half), ylim=(north - half, north + half))
+        wake.set_data(easts[: k + 1], norths[: k + 1])
+        hull.set_xy(track.outline(north, east, psi, length, corners))
+        for line, part in zip(lines, parts, strict=True):
+            line.set_data(*part.in_plane(north, east, psi, k).T)
         axes.set_title(f"{t[k]:.0f} s", loc="left")
-        return views[0][1]
+        return hull
 
     return move
 

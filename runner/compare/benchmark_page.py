@@ -10,21 +10,12 @@ from markupsafe import Markup
 
 from seatrial.runner.compare.benchmark.scores import REFERENCES
 from seatrial.runner.compare.benchmark.task import Case, located
+from seatrial.runner.compare.blocks import code, facts, group, link, paragraph
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.leaderboard import Board, leaderboard, overall, summary
-from seatrial.runner.compare.page import (
-    Section,
-    code,
-    facts,
-    group,
-    link,
-    page,
-    paragraph,
-    picture,
-    write_page,
-)
+from seatrial.runner.compare.page import Section, page, picture, write_page
 from seatrial.runner.compare.plots.critical_difference import chart
 from seatrial.runner.compare.plots.prediction import free_runs
 from seatrial.runner.compare.plots.style import drawn
@@ -117,7 +108,7 @@ def _source(board: Board) -> Markup:
 
 def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
     """Yield the figures of every test file, of the first entrants and `none`."""
-    names = [*board.leaders(FIRST), "none"]
+    names = [*[name for name in board.contest.order() if name != "none"][:FIRST], "none"]
     for label, case in board.task.cases.items():
         entries = board.entries[board.entries["status"] == FINISHED]
         entries = entries[(entries["case"] == label) & (entries["seed"] == 0)]

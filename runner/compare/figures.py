@@ -2,8 +2,7 @@
 
 Each file of the folder `plots` with `FIGURE = Figure(...)` and `drawings(results, request)` is a
 figure; there is no other list of figures. The declaration says which options of `plot` the figure
-takes. Files of plug-ins are searched for figures too (configuration/plugins.py). Any other module
-with the same two names is a figure as well; it is selected by its module name.
+takes. Files of plug-ins are searched for figures too (configuration/plugins.py).
 """
 
 import logging
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 PLOTS = Path(__file__).with_name("plots")
 DECLARES = "\nFIGURE = "  # in the file of a figure
 log = logging.getLogger(__name__)
-LONGEST_NAME = 200  # of a module
 OPTIONS = (*("run", "metric", "rows", "columns", "dof", "model"), *("facet", "band", "log", "pool"))
 
 
@@ -60,9 +58,7 @@ def figures() -> dict[str, Figure]:
 
 def figure_of(name: str) -> Figure:
     """Return the declaration of a figure; raises ConfigurationError for an unknown name."""
-    figure = vars(_module(name)).get("FIGURE")
-    if not isinstance(figure, Figure):
-        raise ConfigurationError(f"plot: {name} has no FIGURE = Figure(...)")
+    figure: Figure = vars(_module(name))["FIGURE"]
     return figure
 
 
@@ -72,42 +68,29 @@ def drawings_of(name: str) -> "Drawings":
     A request without rows gets the default of the figure. Errors of a function from elsewhere are
     PartErrors with the name of its module.
     """
-    module = _module(name)
-    drawings: Drawings | None = vars(module).get("drawings")
-    if drawings is None:
-        raise ConfigurationError(f"plot: {name} has no function drawings(results, request)")
-    declared = vars(module).get("FIGURE")
-    rows = (declared.rows if isinstance(declared, Figure) else "") or "identifier"
+    module, rows = _module(name), figure_of(name).rows or "identifier"
 
     def draw(results: "Queries", request: "PlotRequest") -> "list[Drawing]":
+        asked = request if request.rows else replace(request, rows=rows)
         try:
-            return drawings(results, request if request.rows else replace(request, rows=rows))
+            drawings: list[Drawing] = module.drawings(results, asked)
         except SeatrialError:
             raise
         except Exception as error:
             if is_own(module.__name__):
                 raise
             raise PartError(failure(f"{module.__name__}.drawings", error)) from error
+        return drawings
 
     return draw
 
 
 def _module(name: str) -> ModuleType:
-    """Return the module of a figure, given its name or the name of another module."""
+    """Return the module of a figure."""
     known = _modules()
-    if name in known:
-        return known[name]
-    if len(name) < LONGEST_NAME and all(part.isidentifier() for part in name.split(".")):
-        try:
-            return import_module(name)
-        except Exception as error:
-            missing = error.name if isinstance(error, ModuleNotFoundError) else None
-            if not f"{name}.".startswith(f"{missing}."):  # there is one, and it fails
-                raise PartError(f"plot: cannot import {failure(name, error)}") from error
-    expected = ", ".join(sorted(known))
-    raise ConfigurationError(
-        f"plot: got {name!r}, expected one of {expected}, or the name of a module"
-    )
+    if name not in known:
+        raise ConfigurationError(f"plot: got {name!r}, expected one of {', '.join(sorted(known))}")
+    return known[name]
 
 
 @cache

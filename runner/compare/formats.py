@@ -1,12 +1,12 @@
 """Output formats of a grid: rich, md, csv, latex, json, html."""
 
 import csv
-import html
 import io
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 from rich import box
@@ -16,6 +16,13 @@ from rich.text import Text
 
 from seatrial.runner.compare.grid import TableCell, TextTable
 from seatrial.runner.database.terminal import visible
+
+if TYPE_CHECKING:
+    from seatrial.runner.compare import blocks
+else:
+    import lazy_loader
+
+    blocks = lazy_loader.load("seatrial.runner.compare.blocks", suppress_warning=True)
 
 
 class OutputFormat(StrEnum):
@@ -144,34 +151,7 @@ def html_table(grid: TextTable) -> Markup:
     On a phone the first column stays in view with the other labels in small print, so that the
     values follow it at once.
     """
-
-    def line(cells: Sequence[TableCell], head: bool = False) -> str:
-        others = ", ".join(cell.text for cell in cells[1 : grid.labels] if cell.text)
-        more = f' data-others="{_html_text(others)}"' if others and grid.labels < len(cells) else ""
-        texts = ""
-        for index, cell in enumerate(cells):
-            is_label, text = index < grid.labels, _html_text(cell.text)
-            tag = "th" if head or is_label else "td"
-            attributes = ' scope="col"' if head else ' scope="row"' if is_label else ""
-            attributes += " class=label" if head and is_label else " class=text" * cell.prose
-            attributes += "" if cell.sort is None else f' data-value="{cell.sort!r}"'
-            text = f"<strong>{text}</strong>" if cell.bold else text
-            texts += f"<{tag}{attributes}{'' if index else more}>{text}</{tag}>"
-        return f"<tr>{texts}</tr>"
-
-    title = _html_text(grid.title)
-    caption = f'<p class="small">{title}</p>' if title else ""  # a <caption> would not wrap
-    head = line([TableCell(header) for header in grid.headers], head=True)
-    rows = "".join(f"{line(row)}\n" for row in grid.rows)
-    notes = "".join(f'<p class="small">{_html_text(note)}</p>' for note in grid.notes)
-    return Markup(  # every text in it is escaped by _html_text; a number sorts by its data-value
-        f'{caption}<div class="scroll" tabindex="0"><table><thead>{head}</thead>'
-        f"<tbody>{rows}</tbody></table></div>{notes}"
-    )
-
-
-def _html_text(text: str) -> str:
-    return html.escape(visible(text)).replace("\n", "<br>")
+    return blocks.table(grid, [TableCell(header) for header in grid.headers])
 
 
 _WRITERS: Mapping[OutputFormat, Callable[[TextTable], str]] = {

@@ -397,7 +397,7 @@ def observations(numbers: pd.DataFrame, trials: pd.DataFrame, marks: pd.DataFram
 
     Returns:
         The frame, with `reason` (empty for a finite value) and the marks `below_true_model`,
-        `unstable` and `infeasible`.
+        `unsettled` and `infeasible`.
     """
     finished = trials[trials["status"] == FINISHED]
     frame = numbers[numbers["run"].isin(finished.index)].join(finished, on="run")
@@ -411,7 +411,7 @@ def observations(numbers: pd.DataFrame, trials: pd.DataFrame, marks: pd.DataFram
         return np.asarray(own.isin(pd.MultiIndex.from_frame(told)))
 
     deployed, metric = frame["stage"] == "deployment", frame["metric"].str
-    for column, name in zip(("unstable", "infeasible"), DESIGN_FLAWS, strict=True):
+    for column, name in zip(("unsettled", "infeasible"), DESIGN_FLAWS, strict=True):
         frame[column] = deployed & marked(name, "model")
     validated = (frame["stage"] == "validation") & (frame["model"] == "identified")
     own = validated & metric.startswith("force_").astype(bool)

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,7 +29,7 @@ from seatrial.runner.compare.benchmark.task import GROUP, Task, cells, task_of
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import TableCell, TextTable, number_text
 from seatrial.runner.compare.ranking import SIGNIFICANCE, Ranking, ranking
-from seatrial.runner.compare.statistics import Sample, holm
+from seatrial.runner.compare.statistics import holm
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.database.tables import DiagnosticRow
@@ -141,10 +142,6 @@ class Board:
         means = self.losses.mean()
         trivial = [name for name in means.index if name in (*REFERENCES, "none")]
         return entrant not in trivial and bool((means[entrant] < means[trivial]).all())
-
-    def leaders(self, count: int) -> list[str]:
-        """The first entrants that identify something: no references, and not `none`."""
-        return [name for name in self.contest.order() if name != "none"][:count]
 
 
 def losses_of(entries: pd.DataFrame, cell: Sequence[str]) -> pd.DataFrame:
@@ -270,12 +267,12 @@ def _columns(board: Board, name: str, best: bool = False) -> dict[str, TableCell
     }
     row |= {f"{dof} FIT": _number(f, 3) for dof, f in zip(task.outputs, fits, strict=True)}
     for s in task.horizons_s:
-        row[f"NRMSE {s:g} s"] = _number(_mean(after[s] for after in own["after"] if after), 2)
+        row[f"NRMSE {s:g} s"] = _number(_mean([after[s] for after in own["after"] if after]), 2)
     if task.score != "free_run":
         row[board.score_name] = _number(board.score(name), 3)
-    covered = _pooled_mean([each for one in good if (each := one.covered) is not None])
+    covered = _mean(*(one.covered for one in good if one.deviations is not None))
     row[f"in {100.0 * BAND_LEVEL:.0f} % band [%]"] = _number(100.0 * covered, 3)
-    row["CRPS"] = _number(_pooled_mean([one.crps for one in good]), 2)
+    row["CRPS"] = _number(_mean(*(one.crps for one in good)), 2)
     row["diverged"] = TableCell(f"{board.lost(name)} of {len(own)}")
     row["training [s]"] = _number(_mean(own["training_s"]), 2)
     return row
@@ -289,14 +286,11 @@ def _number(value: float, digits: int, bold: bool = False) -> TableCell:
     return TableCell(number_text(rounded, digits), bold, rounded)
 
 
-def _mean(values: Iterable[float]) -> float:
-    known = [value for value in values if math.isfinite(value)]
-    return float(np.mean(known)) if known else math.nan
-
-
-def _pooled_mean(parts: Sequence[Sample]) -> float:
-    """Mean over all outputs and samples (N, n) of several free runs; NaN if there are none."""
-    return float(np.mean(np.concatenate(parts))) if parts else math.nan
+def _mean(*parts: Any) -> float:
+    """The mean of the finite numbers of all parts, of any shapes; NaN without any."""
+    numbers = np.concatenate([[], *(np.ravel(np.asarray(part, np.float64)) for part in parts)])
+    known = numbers[np.isfinite(numbers)]
+    return float(np.mean(known)) if known.size else math.nan
 
 
 def summary(boards: Sequence[Board]) -> TextTable:

@@ -11,27 +11,16 @@ from typing import Any
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError, PartError, RecordingError
+from seatrial.runner.compare.blocks import bullets, code, facts, folded, group, paragraph, status
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparability import TooDifferentError
-from seatrial.runner.compare.figures import Figure, drawings_of, figures
+from seatrial.runner.compare.figures import drawings_of, figures
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import Queries, ordered
 from seatrial.runner.compare.grid import TextTable, grid_of, one_line
 from seatrial.runner.compare.headlines import Headline, answers, headlines, in_words
 from seatrial.runner.compare.manoeuvre_comparison import grid_of_sheet, newest_manoeuvres
-from seatrial.runner.compare.page import (
-    Section,
-    bullets,
-    code,
-    facts,
-    folded,
-    group,
-    page,
-    paragraph,
-    picture,
-    status,
-    write_page,
-)
+from seatrial.runner.compare.page import Section, page, picture, write_page
 from seatrial.runner.compare.plots.request import PlotRequest, subtitle
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.runs import run_table
@@ -123,12 +112,16 @@ class _Report:
         if not self.found:
             return [group("beside", told)]
         first, pictures = self.found[0], list[Markup]()
-        with drawn(), suppress(TooDifferentError, ConfigurationError, LogbookError, PartError):
-            asked = replace(self.shared, metric=first.metric)
-            for k, drawing in enumerate(drawings_of("bars")(self.results, asked)):
-                heading = definition_of(first.metric).heading
-                pictures.append(picture(drawing.figure, heading, f"first{k}-"))
+        heading = definition_of(first.metric).heading
+        asked = replace(self.shared, metric=first.metric)
+        with drawn(), suppress(ConfigurationError, LogbookError, PartError):
+            pictures = self.pictures("bars", heading, asked, "first")
         return [group("beside", told, *pictures), *self.table(first)]
+
+    def pictures(self, name: str, caption: str, asked: PlotRequest, prefix: str) -> list[Markup]:
+        """The figures of a kind; `prefix` makes their ids unique on the page."""
+        made = enumerate(drawings_of(name)(self.results, asked))
+        return [picture(drawing.figure, caption, f"{prefix}{k}-") for k, drawing in made]
 
     def choices(self) -> list[tuple[str, str]]:
         """Every choice with its levels, those with several first; many seeds are a range."""
@@ -168,29 +161,27 @@ class _Report:
         first = self.found[0].metric if self.found else ""
         pictures, refused = list[Markup](), list[Markup]()
         with drawn():
-            for figure in sorted(figures().values(), key=lambda figure: figure.place):
-                for caption, asked in self.asked(figure, first) if figure.caption else ():
-                    try:
-                        drawings = drawings_of(figure.name)(self.results, asked)
-                    except (TooDifferentError, LogbookError, PartError) as error:
-                        refused.append(paragraph(f"Not drawn: {caption}: {error}", "wide"))
-                        continue
-                    except ConfigurationError:
-                        continue  # these runs have no data for this figure
-                    for drawing in drawings:
-                        pictures.append(picture(drawing.figure, caption, f"f{len(pictures)}-"))
+            for n, (name, caption, asked) in enumerate(self.asked(first)):
+                try:
+                    pictures += self.pictures(name, caption, asked, f"f{n}-")
+                except (TooDifferentError, LogbookError, PartError) as error:
+                    refused.append(paragraph(f"Not drawn: {caption}: {error}", "wide"))
+                except ConfigurationError:
+                    continue  # these runs have no data for this figure
         none = paragraph("None of these runs has data for a figure.")
         return [group("figures", *(pictures + refused or [none]))]
 
-    def asked(self, figure: Figure, first: str) -> Iterator[tuple[str, PlotRequest]]:
-        """The requests of a figure with their captions."""
-        for rows in figure.report_rows or (figure.rows or self.request.rows,):
-            asked = replace(self.shared, rows=rows)
-            if figure.of_metrics:
-                named = [entry for entry in METRICS if entry.headline and entry.name != first]
-                yield from ((one.heading, replace(asked, metric=one.name)) for one in named)
-            else:
-                yield figure.caption, asked
+    def asked(self, first: str) -> Iterator[tuple[str, str, PlotRequest]]:
+        """The figures of a report, with captions and requests; not of the metric at the top."""
+        for figure in sorted(figures().values(), key=lambda figure: figure.place):
+            for rows in figure.report_rows or (figure.rows or self.request.rows,):
+                asked = replace(self.shared, rows=rows)
+                if figure.of_metrics:
+                    for one in METRICS:
+                        if one.headline and one.name != first:
+                            yield figure.name, one.heading, replace(asked, metric=one.name)
+                elif figure.caption:
+                    yield figure.name, figure.caption, asked
 
     def warnings(self) -> list[Markup]:
         """The warnings with the numbers of their runs."""
@@ -243,17 +234,16 @@ class _Report:
         return in_words(run_table(self.results, summaries, notes=notes, without=without))
 
     def provenance(self) -> list[tuple[str, Markup]]:
-        """Each property of provenance with its distinct values."""
+        """Each property of provenance with its distinct values, the most frequent first."""
         counts_of = defaultdict[str, Counter[str]](Counter)
         for row in self.results.provenance(self.condition):
             dirty = " with uncommitted changes" if row.git_dirty else ""
             properties = {"git commit": f"{row.git_commit or 'unknown'}{dirty}", "host": row.host}
-            properties |= {str(name): str(version) for name, version in row.versions.items()}
-            properties |= {"command": row.command} if row.command else {}
-            for name, value in properties.items():
-                counts_of[name][value] += 1
-        codes = {
-            name: [Markup("<code>{}</code>").format(value) for value, _ in counts.most_common(20)]
-            for name, counts in counts_of.items()
-        }
-        return [(name, Markup(", ").join(own)) for name, own in codes.items()]
+            for name, value in (properties | row.versions | {"command": row.command}).items():
+                counts_of[name][str(value or "")] += 1
+        told = []
+        for name, counts in counts_of.items():
+            values = [value for value, _ in counts.most_common(20) if value]
+            code_of = Markup(", ").join(Markup("<code>{}</code>").format(each) for each in values)
+            told += [(name, code_of)] if values else []
+        return told

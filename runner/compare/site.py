@@ -19,12 +19,14 @@ from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.benchmark.scores import half_width
+from seatrial.runner.compare.blocks import bullets, code, link, paragraph
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import RUN, Queries, StoredRun, ordered
 from seatrial.runner.compare.grid import TextTable, number_text, with_unit
 from seatrial.runner.compare.headlines import TABLES, in_words
-from seatrial.runner.compare.page import Section, bullets, code, extremes, link, page, paragraph
+from seatrial.runner.compare.page import Section, page
 from seatrial.runner.compare.plots.request import PREFIX, subtitle
+from seatrial.runner.compare.plots.tracking_errors import ERRORS
 from seatrial.runner.compare.report import ReportRequest, render_report
 from seatrial.runner.compare.runs import run_details
 from seatrial.runner.compare.statistics import Sample
@@ -33,7 +35,7 @@ from seatrial.runner.database.tables import Reuse
 from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Series
-from seatrial.runner.record.vocabulary import DOFS, GROUPS, IDENTIFIED_STD
+from seatrial.runner.record.vocabulary import DOFS, GROUPS, IDENTIFIED_STD, SAILED
 
 INDEX, RUNS = "index.html", "runs.html"
 MARK = '<meta name="generator" content="seatrial-results">'
@@ -41,7 +43,6 @@ MOST_SWEEPS = 50  # that have a page, the newest ones
 MOST_FILTERS = 30  # keys of the configuration
 STRETCHES = 300  # of which a line keeps the lowest and the highest sample
 DIGITS = 5  # significant
-ERRORS = {"e_pos": ("Position error", 1.0, "m"), "e_psi": ("Heading error", 180.0 / np.pi, "deg")}
 LAST = ("Configuration", "Provenance")  # titles of the last tables of a run
 PLOTS = Markup('<div class="figures" id="plots"></div>')
 Json = Mapping[str, object]
@@ -269,34 +270,31 @@ def figures_of(results: Queries, run_id: int) -> tuple[Json, list[str]]:
 def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
     """Yield key, title, labels of the axes and the line of what a series has for the page."""
     columns = {name: np.asarray(v, dtype=np.float64) for name, v in series.columns.items()}
-    t = columns.get("t", np.zeros(0))
+    t, model = columns.get("t", np.zeros(0)), series.kind.removeprefix(PREFIX)
+    deployed, plane = model != series.kind, ("East [m]", "North [m]")
     if not t.size:
         return
-    plane, models = ("East [m]", "North [m]"), ("nominal", "identified")
-    if series.kind == "recording" and {"x", "y"} <= columns.keys():
-        line = _plane("measured", columns["y"], columns["x"])
-        yield "recorded_track", "Track of the recording", plane, line
-    if series.kind.startswith(PREFIX):
-        model = series.kind.removeprefix(PREFIX)
-        if {"x", "y"} <= columns.keys():
-            yield "track", "Track", plane, _plane(model, columns["y"], columns["x"])
-        if {"x_d", "y_d"} <= columns.keys():
-            wanted = _plane("reference", columns["y_d"], columns["x_d"])
-            yield "track", "Track", plane, wanted | {"dash": True}
-        for name, (label, factor, unit) in ERRORS.items():
-            if name in columns:
-                axes = "Time [s]", f"{label} [{unit}]"
-                yield name, f"{label} over time", axes, _over_time(model, t, factor * columns[name])
+    if {"x", "y"} <= columns.keys() and (deployed or series.kind == "recording"):
+        key, title = "track", "Track" if deployed else "Track of the recording"
+        line = _plane(model if deployed else "measured", columns["y"], columns["x"])
+        yield key if deployed else "recorded_track", title, plane, line
+    if deployed and {"x_d", "y_d"} <= columns.keys():
+        wanted = _plane("reference", columns["y_d"], columns["x_d"])
+        yield "track", "Track", plane, wanted | {"dash": True}
+    for name, (label, unit, size) in ERRORS.items() if deployed else ():
+        if name in columns:
+            axes = "Time [s]", f"{label} [{unit}]"
+            yield name, f"{label} over time", axes, _over_time(model, t, columns[name] / size)
     for dof in DOFS if series.kind in ("prediction", "residual") else ():
-        names, title = {f"residual_{m}_{dof}": m for m in models}, f"Force residual, {dof}"
+        names, title = {f"residual_{m}_{dof}": m for m in SAILED}, f"Force residual, {dof}"
         if series.kind == "prediction":
-            names = {dof: "measured"} | {f"{dof}_{model}": model for model in models}
+            names = {dof: "measured"} | {f"{dof}_{model}": model for model in SAILED}
             title = f"Free run, {dof}, with the 90 % band"
-        for name, model in names.items():
+        for name, of_model in names.items():
             if name in columns:
-                band = columns.get(f"{dof}_{IDENTIFIED_STD}") if model == "identified" else None
+                band = columns.get(f"{dof}_{IDENTIFIED_STD}") if of_model == "identified" else None
                 labels = "Time [s]", with_unit(dof, series.units.get(name))
-                curve = _over_time(model, t, columns[name], band)
+                curve = _over_time(of_model, t, columns[name], band)
                 yield f"{series.kind}-{dof}", title, labels, curve
 
 
@@ -317,11 +315,14 @@ def _over_time(name: str, t: Sample, values: Sample, deviation: Sample | None = 
 
 
 def _thinned(t: Sample, values: Sample) -> tuple[list[float], list[float]]:
-    """Return the finite samples of a line, of a long one those that show its shape."""
+    """Return the finite samples of a line, of a long one the extremes of equal stretches."""
     finite = np.isfinite(values)
     t, values = t[finite], values[finite]
     if len(t) > 2 * STRETCHES:
-        kept = extremes(t, values, STRETCHES)
+        edges = np.searchsorted(t, np.linspace(t[0], t[-1], STRETCHES + 1)[1:-1])
+        parts = [part for part in np.split(np.arange(len(t)), edges) if len(part)]
+        ends = [int(part[end(values[part])]) for part in parts for end in (np.argmin, np.argmax)]
+        kept = sorted({0, len(t) - 1, *ends})
         t, values = t[kept], values[kept]
     return _rounded(t), _rounded(values)
 

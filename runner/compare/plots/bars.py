@@ -1,8 +1,10 @@
 """A metric by identifier and disturbance: mean over seeds, its spread, and every seed."""
 
 from functools import partial
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from seatrial.runner.compare.comparability import with_conditions
@@ -19,7 +21,17 @@ from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import Drawing
-from seatrial.runner.compare.statistics import INFEASIBLE, MARK, UNSETTLED, Cell, Pivot, pivot
+from seatrial.runner.compare.statistics import (
+    COUNTS,
+    INFEASIBLE,
+    MARK,
+    MARKS,
+    UNSETTLED,
+    Pivot,
+    Sample,
+    marks_of,
+    pivot,
+)
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.vocabulary import COMBINED
 
@@ -42,7 +54,6 @@ NOTES = {  # of marks and reasons
 }
 LOGARITHMIC_FROM = 100.0  # largest over smallest mean
 GROUP_WIDTH = 0.8  # of the distance between two groups
-FRAME, WORD = 0.9, 0.7  # [in] beside the axes of a panel, and of a count above a bar
 GOLDEN = 0.6180339887498949  # spreads any number of points evenly
 
 
@@ -63,56 +74,48 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     if not dofs:
         return None
     frame, _ = with_conditions(results, facet.trials, frame.assign(is_baseline=False))
-    factors = (request.rows, request.columns)
-    tables = {
-        dof: pivot(
-            complete(frame[frame["dof"] == dof], facet.trials, factors), factors[:1], factors[1:]
-        )
-        for dof in dofs
-    }
-    first, definition = tables[dofs[0]], definition_of(request.metric)
-    width = max(3.4, FRAME + 0.32 * len(first.row_keys) * len(first.column_keys))
-    width = max(min(width, 14 / len(dofs)), 5.0 / len(dofs))
+    tables, factors = {}, (request.rows, request.columns)
+    for dof in dofs:
+        own = complete(frame[frame["dof"] == dof], facet.trials, factors)
+        tables[dof] = pivot(own, factors[:1], factors[1:])
+    definition, first = definition_of(request.metric), tables[dofs[0]]
+    bars = first.cells["row"].nunique() * len(first.column_keys)
+    width = float(np.clip(0.9 + 0.32 * bars, max(3.4, 5.0 / len(dofs)), 14.0 / len(dofs)))
     figure, axes = style.panels(1, len(dofs), width, 3.8)
     for panel, dof in zip(axes, dofs, strict=True):
         label = definition.label if dof in COMBINED else f"{definition.label}, {dof}"
         panel.set_ylabel(with_unit(label, frame.loc[frame["dof"] == dof, "unit"].iloc[0]))
         _panel(panel, tables[dof], request, width)
     title = facet.title(f"{definition.heading}, {request.model} model")
-    cells = [cell for table in tables.values() for cell in table.cells.values()]
-    several = max(cell.experiments for cell in cells) > 1
+    cells = pd.concat([table.cells for table in tables.values()])
     means = "bars: mean over seeds, whiskers: standard deviation, points: seeds"
-    notes = [means if several else "one experiment a bar"]
-    held = {name for cell in cells for name in (*cell.marks, *cell.missing)}
-    notes += [text for name, text in NOTES.items() if name in held]
+    notes = [means if cells["experiments"].max() > 1 else "one experiment a bar"]
+    told = MARKS | {NOT_APPLICABLE: COUNTS[NOT_APPLICABLE]}
+    notes += [NOTES[name] for name, column in told.items() if cells[column].any()]
     notes += [f"bars average over {', '.join(request.pool)}"] if request.pool else []
     return style.drawing_of(facet.file(f"bars-{request.metric}"), figure, axes, title, notes)
 
 
 def _panel(axes: Axes, table: Pivot, request: PlotRequest, panel_width: float) -> None:
-    names = [key[0] for key in table.column_keys]
-    width, places = GROUP_WIDTH / len(table.row_keys), np.arange(len(names), dtype=np.float64)
-    narrow = (panel_width - FRAME) * GROUP_WIDTH / (len(names) * len(table.row_keys)) <= WORD
-    lost = False
-    for i, row in enumerate(table.row_keys):
-        centres = places + (i - (len(table.row_keys) - 1) / 2) * width
-        cells = [table.cell(row, column) for column in table.column_keys]
-        means = [float(np.mean(cell.sample)) if cell.by_seed else np.nan for cell in cells]
-        colour = style.PALETTE[i % len(style.PALETTE)]
-        axes.bar(centres, means, 0.92 * width, color=colour, alpha=0.75, label=row[0])
-        ends = np.add.outer((-0.46 * width, 0.46 * width), centres).ravel()
-        axes.update_datalim(np.column_stack([ends, ends]), updatey=False)  # room for missing bars
-        for centre, cell in zip(centres, cells, strict=True):
-            top = _seeds(axes, centre, width, cell, style.marker_of(i))
-            _words(axes, centre, top, cell, narrow)
-            lost |= bool(cell.missing)
-    axes.set_xticks(places, names)
-    axes.set_xlabel(request.columns)
+    """Draw a bar for each cell: those of a column beside each other, rows by colour."""
+    columns, rows = table.column_keys, table.cells["row"].nunique()
+    width, samples = GROUP_WIDTH / rows, table.samples()
+    means = {cell: float(np.mean(own)) if own.size else np.nan for cell, own in samples.items()}
+    for i, ((row,), cells) in enumerate(table.cells.groupby("row", sort=False)):
+        shift, colour = (i - 0.5 * (rows - 1)) * width, style.colour_of(i)
+        centres = np.array([columns.index(key) for key in cells["column"]]) + shift
+        heights = [means[cell] for cell in cells.index]
+        axes.bar(centres, heights, 0.92 * width, color=colour, alpha=0.75, label=row)
+        for centre, cell in zip(centres, cells.itertuples(), strict=True):
+            top = _seeds(axes, centre, width, samples[cell.Index], style.marker_of(i))
+            _words(axes, centre, top, cell)
+    names = [key[0] for key in columns]
+    axes.set_xticks(range(len(names)), names)
+    axes.set(xlim=(-0.5, len(names) - 0.5), xlabel=request.columns)
     axes.grid(axis="x", visible=False)
-    axes.margins(y=0.35 if narrow and lost else 0.12)
-    means = [float(np.mean(cell.sample)) for cell in table.cells.values() if cell.by_seed]
-    wide = len(means) > 0 and min(means) > 0.0 and max(means) > LOGARITHMIC_FROM * min(means)
-    if wide if request.log is None else request.log:
+    axes.margins(y=0.35 if table.cells[[*COUNTS.values()]].any(axis=None) else 0.12)
+    low, high = np.nanmin([*means.values(), np.inf]), np.nanmax([*means.values(), -np.inf])
+    if 0.0 < LOGARITHMIC_FROM * low < high if request.log is None else request.log:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
@@ -120,13 +123,12 @@ def _panel(axes: Axes, table: Pivot, request: PlotRequest, panel_width: float) -
         axes.tick_params(axis="x", rotation=20)
 
 
-def _seeds(axes: Axes, centre: float, width: float, cell: Cell, marker: str) -> float:
+def _seeds(axes: Axes, centre: float, width: float, sample: Sample, marker: str) -> float:
     """Draw the seeds of a bar and their standard deviation; return the height of all.
 
     A bar of one seed has none. Where the lower end of positive values would be zero or less, which
     a logarithmic axis draws down to its floor, there is only the upper half.
     """
-    sample = cell.sample
     if sample.size < 2:
         return float(np.max(sample, initial=0.0))
     mean, spread = float(np.mean(sample)), float(np.std(sample, ddof=1))
@@ -143,14 +145,15 @@ def _seeds(axes: Axes, centre: float, width: float, cell: Cell, marker: str) -> 
     return max(mean + spread, float(np.max(sample)), 0.0)
 
 
-def _words(axes: Axes, centre: float, top: float, cell: Cell, narrow: bool) -> None:
+def _words(axes: Axes, centre: float, top: float, cell: Any) -> None:
     """Write the counts of lost runs and the marks above a bar, or at the foot of a missing one."""
-    lines = [f"{n} {SHORT.get(why, why)}" for why, n in sorted(cell.missing.items())]
-    lines += [" ".join(cell.marks)] if cell.marks else []
+    counts = {why: getattr(cell, column) for why, column in sorted(COUNTS.items())}
+    missing = [f"{n} {SHORT.get(why, why)}" for why, n in counts.items() if n]
+    lines = [*missing, *filter(None, [" ".join(marks_of(cell))])]
     if lines:
         axes.annotate(
             "\n".join(lines), (centre, top), xytext=(0, 4), textcoords="offset points", ha="center",
-            va="bottom", fontsize=7.5, color=style.MUTED if cell.missing else "black",
-            xycoords="data" if cell.by_seed else axes.get_xaxis_transform(),
-            rotation=90 if narrow and cell.missing else 0,
+            va="bottom", fontsize=7.5, color=style.MUTED if missing else "black",
+            xycoords="data" if cell.n else axes.get_xaxis_transform(),
+            rotation=90 if missing else 0,
         )  # fmt: skip

@@ -13,14 +13,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from seatrial.runner.compare.comparability import distinct, with_conditions
+from seatrial.runner.compare.comparability import with_conditions
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, observations, ordered
 from seatrial.runner.compare.grid import number_text, unit_text
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
 from seatrial.runner.compare.plots.style import Drawing
-from seatrial.runner.compare.statistics import confidence_interval
+from seatrial.runner.compare.statistics import confidence_interval, pivot
 
 FIGURE = Figure(
     "coefficients",
@@ -31,9 +31,7 @@ FIGURE = Figure(
     place=6,
 )
 
-LOOKS: dict[
-    bool, tuple[str, dict[str, Any]]
-] = {  # of an interval, by whether it covers the coefficient, not only the estimate
+LOOKS: dict[bool, tuple[str, dict[str, Any]]] = {  # of an interval, by whether it covers
     True: ("95 % interval", {"linewidth": 1.3}),
     False: ("95 % interval, without bias", {"linewidth": 0.8, "linestyle": "--", "color": "0.5"}),
 }
@@ -65,8 +63,8 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     numbers = numbers[numbers["dof"].isin(dofs)]
     if numbers.empty:
         return None
-    numbers = distinct(with_conditions(results, facet.trials, numbers)[0])
-    numbers["covers"] = numbers["run"].isin(results.covering(facet.condition))
+    numbers = with_conditions(results, facet.trials, numbers.assign(is_baseline=False))[0]
+    numbers["interval_of_estimate"] = ~numbers["run"].isin(results.covering(facet.condition))
     estimates = _estimates(numbers, request)
     if estimates.empty:
         return None
@@ -78,9 +76,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     for panel, dof in zip(axes, [dof for dof in dofs if dof in shown], strict=True):
         _panel(panel, shown[dof], groups)
         panel.set_title(dof, loc="left")
-    if len({panel.get_position().y0 for panel in axes}) == 1:  # side by side: lines of one height
-        for panel in axes:
-            panel.set_ylim(lowest, 0.0)
+        panel.set_ylim(lowest, 0.0)
     notes = [OF_SEEDS] if estimates["of_seeds"].any() else []
     known = numbers[numbers["true_value"] == 0.0]
     zero = dict.fromkeys(f"{row.metric} ({row.dof})" for row in known.itertuples())
@@ -103,26 +99,22 @@ def _estimates(numbers: pd.DataFrame, request: PlotRequest) -> pd.DataFrame:
     for name in (request.columns, "vessel"):
         if name not in factors and numbers[name].nunique() > 1:
             factors.append(name)
-    rows = []
-    for levels, own in numbers.groupby([*factors, "dof", "metric"], observed=True, sort=False):
-        values, truths = own["value"].to_numpy(), own["true_value"].unique()
-        squares, mean = own["std_error"].dropna() ** 2, float(np.mean(values))
-        truth = truths[0] if len(truths) == 1 else np.nan
-        reference = mean if np.isnan(truth) else float(truth)
-        if reference == 0.0 or (np.isnan(truth) and squares.empty):
+    table, rows = pivot(numbers, tuple(factors), ("dof", "metric")), []
+    samples = table.samples()
+    for cell in table.cells.itertuples():
+        sample, truth = samples[cell.Index], cell.true_value
+        mean = float(np.mean(sample))
+        reference = mean if np.isnan(truth) else truth
+        if reference == 0.0 or np.isnan([truth, cell.std_error]).all():
             continue
-        low, high, of_seeds = mean, mean, bool(np.ptp(values) > 0.0)
-        if of_seeds:
-            low, high = confidence_interval(values)
-        elif len(squares):
-            half = NORMAL_95 * float(np.sqrt(squares.mean()))
-            low, high = mean - half, mean + half
-        low, high = sorted((low / reference, high / reference))
+        half, of_seeds = NORMAL_95 * np.nan_to_num(cell.std_error), bool(np.ptp(sample) > 0.0)
+        ends = confidence_interval(sample) if of_seeds else (mean - half, mean + half)
+        low, high = sorted(end / reference for end in ends)
         rows.append({
-            "group": ", ".join(levels[:-2]), "dof": levels[-2], "term": levels[-1],
-            "unit": own["unit"].iloc[0], "reference": reference, "known": not np.isnan(truth),
-            "value": mean / reference, "low": low, "high": high, "of_seeds": of_seeds,
-            "covers": bool(own["covers"].all()),
+            "group": ", ".join(cell.row), "dof": cell.column[0], "term": cell.column[1],
+            "unit": min(cell.units, default=""), "reference": reference,
+            "known": not np.isnan(truth), "value": mean / reference, "low": low, "high": high,
+            "of_seeds": of_seeds, "covers": not cell.interval_of_estimate,
         })  # fmt: skip
     return pd.DataFrame(rows)
 
@@ -147,28 +139,24 @@ def _panel(axes: Axes, estimates: pd.DataFrame, groups: list[str]) -> None:
         if ((estimates["covers"] == covers) & (estimates["high"] > estimates["low"])).any():
             axes.plot([], [], label=label, **({"color": "black"} | look))
     axes.set_yticks([*ticks.values()], [*ticks])
-    axes.set_ylim(top, 0.0)
     known = estimates["known"].all()
     axes.set_xlabel("identified / true value" if known else "relative to the estimate")
-    values, (low, high) = estimates["value"], axes.get_xlim()
-    low = 1.0 - WIDEST if values.min() < 1.0 - WIDEST else min(low, 1.0 - NARROWEST)
-    high = 1.0 + WIDEST if values.max() > 1.0 + WIDEST else max(high, 1.0 + NARROWEST)
+    low, high = axes.get_xlim()
+    low, high = min(low, 1.0 - NARROWEST), max(high, 1.0 + NARROWEST)
     axes.set_xlim(max(low, 1.0 - WIDEST), min(high, 1.0 + WIDEST))
     axes.grid(axis="y", visible=False)
 
 
 def _mark(axes: Axes, row: Any, place: float, i: int) -> None:
     """Draw one estimate, of group i, with its interval; an arrow at the edge if it is beyond it."""
-    colour = style.PALETTE[i % len(style.PALETTE)]
+    colour = style.colour_of(i)
     if row.high > row.low:
         axes.plot([row.low, row.high], [place, place], **({"color": colour} | LOOKS[row.covers][1]))
     marker = style.marker_of(i)
     axes.plot([row.value], [place], marker, color=colour, markersize=5, label=row.group)
     if abs(row.value - 1.0) > WIDEST:
         side, text = np.sign(row.value - 1.0), number_text(row.value, 2)
-        axes.annotate(
-            f"{text} →" if side > 0.0 else f"← {text}", (1.0 + side * WIDEST, place),
-            xytext=(-4 * side, 0), textcoords="offset points", va="center", fontsize=7.5,
-            ha="right" if side > 0.0 else "left", color=colour, zorder=4,
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        axes.text(
+            1.0 + side * WIDEST, place, f"{text} → " if side > 0.0 else f" ← {text}", va="center",
+            ha="right" if side > 0.0 else "left", fontsize=7.5, color=colour, zorder=4,
         )  # fmt: skip

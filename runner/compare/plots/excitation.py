@@ -52,8 +52,6 @@ DEPTH = 1e-3  # smallest amplitude shown, likewise
 FORCE, ACTING = style.PALETTE[0], style.PALETTE[1]
 NORTH, EAST = "wind_north", "wind_east"
 CALM_M_S = 1e-6  # below it wind has no direction
-ZERO_DEVIATION = 1e-9  # of the mean, a deviation that is none
-NARROWEST_DEG = 10.0  # smallest half-range of the direction
 SMALL: dict[str, Any] = {"loc": "left", "fontsize": 8.5, "fontweight": "normal"}  # titles of panels
 
 
@@ -67,6 +65,16 @@ class CommandedSignal:
     unit: str
     limits: tuple[float, float] | None
     dof: str = ""
+
+    @property
+    def peak(self) -> float:
+        """The largest absolute value."""
+        return style.largest_of([self.commanded])
+
+    @property
+    def moves(self) -> bool:
+        """Whether it excites: a force that acts, an input that changes."""
+        return bool(np.any(self.commanded if self.dof else np.diff(self.commanded)))
 
 
 def commanded_signals(
@@ -83,8 +91,8 @@ def commanded_signals(
         name, end = f"tau_{dof}", limits.get(dof)
         if name in first.columns:
             largest = style.largest_of([series.columns[name] for series in series_of])
-            ends = [end and -end, end]
             unit = style.prefixed(first.units[name], largest)
+            ends = [end and -end, end]
             rows.append((dof.capitalize(), name, f"tau_actual_{dof}", *unit, ends, dof))
     for name, options in (vessel.get("inputs") or {}).items() if not rows else ():
         if name in first.columns:
@@ -94,15 +102,14 @@ def commanded_signals(
     signals_of = []
     for columns in (series.columns for series in series_of):
         signals_of.append(signals := list[CommandedSignal]())
-        for name, command, actual, own_unit, size, ends, dof in rows:
-            acting = columns.get(actual)
-            force = columns[command] if command in columns else columns[actual]
+        for name, command, actual, unit_, size, (low, high), dof in rows:
+            acting, force = columns.get(actual), columns.get(command, columns.get(actual))
+            assert force is not None
             if acting is not None:
                 late = np.allclose(acting[1:], force[:-1]) or np.allclose(acting, force)
                 acting = None if late else acting / size
-            low, high = ends
             own = None if low is None or high is None else (low / size, high / size)
-            signals.append(CommandedSignal(name, force / size, acting, own_unit, own, dof))
+            signals.append(CommandedSignal(name, force / size, acting, unit_, own, dof))
     return signals_of
 
 
@@ -117,38 +124,34 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
 def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
     dofs = request.shown(lambda dof: f"tau_{dof}" in series.columns) or list(request.dofs)
     (signals,) = commanded_signals([series], results.reader.run(run.id).config, dofs)
-    excited = [s for s in signals if np.any(s.commanded if s.dof else np.diff(s.commanded))]
-    excited = excited or [signal for signal in signals if np.any(signal.commanded)]
+    excited = [s for s in signals if s.moves] or [s for s in signals if s.peak]
     if not excited:
         raise ConfigurationError(f"plot excitation: run {run.id} has no force in these DOFs")
     diagnostics = diagnostics_of(results, run, (*REPORT, INSEPARABLE_TERMS, SINGULAR, ORDER))
-    subspace = (diagnostics["name"] == SINGULAR).any()
-    blown = request.shown(lambda dof: f"wind_{dof}" in series.columns)
-    winds = 0 if NORTH not in series.columns else 2 if blown else 1
-    rows = len(excited) + winds + subspace
+    subspace = diagnostics[diagnostics["name"] == SINGULAR].dropna(subset="value")
+    wind = _wind(series, request.shown(lambda dof: f"wind_{dof}" in series.columns))
+    rows = len(excited) + -(-(len(wind) + (len(subspace) > 0)) // 2)
     figure, axes = style.panels(rows, 2, 5.4, 2.3 if rows > 1 else 3.2)
-    for left, right, signal in zip(axes[::2], axes[1::2], excited, strict=False):
-        _over_time(left, series, signal)
-        _spectrum(right, series, signal, diagnostics)
-    last = 2 * len(excited)
-    axes[last - 1].set_xlabel("Frequency [Hz]")
-    axes[last + 2 * winds - 2].set_xlabel(with_unit("Time", series.units["t"]))
-    if winds:
-        _wind(axes[last : last + 2 * winds], series, blown)
-    if subspace:
-        _singular_values(axes[-2], diagnostics)
-        axes[-1].remove()
-    notes = ["shaded: training part"] if np.any(series.columns.get("train", np.zeros(1))) else []
-    idle = [signal for signal in signals if signal not in excited]
-    if idle and all(signal.dof and not np.any(signal.commanded) for signal in idle):
-        notes.append(f"no force in {', '.join(signal.dof for signal in idle)}")
-    elif idle:
-        levels = [f"{s.name} {_amount(s.commanded[0], s.unit)}" for s in idle]
-        notes.append(f"constant: {', '.join(levels)}")
+    panels = iter(axes)
+    for signal in excited:
+        _over_time(next(panels), series, signal)
+        _spectrum(next(panels), series, signal, diagnostics)
+    for label, curves in wind:
+        style.over_time(next(panels), label, curves, linewidth=1.0)
+    if len(subspace):
+        order = diagnostics.loc[diagnostics["name"] == ORDER, "value"].max()
+        _singular_values(next(panels), subspace.sort_values("i"), order)
+    for spare in panels:
+        spare.remove()
+    train = np.asarray(series.columns.get("train", np.zeros(1)))
+    notes = ["shaded: training part"] if np.any(train) else []
+    idle = [
+        f"constant: {s.name} {_amount(float(s.commanded[0]), s.unit)}" if s.peak or not s.dof
+        else f"no force in {s.dof}" for s in signals if s not in excited
+    ]  # fmt: skip
+    notes += ["; ".join(idle)] if idle else []
     notes.append("spectra: up to twice the last frequency with a tenth of the highest amplitude")
-    notes += ["wind: means and deviations at the right, direction from north over east"] * (
-        winds > 0
-    )
+    notes += ["wind: means at the right, direction from north over east"] * bool(wind)
     alike = diagnostics[(diagnostics["name"] == INSEPARABLE_TERMS) & diagnostics["dof"].isin(dofs)]
     for dof, own in alike.groupby("dof", sort=False):
         terms = "; ".join(" ~ ".join(label.split()) for label in own["label"])
@@ -158,25 +161,21 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
 
 
 def _amount(value: float, unit: str) -> str:
-    return f"{number_text(float(value), 3)} {unit_text(unit)}"
+    return f"{number_text(value, 3)} {unit_text(unit)}"
 
 
 def _over_time(axes: Axes, series: Series, signal: CommandedSignal) -> None:
     """Draw what is commanded and acts, with the limits and how much of them is used."""
-    t, peak = series.columns["t"], style.largest_of([signal.commanded])
-    axes.plot(t, signal.commanded, color=FORCE, linewidth=1.0, label="commanded")
+    t, title = series.columns["t"], f"peak {_amount(signal.peak, signal.unit)}"
+    curves = [style.Curve(t, signal.commanded, FORCE, "commanded")]
     if signal.acting is not None:
-        axes.plot(t, signal.acting, color=ACTING, linewidth=1.0, label="acting")
-    title = f"peak {_amount(peak, signal.unit)}"
+        curves.append(style.Curve(t, signal.acting, ACTING, "acting"))
     if signal.limits is not None:
-        largest = max(map(abs, signal.limits))
-        title += f", {peak / largest:.0%} of the limit"
-        if largest <= style.SHOWN_LIMIT * peak:
-            style.draw_limits(axes, signal.limits, peak, unit_text(signal.unit))
+        title += f", {signal.peak / max(map(abs, signal.limits)):.0%} of the limit"
+    style.draw_limits(axes, signal.limits, signal.peak)
     style.shaded(axes, t, np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64))
     axes.set_title(title, **SMALL)
-    axes.set_ylabel(with_unit(signal.name, signal.unit))
-    axes.margins(x=0)
+    style.over_time(axes, with_unit(signal.name, signal.unit), curves, linewidth=1.0)
 
 
 def _spectrum(
@@ -187,58 +186,45 @@ def _spectrum(
     period = float(t[-1] - t[0]) / (len(t) - 1)
     size = 2.0 * np.abs(np.fft.rfft(force - np.mean(force)))[1:] / len(force)
     frequency = np.fft.rfftfreq(len(force), period)[1:]
-    axes.set_xscale("log")
-    axes.set_ylabel(with_unit("Amplitude", signal.unit))
+    axes.set(xscale="log", xlabel="Frequency [Hz]", ylabel=with_unit("Amplitude", signal.unit))
     largest = float(np.max(size))
-    axes.set_xlim(frequency[0], frequency[-1])
     if largest > 0.0:
         width = max(5, len(size) // 100)  # a mean over neighbours evens out noise
         smooth = np.sqrt(np.convolve(np.square(size), np.ones(width) / width, "same"))
         last = float(frequency[np.flatnonzero(smooth >= MATTERS * np.max(smooth))[-1]])
         shown = frequency <= max(2.0 * last, 10.0 * frequency[0])
-        axes.set_yscale("log")
         axes.plot(frequency, size, color=FORCE, linewidth=0.8)
+        lowest = max(DEPTH * largest, 0.5 * float(np.min(size[shown])))
+        axes.set(yscale="log", ylim=(lowest, 2.0 * largest))
         axes.set_xlim(frequency[0], frequency[shown][-1])
-        axes.set_ylim(max(DEPTH * largest, 0.5 * float(np.min(size[shown]))), 2.0 * largest)
     own = diagnostics[(diagnostics["dof"] == signal.dof) & diagnostics["name"].isin(REPORT)]
     if len(own) == len(REPORT):
         rank, unknowns, lines = own.set_index("name")["value"].astype(int)[[*REPORT]]
         axes.set_title(f"spectral lines: {lines}; {rank} of {unknowns} terms separable", **SMALL)
 
 
-def _wind(axes: Sequence[Axes], series: Series, dofs: Sequence[str]) -> None:
-    """Draw speed and direction of the wind, and below them its forces and its moments."""
-    north, east, t = (series.columns[name] for name in (NORTH, EAST, "t"))
-    direction = blown_to(north, east)
-    shown = [
-        ("Wind speed", "m/s", {"": np.hypot(north, east)}),
-        ("Blows to", "deg", {"": direction}),
-    ]
+def _wind(series: Series, dofs: Sequence[str]) -> list[tuple[str, list[style.Curve]]]:
+    """Return the panels of the wind: its speed and direction, its forces and its moments."""
+    columns, panels = series.columns, []
+    if NORTH not in columns:
+        return []
+    north, east = columns[NORTH], columns[EAST]
+    signals = [("Wind speed", "m/s", {"": np.hypot(north, east)})]
+    signals.append(("Blows to", "deg", {"": blown_to(north, east)}))
     for what, si in (("Wind force", "N"), ("Wind moment", "Nm")):
-        own = {d: series.columns[f"wind_{d}"] for d in dofs if series.units[f"wind_{d}"] == si}
+        own = {dof: columns[f"wind_{dof}"] for dof in dofs if series.units[f"wind_{dof}"] == si}
         unit, size = style.prefixed(si, style.largest_of([*own.values()]))
-        shown.append((what, unit, {dof: force / size for dof, force in own.items()}))
-    for panel, (name, unit, signals) in zip(axes, shown, strict=False):
-        if not signals:
-            panel.remove()
-            continue
-        texts = []
-        for dof, values in signals.items():
+        signals += [(what, unit, {dof: force / size for dof, force in own.items()})] if own else []
+    for what, unit, of_panel in signals:
+        curves = []
+        for dof, values in of_panel.items():
             colour = style.PALETTE[2 + DOFS.index(dof)] if dof else style.WIND
-            label = f"wind, {dof}" if dof else None
-            panel.plot(t, values, color=colour, linewidth=1.0, label=label)
-            texts.append(_statistics(values, unit, colour))
-        low, high = panel.get_ylim()
-        if unit == "deg":
-            panel.set_ylim(
-                min(low, texts[0][0] - NARROWEST_DEG), max(high, texts[0][0] + NARROWEST_DEG)
-            )
-        else:
-            panel.set_ylim(min(low, 0.0), max(high, 0.0))
-        style.beside(panel, texts)
-        panel.set_ylabel(with_unit(name, unit))
-        panel.set_xlabel(with_unit("Time", series.units["t"]) if panel is axes[-1] else "")
-        panel.margins(x=0)
+            finite = values[np.isfinite(values)]
+            mean = float(np.mean(finite)) if len(finite) else 0.0
+            words = f"wind, {dof}" if dof else "", _amount(mean, unit) if len(finite) else ""
+            curves.append(style.Curve(columns["t"], values, colour, *words, mean))
+        panels.append((with_unit(what, unit), curves))
+    return panels
 
 
 def blown_to(north: Sample, east: Sample) -> Sample:
@@ -252,26 +238,13 @@ def blown_to(north: Sample, east: Sample) -> Sample:
     return np.where(np.hypot(north, east) > CALM_M_S, angle, np.nan)
 
 
-def _statistics(values: Sample, unit: str, colour: str) -> tuple[float, str, str]:
-    """Return the mean of a signal, and the text on it for the side of its panel."""
-    finite = values[np.isfinite(values)]
-    if not len(finite):
-        return 0.0, "", colour
-    mean, deviation = float(np.mean(finite)), float(np.std(finite))
-    deviation = 0.0 if deviation < ZERO_DEVIATION * abs(mean) else deviation
-    return mean, f"{number_text(mean, 3)} ± {_amount(deviation, unit)}", colour
-
-
-def _singular_values(axes: Axes, diagnostics: pd.DataFrame) -> None:
-    """Draw the singular values of the data, filled within the selected order."""
-    rows = diagnostics[diagnostics["name"] == SINGULAR].dropna(subset="value").sort_values("i")
+def _singular_values(axes: Axes, rows: pd.DataFrame, order: float) -> None:
+    """Draw the singular values of the data, filled within the selected order, if there is one."""
     axes.plot(rows["i"], rows["value"], "o-", color=FORCE, fillstyle="none")
-    order = diagnostics.loc[diagnostics["name"] == ORDER, "value"].max()
     if order > 0:
         within = rows[rows["i"] <= order]
         axes.plot(within["i"], within["value"], "o", color=FORCE)
         axes.set_title(f"filled: the selected order {order:g}", **SMALL)
-    axes.set_yscale("log")
-    axes.set_xlabel("Number")
-    axes.set_ylabel(with_unit("Singular value", rows["unit"].iloc[0]))
+    label = with_unit("Singular value", rows["unit"].iloc[0])
+    axes.set(yscale="log", xlabel="Number", ylabel=label)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

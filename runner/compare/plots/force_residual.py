@@ -1,7 +1,6 @@
 """Lack of fit of the force over time, before and after identification, per degree of freedom."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -56,34 +55,31 @@ def typical(results: Queries, runs: Sequence[StoredRun], condition: Condition) -
 
 
 def _drawing(request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
-    dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in series.columns)
+    columns, shape = series.columns, series.columns["t"].shape
+    dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in columns)
     if not dofs:
         raise ConfigurationError(f"plot residual: run {run.id} has no residual of these DOFs")
-    train = np.asarray(series.columns.get("train", np.zeros(0)), dtype=np.float64)
-    t = series.columns["t"]
+    train = np.asarray(columns.get("train", np.zeros(shape)), dtype=np.float64)
+    judged = train == 0.0 if np.any(train == 0.0) else train > 0.0
     figure, axes = style.panels(len(dofs), 1, 8.0, 2.3, share_x=True)
     for panel, dof in zip(axes, dofs, strict=True):
-        found = {model: series.columns.get(f"residual_{model}_{dof}") for model in MODELS}
-        shown = {model: values for model, values in found.items() if values is not None}
-        unit = series.units[f"residual_nominal_{dof}"]
-        unit, size = style.prefixed(unit, style.largest_of([*shown.values()]))
-        texts = []
+        names = {model: f"residual_{model}_{dof}" for model in MODELS}
+        shown = {model: columns[name] for model, name in names.items() if name in columns}
+        largest = style.largest_of([*shown.values()])
+        unit, size = style.prefixed(series.units[names["nominal"]], largest)
+        curves = []
         for model, values in shown.items():
-            look: dict[str, Any] = {"color": style.MODEL_COLOURS[model], "linewidth": 0.9}
-            panel.plot(t, values / size, label=MODELS[model], alpha=0.9, **look)
-            held_out = values[train == 0] if np.any(train == 0) else values
-            level = float(np.sqrt(np.mean(np.square(held_out)))) / size
-            panel.axhline(level, linestyle="--", **look)
-            texts.append((level, f"rms {number_text(level, 3)} {unit}", style.MODEL_COLOURS[model]))
-        style.shaded(panel, t, train)
-        panel.set_ylabel(with_unit(dof.capitalize(), unit))
-        panel.margins(x=0)
-        style.beside(panel, texts)
-    axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
+            rms, colour = float(np.sqrt(np.mean(values[judged] ** 2))), style.MODEL_COLOURS[model]
+            panel.axhline(rms / size, linestyle="--", color=colour, linewidth=0.9)
+            words = MODELS[model], f"rms {number_text(rms / size, 3)} {unit}"
+            curves.append(style.Curve(columns["t"], values / size, colour, *words, rms / size))
+        style.shaded(panel, columns["t"], train)
+        label = with_unit(dof.capitalize(), unit)
+        style.over_time(panel, label, curves, linewidth=0.9, alpha=0.9)
     notes = ["shaded: training part"] if train.any() else []
     samples = "the part that is not shaded" if train.any() else "all samples"
     notes.append(f"dashed, and at the right: root mean square over {samples}")
-    lacking = [dof for dof in dofs if f"residual_identified_{dof}" not in series.columns]
+    lacking = [dof for dof in dofs if f"residual_identified_{dof}" not in columns]
     notes += [f"no identified model in {', '.join(lacking)}"] if lacking else []
     notes += ["a run of median improvement; --run shows another"] if request.run is None else []
     title = f"Force residual, {subtitle(run)}"

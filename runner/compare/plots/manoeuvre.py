@@ -67,23 +67,18 @@ def _circle(axes: Axes, track: Track, result: Sheet) -> None:
     ahead, aside = way_from(track, result.start_s)
     axes.plot(aside, ahead, color=style.PALETTE[0], label="track")
     axes.plot(0.0, 0.0, "o", color=style.REFERENCE, markersize=5, label="execution")
-    lines = (
-        ("advance", "time to 90 deg", style.PALETTE[3]),
-        ("transfer", "time to 90 deg", style.PALETTE[5]),
-        ("tactical diameter", "time to 180 deg", style.PALETTE[1]),
-    )
-    for name, reached, colour in lines:
-        value, time = result.values[name], result.start_s + result.values[reached]
+    lines = {"advance": (90, 3), "transfer": (90, 5), "tactical diameter": (180, 1)}
+    for name, (turned_deg, colour) in lines.items():
+        value = result.values[name]
+        time = result.start_s + result.values[f"time to {turned_deg} deg"]
         if np.isfinite(value):
-            at = track.at(aside, time), track.at(ahead, time)
-            foot = (at[0], 0.0) if name == "advance" else (0.0, at[1])
+            x, y = track.at(aside, time), track.at(ahead, time)
+            line = ([x, x], [0.0, y]) if name == "advance" else ([0.0, x], [y, y])
             label = f"{name} {number_text(value, 3)} L"
-            line = zip(foot, at, strict=True)
-            axes.plot(*line, color=colour, linewidth=1.6, label=label)
+            axes.plot(*line, color=style.PALETTE[colour], linewidth=1.6, label=label)
     axes.margins(0.08)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("Across the approach [L]")
-    axes.set_ylabel("Along the approach [L]")
+    axes.set(xlabel="Across the approach [L]", ylabel="Along the approach [L]")
 
 
 def _speeds(axes: Axes, track: Track, result: Sheet) -> None:
@@ -93,20 +88,18 @@ def _speeds(axes: Axes, track: Track, result: Sheet) -> None:
     axes.plot(t, track.speed / result.speed_m_s, color=style.PALETTE[4], label="U / U0")
     axes.plot(t, np.abs(rate), color=style.PALETTE[2], label="|r| L / U0")
     axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("Time [s]")
-    axes.set_ylabel("Speed, yaw rate [-]")
+    axes.set(xlabel="Time [s]", ylabel="Speed, yaw rate [-]")
 
 
 def _zigzag(axes: Axes, track: Track, result: Sheet) -> None:
     """Heading from the course of the approach and helm over time, with the overshoots."""
-    start = result.start_s
-    course = track.at(track.psi, start)
-    heading, t = np.degrees(track.psi - course), track.t - start
+    start, turned = result.start_s, result.turn_deg or 0.0
+    heading = np.degrees(track.psi - track.at(track.psi, start))
+    t = track.t - start
     axes.plot(t, np.degrees(track.helm), color=style.PALETTE[1], label="helm")
     axes.plot(t, heading, color=style.PALETTE[0], label="heading from the approach")
-    for side in (-1.0, 1.0):
-        turned = side * (result.turn_deg or 0.0)
-        axes.axhline(turned, color=style.MUTED, linewidth=0.7, linestyle=":")
+    for angle in (-turned, turned):
+        axes.axhline(angle, color=style.MUTED, linewidth=0.7, linestyle=":")
     times = executions(track, result.execution)[1:]
     for name, executed in zip(("first overshoot", "second overshoot"), times, strict=False):
         if name not in result.values:
@@ -115,12 +108,10 @@ def _zigzag(axes: Axes, track: Track, result: Sheet) -> None:
         time = executed - start + result.values[f"{name}, time"]
         peak = float(np.interp(time, t, heading))
         side = np.sign(peak)
-        arrow = {"arrowstyle": "<->", "color": style.MUTED, "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", (time, peak), (time, peak - side * angle), arrowprops=arrow)
+        axes.plot([time, time], [peak - side * angle, peak], color=style.MUTED, linewidth=0.8)
         axes.annotate(
             f"{number_text(angle, 3)}°", (time, peak), (0, 3 * side), textcoords="offset points",
             fontsize=8, ha="center", va="bottom" if side > 0.0 else "top",
         )  # fmt: skip
     axes.margins(y=0.12)
-    axes.set_xlabel("Time from the execution [s]")
-    axes.set_ylabel("Helm and heading [deg]")
+    axes.set(xlabel="Time from the execution [s]", ylabel="Helm and heading [deg]")

@@ -52,8 +52,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
         own = frame[frame["dof"] == dof]
         _panel(panel, own, *(ordered(points[name]) for name in (request.rows, request.columns)))
         unit = own.loc[own["name"] == MSE, "unit"].iloc[0]
-        panel.set_ylabel(with_unit(f"Force MSE, {dof}", unit))
-        _limit(panel, own)
+        panel.set(xlabel="Model order", ylabel=with_unit(f"Force MSE, {dof}", unit))
     several = points.groupby(["key", "dof"], observed=True)["run"].nunique().max() > 1
     notes = ["line: median over seeds, band: smallest to largest"] if several else []
     if (frame["name"] == SELECTED).any():
@@ -65,38 +64,31 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
 
 
 def _panel(axes: Axes, frame: pd.DataFrame, rows: list[str], columns: list[str]) -> None:
-    """Draw the errors of each row and column over the orders, the selected ones marked."""
-    for (row, column), own in sorted(frame.groupby("key")):
-        mse = own[own["name"] == MSE].pivot(index="run", columns="i", values="value")
-        if mse.empty:
-            continue
-        i = columns.index(column)
-        colour = style.PALETTE[i % len(style.PALETTE)]
-        line = LINE_STYLES[rows.index(row) % len(LINE_STYLES)]
+    """Draw the errors of each row and column over the orders, the selected ones marked.
+
+    The limits are those of the orders up to twice the largest that was selected: beyond it the
+    error of an overfitted model grows by orders of magnitude.
+    """
+    points, selected = frame[frame["name"] == MSE], frame[frame["name"] == SELECTED]
+    for (row, column), own in sorted(points.groupby("key")):
+        mse, i = own.pivot(index="run", columns="i", values="value"), columns.index(column)
+        colour, line = style.colour_of(i), LINE_STYLES[rows.index(row) % len(LINE_STYLES)]
         label = f"{row}, {column}" if len(rows) > 1 else column
         orders, middle = mse.columns.to_numpy(int), mse.median()
         axes.plot(orders, middle, line, color=colour, label=label)
         if len(mse) > 1:
             axes.fill_between(orders, mse.min(), mse.max(), color=colour, alpha=0.18, linewidth=0)
-        selected = own.loc[own["name"] == SELECTED, "value"].dropna().astype(int)
-        for order in sorted({*selected} & {*orders.tolist()}):
+        chosen = {*selected.loc[selected["key"] == (row, column), "value"].dropna().astype(int)}
+        for order in sorted(chosen & {*orders.tolist()}):
             axes.plot(
                 [order], [middle[order]], style.marker_of(i), color=colour,
                 markeredgecolor="black", markersize=7, zorder=3,
             )  # fmt: skip
-    axes.set_xlabel("Model order")
     axes.set_yscale("log")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-
-
-def _limit(axes: Axes, frame: pd.DataFrame) -> None:
-    """Set the limits to what matters: the orders up to twice the largest that was selected.
-
-    Beyond it the error of an overfitted model grows by orders of magnitude.
-    """
-    points = frame[(frame["name"] == MSE) & (frame["value"] > 0.0)]
-    largest = frame.loc[frame["name"] == SELECTED, "value"].max()  # NaN: no order was selected
-    last = np.fmin(max(np.nan_to_num(2.0 * largest, nan=np.inf), MIN_ORDERS), points["i"].max())
+    points = points[points["value"] > 0.0]
+    largest = 2.0 * selected["value"].max()  # NaN: no order was selected
+    last = np.fmin(np.fmax(largest, MIN_ORDERS) if largest > 0.0 else np.inf, points["i"].max())
     axes.set_xlim(points["i"].min() - 0.5, last + 0.5)
     values = points.loc[points["i"] <= last, "value"]
     if len(values):

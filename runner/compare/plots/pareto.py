@@ -45,33 +45,26 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     frame = facet.diagnostics(results, (OBJECTIVE, CHOSEN, DEPLOYED))
     points = frame[(frame["name"] == OBJECTIVE) & frame["i"].notna()]
     objectives = points.drop_duplicates("j").set_index("j").sort_index()
-    every = [*combinations(objectives.index, 2)]
+    every, dofs = [*combinations(objectives.index, 2)], objectives["dof"]
     if not every:
         return None
-    dofs = objectives["dof"]
     alike = [(a, b) for a, b in every if dofs[a] == dofs[b]] if len(dofs) > 3 else []
     pairs = (alike or every)[:MOST_PANELS]
     columns = min(len(pairs), ABREAST)
-    rows = -(-len(pairs) // columns)
-    figure, axes = style.panels(rows, columns, max(3.8, 5.0 / columns), 3.9)
+    figure, axes = style.panels(-(-len(pairs) // columns), columns, max(3.8, 5.0 / columns), 3.9)
     for spare in axes[len(pairs) :]:
         spare.remove()
-    runs = [*points.groupby("run")]
-    groups = {run: ", ".join(own[[request.rows, request.columns]].iloc[0]) for run, own in runs}
-    places = [*dict.fromkeys(groups.values())]
-    polished = False
+    runs, groups, polished = [*points.groupby("run")], list[str](), False
     for run, own in runs:
-        front = own.pivot(index="i", columns="j", values="value")
-        mine = frame[frame["run"] == run]
+        front, mine = own.pivot(index="i", columns="j", values="value"), frame[frame["run"] == run]
         chosen = front.loc[front.index.isin(mine.loc[mine["name"] == CHOSEN, "i"])]
         deployed = mine[mine["name"] == DEPLOYED].set_index("j")["value"].reindex(front.columns)
         moved = deployed.notna().all() and not np.isclose(chosen, deployed).all(axis=1).any()
         polished |= moved
-        i = places.index(groups[run])
-        look: dict[str, Any] = {
-            "color": style.PALETTE[i % len(style.PALETTE)],
-            "label": groups[run],
-        }
+        group = ", ".join(own[[request.rows, request.columns]].iloc[0])
+        groups += [group] if group not in groups else []
+        i = groups.index(group)
+        look: dict[str, Any] = {"color": style.colour_of(i), "label": group}
         for panel, (x, y) in zip(axes, pairs, strict=False):
             marker = style.marker_of(i)
             panel.plot(front[x], front[y], marker, markersize=4, alpha=0.75, **look)
@@ -80,12 +73,13 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
                 panel.plot([deployed[x]], [deployed[y]], marker="D", markersize=9, **RING)
     ends = pd.concat([points, frame[frame["name"] == DEPLOYED]]).groupby("j")["value"]
     log = (ends.min() > 0.0) & (ends.max() > LINEAR_RANGE * ends.min())
-    labels = {j: with_unit(row.label or f"objective {j}", row.unit)
-              for j, row in objectives.iterrows()}  # fmt: skip
+    scales = log.map({True: "log", False: "linear"})
+    labels = [
+        with_unit(row.label or f"objective {j}", row.unit) for j, row in objectives.iterrows()
+    ]
+    named = dict(zip(objectives.index, labels, strict=True))
     for panel, (x, y) in zip(axes, pairs, strict=False):
-        panel.set_xlabel(labels[x])
-        panel.set_ylabel(labels[y])
-        panel.set(xscale="log" if log[x] else "linear", yscale="log" if log[y] else "linear")
+        panel.set(xlabel=named[x], ylabel=named[y], xscale=scales[x], yscale=scales[y])
     seeds = "; one front for each run" if len(runs) > 1 else ""
     left_out = f"; {len(pairs)} of {len(every)} pairs" if len(pairs) < len(every) else ""
     made = "; diamond: what the polish made of it" if polished else ""

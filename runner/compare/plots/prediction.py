@@ -50,6 +50,9 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
     names = request.shown(lambda dof: dof in columns)
     if not names:
         raise ConfigurationError(f"plot prediction: run {run.id} has no prediction of these DOFs")
+    piece = " of each piece" if np.sum(columns["start"]) > 1 else ""
+    notes = [f"predictions begin at the first measured state{piece}; FIT at the right: 100 % is"
+             " perfect"]  # fmt: skip
     if band is not None:
         if not 0.0 < band < 100.0:
             raise ConfigurationError(
@@ -57,6 +60,10 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
             )
         names = [*(POSES[DOFS.index(dof)] for dof in names), *names]
         names = [name for name in names if f"{name}_{IDENTIFIED_STD}" in columns]
+        notes.append(
+            f"band: {band:g} % of what is measured, by what the data leave open of the parameters,"
+            " the model error and the noise"
+        )
     if not names:
         raise ConfigurationError(
             f"plot prediction: run {run.id} has no bands: its identifier gives no distribution, or"
@@ -71,21 +78,9 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
                 t, middle - half, middle + half, alpha=0.2, linewidth=0, label=f"{band:g} % band",
                 color=style.MODEL_COLOURS["identified"],
             )  # fmt: skip
-        lines = [
-            (model, columns[f"{name}_{model}"], style.MODEL_COLOURS[model])
-            for model in SAILED
-            if f"{name}_{model}" in columns
-        ]
-        _draw_motion(panel, series, name, lines)
-    axes[-1].set_xlabel(with_unit("Time", series.units["t"]))
-    piece = " of each piece" if np.sum(columns["start"]) > 1 else ""
-    notes = [f"predictions begin at the first measured state{piece}; FIT at the right: 100 % is"
-             " perfect"]  # fmt: skip
-    if band is not None:
-        notes.append(
-            f"band: {band:g} % of what is measured, by what the data leave open of the parameters,"
-            " the model error and the noise"
-        )
+        lines = {model: columns.get(f"{name}_{model}") for model in SAILED}
+        shown = [(m, v, style.MODEL_COLOURS[m]) for m, v in lines.items() if v is not None]
+        _draw_motion(panel, series, name, shown)
     reasons = diagnostics_of(results, run, ("no_prediction",))["label"]
     notes += [f"no prediction: {reason}" for reason in reasons]
     title = f"Free run, {subtitle(run)}"
@@ -105,17 +100,12 @@ def free_runs(
     first = next(iter(runs.values()))
     figure, axes = style.panels(len(outputs), 1, 7.0, 1.9, share_x=True)
     others = iter(style.PALETTE[k] for k in (0, 2, 3, 4, 7))
-    colours = {
-        name: style.MODEL_COLOURS["nominal"] if name == "none" else next(others) for name in runs
-    }
+    none = style.MODEL_COLOURS["nominal"]
+    colours = {name: none if name == "none" else next(others) for name in runs}
     for panel, dof in zip(axes, outputs, strict=True):
-        predicted = [
-            (name, series.columns[f"{dof}_identified"], colours[name])
-            for name, series in runs.items()
-            if f"{dof}_identified" in series.columns
-        ]
-        _draw_motion(panel, first, dof, predicted, max(len(first.columns["t"]) // LINE_POINTS, 1))
-    axes[-1].set_xlabel(with_unit("Time", first.units["t"]))
+        lines = {n: series.columns.get(f"{dof}_identified") for n, series in runs.items()}
+        shown = [(n, values, colours[n]) for n, values in lines.items() if values is not None]
+        _draw_motion(panel, first, dof, shown, max(len(first.columns["t"]) // LINE_POINTS, 1))
     return style.drawing_of("velocities", figure, axes, title).figure
 
 
@@ -127,33 +117,23 @@ def _draw_motion(
     `series` has the time, the pieces and the measured motion in the column `name`. A prediction
     that runs away leaves the panel. Of long series only each sample of number `every` is drawn.
     """
-    measured = series.columns[name]
-    for label, values, colour in [("measured", measured, style.REFERENCE), *lines]:
+    measured, curves = series.columns[name], []
+    spread = float(np.std(measured))
+    for label, values, colour in (("measured", measured, style.REFERENCE), *lines):
         t, shown = _with_gaps(series, values)
         chosen = (np.arange(len(t)) % every == 0) | np.isnan(shown)
-        axes.plot(t[chosen], shown[chosen], color=colour, label=label, linewidth=0.9, alpha=0.9)
-    margin = ROOM * float(np.std(measured)) or 1.0
-    low, high = float(np.min(measured)) - margin, float(np.max(measured)) + margin
-    axes.set_ylim(*np.clip(axes.get_ylim(), low, high).tolist())
-    axes.set_ylabel(with_unit(name.capitalize(), series.units[name]))
-    axes.margins(x=0)
-    ends = [next(iter(v[np.isfinite(v)][-1:]), np.nan) for _, v, _ in lines]  # beside which it is
-    style.beside(axes, [
-        (float(end), f"FIT {_fit_text(measured, values)}", colour)
-        for end, (_, values, colour) in zip(ends, lines, strict=True)
-    ])  # fmt: skip
+        error = float(np.sqrt(np.mean(np.square(values - measured))))
+        fit = f"{100.0 * (1.0 - error / spread):.0f} %" if spread else "-"
+        text = "" if values is measured else "FIT diverges" if np.isnan(error) else f"FIT {fit}"
+        end = next(iter(values[np.isfinite(values)][-1:]), np.nan)
+        curves.append(style.Curve(t[chosen], shown[chosen], colour, label, text, float(end)))
+    margin = ROOM * spread or 1.0
+    room = float(np.min(measured)) - margin, float(np.max(measured)) + margin
+    label = with_unit(name.capitalize(), series.units[name])
+    style.over_time(axes, label, curves, room, linewidth=0.9, alpha=0.9)
 
 
 def _with_gaps(series: Series, *signals: Sample) -> list[Sample]:
     """Return time and signals with NaN before each piece, so that no line joins two pieces."""
     gaps = np.flatnonzero(series.columns["start"] > 0.0)[1:]
     return [np.insert(values, gaps, np.nan) for values in (series.columns["t"], *signals)]
-
-
-def _fit_text(measured: Sample, predicted: Sample) -> str:
-    """Return the FIT of a prediction, or that it diverges."""
-    if np.any(np.isnan(predicted)):
-        return "diverges"
-    spread = float(np.std(measured))
-    error = float(np.sqrt(np.mean(np.square(predicted - measured))))
-    return f"{100.0 * (1.0 - error / spread):.0f} %" if spread else "-"

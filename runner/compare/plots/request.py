@@ -147,11 +147,15 @@ def each_facet(
     Raises ConfigurationError if no run matches, and with the message `missing` if `draw` leaves out
     all facets.
     """
-    own = [request.rows, request.columns]
-    names = [] if request.facet is None else [request.facet]
+    own, names = [request.rows, request.columns], [request.facet] if request.facet else []
     trials = request.trials(results, [*own, *names], planned=True)
     if averages and "all" not in request.pool:
-        split = _unlike(results, trials, [*own, *names], request)
+        stages = definition_of(request.metric).stages
+        stage = "deployment" if "deployment" in stages else "validation"
+        frame, facts = with_conditions(results, trials, of_runs(trials, stage, request.model))
+        groups = codes(frame, list(dict.fromkeys([*own, *names])))
+        split = differing(facts, groups, frame["condition"], request.pool)
+        require_few(split, "the groups of this figure")
         named = {*parts_of(",".join(own)), *names, *split, *request.pool}
         if trials["vessel"].nunique() > 1 and "vessel" not in named:
             split.append("vessel")
@@ -163,24 +167,11 @@ def each_facet(
     drawings = []
     for key in sorted(parts, key=lambda key: list(map(list.index, ranks, key))):
         label = ", ".join(f"{name} = {level}" for name, level in zip(names, key, strict=True))
-        drawings.append(draw(Facet(parts[key], condition, label, request.run)))
-    made = [drawing for drawing in drawings if drawing is not None]
-    if not made:
+        drawing = draw(Facet(parts[key], condition, label, request.run))
+        drawings += [] if drawing is None else [drawing]
+    if not drawings:
         raise ConfigurationError(missing)
-    return made
-
-
-def _unlike(
-    results: Queries, trials: pd.DataFrame, factors: Sequence[str], request: PlotRequest
-) -> list[str]:
-    """Return what the runs of one group of a figure differ in, apart from the seed."""
-    stages = definition_of(request.metric).stages
-    stage = "deployment" if "deployment" in stages else "validation"
-    frame, facts = with_conditions(results, trials, of_runs(trials, stage, request.model))
-    groups = codes(frame, list(dict.fromkeys(factors)))
-    split = differing(facts, groups, frame["condition"], request.pool)
-    require_few(split, "the groups of this figure")
-    return split
+    return drawings
 
 
 def each_run(

@@ -5,8 +5,9 @@ A steered vessel has panels of its heading, and of every input with its limits. 
 models of one run, or with `--rows controller` the runs of several controllers on one mission.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,6 +27,7 @@ from seatrial.runner.compare.plots.request import (
     each_facet,
     each_run,
     parts_of,
+    subtitle,
 )
 from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import Sample
@@ -77,9 +79,7 @@ def _of_run(
 ) -> Drawing:
     voyages, absent = distinct(results, run, series_of)
     lines = {f"{name} model": (voyage, COLOURS[name]) for name, voyage in voyages.items()}
-    factors = ("vessel", "disturbance", "identifier", "controller", "evaluation")
-    chosen = [run.levels[name] for name in factors if run.levels[name] != "none"]
-    title = f"Response, run {run.id}: {', '.join(chosen)}, seed {run.levels['seed']}"
+    title = f"Response, {subtitle(run)}, {run.levels['controller']}"
     return _drawing(results, request, run, lines, f"response-run-{run.id}", title, absent)
 
 
@@ -103,7 +103,7 @@ def _of_levels(results: Queries, request: PlotRequest, facet: Facet) -> Drawing 
         return None
     runs = {label: newest[label] for label in ordered(newest)}
     lines = {
-        label: (results.reader.series(run.id, kind), style.PALETTE[i % len(style.PALETTE)])
+        label: (results.reader.series(run.id, kind), style.colour_of(i))
         for i, (label, run) in enumerate(runs.items())
     }
     first = next(iter(runs.values()))
@@ -125,11 +125,11 @@ def _drawing(
 
     `lines` are drawn in their colours; vessel and limits are those of `run`.
     """
-    series_of, colours = zip(*lines.values(), strict=True)
-    first, t_label = series_of[0], with_unit("Time", series_of[0].units["t"])
-    dofs = request.shown(lambda dof: all(f"tau_{dof}" in s.columns for s in series_of))
-    steered = all(
-        "psi" in s.columns and not any(n.startswith("tau_") for n in s.columns) for s in series_of
+    series_of = [series for series, _ in lines.values()]
+    first, shared = series_of[0], set.intersection(*({*s.columns} for s in series_of))
+    dofs = request.shown(lambda dof: f"tau_{dof}" in shared)
+    steered = "psi" in shared and not any(
+        n.startswith("tau_") for s in series_of for n in s.columns
     )
     if not (dofs or (steered and "yaw" in (request.dofs or ["yaw"]))):
         raise ConfigurationError(
@@ -137,36 +137,33 @@ def _drawing(
         )
     signals_of = commanded_signals(series_of, results.reader.run(run.id).config, dofs)
     poses, signals = dofs or ["yaw"], [*zip(*signals_of, strict=True)]
-    columns, winds = len(poses), any(f"wind_{dof}" in first.columns for dof in dofs)
-    rows = 1 + len(signals) // columns + winds
+    columns, winds = len(poses), [dof for dof in dofs if f"wind_{dof}" in first.columns]
+    rows = 1 + len(signals) // columns + bool(winds)
     figure, axes = style.panels(rows, columns, max(4.3, 8.0 / columns), 2.1, share_x=True)
-    widths = [1.1 + 0.45 * i for i in reversed(range(len(lines)))]  # the first is seen below others
-    looks = [{"color": colour, "label": label, "linewidth": width}
-             for label, colour, width in zip(lines, colours, widths, strict=True)]  # fmt: skip
+
+    def draw(panel: Axes, label: str, values_of: Iterable[Sample]) -> None:
+        """Draw the values of every line; the first one is thick, to be seen below the others."""
+        widths = reversed([1.1 + 0.45 * i for i in range(len(lines))])
+        each = zip(lines.items(), values_of, widths, strict=True)
+        for (name, (series, colour)), values, width in each:
+            curve = style.Curve(series.columns["t"], values, colour, name)
+            style.over_time(panel, label, [curve], linewidth=width)
+
     for panel, dof in zip(axes, poses, strict=False):
         _references(panel, first, dof, steered)
-        for series, look in zip(series_of, looks, strict=True):
-            panel.plot(series.columns["t"], _pose(series, POSE_OF[dof], steered), **look)
+        pose = POSE_OF[dof]
+        unit = "deg" if first.units[pose] == "rad" else first.units[pose]
+        draw(panel, with_unit(NAMES[dof], unit), (_pose(s, pose, steered) for s in series_of))
     for panel, own in zip(axes[columns:], signals, strict=False):
-        for series, signal, look in zip(series_of, own, looks, strict=True):
-            panel.plot(series.columns["t"], signal.commanded, **look)
         heading = f"Force, {own[0].dof}" if own[0].dof else own[0].name
-        panel.set_ylabel(with_unit(heading, own[0].unit))
-        if own[0].limits is not None:
-            peak = style.largest_of([signal.commanded for signal in own])
-            style.draw_limits(panel, own[0].limits, peak, own[0].unit)
-    for panel, dof in zip(axes[columns + len(signals) :], dofs, strict=False):
+        draw(panel, with_unit(heading, own[0].unit), (signal.commanded for signal in own))
+        style.draw_limits(panel, own[0].limits, max(signal.peak for signal in own))
+    for panel, dof in zip(axes[columns + len(signals) :], dofs if winds else (), strict=False):
         # that of the first run; it hardly depends on the controller
-        values = first.columns.get(f"wind_{dof}", np.zeros(0))
+        values = first.columns.get(f"wind_{dof}", np.full(len(first.columns["t"]), np.nan))
         unit, size = style.prefixed(first.units[f"tau_{dof}"], style.largest_of([values]))
-        if len(values):
-            panel.plot(first.columns["t"], values / size, color=style.MUTED, linewidth=1.0,
-                       label="wind")  # fmt: skip
-        panel.set_ylabel(with_unit(f"Wind, {dof}", unit))
-    for panel in axes[-columns:]:
-        panel.set_xlabel(t_label)
-    for panel in axes:
-        panel.margins(x=0)
+        curve = style.Curve(first.columns["t"], values / size, style.MUTED, "wind")
+        style.over_time(panel, with_unit(f"Wind, {dof}", unit), [curve], linewidth=1.0)
     note = STEERED_NOTE if steered else NOTE
     return style.drawing_of(name, figure, axes, title, [note, *notes])
 
@@ -181,16 +178,12 @@ def _pose(series: Series, name: str, unwrapped: bool) -> Sample:
 
 def _references(axes: Axes, series: Series, dof: str, unwrapped: bool) -> None:
     """Draw the set-point, and the reference if it differs from it."""
-    name, t = POSE_OF[dof], series.columns["t"]
-    drawn: list[Sample] = []
-    for column, label, line in (
-        (f"{name}_setpoint", "set-point", "--"), (f"{name}_d", "reference", ":"),
-    ):  # fmt: skip
-        if column in series.columns:
-            values = _pose(series, column, unwrapped)
+    name, drawn = POSE_OF[dof], list[Sample]()
+    for end, label, line in (("setpoint", "set-point", "--"), ("d", "reference", ":")):
+        if f"{name}_{end}" in series.columns:
+            values = _pose(series, f"{name}_{end}", unwrapped)
             # a step of the reference may be one sample later
             if not drawn or np.mean(drawn[0] != values) > DIFFERENT_SHARE:
-                axes.plot(t, values, line, color=style.REFERENCE, linewidth=1.0, label=label)
+                look: dict[str, Any] = {"linestyle": line, "color": style.REFERENCE}
+                axes.plot(series.columns["t"], values, linewidth=1.0, label=label, **look)
             drawn.append(values)
-    unit = "deg" if series.units[name] == "rad" else series.units[name]
-    axes.set_ylabel(with_unit(NAMES[dof], unit))

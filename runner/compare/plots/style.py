@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -23,7 +23,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots import paper
 from seatrial.runner.compare.statistics import Sample
 
@@ -72,7 +71,7 @@ RC: "Mapping[RcKeyType, object]" = {
     "figure.constrained_layout.w_pad": 0.07,
     "svg.hashsalt": "seatrial",
     "svg.fonttype": "path",
-    "path.simplify": True,
+    "path.simplify_threshold": 0.5,  # [px] long lines make no large files
 }
 PREFIXES = (("M", 1e6, 1e6), ("k", 1e3, 1e4))  # letter, factor, smallest value that takes it
 PREFIXED = ("N", "Nm", "W", "J")
@@ -87,12 +86,11 @@ class Canvas:
     width_mm: float | None = None
 
 
-SCREEN = Canvas()
 _CANVAS: ContextVar[Canvas | None] = ContextVar("canvas", default=None)  # None: outside of `drawn`
 
 
 def _canvas() -> Canvas:
-    return _CANVAS.get() or SCREEN
+    return _CANVAS.get() or Canvas()
 
 
 class Chart(Figure):
@@ -253,18 +251,37 @@ def save(drawing: Drawing, folder: Path, print_: bool = False) -> list[Path]:
     return paths
 
 
-def trim(chart: Figure) -> None:
-    """Take away the height that panels of equal axes leave unused above and below them."""
-    if _canvas().axes is not None:
-        return
-    for _ in range(2):  # the first layout has the old height
-        chart.draw_without_rendering()
-        rows: dict[float, float] = {}
-        for axes in chart.axes:
-            slot, used = axes.get_position(original=True), axes.get_position()
-            key, unused = round(slot.y0, 3), slot.height - used.height
-            rows[key] = min(rows.get(key, unused), unused)
-        chart.set_figheight(chart.get_figheight() * (1.0 - sum(rows.values())))
+class Curve(NamedTuple):
+    """A line over time: `t` [s] and `values`, shape (n,), with a text beside it at a height."""
+
+    t: Sample
+    values: Sample
+    colour: str
+    label: str = ""
+    text: str = ""
+    height: float = np.nan
+
+
+def over_time(
+    axes: Axes,
+    label: str,
+    curves: Sequence[Curve],
+    room: tuple[float, float] = (-np.inf, np.inf),
+    **look: Any,
+) -> None:
+    """Draw curves over time in a panel with their texts beside it.
+
+    `label` is that of the axis, whose limits stay within `room` and are then final.
+    """
+    for curve in curves:
+        axes.plot(curve.t, curve.values, color=curve.colour, label=curve.label or None, **look)
+    axes.set_ylabel(label)
+    axes.margins(x=0)
+    axes.set_ylim(*np.clip(axes.get_ylim(), *room).tolist())
+    place, alone = axes.get_subplotspec(), len(axes.get_shared_x_axes().get_siblings(axes)) == 1
+    if alone or place is None or place.is_last_row():
+        axes.set_xlabel("Time [s]")
+    beside(axes, [(curve.height, curve.text, curve.colour) for curve in curves if curve.text])
 
 
 def beside(axes: Axes, texts: Sequence[tuple[float, str, str]]) -> None:
@@ -292,8 +309,13 @@ def shaded(axes: Axes, t: Sample, train: Sample) -> None:
         axes.axvspan(t[first], t[end - 1], color=SHADE, linewidth=0, zorder=0)
 
 
+def colour_of(i: int) -> str:
+    """Return the colour of group i."""
+    return PALETTE[i % len(PALETTE)]
+
+
 def marker_of(i: int) -> str:
-    """Return the marker of group i; with the colours of PALETTE there are 196 distinct pairs."""
+    """Return the marker of group i; with its colour there are 196 distinct pairs."""
     return MARKERS[(i + i // len(PALETTE)) % len(MARKERS)]
 
 
@@ -312,17 +334,8 @@ def largest_of(signals: Sequence[Sample]) -> float:
     return max((float(np.max(values)) for values in finite if values.size), default=0.0)
 
 
-def draw_limits(axes: Axes, limits: tuple[float, float], peak: float, unit: str) -> None:
-    """Draw the limits of a signal, or write the larger one at the top if it is far above the peak.
-
-    All are in the unit of the axis.
-    """
-    largest = max(map(abs, limits))
-    if largest <= SHOWN_LIMIT * peak:
+def draw_limits(axes: Axes, limits: tuple[float, float] | None, peak: float) -> None:
+    """Draw the limits of a signal, if they are not far above its peak; all in the axis's unit."""
+    if limits is not None and max(map(abs, limits)) <= SHOWN_LIMIT * peak:
         for side in limits:
             axes.axhline(side, color=REFERENCE, linestyle="-.", linewidth=0.9, label="limit")
-        return
-    axes.text(
-        0.99, 0.97, f"limit {number_text(largest, 3)} {unit}", transform=axes.transAxes,
-        ha="right", va="top", fontsize=8, color=REFERENCE,
-    )  # fmt: skip

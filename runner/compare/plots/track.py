@@ -3,10 +3,10 @@
 A mix of manoeuvres with a route has a panel of its own: series `plan` (poses, with the number of
 the manoeuvre, -1 on a passage) and `waters` (corners of the area and the obstacles), with the
 recorded track. A docking has its harbour (series `harbour`), and the forces below the track.
-`outline`, `draw_waters` and `draw_harbour` are for other figures of hulls in the plane too.
+`outline` and `draw_harbour` are for films of hulls in the plane too.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from seatrial.runner.compare.figures import Figure
 from seatrial.runner.compare.frame import Queries, StoredRun
-from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.excitation import EAST, NORTH
 from seatrial.runner.compare.plots.request import (
@@ -57,8 +57,8 @@ ARROW_SHARE = 0.09  # the longest arrow, of the larger side of the picture
 SIDE, PLAN_SIDE = 4.6, 6.4  # of a panel [inch]
 TESTING = 2.0  # the role of a manoeuvre that is held out
 HARBOUR = "harbour"  # series: polygon 0 is the hull in body axes, the others are land
-SPACING, DOCKING_SPACING = 1.2, 0.5  # of the hulls along a track, in their lengths
 FORCES = 1.9  # height of a panel of forces [inch]
+SPACING, DOCKING_SPACING = 1.2, 0.5  # of the hulls along a track, in their lengths
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -122,12 +122,18 @@ def draw_track(axes: Axes, model: str, series: Series) -> Line2D:
     return axes.plot(columns["y"], columns["x"], color=colour, label=label)[0]
 
 
-def _plane(axes: Axes, series: Series, north: Sample, east: Sample) -> None:
+def _plane(axes: Axes, north: Sample, east: Sample) -> None:
     """Give axes the limits of north and east [m], shape (2,) each, equal scales and labels."""
-    axes.set(xlim=tuple(east), ylim=tuple(north))
+    axes.set(xlim=tuple(east), ylim=tuple(north), xlabel="East [m]", ylabel="North [m]")
     axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel(with_unit("East", series.units["y"]))
-    axes.set_ylabel(with_unit("North", series.units["x"]))
+
+
+def _polygons(axes: Axes, series: Series, **look: Any) -> None:
+    """Draw the polygons of a series, those of waters and land, but for number 0."""
+    columns, numbers = series.columns, series.columns["polygon"]
+    for number in np.unique(numbers[numbers > 0.0]):
+        corners = np.column_stack([columns[name][numbers == number] for name in ("y", "x")])
+        axes.add_patch(Polygon(corners, facecolor=style.LAND, zorder=0.5, **look))
 
 
 def hull_of(harbour: Series) -> Sample:
@@ -139,10 +145,7 @@ def hull_of(harbour: Series) -> Sample:
 
 def draw_harbour(axes: Axes, harbour: Series, voyage: Series) -> None:
     """Draw the land, and the outline of the hull in its berth, the last set-point of a voyage."""
-    numbers = harbour.columns["polygon"]
-    corners = np.column_stack([harbour.columns["y"], harbour.columns["x"]])
-    for number in np.unique(numbers[numbers > 0.0]):
-        axes.add_patch(Polygon(corners[numbers == number], color=style.LAND, zorder=0.5))
+    _polygons(axes, harbour)
     north, east, psi = (float(voyage.columns[f"{name}_setpoint"][-1]) for name in ("x", "y", "psi"))
     berth = Polygon(outline(north, east, psi, 1.0, hull_of(harbour)), fill=False, linestyle="--",
                     edgecolor=style.REFERENCE, label="berth", zorder=4)  # fmt: skip
@@ -167,83 +170,71 @@ def _drawing(
         np.mean(limits) + max(0.5 * float(np.ptp(limits)) + margin, least) * np.array([-1.0, 1.0])
         for limits in ranges
     )
-    height = SIDE * float(np.clip(np.ptp(north) / np.ptp(east), 0.45, 1.6))
-    rows = 1 if harbour is None else 2
-    figure, axes = style.panels(
-        rows, len(voyages), SIDE, (height + 0.9 + FORCES * (rows - 1)) / rows
-    )
-    for panel, (model, series) in zip(axes, voyages.items(), strict=False):
-        _panel(panel, model, series, length, max(np.ptp(north), np.ptp(east)), harbour)
-        _plane(panel, series, north, east)
+    height, rows = 0.9 + SIDE * min(float(np.ptp(north) / np.ptp(east)), 1.6), 1
     if harbour is not None:
-        _forces(axes, series_of, height)
+        height, rows = 0.5 * (height + FORCES), 2
+    figure, axes = style.panels(rows, len(voyages), SIDE, height)
+    for panel, (model, series) in zip(axes, voyages.items(), strict=False):
+        colour = draw_track(panel, model, series).get_color()
+        columns, hull = series.columns, None if harbour is None else hull_of(harbour)
+        spacing = length * (SPACING if harbour is None else DOCKING_SPACING)
+        if "psi" in columns:
+            for index in _equidistant(columns["x"], columns["y"], spacing):
+                x, y, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
+                corners = outline(x, y, psi, length, hull)
+                panel.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
+        if harbour is not None:
+            draw_harbour(panel, harbour, series)
+        if NORTH in columns:
+            _arrows(panel, series, max(np.ptp(north), np.ptp(east)))
+        panel.plot(
+            columns["y"][0], columns["x"][0], "o", color=style.REFERENCE, markersize=7,
+            label="start", markeredgecolor="white", markeredgewidth=1.2, zorder=5,
+        )  # fmt: skip
+        _plane(panel, north, east)
+    if harbour is not None:
+        _forces(axes, series_of, (2.0 * height - FORCES) / FORCES)
     notes = [f"{note}, at equal distances sailed"]
     notes += ["arrows: direction and speed of the wind at the position of the tip"] * windy
     name, title = f"track-run-{run.id}", f"Track, {subtitle(run)}"
-    drawing = style.drawing_of(name, figure, axes, title, [*notes, *absent])
-    style.trim(figure)
-    return drawing
+    return style.drawing_of(name, figure, axes, title, [*notes, *absent])
 
 
-def _forces(axes: list[Axes], series_of: list[Series], height: float) -> None:
-    """Draw force over time in the lower half of the axes, each axis relative to its largest."""
+def _forces(axes: Sequence[Axes], series_of: Sequence[Series], ratio: float) -> None:
+    """Draw force over time in the lower half of the axes, each DOF relative to its largest.
+
+    `ratio` is the height of the upper panels over that of these.
+    """
     grid = axes[0].get_gridspec()
     assert grid is not None
-    count = grid.nrows // 2
-    grid.set_height_ratios([height, FORCES] * count)
-    largest = {
-        dof: style.largest_of([series.columns[f"tau_{dof}"] for series in series_of])
-        for dof in ("surge", "sway", "yaw")
-    }
+    grid.set_height_ratios([ratio, 1.0] * (grid.nrows // 2))
+    labels, peaks = {}, {}
+    for dof in ("surge", "sway", "yaw"):
+        peaks[dof] = style.largest_of([series.columns[f"tau_{dof}"] for series in series_of]) or 1.0
+        unit, size = style.prefixed(series_of[0].units[f"tau_{dof}"], peaks[dof])
+        labels[dof] = f"{dof}, up to {number_text(peaks[dof] / size, 3)} {unit}"
     for panel, series in zip(axes[len(series_of) :], series_of, strict=True):
-        for (dof, peak), colour in zip(largest.items(), style.PALETTE[1:], strict=False):
-            unit, size = style.prefixed(series.units[f"tau_{dof}"], peak)
-            label = f"{dof}, up to {number_text(peak / size, 3)} {unit}"
-            share = series.columns[f"tau_{dof}"] / (peak or 1.0)
-            panel.plot(series.columns["t"], share, color=colour, linewidth=0.9, label=label)
-        panel.set(xlabel=with_unit("Time", series.units["t"]), ylabel="Force / largest")
-        panel.margins(x=0)
-
-
-def _panel(
-    axes: Axes, model: str, series: Series, length: float, extent: float,
-    harbour: Series | None = None,
-) -> None:  # fmt: skip
-    columns, colour = series.columns, draw_track(axes, model, series).get_color()
-    if "psi" in columns:
-        spacing = SPACING if harbour is None else DOCKING_SPACING
-        hull = None if harbour is None else hull_of(harbour)
-        for index in _equidistant(columns["x"], columns["y"], spacing * length):
-            x, y, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
-            corners = outline(x, y, psi, length, hull)
-            axes.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
-    if harbour is not None:
-        draw_harbour(axes, harbour, series)
-    if NORTH in columns:
-        _arrows(axes, series, extent)
-    axes.plot(
-        columns["y"][0], columns["x"][0], "o", color=style.REFERENCE, markersize=7, label="start",
-        markeredgecolor="white", markeredgewidth=1.2, zorder=5,
-    )  # fmt: skip
+        curves = [
+            style.Curve(
+                series.columns["t"], series.columns[f"tau_{dof}"] / peak, colour, labels[dof]
+            )
+            for (dof, peak), colour in zip(peaks.items(), style.PALETTE[1:], strict=False)
+        ]
+        style.over_time(panel, "Force / largest", curves, linewidth=0.9)
 
 
 def _arrows(axes: Axes, series: Series, extent: float) -> None:
     """Draw the mean wind of equal parts of the time; each tip is the vessel at mid-time."""
     columns = series.columns
     parts = [part for part in np.array_split(np.arange(len(columns["t"])), ARROWS) if len(part)]
-    middle = np.array([part[len(part) // 2] for part in parts])
     wind = np.array([[np.mean(columns[w][part]) for w in (EAST, NORTH)] for part in parts])
-    places = np.column_stack([columns["y"][middle], columns["x"][middle]])
-    rows: list[int] = []  # far enough from each other to be told apart
-    for i, place in enumerate(places):
-        if all(np.hypot(*(place - places[j])) >= 0.5 * ARROW_SHARE * extent for j in rows):
-            rows.append(i)
+    middle = [part[len(part) // 2] for part in parts]
     strongest = float(np.max(np.hypot(*wind.T)))
     if strongest > 0.0:
         axes.quiver(
-            *places[rows].T, *wind[rows].T, color=style.WIND, pivot="tip", angles="xy",
-            units="inches", scale_units="xy", scale=strongest / (ARROW_SHARE * extent + 1e-9),
-            width=0.025, zorder=3,
+            columns["y"][middle], columns["x"][middle], *wind.T, color=style.WIND, pivot="tip",
+            angles="xy", units="inches", scale_units="xy", width=0.025, zorder=3,
+            scale=strongest / (ARROW_SHARE * extent + 1e-9),
         )  # fmt: skip
         label = f"wind, up to {number_text(strongest, 3)} m/s"
         axes.plot([], [], color=style.WIND, marker=">", linewidth=2.0, label=label)
@@ -271,41 +262,38 @@ def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> 
         np.array([np.min(waters.columns[name]) - margin, np.max(waters.columns[name]) + margin])
         for name in ("x", "y")
     )
-    ratio = float(np.clip(np.ptp(north) / np.ptp(east), 0.4, 1.6))
-    figure, (axes,) = style.panels(1, 1, PLAN_SIDE, 1.2 + 0.9 * PLAN_SIDE * ratio)
-    draw_waters(axes, waters)
-    axes.plot(
-        recording.columns["y"], recording.columns["x"], color=style.MUTED, linewidth=0.9,
-        label="sailed", zorder=2.2,
-    )  # fmt: skip
-    look: dict[str, Any] = {
-        "linestyle": ":",
-        "color": style.REFERENCE,
-        "linewidth": 1.2,
-        "zorder": 2.5,
-    }
+    height = 1.2 + 0.9 * PLAN_SIDE * float(np.clip(np.ptp(north) / np.ptp(east), 0.4, 1.6))
+    figure, (axes,) = style.panels(1, 1, PLAN_SIDE, height)
+    area = waters.columns["polygon"] == 0.0
+    axes.set_facecolor(style.SHADE)
+    axes.grid(visible=False)
+    axes.fill(waters.columns["y"][area], waters.columns["x"][area], facecolor="white",
+              edgecolor=style.MUTED, zorder=0.5)  # fmt: skip
+    _polygons(axes, waters, edgecolor=style.MUTED, hatch="///")
+    sailed = recording.columns["y"], recording.columns["x"]
+    axes.plot(*sailed, color=style.MUTED, linewidth=0.9, label="sailed", zorder=2.2)
+    look: dict[str, Any] = {"linestyle": ":", "color": style.REFERENCE, "linewidth": 1.2}
     for i, part in enumerate(_intervals(columns["manoeuvre"] < 0.0)):
         label = None if i else "passage"
-        axes.plot(columns["y"][part], columns["x"][part], label=label, **look)
+        axes.plot(columns["y"][part], columns["x"][part], label=label, zorder=2.5, **look)
     rows = diagnostics_of(results, run, ("mix_count", "plan_deviation", "sailed_clearance"))
     counts, values = rows[rows["name"] == "mix_count"], rows.set_index("name")["value"]
     held_out = columns["role"] == TESTING
     for k, (number, name) in enumerate(sorted(zip(counts["i"], counts["label"], strict=True))):
-        parts = _intervals(columns["manoeuvre"] == number)
+        parts, colour = _intervals(columns["manoeuvre"] == number), style.colour_of(k)
         # the first line, which is in the legend, is thick
         for i, part in enumerate(sorted(parts, key=lambda part: held_out[part.start])):
-            path = columns["y"][part], columns["x"][part]
-            colour = style.PALETTE[k % len(style.PALETTE)]
-            width = 1.4 if held_out[part.start] else 2.6
-            label = None if i else name
-            axes.plot(*path, color=colour, linewidth=width, label=label, zorder=3)
-            axes.plot(path[0][0], path[1][0], "o", color=colour, markersize=4, zorder=3.2)
-    for index, label, marker in ((0, "start", "o"), (-1, "goal", "s")):
+            look = {"linewidth": 1.4 if held_out[part.start] else 2.6, "label": None if i else name}
+            axes.plot(
+                columns["y"][part], columns["x"][part], color=colour, marker="o", markersize=4,
+                markevery=[0], zorder=3, **look,
+            )  # fmt: skip
+    for index, label, fill in ((0, "start", "full"), (-1, "goal", "none")):
         axes.plot(
-            columns["y"][index], columns["x"][index], marker, color=style.REFERENCE, label=label,
-            fillstyle="full" if label == "start" else "none", markersize=9, zorder=4,
+            columns["y"][index], columns["x"][index], "o" if fill == "full" else "s", label=label,
+            color=style.REFERENCE, fillstyle=fill, markersize=9, zorder=4,
         )  # fmt: skip
-    _plane(axes, plan, north, east)
+    _plane(axes, north, east)
     clearance = float(waters.columns["clearance"][0])
     notes = [f"clearance of the plan: {clearance:g} m; thin: held out for testing"]
     if {"plan_deviation", "sailed_clearance"} <= {*values.index}:
@@ -314,24 +302,7 @@ def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> 
             f" came within {values['sailed_clearance']:.3g} m of an obstacle or the boundary"
         )
     name, title = f"track-plan-run-{run.id}", f"Track and plan, {subtitle(run)}"
-    drawing = style.drawing_of(name, figure, [axes], title, notes)
-    style.trim(figure)
-    return drawing
-
-
-def draw_waters(axes: Axes, waters: Series) -> None:
-    """Draw the area (polygon 0) in white on grey and the obstacles hatched."""
-    axes.set_facecolor(style.SHADE)
-    axes.grid(visible=False)
-    numbers = waters.columns["polygon"]
-    corners = np.column_stack([waters.columns["y"], waters.columns["x"]])
-    for number in np.unique(numbers):
-        polygon = Polygon(
-            corners[numbers == number], facecolor="white", edgecolor=style.MUTED, zorder=0.5
-        )
-        if number:
-            polygon.set(facecolor=style.LAND, hatch="///")
-        axes.add_patch(polygon)
+    return style.drawing_of(name, figure, [axes], title, notes)
 
 
 def _intervals(chosen: NDArray[np.bool_]) -> Iterator[slice]:

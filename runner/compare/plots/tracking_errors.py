@@ -26,7 +26,11 @@ FIGURE = Figure(
     place=9,
 )
 
-ERRORS = {"e_pos": ("Position error", "m"), "e_psi": ("Heading error", "deg")}
+# Label, unit, and its size in the stored one.
+ERRORS = {
+    "e_pos": ("Position error", "m", 1.0),
+    "e_psi": ("Heading error", "deg", float(np.radians(1.0))),
+}
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
@@ -43,24 +47,16 @@ def _drawing(run: StoredRun, voyages: Voyages, absent: list[str]) -> Drawing:
         raise ConfigurationError(f"plot errors: run {run.id} tracks no position or heading")
     figure, axes = style.panels(len(errors), 1, 8.0, 2.5, share_x=True)
     for panel, name in zip(axes, errors, strict=True):
-        label, unit = ERRORS[name]
+        (label, unit, size), curves = ERRORS[name], []
         panel.axhline(0.0, color="black", linewidth=0.8)
-        texts = []
         for model, series in voyages.items():
             if name in series.columns:
-                values = np.asarray(series.columns[name])
-                values = np.degrees(values) if series.units[name] == "rad" else values
+                values = series.columns[name] / size
                 mean, colour = float(np.mean(np.abs(values))), style.MODEL_COLOURS[model]
-                panel.plot(
-                    series.columns["t"], values, color=colour, label=f"{model} model",
-                    linewidth=1.1,
-                )  # fmt: skip
                 panel.axhline(mean, color=colour, linewidth=0.8, linestyle="--")
-                texts.append((mean, f"MAE {number_text(mean, 3)} {unit}", colour))
-        panel.margins(x=0)
-        style.beside(panel, texts)
-        panel.set_ylabel(f"{label} [{unit}]")
-    axes[-1].set_xlabel("Time [s]")
+                words = f"{model} model", f"MAE {number_text(mean, 3)} {unit}"
+                curves.append(style.Curve(series.columns["t"], values, colour, *words, mean))
+        style.over_time(panel, f"{label} [{unit}]", curves, linewidth=1.1)
     notes = ["dashed, and at the right: mean absolute error (MAE)", *absent]
     title = f"Tracking error, {subtitle(run)}"
     return style.drawing_of(f"errors-run-{run.id}", figure, axes, title, notes)

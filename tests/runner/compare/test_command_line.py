@@ -116,8 +116,6 @@ REFUSED = (
     (["show", "first"], "got 'first', expected the number of a run, or latest"),
     (["show"], "Missing argument"),
     (["plot", "pie"], "plot: got 'pie', expected one of bars, "),
-    (["plot", "no_such_module.figure"], "or the name of a module"),
-    (["plot", "seatrial.runner.pie"], "or the name of a module"),
     (["plot", "controllers"], "controllers is gone: use plot response --rows controller"),
     (["plot", "track", "--band", "90"], "--band: not an option of this figure, expected --run"),
     (["plot", "track"], "no finished run that matches has a series"),

@@ -1,5 +1,6 @@
-"""How figures are found: by their files, and from elsewhere."""
+"""How figures are found: by their files; those of plug-ins: tests/test_plugins.py."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,20 +10,15 @@ from seatrial.runner.compare import figures
 from seatrial.runner.compare.plots.request import PlotRequest
 from tests.runner.compare.conftest import Program
 
-ELSEWHERE = '''
-"""How many runs there are."""
-
+FAULTY = """
 from seatrial.runner.compare.figures import Figure
-from seatrial.runner.compare.plots.style import Drawing, panels
 
-FIGURE = Figure("runs", "How many runs there are.", "a run", rows="vessel")
+FIGURE = Figure("faulty", "A figure with a fault.", "nothing")
 
 
-def drawings(results, request):
-    figure, (axes,) = panels(1, 1, 4.0, 3.0)
-    axes.bar([request.rows], [len(results.runs())])
-    return [Drawing("number-of-runs", figure)]
-'''
+def drawings(*_):
+    return 1 / 0
+"""
 
 
 def test_the_help_lists_every_figure(program: Program) -> None:
@@ -33,32 +29,19 @@ def test_the_help_lists_every_figure(program: Program) -> None:
         assert f"{one.name}: {one.help}"[:60] in text
 
 
-def test_a_figure_from_elsewhere_is_drawn_by_its_dotted_name(
-    program: Program, plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    package = tmp_path / "elsewhere_figures"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "runs.py").write_text(ELSEWHERE)
-    (package / "empty.py").touch()
-    monkeypatch.syspath_prepend(tmp_path)
-    options = ("--database", f"sqlite:///{plain}/results.db", "--output", str(tmp_path / "out"))
-    code, out, err = program("plot", "elsewhere_figures.runs", *options)
-    assert (code, err) == (0, "")
-    assert [Path(line).name for line in out.split()] == ["number-of-runs.png", "number-of-runs.svg"]
-    code, _, err = program("plot", "elsewhere_figures.empty", *options)
-    assert (code, "elsewhere_figures.empty has no FIGURE" in err) == (2, True)
+@pytest.fixture
+def found_again() -> Iterator[None]:
+    """Figures are searched for by the test, and once more after it."""
+    figures._modules.cache_clear()
+    yield
+    figures._modules.cache_clear()
 
 
-def test_a_fault_in_a_module_from_elsewhere_is_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_fault_in_a_figure_from_elsewhere_is_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found_again: None
 ) -> None:
-    (tmp_path / "faulty_figures").mkdir()
-    (tmp_path / "faulty_figures" / "one.py").write_text("import no_such_module_at_all")
+    (tmp_path / "faulty_figure.py").write_text(FAULTY)
     monkeypatch.syspath_prepend(tmp_path)
-    named = "plot: cannot import faulty_figures.one: ModuleNotFoundError: .*no_such_module_at_all"
-    with pytest.raises(PartError, match=named):
-        figures.figure_of("faulty_figures.one")
-    (tmp_path / "faulty_figures" / "two.py").write_text("def drawings(*_):\n    return 1 / 0\n")
-    with pytest.raises(PartError, match=r"faulty_figures\.two\.drawings: ZeroDivisionError: "):
-        figures.drawings_of("faulty_figures.two")(None, PlotRequest())  # type: ignore[arg-type]
+    monkeypatch.setenv("SEATRIAL_PLUGINS", "faulty_figure")
+    with pytest.raises(PartError, match=r"faulty_figure\.drawings: ZeroDivisionError: "):
+        figures.drawings_of("faulty")(None, PlotRequest())  # type: ignore[arg-type]

@@ -5,13 +5,10 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
-from seatrial.runner.compare import page as page_module
 from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.compare.report import ReportRequest, render_report
@@ -136,23 +133,3 @@ def test_what_differs_in_too_much_is_said_where_it_would_stand(
     assert tables.count(f"Not shown: {what}: the cells of this table {why}") == 1
     assert figures.count(f"Not drawn: {what}: the groups of this figure {why}") == 1
     assert "None of these runs" not in tables
-
-
-def test_a_thinned_line_has_the_extremes_of_the_line() -> None:
-    t = np.arange(50_000.0)
-    y = np.random.default_rng(3).normal(size=len(t))
-    y[12_345], y[44_444] = 40.0, -40.0
-    figure = Figure()
-    (line,) = figure.subplots().plot(t, y)
-    page_module.thin(figure)
-    x, thinned = line.get_data()
-    assert len(x) <= 2 * page_module.THINNED_COLUMNS + 2
-    assert (x[0], x[-1]) == (t[0], t[-1])
-    assert np.all(np.diff(x) > 0.0)
-    np.testing.assert_array_equal(thinned, y[np.asarray(x, dtype=int)])
-    assert (np.max(thinned), np.min(thinned)) == (40.0, -40.0)
-    width = t[-1] / page_module.THINNED_COLUMNS
-    for k in range(0, page_module.THINNED_COLUMNS, 97):  # the envelope of any column of pixels
-        inside = (t >= k * width) & (t < (k + 1) * width)
-        shown = (x >= k * width) & (x < (k + 1) * width)
-        assert np.max(thinned[shown]) == pytest.approx(np.max(y[inside]), abs=1e-12)

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from seatrial.models.errors import ConfigurationError
@@ -12,17 +13,20 @@ SAMPLE = np.array([2.0, 4.0, 4.0, 6.0])
 
 
 def test_summary_by_hand() -> None:
-    found = summary(SAMPLE, ["mean", "std", "n", "median", "min", "max", "q25"])
-    assert found == {
+    values = pd.DataFrame({"cell": [0] * 4 + [1], "value": [*SAMPLE, 3.0]})
+    found = summary(values, ["mean", "std", "n", "median", "min", "max", "q25", "ci"])
+    (low, high), alone = confidence_interval(SAMPLE), found.loc[1]
+    assert found.loc[0].to_dict() == {
+        "ci_low": pytest.approx(low), "ci_high": pytest.approx(high),
         "mean": 4.0, "std": pytest.approx(math.sqrt(8.0 / 3.0)), "n": 4, "median": 4.0, "min": 2.0,
         "max": 6.0, "q25": 3.5,
     }  # fmt: skip
+    assert alone[["std", "ci_low", "ci_high"]].isna().all()
+    assert (alone["mean"], alone["n"]) == (3.0, 1)
 
 
-def test_one_value_has_no_spread_and_none_has_nothing() -> None:
-    assert math.isnan(summary(np.array([3.0]), ["std"])["std"])
+def test_one_value_has_no_interval() -> None:
     assert confidence_interval(np.array([3.0])) == pytest.approx((math.nan, math.nan), nan_ok=True)
-    assert math.isnan(summary(np.array([]), ["mean"])["mean"])
 
 
 def test_paired_test_by_hand() -> None:
