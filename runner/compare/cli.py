@@ -82,7 +82,7 @@ HELP = {
     "force": "Replace files that exist.",
     "form": "Output format of the table.",
     "helm": "Input that turns the ship.  [default: the run's, or delta]",
-    "kind": "Kind of figure: a name below, or the name of a module with a figure.",
+    "kind": "Kind of figure: a name below.",
     "length": "Length of the ship [m], if it is not stored.",
     "limit": "Largest number of rows, of runs the newest.",
     "log": "Scale of the bars.  [default: by the range of the values]",

@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError, PartError, SeatrialError
+from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.configuration.plugins import failure, is_own, plugins
 
 if TYPE_CHECKING:
@@ -89,7 +90,9 @@ def _module(name: str) -> ModuleType:
     """Return the module of a figure."""
     known = _modules()
     if name not in known:
-        raise ConfigurationError(f"plot: got {name!r}, expected one of {', '.join(sorted(known))}")
+        raise ConfigurationError(
+            f"plot: got {name!r}, {meant(name, known)}expected one of {', '.join(sorted(known))}"
+        )
     return known[name]
 
 

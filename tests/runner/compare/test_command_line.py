@@ -116,6 +116,7 @@ REFUSED = (
     (["show", "first"], "got 'first', expected the number of a run, or latest"),
     (["show"], "Missing argument"),
     (["plot", "pie"], "plot: got 'pie', expected one of bars, "),
+    (["plot", "barz"], "plot: got 'barz', did you mean bars? expected one of "),
     (["plot", "controllers"], "controllers is gone: use plot response --rows controller"),
     (["plot", "track", "--band", "90"], "--band: not an option of this figure, expected --run"),
     (["plot", "track"], "no finished run that matches has a series"),
