@@ -7,7 +7,7 @@ what the correlations tell but no change fixes. What is no unit of the field is 
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -174,9 +174,8 @@ class _State(NamedTuple):
 
     @property
     def ahead(self) -> float:
-        """Share of the way in the direction of the bow; 1 if it tells nothing of the heading."""
-        agree = all(axis.correlation > SURE for axis in self.result.axes if axis.dof in LINEAR[:2])
-        if not agree or not set(PLANAR) <= set(self.recording.dofs):
+        """Share of the way in the direction of the bow; 1 where there is no plane."""
+        if not set(PLANAR) <= set(self.recording.dofs):
             return 1.0
         u, v = (self.recording.nu[:, self.recording.dofs.index(dof)] for dof in LINEAR[:2])
         return float(np.sum(u) / (np.sum(np.hypot(u, v)) or 1.0))
@@ -184,7 +183,8 @@ class _State(NamedTuple):
     @property
     def aside(self) -> bool:
         """Whether the vessel hardly moves ahead, and no velocity along the body tells why."""
-        return not self.along and self.ahead < ASIDE
+        agree = all(axis.correlation > SURE for axis in self.result.axes if axis.dof in LINEAR[:2])
+        return agree and not self.along and self.ahead < ASIDE
 
     def explained(self, axis: Agreement) -> bool:
         """Whether a small angle between bow and heading explains the scale of an axis aside."""
@@ -228,8 +228,7 @@ class _Case(NamedTuple):
         for _ in range(MOST_CHANGES):
             told = list(self._told(state))
             turned = any(problem.kind in ("earth", "frame", "heading") for problem in problems)
-            best = self._best(state, told, [] if turned else self._turns(state, state.aside))
-            if best is None:
+            if (best := self._best(state, [d for d in told if d.change], turned)) is None:
                 break
             problems.append(best[0])
             state = self._compared(*best[1][:2])  # where it agrees best
@@ -265,34 +264,31 @@ class _Case(NamedTuple):
         return None
 
     def _best(
-        self, state: _State, told: Iterable[RecordingDefect], turns: Iterable[RecordingDefect]
+        self, state: _State, told: Sequence[RecordingDefect], turned: bool
     ) -> tuple[RecordingDefect, _State] | None:
         """The first of the changes that are as good as the best one; None if none gains enough.
 
         A vessel that hardly moves ahead gains what it moves ahead, also by two guesses together.
         """
         tried, degrees = [], list(self._degrees(state))
-        guesses = [*turns, *degrees]
+        guesses = [*(() if turned else self._turns(state, state.aside)), *degrees]
         if state.aside and degrees and (after := self._tried(state, degrees[0])):
             guesses += [
                 replace(turn, message=f"{degrees[0].message}, and {turn.message}",
                         change={**degrees[0].change, **turn.change})
                 for turn in self._turns(after, aside=True)
             ]  # fmt: skip
-        for defect in (*(d for d in told if d.change), *guesses):
+        for defect in (*told, *guesses):
             if (after := self._tried(state, defect)) is None:
                 continue
-            axes = [axis for axis in after.result.axes if axis.dof in defect.axes]
             ahead = after.ahead if state.aside and after.ahead > AHEAD else 0.0
-            guess = defect in guesses
-            if guess and not (ahead or any(abs(axis.correlation) > SURE for axis in axes)):
-                continue  # it shows nothing of the axes that it is about
             gain = after.result.quality - state.result.quality + ahead
-            worse = any(
+            worse = after.ahead < ASIDE and state.ahead > AHEAD
+            worse |= any(
                 new.quality < old.quality - AS_GOOD and old.correlation > SURE
                 for old, new in zip(state.result.axes, after.result.axes, strict=True)
             )
-            if gain > guess * AS_GOOD and not worse:
+            if gain > (defect in guesses) * AS_GOOD and not worse:
                 text = f"the vessel moves ahead in {100.0 * max(state.ahead, 0.0):.0f} % of its way"
                 said = f"{text}: {defect.message}" if ahead else defect.message
                 tried.append((gain, replace(defect, message=said), after))
@@ -357,13 +353,10 @@ class _Case(NamedTuple):
             yield RecordingDefect("swap", group, "the velocities are exchanged", change)
         axes = [axis for axis in result.axes if axis.certain]
         for axis in (axis for axis in axes if axis.correlation < 0.0):
-            spec, change = specs.get(option := f"velocity.{axis.dof}"), {}
-            if spec:
-                change = _change(
-                    {option: replace(spec, column=f"-{spec.column}".removeprefix("--"))}
-                )
-            text = "the velocity has the wrong sign"
-            yield RecordingDefect("sign", (axis.dof,), text, change, -1.0)
+            option, text = f"velocity.{axis.dof}", "the velocity has the wrong sign"
+            new = {o: replace(spec, column=f"-{spec.column}".removeprefix("--"))
+                   for o, spec in specs.items() if o == option}  # fmt: skip
+            yield RecordingDefect("sign", (axis.dof,), text, _change(new), -1.0)
         lag, period = result.lag_s, state.recording.period_s
         apart = abs(lag) >= max(SAMPLES_APART * period, CERTAIN * result.lag_error_s)
         if apart and result.shared_lag_s != 0.0:
