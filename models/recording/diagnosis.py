@@ -270,8 +270,10 @@ class _Case(NamedTuple):
 
         A vessel that hardly moves ahead gains what it moves ahead, also by two guesses together.
         """
-        tried, degrees = [], list(self._degrees(state))
-        guesses = [*(() if turned else self._turns(state, state.aside)), *degrees]
+        fine = not state.result.axes or state.result.quality > 1.0 - AS_GOOD
+        settled, tried = fine and not state.aside, []
+        degrees = [] if settled else list(self._degrees(state))
+        guesses = [*(() if settled or turned else self._turns(state, state.aside)), *degrees]
         if state.aside and degrees and (after := self._tried(state, degrees[0])):
             guesses += [
                 replace(turn, message=f"{degrees[0].message}, and {turn.message}",
@@ -283,7 +285,7 @@ class _Case(NamedTuple):
                 continue
             ahead = after.ahead if state.aside and after.ahead > AHEAD else 0.0
             gain = after.result.quality - state.result.quality + ahead
-            worse = after.ahead < ASIDE and state.ahead > AHEAD
+            worse = defect in guesses and after.ahead < ASIDE and state.ahead > AHEAD
             worse |= any(
                 new.quality < old.quality - AS_GOOD and old.correlation > SURE
                 for old, new in zip(state.result.axes, after.result.axes, strict=True)
@@ -299,13 +301,10 @@ class _Case(NamedTuple):
         """Other axes and headings, of which no correlation of one axis tells."""
         columns, specs, result = state.file.columns, state.specs, state.result
         heading, x = specs.get("position.yaw"), specs.get("position.surge")
-        fine = not result.axes or result.quality > 1.0 - AS_GOOD
-        if not set(PLANAR) <= set(self.known) or (fine and not aside):
-            return
         titled = bool(x and {"north", "northing"} & set(words_of(x.name)))
         titled |= aside and bool(columns.geodetic)
         compared = {axis.dof for axis in result.axes}
-        for kind, axes, options, text in TURNS:
+        for kind, axes, options, text in TURNS if set(PLANAR) <= set(self.known) else ():
             sense: dict[str, Any] = {k: v for k, v in options.items() if k in ("zero", "positive")}
             change = {f"columns.frames.{k}": v for k, v in options.items() if k not in sense}
             if sense and heading:
@@ -316,15 +315,13 @@ class _Case(NamedTuple):
                     or changed(state.file, change).columns == columns):  # fmt: skip
                 continue
             yield RecordingDefect(kind, tuple(d for d in axes if d in compared), text, change)
-        for off in (90.0, 180.0, -90.0) if state.along else ():
+        for off in (90.0, 180.0, -90.0) if state.along and set(PLANAR) <= set(self.known) else ():
             degrees = (state.file.heading_deg - off + 179.0) % 360.0 - 179.0
             text = f"the heading is {-off:g} degrees off the positions"
             yield RecordingDefect("heading", YAW, text, {"heading_deg": degrees}, off)
 
     def _degrees(self, state: _State) -> Iterator[RecordingDefect]:
         """Degrees of angles, and of rates beside them, whose unit is not stated."""
-        if state.result.quality > 1.0 - AS_GOOD and not state.aside:
-            return
         known = readings(self.sources, state.file.columns)
         free = {o: spec for o, spec in state.specs.items() if spec.unit is None
                 and o in known and known[o].known_from == SI_ASSUMED}  # fmt: skip

@@ -276,14 +276,13 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
     take("velocity", DOFS[3:], moving or yaw)
     if moving or "ground.speed" in chosen:
         take("water", ("speed",), None)
-    speeds, angles = ([c for c in candidates if c.option == f"wind.{name}"]
-                      for name in ("speed", "direction"))  # fmt: skip
     winds = [  # of one kind, or at least of one source; the true one rather than the apparent one
         ((v.frame != a.frame, a.frame != "true"), v, a)
-        for v, a in product(speeds, angles) if v.frame == a.frame or v.source is a.source
+        for v, a in product(*([c for c in candidates if c.option == f"wind.{name}"]
+                              for name in ("speed", "direction")))
+        if v.frame == a.frame or v.source is a.source
     ]  # fmt: skip
-    if winds:
-        _, *pair = min(winds, key=lambda row: row[0])
+    for _, *pair in sorted(winds, key=lambda row: row[0])[:1]:
         chosen |= zip(("wind.speed", "wind.direction"), pair, strict=True)
     if (acting := first(*(f"force.{dof}" for dof in DOFS))) and acting.moves:
         take("force", DOFS, acting, only=True)
