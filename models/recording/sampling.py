@@ -104,7 +104,9 @@ def _rate_of_images(values: Array, rate_hz: float) -> float | None:
         if reach < FEWEST_PAIRS:  # independent amplitudes have a coherence of 1 / n of n pairs
             continue
         lower = np.arange(total // 2 - reach, total // 2)  # beside half the rate
-        turns = np.exp(1j * np.angle(white[lower] * white[total - lower]))  # of pure tones, too
+        pairs = white[lower] * white[total - lower]
+        size = np.abs(pairs)  # a pure tone counts no more than any other frequency
+        turns = np.divide(pairs, size, out=np.zeros_like(pairs), where=size > 0.0)
         if np.median(np.abs(np.mean(turns, axis=0)) ** 2) > IMAGES:
             return rate_hz * float(total) / length
     return None
