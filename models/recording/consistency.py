@@ -17,18 +17,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, pairwise
+from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
 from seatrial.models.recording.preprocessing import central_difference, in_body
-from seatrial.models.recording.recording import MIN_PIECE, Recording, piecewise
+from seatrial.models.recording.recording import MIN_PIECE, Recording, attitude_of, piecewise
 from seatrial.models.recording.sampling import STRAIGHT_LINE
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import turned
+from seatrial.models.vessel.kinematics import pose_jacobian, turned
 
 BANDS = (0.25, 0.1, 0.04)  # of the Nyquist frequency: cut-offs of the low-pass, widest first
 MIN_INDEPENDENT = 30  # independent samples that a correlation needs
@@ -55,10 +55,10 @@ class Agreement:
     dof: str
     correlation: float  # of the sign of the scale
     scale: float
+    steady: bool  # the means of both signals exceed their variation, and tell the scale
     moves: bool  # the recorded signal varies more than its noise
     excited: bool  # both signals do
-    significant: bool  # the correlation, of either sign, is not that of independent signals
-    steady: bool = False  # the means of both exceed their variation, and tell the scale
+    certain: bool  # so does their correlation, of either sign, more than of independent signals
 
     @property
     def quality(self) -> float:
@@ -71,16 +71,6 @@ class Agreement:
         """Whether neither regression gives a scale near one."""
         rho, size = max(abs(self.correlation), 1e-6), abs(self.scale)
         return size / rho < 1.0 / SAME_SCALE or rho * size > SAME_SCALE
-
-    @property
-    def certain(self) -> bool:
-        """Whether the axis says something of signs and scales."""
-        return self.excited and self.significant
-
-    @property
-    def in_scale(self) -> bool:
-        """Whether the axis shows that its unit is right."""
-        return (self.certain or self.steady) and not self.off
 
 
 @dataclass(frozen=True)
@@ -130,22 +120,17 @@ def consistency(
     cutoff = band * 0.5 / period
     count = 2.0 * cutoff * period * len(recording)  # independent samples of a signal below it
     rho = correlations(observed, expected)
-    # Fisher's z of their size, and its standard error
-    z = np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE))
+    z = np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE))  # Fisher's, and its standard error
     error = float(1.0 / np.sqrt(max(count - 3.0, 1.0)))
-
-    def exceeds(values: Array, deviation: float, slope: float = 1.0) -> bool:
-        noise = deviation**2 * 2.0 * period * cutoff * slope  # of white noise below the cut-off
-        return bool(np.var(values) > max(EXCITED_VARIANCE * noise, CONSTANT_VARIANCE))
-
-    axes = []
-    for i, dof in enumerate(dofs):
-        x, y, (own, other) = observed[:, i], expected[:, i], noise[:, i]
-        moves, r = exceeds(x, own), float(rho[i, i])
-        excited = moves and exceeds(y, other, (2.0 * np.pi * cutoff) ** 2 / 3.0)
-        sure = bool(z[i, i] > CERTAIN * error)
-        scale, both = scale_of(x, y, r), _steady(x, y)
-        axes.append(Agreement(dof, r, scale, moves, excited, sure, both))
+    white = np.array([[1.0], [(2.0 * np.pi * cutoff) ** 2 / 3.0]]) * 2.0 * period * cutoff
+    floor = np.maximum(EXCITED_VARIANCE * noise**2 * white, CONSTANT_VARIANCE)  # below the cut-off
+    moves, both = np.logical_and.accumulate(np.var([observed, expected], axis=1) > floor)
+    certain = both & (np.diag(z) > CERTAIN * error)
+    axes = [
+        Agreement(dof, float(rho[i, i]), *_scale(observed[:, i], expected[:, i], rho[i, i]),
+                  bool(moves[i]), bool(both[i]), bool(certain[i]))
+        for i, dof in enumerate(dofs)
+    ]  # fmt: skip
     swaps = []  # pairs whose z rises by CERTAIN for each axis that moves, and falls for none
     for i, j in (pair for group in groups for pair in combinations(group, 2)):
         better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if axes[a].moves]
@@ -163,15 +148,10 @@ def _compared(
 
     Linear ones are left out if the path cannot be turned into body axes.
     """
-    dofs, period, edges = recording.dofs, recording.period_s, recording.edges
-    turns, path = set(PLANAR) <= set(dofs), np.zeros((len(recording), 6))
-    path[:, [DOFS.index(dof) for dof in dofs]] = recording.eta
-    path[:, 3:] = piecewise(turned, edges, recording.attitude)
-    path = piecewise(without_jumps, edges, path)
-    rate = piecewise(partial(central_difference, period_s=period), edges, path)
-    if turns:
-        rate[:, :3] = in_body(recording.attitude, rate[:, :3])
-    noise = noise_floor(path, recording.piece_starts, period).deviation
+    dofs, turns = recording.dofs, set(PLANAR) <= set(recording.dofs)
+    path = piecewise(without_jumps, recording.edges, _path(recording, recording.attitude))
+    rate = _rates(recording, path, turns * recording.attitude)
+    noise = noise_floor(path, recording.piece_starts, recording.period_s).deviation
     noise[:3] = np.max(noise[:3])  # the axes are turned into each other
     level = turns or not np.any(recording.attitude)
     used = [
@@ -182,6 +162,75 @@ def _compared(
     signals = np.stack([recording.nu[:, used], rate[:, index]])
     noise = np.stack([recording.noise.deviation[used], noise[index]])
     return [dofs[i] for i in used], signals, noise
+
+
+def _path(recording: Recording, attitude: Array) -> Array:
+    """The pose in all degrees of freedom, (N, 6); angles are those turned about axes of the body.
+
+    Those of `attitude` (N, 3) [rad] begin each piece.
+    """
+    path = np.zeros((len(recording), 6))
+    path[:, [DOFS.index(dof) for dof in recording.dofs]] = recording.eta
+    path[:, 3:] = piecewise(lambda angles: angles[0] + turned(angles), recording.edges, attitude)
+    return path
+
+
+def _rates(recording: Recording, path: Array, attitude: Array) -> Array:
+    """The derivative of a path (N, 6) along the axes of a body of some attitude (N, 3), (N, 6)."""
+    difference = partial(central_difference, period_s=recording.period_s)
+    rates = piecewise(difference, recording.edges, path)
+    return np.column_stack([in_body(attitude, rates[:, :3]), rates[:, 3:]])
+
+
+class QualityCheck(NamedTuple):
+    """error = measured - calculated, Hoyer (2021), section 5.4.4.
+
+    `integrated_velocity` compares the pose with the integral of the velocity from the first pose,
+    in m or rad, and shows drift. `differentiated_position` compares the velocity with the
+    derivative of the pose, in m/s or rad/s, and shows wrong signs, frames and time stamps.
+    """
+
+    check: str
+    dof: str
+    unit: str
+    measured: Array  # (N,)
+    calculated: Array  # (N,)
+
+    @property
+    def error(self) -> Array:
+        """measured - calculated, shape (N,)."""
+        return self.measured - self.calculated
+
+    @property
+    def maximum(self) -> float:
+        """Largest magnitude of the error."""
+        return float(np.max(np.abs(self.error)))
+
+
+def quality_checks(recording: Recording) -> list[QualityCheck]:
+    """Both checks of every degree of freedom, piece by piece.
+
+    Where surge, sway and yaw are there, velocities are turned by the attitude; axes that are not
+    there, such as heave, which pitch would turn, are taken as zero. In any other set every
+    axis is by itself. Angles are those turned about the axes of the body: no singularity.
+    """
+    dofs, edges, nu = recording.dofs, recording.edges, np.zeros((len(recording), 6))
+    nu[:, [DOFS.index(dof) for dof in dofs]] = recording.nu
+    angles = attitude_of(dofs, recording.eta)
+    pose, attitude = _path(recording, angles), (set(PLANAR) <= set(dofs)) * angles
+    along = np.einsum("nij,nj->ni", pose_jacobian(attitude)[:, :3, :3], nu[:, :3])
+    way = partial(scipy.integrate.cumulative_trapezoid, dx=recording.period_s, axis=0, initial=0.0)
+    integral = piecewise(
+        lambda x, v: x[0] + way(v), edges, pose, np.column_stack([along, nu[:, 3:]])
+    )
+    rates, checks = _rates(recording, pose, attitude), []
+    for dof in dofs:
+        i, unit, rate_unit = DOFS.index(dof), POSE_UNIT[dof], VELOCITY_UNIT[dof]
+        checks += [
+            QualityCheck("integrated_velocity", dof, unit, pose[:, i], integral[:, i]),
+            QualityCheck("differentiated_position", dof, rate_unit, nu[:, i], rates[:, i]),
+        ]
+    return checks
 
 
 def _filtered(
@@ -219,28 +268,41 @@ def _lags(
 ) -> tuple[float, float, float]:  # fmt: skip
     """By how much velocities are behind the pose, by how much all are, and the standard error [s].
 
+    The peak of the sum of the normalised cross-correlations of the axes, which must agree in sign.
     The error of a delay between band-limited signals of correlation rho with n independent samples
     is sqrt((1 / rho^2 - 1) / n) / (2 pi f_rms); Carter (1987), Proc IEEE 75(2). A clock that is
     apart delays all axes alike, a filter some more than others: all axes are behind by the lag of
     the one that is nearest to the pose, 0 if axes are on both sides of it.
     """
-    if not observed.shape[1]:
-        return 0.0, 0.0, np.inf
     most = min(round(LONGEST_LAG_S / period), len(observed) // 4)
-    total = lag(observed, expected, np.arange(-most, most + 1), joints)
-    k = round(total)
-    rho = np.diag(correlations(
-        observed[max(k, 0) : len(observed) + min(k, 0)],
-        expected[max(-k, 0) : len(expected) - max(k, 0)],
-    ))  # fmt: skip
+    if not observed.shape[1] or not most:
+        return 0.0, 0.0, np.inf
+    apart = np.repeat(np.asarray(joints, dtype=np.int64), most)  # over which nothing is shifted
+    a, b = (np.insert(x - np.mean(x, axis=0), apart, 0.0, axis=0) for x in (observed, expected))
+    middle = slice(len(a) - 1 - most, len(a) + most)
+    curves = np.column_stack([
+        scipy.signal.correlate(x, y, method="fft")[middle] / np.linalg.norm(x) / np.linalg.norm(y)
+        for x, y in zip(a.T, b.T, strict=True)
+    ])  # fmt: skip
+    total = _peak(np.sum(curves, axis=1))
     near = max(round(0.5 / cutoff_hz / period), 1)  # a later peak is another one
-    shifts = np.arange(k - near, k + near + 1)
-    own = [lag(np.sign(rho[i]) * observed[:, [i]], expected[:, [i]], shifts, joints)
+    first, rho = max(round(total) - near, 0), curves[round(total)]
+    own = [first + _peak(np.sign(rho[i]) * curves[first : round(total) + near + 1, i]) - most
            for i in np.flatnonzero(np.abs(rho) > SURE)]  # fmt: skip
     shared = min(own, key=abs) if own and not min(own) < 0.0 < max(own) else 0.0
     share = max(1.0 / max(float(np.max(np.abs(rho))), 0.01) ** 2 - 1.0, 1e-6)
     error = np.sqrt(share / count) / (2.0 * np.pi * cutoff_hz / np.sqrt(3.0))
-    return total * period, shared * period, float(error)
+    return (total - most) * period, shared * period, float(error)
+
+
+def _peak(curve: Array) -> float:
+    """Where a curve (n,) is largest, to a fraction of a sample, by a parabola of three values."""
+    k = int(np.argmax(curve))
+    if k in (0, len(curve) - 1):
+        return float(k)
+    before, top, after = curve[k - 1 : k + 2]
+    bend = before - 2.0 * top + after
+    return float(k + (0.5 * (before - after) / bend if bend < 0.0 else 0.0))
 
 
 def correlations(observed: Array, expected: Array) -> Array:
@@ -253,54 +315,16 @@ def correlations(observed: Array, expected: Array) -> Array:
     return np.asarray(np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 0.0))
 
 
-def scale_of(observed: Array, expected: Array, correlation: float) -> float:
+def _scale(observed: Array, expected: Array, correlation: float) -> tuple[float, bool]:
     """The factor on `observed` (N,) that gives `expected` (N,), both with errors; 1 if unknown.
 
     Means count if they exceed the variation, as the forward speed of a ship on its way does.
     """
-    if _steady(observed, expected):
-        return float(np.mean(expected) / np.mean(observed))
-    size = float(np.std(observed))
-    if not size > 0.0 or not np.std(expected) > 0.0:
-        return 1.0
-    return float(np.copysign(np.std(expected) / size, correlation))
-
-
-def _steady(*signals: Array) -> bool:
-    """Whether the mean of each signal (N,) exceeds its variation."""
-    return all(abs(np.mean(x)) > np.std(x) for x in signals)
-
-
-def lag(
-    observed: Array, expected: Array, shifts: NDArray[np.int64], joints: Sequence[int] = ()
-) -> float:
-    """By how many samples `observed` (N, k) is behind `expected` (N, k), to a fraction of one.
-
-    The peak of the sum of the normalised cross-correlations of the columns, which must agree in
-    sign; a parabola through its three largest values.
-
-    Args:
-        observed: signals in pieces.
-        expected: those that they are compared with.
-        shifts: consecutive numbers of samples that are tried, (n,).
-        joints: where pieces begin, over which nothing is shifted.
-    """
-    most = int(np.max(np.abs(shifts), initial=0))
-    if len(shifts) < 3 or most >= len(observed):
-        return 0.0
-    apart = np.repeat(np.asarray(joints, dtype=np.int64), most)
-    a, b = (np.insert(x - np.mean(x, axis=0), apart, 0.0, axis=0) for x in (observed, expected))
-    sums = np.zeros(len(shifts))
-    for x, y in zip(a.T, b.T, strict=True):
-        products = scipy.signal.correlate(x, y, method="fft")[len(a) - 1 + shifts]
-        sums += products / (np.linalg.norm(x) * np.linalg.norm(y) or np.inf)
-    peak = int(np.argmax(sums))
-    if peak in (0, len(sums) - 1):
-        return float(shifts[peak])
-    before, top, after = sums[peak - 1 : peak + 2]
-    bend = before - 2.0 * top + after
-    inside = 0.5 * float(before - after) / float(bend) if bend < 0.0 else 0.0
-    return float(shifts[peak] + inside)
+    (mean, size), (other, needed) = ((np.mean(x), np.std(x)) for x in (observed, expected))
+    if abs(mean) > size and abs(other) > needed:
+        return float(other / mean), True
+    known = size > 0.0 and needed > 0.0
+    return float(np.copysign(needed / size, correlation)) if known else 1.0, False
 
 
 def without_jumps(path: Array) -> Array:

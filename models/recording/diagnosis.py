@@ -10,7 +10,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -43,10 +42,12 @@ UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filt
 SAMPLES_APART = 2.0  # a smaller delay is that of a filter or of sampling
 SAME_RATE = 1.05  # of the rate of the original samples
 MOST_CHANGES = 6
-ASIDE, AHEAD = 0.5, 0.9  # shares of the way ahead: of a wrong heading, and of a right one
+ASIDE, AHEAD = 0.5, 0.87  # shares of the way ahead: of a wrong heading, and of a right one
 MOST_SAMPLES, BLOCKS = 50_000, 10  # of a longer recording, as many even blocks are compared
-LARGE = {"roll": np.pi, "pitch": np.pi, "delta": 0.5 * np.pi, "n": 30.0}  # hardly rad, or 1/s
-LARGE_BEARING = 6.0 * np.pi  # [rad]
+LARGE = {  # hardly rad, or 1/s
+    **dict.fromkeys(BEARINGS, 6.0 * np.pi), "position.roll": np.pi, "position.pitch": np.pi,
+    "inputs.delta": 0.5 * np.pi, "inputs.n": 30.0,
+}  # fmt: skip
 SMALL_ANGLE = 0.05  # [rad] by which a heading is easily wrong
 PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
 LINEAR, ANGLES, YAW = DOFS[:3], DOFS[3:], ("yaw",)
@@ -56,29 +57,25 @@ UNITS = {  # that people record, by that of SI
     "m": ("m", "mm", "cm", "ft", "km"), "rad": ("rad", "deg"),
     "s": ("s", "ms", "us", "ns", "min"),
 }  # fmt: skip
-# Readings that no correlation tells apart: kind of the problem, its axes, what is wrong, and the
-# frames and the sense of the heading that read the file so.
-FRAMES: tuple[tuple[str, Sequence[str], str, dict[str, str], dict[str, str]], ...] = (
-    ("earth", LINEAR, "the velocities are along the axes of the earth, not of the body",
-     {"velocity": "earth"}, {}),
-    ("frame", LINEAR, "the positions are east, north, up, not north, east, down",
-     {"position": "ENU"}, {}),
-    ("frame", FLIPPED, "the velocities are forward, left, up, not forward, right, down, or the "
-     "pose is of east, north, up", {"body": "FLU"}, {}),
-    ("heading", YAW, "the attitude is of ENU: the heading counts from east, anticlockwise",
-     {"attitude": "ENU"}, {}),
-    ("frame", DOFS, "the attitude is of ENU, and the velocities are forward, left, up",
-     {"attitude": "ENU", "body": "FLU"}, {}),
-    ("frame", DOFS, "the positions are east, north, up, and the attitude is of ENU",
-     {"position": "ENU", "attitude": "ENU"}, {}),
-    ("earth", LINEAR, "the velocities are along the axes of the earth, and all is east, north, up",
-     {"velocity": "earth", "position": "ENU"}, {}),
-    ("heading", YAW, "the heading counts anticlockwise", {}, {"positive": "anticlockwise"}),
-    ("heading", YAW, "the heading counts clockwise", {}, {"positive": "clockwise"}),
-    ("frame", YAW, "the heading counts anticlockwise, and the positions are east, north, up",
-     {"position": "ENU"}, {"positive": "anticlockwise"}),
-    ("heading", YAW, "the heading counts from east, anticlockwise", {},
-     {"zero": "east", "positive": "anticlockwise"}),
+# Readings that no correlation tells apart: kind of the problem, its axes, the options of the frames
+# or of the heading that read the file so, and what is wrong.
+TURNS: tuple[tuple[str, Sequence[str], dict[str, str], str], ...] = (
+    ("earth", LINEAR, {"velocity": "earth"}, "the velocities are along the axes of the earth"),
+    ("frame", LINEAR, {"position": "ENU"}, "the positions are east, north, up"),
+    ("frame", FLIPPED, {"body": "FLU"}, "the velocities are forward, left, up, not forward, right, "
+     "down, or the pose is of east, north, up"),
+    ("heading", YAW, {"attitude": "ENU"}, "the attitude is of ENU"),
+    ("frame", DOFS, {"attitude": "ENU", "body": "FLU"},
+     "the attitude is of ENU, and the velocities are forward, left, up"),
+    ("frame", DOFS, {"position": "ENU", "attitude": "ENU"}, "position and attitude are of ENU"),
+    ("earth", LINEAR, {"velocity": "earth", "position": "ENU"},
+     "the velocities are along the axes of the earth, and all is east, north, up"),
+    ("heading", YAW, {"positive": "anticlockwise"}, "the heading counts anticlockwise"),
+    ("heading", YAW, {"positive": "clockwise"}, "the heading counts clockwise"),
+    ("frame", YAW, {"position": "ENU", "positive": "anticlockwise"},
+     "the heading counts anticlockwise, and the positions are east, north, up"),
+    ("heading", YAW, {"zero": "east", "positive": "anticlockwise"},
+     "the heading counts from east, anticlockwise"),
 )  # fmt: skip
 Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.surge, and values
 
@@ -100,11 +97,10 @@ class RecordingDefect:
         parts = []
         for path, value in self.change.items():
             if isinstance(value, Mapping):
-                keys = ", ".join(f"{key}: {item}" for key, item in value.items())
-                parts.append(f"excitation.{path}: {{{keys}}}")
+                text = f": {{{', '.join(f'{key}: {item}' for key, item in value.items())}}}"
             else:
-                text = f"{value:g}" if isinstance(value, float) else value
-                parts.append(f"excitation.{path}={text}")
+                text = f"={value:g}" if isinstance(value, float) else f"={value}"
+            parts.append(f"excitation.{path}{text}")
         return ", ".join(parts)
 
     def __str__(self) -> str:
@@ -145,14 +141,21 @@ def changed(file: RecordedFile, change: Change) -> RecordedFile:
 def examine(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
     """Examine a recording with all degrees of freedom that it holds, else with those of a vessel.
 
-    None if the recording cannot be read in any of them.
+    None if the recording cannot be read in any of them. Of a long one, changes are tried on blocks.
     """
     poses, speeds = set(file.columns.posed), set(file.columns.moving)
     for own in (poses & (speeds | set(PLANAR)), poses & speeds, set(dofs)):
         known = tuple(dof for dof in DOFS if dof in own)
         with suppress(*FAULTS):
             if known:
-                return _Case(file, file.sources(), known, file.recording(known)).examined()
+                sources, recording = file.sources(), file.recording(known)
+                case, blocks = _Case(file, sources, known, recording, None), _blocks(sources, file)
+                if blocks is not None:
+                    rate = file.resample_hz or 1.0 / recording.period_s
+                    part = replace(file, resample_hz=rate, at_gap="split")
+                    with suppress(*FAULTS):
+                        return case._replace(file=part, blocks=blocks).examined()
+                return case.examined()
     return None
 
 
@@ -171,19 +174,27 @@ class _State(NamedTuple):
 
     @property
     def ahead(self) -> float:
-        """Share of the way in the direction of the bow; the axes must be planar."""
+        """Share of the way in the direction of the bow; 1 where there is no plane."""
+        if not set(PLANAR) <= set(self.recording.dofs):
+            return 1.0
         u, v = (self.recording.nu[:, self.recording.dofs.index(dof)] for dof in LINEAR[:2])
         return float(np.sum(u) / (np.sum(np.hypot(u, v)) or 1.0))
+
+    @property
+    def aside(self) -> bool:
+        """Whether the vessel hardly moves ahead, and no velocity along the body tells why."""
+        agree = all(axis.correlation > SURE for axis in self.result.axes if axis.dof in LINEAR[:2])
+        return agree and not self.along and self.ahead < ASIDE
 
     def explained(self, axis: Agreement) -> bool:
         """Whether a small angle between bow and heading explains the scale of an axis aside."""
         surge = next((a for a in self.result.axes if a.dof == "surge"), None)
-        if surge is None or not surge.in_scale:
+        if surge is None or surge.off or not (surge.certain or surge.steady):
             return False
         ahead, aside = (self.recording.nu[:, self.recording.dofs.index(dof)]
                         for dof in ("surge", axis.dof))  # fmt: skip
         error = abs(abs(axis.scale) - 1.0) * np.std(aside)
-        return bool(error < SMALL_ANGLE * abs(np.mean(ahead)))
+        return axis.dof in LINEAR[1:] and bool(error < SMALL_ANGLE * abs(np.mean(ahead)))
 
     @property
     def specs(self) -> dict[str, Column]:
@@ -196,213 +207,185 @@ class _State(NamedTuple):
                 if option.partition(".")[0] in kinds and option not in options}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Case:
-    """A recording that is read again and again."""
+class _Case(NamedTuple):
+    """A recording that is read again and again, all of it or blocks of its sources."""
 
     file: RecordedFile
     sources: Mapping[str, Source]
     known: tuple[str, ...]
     recording: Recording
+    blocks: Mapping[str, Source] | None
 
     def examined(self) -> Examination:
         """What is wrong with the recording, with the changes that were tried."""
-        state, problems = self._with(self.file), list[RecordingDefect]()
+        recording = self.file.recording(self.known, self.blocks)
+        state, problems = self._compared(self.file, recording), list[RecordingDefect]()
         plain = state.result
         if (slower := self._slower(state)) is not None:
             after = self._tried(state, slower)
             problems.append(slower if after else replace(slower, change={}))
             state = after or state
-        for defect, after in self._ahead(state):
-            problems.append(defect)
-            state = after
         for _ in range(MOST_CHANGES):
-            told = [*_told(state), *self._scales(state)]
-            framed = any(p.kind in ("earth", "frame", "heading") for p in problems)
-            guesses = [g for g in self._guesses(state) if g.kind == "scale" or not framed]
-            best = self._best(state, [defect for defect in told if defect.change], guesses)
-            steps = [best] if best else self._ahead(state)
-            if not steps:
+            told = list(self._told(state))
+            turned = any(problem.kind in ("earth", "frame", "heading") for problem in problems)
+            if (best := self._best(state, [d for d in told if d.change], turned)) is None:
                 break
-            problems += [defect for defect, _ in steps]
-            last = steps[-1][1]
-            state = self._compared(last.file, last.recording)  # where it agrees best
-        questions = [d.message for d in told if d.kind == "question"]
-        told = [defect for defect in told if defect.kind != "question"]
-        problems += [replace(defect, change={}) for defect in told]
+            problems.append(best[0])
+            state = self._compared(*best[1][:2])  # where it agrees best
+        questions = [defect.message for defect in told if defect.kind == "question"]
+        told = [replace(defect, change={}) for defect in told if defect.kind != "question"]
         named = {dof for defect in told for dof in defect.axes}
-        problems += [
+        told += [
             RecordingDefect("unknown", (axis.dof,), "the velocity and the derivative have a "
                             f"correlation of {axis.correlation:.2f}", value=axis.correlation)
             for axis in state.result.untrusted if axis.dof not in named
         ]  # fmt: skip
-        delay = sum(p.value or 0.0 for p in problems if p.kind == "clock" and p.change)
+        delay = sum(p.value or 0.0 for p in problems if p.kind == "clock")
         result = replace(plain, lag_s=state.result.lag_s + delay)
         good = {a.dof for a in state.result.axes if a.correlation > SURE and not a.off}
         sure = {f"position.{dof}" for dof in good}
         sure |= {"position.yaw"} if good & set(LINEAR) else set()
         doubtful = doubts(self.sources, state.file.columns).items()
         questions = [*(line for option, line in doubtful if option not in sure), *questions]
-        missing = tuple(self._not_compared())
-        return Examination(result, tuple(problems), self.recording, tuple(questions), missing)
-
-    def _with(self, file: RecordedFile, band: float | None = None) -> _State:
-        """The recording read with other options; of a long one even blocks of its time."""
-        if self.excerpt is not None:
-            rate = file.resample_hz or 1.0 / self.recording.period_s
-            part = replace(file, resample_hz=rate, at_gap="split")
-            with suppress(*FAULTS):
-                return self._compared(file, part.recording(self.known, self.excerpt), band)
-        return self._compared(file, file.recording(self.known), band)
+        found, missing = tuple(problems + told), tuple(self._not_compared())
+        return Examination(result, found, self.recording, tuple(questions), missing)
 
     def _compared(
         self, file: RecordedFile, recording: Recording, band: float | None = None
     ) -> _State:
         return _State(file, recording, consistency(recording, file.columns.moving, band))
 
-    def _tried(
-        self, state: _State, defect: RecordingDefect, band: float | None = None
-    ) -> _State | None:
-        """The recording read with a change; None if it cannot be read so."""
+    def _tried(self, state: _State, defect: RecordingDefect) -> _State | None:
+        """The recording read with a change, compared in the same band; None if it cannot be."""
+        band = None if defect.kind == "resampled" else state.result.band
         with suppress(*FAULTS):
-            return self._with(changed(state.file, defect.change), band)
+            file = changed(state.file, defect.change)
+            return self._compared(file, file.recording(self.known, self.blocks), band)
         return None
 
-    @cached_property
-    def excerpt(self) -> dict[str, Source] | None:
-        """Even blocks of the time of long sources; None if they are short."""
-        clocks = dict[str, Array]()
-        for name, source in self.sources.items():
-            with suppress(*FAULTS):
-                clocks[name] = seconds(source, clock_of(source, self.file.columns))
-        longest = max(map(len, clocks.values()), default=0)
-        if longest <= MOST_SAMPLES:
-            return None
-        start = min(float(np.nanmin(t)) for t in clocks.values())
-        length = max(float(np.nanmax(t)) for t in clocks.values()) - start
-        result = dict(self.sources)
-        for name, t in clocks.items():
-            rows = (t - start) / length * BLOCKS % 1.0 < MOST_SAMPLES / longest  # not those of NaN
-            cells = {title: cells[rows] for title, cells in result[name].columns.items()}
-            result[name] = replace(result[name], columns=cells)
-        return result
-
     def _best(
-        self, state: _State, told: Sequence[RecordingDefect], guesses: Sequence[RecordingDefect]
+        self, state: _State, told: Sequence[RecordingDefect], turned: bool
     ) -> tuple[RecordingDefect, _State] | None:
-        """The first of the changes that are as good as the best one; None if none gains enough."""
-        tried = []
+        """The first of the changes that are as good as the best one; None if none gains enough.
+
+        A vessel that hardly moves ahead gains what it moves ahead, also by two guesses together.
+        """
+        fine = not state.result.axes or state.result.quality > 1.0 - AS_GOOD
+        settled, tried = fine and not state.aside, []
+        degrees = [] if settled else list(self._degrees(state))
+        guesses = [*(() if settled or turned else self._turns(state, state.aside)), *degrees]
+        if state.aside and degrees and (after := self._tried(state, degrees[0])):
+            guesses += [
+                replace(turn, message=f"{degrees[0].message}, and {turn.message}",
+                        change={**degrees[0].change, **turn.change})
+                for turn in self._turns(after, aside=True)
+            ]  # fmt: skip
         for defect in (*told, *guesses):
-            after = self._tried(state, defect, state.result.band)
-            if after is None:
+            if (after := self._tried(state, defect)) is None:
                 continue
-            axes = [axis for axis in after.result.axes if axis.dof in defect.axes]
-            if defect in guesses and not any(abs(axis.correlation) > SURE for axis in axes):
-                continue  # it shows nothing of the axes that it is about
-            gain = after.result.quality - state.result.quality
-            worse = any(
+            ahead = after.ahead if state.aside and after.ahead > AHEAD else 0.0
+            gain = after.result.quality - state.result.quality + ahead
+            worse = defect in guesses and after.ahead < ASIDE and state.ahead > AHEAD
+            worse |= any(
                 new.quality < old.quality - AS_GOOD and old.correlation > SURE
                 for old, new in zip(state.result.axes, after.result.axes, strict=True)
             )
-            if gain > (0.0 if defect in told else AS_GOOD) and not worse:
-                tried.append((gain, defect, after))
+            if gain > (defect in guesses) * AS_GOOD and not worse:
+                text = f"the vessel moves ahead in {100.0 * max(state.ahead, 0.0):.0f} % of its way"
+                said = f"{text}: {defect.message}" if ahead else defect.message
+                tried.append((gain, replace(defect, message=said), after))
         most = max((gain for gain, *_ in tried), default=0.0)
         return next(((d, after) for gain, d, after in tried if gain >= most - AS_GOOD), None)
 
-    def _ahead(self, state: _State) -> list[tuple[RecordingDefect, _State]]:
-        """The readings by which the vessel moves ahead, where no velocity along the body tells."""
-        agree = all(axis.correlation > SURE for axis in state.result.axes if axis.dof in LINEAR[:2])
-        if state.along or not (agree and set(PLANAR) <= set(self.known)) or state.ahead > ASIDE:
-            return []
-        text = f"the vessel moves ahead in {100.0 * max(state.ahead, 0.0):.0f} % of its way"
-        ways: list[list[tuple[RecordingDefect, _State]]] = [[]]  # degrees alone, or also frames
-        for kinds in (("scale",), ("frame", "heading")):
-            for way in list(ways):
-                now = way[-1][1] if way else state
-                guesses = [d for d in self._guesses(now, agrees=True)
-                           if d.kind in kinds and "heading_deg" not in d.change]  # fmt: skip
-                for defect in guesses[:1] if kinds == ("scale",) else guesses:
-                    if after := self._tried(now, defect):
-                        said = replace(defect, message=f"{text}: {defect.message}")
-                        ways.append([*way, (said, after)])
-        most = max(way[-1][1].ahead if way else AHEAD for way in ways) - AS_GOOD
-        return next((way for way in ways[1:] if way[-1][1].ahead > max(most, AHEAD - AS_GOOD)), [])
-
-    def _guesses(self, state: _State, agrees: bool = False) -> Iterator[RecordingDefect]:
-        """Changes that no correlation tells, unless all agrees: frames, headings, and degrees."""
-        specs, compared = state.specs, [axis.dof for axis in state.result.axes]
-        if state.result.quality > 1.0 - AS_GOOD and not agrees:
-            return
-        turns = set(PLANAR) <= set(self.known)
+    def _turns(self, state: _State, aside: bool) -> Iterator[RecordingDefect]:
+        """Other axes and headings, of which no correlation of one axis tells."""
+        columns, specs, result = state.file.columns, state.specs, state.result
         heading, x = specs.get("position.yaw"), specs.get("position.surge")
         titled = bool(x and {"north", "northing"} & set(words_of(x.name)))
-        titled |= agrees and bool(state.file.columns.geodetic)
-        for kind, axes, text, frames, sense in FRAMES if turns else ():
-            turns_it = sense or "attitude" in frames  # which only a velocity along the body tells
-            if ((sense and heading is None) or (titled and "position" in frames)
-                    or (turns_it and not (state.along or agrees))):  # fmt: skip
-                continue
-            change: dict[str, Any] = {}
-            change |= {f"columns.frames.{key}": value for key, value in frames.items()}
+        titled |= aside and bool(columns.geodetic)
+        compared = {axis.dof for axis in result.axes}
+        for kind, axes, options, text in TURNS if set(PLANAR) <= set(self.known) else ():
+            sense: dict[str, Any] = {k: v for k, v in options.items() if k in ("zero", "positive")}
+            change = {f"columns.frames.{k}": v for k, v in options.items() if k not in sense}
             if sense and heading:
-                change |= _change({"position.yaw": replace(heading, **sense)})  # type: ignore[arg-type]
-            if changed(state.file, change).columns != state.file.columns:
-                yield RecordingDefect(kind, tuple(d for d in axes if d in compared), text, change)
-        for off in (90.0, 180.0, -90.0) if turns and (state.along or agrees) else ():
+                change |= _change({"position.yaw": replace(heading, **sense)})
+            # which only a velocity along the body tells, or the way
+            turns = (sense or "attitude" in options) and not (state.along or aside)
+            if ((sense and heading is None) or turns or (titled and "position" in options)
+                    or changed(state.file, change).columns == columns):  # fmt: skip
+                continue
+            yield RecordingDefect(kind, tuple(d for d in axes if d in compared), text, change)
+        for off in (90.0, 180.0, -90.0) if state.along and set(PLANAR) <= set(self.known) else ():
             degrees = (state.file.heading_deg - off + 179.0) % 360.0 - 179.0
             text = f"the heading is {-off:g} degrees off the positions"
             yield RecordingDefect("heading", YAW, text, {"heading_deg": degrees}, off)
-        known = readings(self.sources, self.file.columns)
-        angles = [option for option in BEARINGS
-                  if option in specs and specs[option].unit is None
-                  and option in known and known[option].known_from == SI_ASSUMED]  # fmt: skip
+
+    def _degrees(self, state: _State) -> Iterator[RecordingDefect]:
+        """Degrees of angles, and of rates beside them, whose unit is not stated."""
+        known = readings(self.sources, state.file.columns)
+        free = {o: spec for o, spec in state.specs.items() if spec.unit is None
+                and o in known and known[o].known_from == SI_ASSUMED}  # fmt: skip
+        angles = [option for option in BEARINGS if option in free]
         yaw = [option for option in angles if option == "position.yaw"]
-        rates = [o for dof in ANGLES if (o := f"velocity.{dof}") in specs and specs[o].unit is None
-                 and o in known and known[o].known_from == SI_ASSUMED]  # fmt: skip
+        rates = [option for dof in ANGLES if (option := f"velocity.{dof}") in free]
         for group in (angles, [o for o in angles if o not in yaw], yaw, [*angles, *rates]):
-            new = {o: replace(specs[o], unit="deg/s" if o in rates else "deg") for o in group}
+            new = {o: replace(free[o], unit="deg/s" if o in rates else "deg") for o in group}
             axes = tuple(dof for dof in ANGLES if f"position.{dof}" in group)
             also = " and their rates" if set(rates) & set(group) else ""
             text = f"the angles of the pose{also} are in degrees"
-            yield RecordingDefect("scale", axes, text, _change(new), 180.0 / np.pi)
+            if group:
+                yield RecordingDefect("scale", axes, text, _change(new), 180.0 / np.pi)
 
-    def _scales(self, state: _State) -> Iterator[RecordingDefect]:
-        """Velocities, poses or times in another unit; axes in the same unit are named together.
+    def _told(self, state: _State) -> Iterator[RecordingDefect]:
+        """What correlations and scales tell, with changes that may mend it.
 
-        One factor on all rates, of positions and of angles, is one on time. What is of no unit is a
-        question.
+        Axes in the same unit are named together; what is of no unit is a question. One factor on
+        all rates, of positions and of angles, is one on time.
         """
-        columns, specs, text = state.file.columns, state.specs, "the derivative of the pose is"
-        axes = [axis for axis in state.result.axes if axis.certain]
+        result, columns, specs = state.result, state.file.columns, state.specs
+        for group in result.swaps:
+            new = {f"velocity.{to}": specs[o] for dof, to in (group, group[::-1])
+                   if (o := f"velocity.{dof}") in specs}  # fmt: skip
+            change = _change(new) if len(new) == 2 else {}
+            yield RecordingDefect("swap", group, "the velocities are exchanged", change)
+        axes = [axis for axis in result.axes if axis.certain]
+        for axis in (axis for axis in axes if axis.correlation < 0.0):
+            option, text = f"velocity.{axis.dof}", "the velocity has the wrong sign"
+            new = {o: replace(spec, column=f"-{spec.column}".removeprefix("--"))
+                   for o, spec in specs.items() if o == option}  # fmt: skip
+            yield RecordingDefect("sign", (axis.dof,), text, _change(new), -1.0)
+        lag, period = result.lag_s, state.recording.period_s
+        apart = abs(lag) >= max(SAMPLES_APART * period, CERTAIN * result.lag_error_s)
+        if apart and result.shared_lag_s != 0.0:
+            delay = float(f"{lag + columns.delay_s.get('velocity', 0.0):.3g}")
+            text = f"{abs(lag):.3g} s {'behind' if lag > 0.0 else 'ahead of'} the pose"
+            change = {"columns.delay_s.velocity": delay}
+            yield RecordingDefect("clock", (), f"the velocities are {text}", change, lag)
+        text, time = "the derivative of the pose is {:.3g} times the velocity", columns.clock
         scale = float(np.median([abs(axis.scale) for axis in axes])) if axes else 1.0
         same = all(1.0 / SAME_SCALE < abs(a.scale) / scale < SAME_SCALE and a.off for a in axes)
-        if same and len({axis.dof in ANGLES for axis in axes}) == 2:
-            time, dofs = columns.clock, tuple(axis.dof for axis in axes)
-            text = f"{text} {scale:.3g} times the velocity on every axis"
-            unit, value = _unit(time.unit or "s", "time", scale)
+        unit, value = _unit(time.unit or "s", "time", scale)
+        if unit and same and len({axis.dof in ANGLES for axis in axes}) == 2:
             change = {"columns.time": replace(time, unit=unit).written}
-            question = f"{text}: which unit is {time.name} in?"
-            yield (RecordingDefect("time", dofs, text, change, value) if unit
-                   else RecordingDefect("question", (), question))  # fmt: skip
+            dofs, line = tuple(axis.dof for axis in axes), f"{text.format(scale)} on every axis"
+            yield RecordingDefect("time", dofs, line, change, value)
             return
         known = readings(self.sources, columns)
         groups = defaultdict[tuple[str, float], dict[str, str]](dict)  # option by axis
         for axis in (axis for axis in axes if axis.off):
             size, own = abs(axis.scale), f"velocity.{axis.dof}"
             own = "ground.speed" if columns.ground and axis.dof in LINEAR[:2] else own
-            if axis.dof in LINEAR[1:] and state.explained(axis):
-                line = (f"{text} {size:.3g} times the velocity, though surge agrees: a lever "
-                        "arm, or a heading that is late or turned, does that")  # fmt: skip
+            if state.explained(axis):
+                line = (f"{text.format(size)}, though surge agrees: a lever arm, or a heading that "
+                        "is late or turned, does that")  # fmt: skip
                 yield RecordingDefect("unknown", (axis.dof,), line, value=size)
                 continue
-            for option, ratio in ((own, size), (f"position.{axis.dof}", 1.0 / size)):
-                if option in specs:
-                    now = known[option].unit or targets_of(option)[0]
-                    unit, value = _unit(now, option, ratio)
-                    if unit:
-                        key = unit, value if option == own else 1.0 / value
-                        groups[key][axis.dof] = option
-                        break
+            for option, sense in ((own, 1), (f"position.{axis.dof}", -1)):
+                now = known[option].unit or targets_of(option)[0] if option in specs else ""
+                unit, value = _unit(now, option, size**sense) if now else ("", 1.0)
+                if unit:
+                    groups[unit, value**sense][axis.dof] = option
+                    break
             else:
                 if own in specs and not 1.0 / UNNAMED < size < UNNAMED:
                     pose = "attitude" if axis.dof in ANGLES else "position"
@@ -410,8 +393,7 @@ class _Case:
                     yield RecordingDefect("question", (), line)
         for (unit, value), options in groups.items():
             change = _change({o: replace(specs[o], unit=unit) for o in options.values()})
-            line = f"{text} {value:.3g} times the velocity"
-            yield RecordingDefect("scale", tuple(options), line, change, value)
+            yield RecordingDefect("scale", tuple(options), text.format(value), change, value)
 
     def _not_compared(self) -> Iterator[str]:
         """Which quantity is missing for a comparison, and where."""
@@ -433,21 +415,19 @@ class _Case:
 
         There is no problem if the recording is read at the original rate.
         """
-        groups = defaultdict[str, dict[tuple[str, bool], list[Array]]](dict)
+        motion = defaultdict[str, dict[tuple[str, bool], list[Array]]](dict)
         for option, reading in readings(self.sources, state.file.columns).items():
             kind, _, dof = option.partition(".")
             if option in state.specs and kind in ("position", "velocity"):
-                parts = groups[reading.source.name].setdefault((kind, dof in ANGLES), [])
-                parts.append(reading.values)
-        for name, parts_of in groups.items():
-            source = self.sources[name]
-            t = seconds(source, clock_of(source, self.file.columns))
+                alike = motion[reading.source.name].setdefault((kind, dof in ANGLES), [])
+                alike.append(reading.values)
+        for name, groups in motion.items():
+            t = seconds(self.sources[name], clock_of(self.sources[name], self.file.columns))
             own = sampling(t).rate_hz
             pieces = pairwise(piece_edges(t, 1.0 / own) if own else [0, len(t)])
             a, b = max(pieces, key=lambda piece: piece[1] - piece[0])
             rows = slice(a, min(b, a + MOST_SAMPLES))  # without a gap
-            rates = [original_rate(np.column_stack([x[rows] for x in part]), own)
-                     for part in parts_of.values()]  # fmt: skip
+            rates = [original_rate(np.column_stack(x)[rows], own) for x in groups.values()]
             if None in rates:
                 continue
             rate = max(filter(None, rates))  # columns that stand still have fewer samples
@@ -458,58 +438,51 @@ class _Case:
         return None
 
 
-def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
-    """Questions about columns without a stated unit whose values reach far, by option."""
-    result = dict[str, str]()
-    for option, reading in readings(sources, columns).items():
-        (kind, _, key), name = option.partition("."), reading.column.removeprefix("-")
-        with suppress(RecordingError):
-            values = reading.values
-            if reading.known_from != SI_ASSUMED or np.all(np.isnan(values)):
-                continue
-            named, bearing = quantity(reading.name), targets_of(option) == ("rad",)
-            of = named.option.partition(".")[2] if named and kind == "inputs" else key
-            least, most = float(np.nanmin(values)), float(np.nanmax(values))
-            jumps = bearing and np.any(np.abs(np.abs(np.diff(values)) - 360.0) < 36.0)
-            large = LARGE.get(of, LARGE_BEARING if bearing else np.inf)
-            large = large if bearing or kind == "inputs" else np.inf
-            spans = f"{name} ranges from {least:.4g} to {most:.4g}"
-            if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
-                pulse = f"{{column: {name}, neutral: 1500, full: 1900}}"
-                line = f"is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
-                result[option] = f"{spans}: {line}"
-            elif option in ("water.speed", "wind.speed") and "ground.speed" in columns.specs:
-                beside = columns.specs["ground.speed"]
-                if beside.unit not in (None, "m/s"):
-                    line = f"{kind}: {{{key}: {{column: {name}, unit: {beside.unit}}}}}"
-                    result[option] = f"{beside.name} is in {beside.unit}, and {name}? {line}"
-            elif max(abs(least), abs(most)) > large or jumps:
-                unit = f"{{column: {name}, unit: {'rpm' if of == 'n' else 'deg'}}}"
-                result[option] = f"{spans}: in which unit? {kind}: {{{key}: {unit}}}"
+def _blocks(sources: Mapping[str, Source], file: RecordedFile) -> dict[str, Source] | None:
+    """Even blocks of the time of long sources; None if they are short."""
+    clocks = dict[str, Array]()
+    for name, source in sources.items():
+        with suppress(*FAULTS):
+            clocks[name] = seconds(source, clock_of(source, file.columns))
+    longest = max(map(len, clocks.values()), default=0)
+    if longest <= MOST_SAMPLES:
+        return None
+    start = min(float(np.nanmin(t)) for t in clocks.values())
+    length = max(float(np.nanmax(t)) for t in clocks.values()) - start
+    result = dict(sources)
+    for name, t in clocks.items():
+        rows = (t - start) / length * BLOCKS % 1.0 < MOST_SAMPLES / longest  # not those of NaN
+        cells = {title: cells[rows] for title, cells in result[name].columns.items()}
+        result[name] = replace(result[name], columns=cells)
     return result
 
 
-def _told(state: _State) -> Iterator[RecordingDefect]:
-    """What the correlations tell of order, signs and clocks, with changes that may mend it."""
-    result, specs = state.result, state.specs
-    for group in result.swaps:
-        new = {f"velocity.{to}": specs[o] for dof, to in (group, group[::-1])
-               if (o := f"velocity.{dof}") in specs}  # fmt: skip
-        change = _change(new) if len(new) == 2 else {}
-        yield RecordingDefect("swap", group, "the velocities are exchanged", change)
-    for axis in (axis for axis in result.axes if axis.certain and axis.correlation < 0.0):
-        option = f"velocity.{axis.dof}"
-        spec = specs.get(option)
-        other = {option: replace(spec, column=f"-{spec.column}".removeprefix("--"))} if spec else {}
-        text = "the velocity has the wrong sign"
-        yield RecordingDefect("sign", (axis.dof,), text, _change(other), -1.0)
-    lag, period = result.lag_s, state.recording.period_s
-    apart = abs(lag) >= max(SAMPLES_APART * period, CERTAIN * result.lag_error_s)
-    if apart and result.shared_lag_s != 0.0:
-        delay = float(f"{lag + state.file.columns.delay_s.get('velocity', 0.0):.3g}")
-        text = f"{abs(lag):.3g} s {'behind' if lag > 0.0 else 'ahead of'} the pose"
-        change = {"columns.delay_s.velocity": delay}
-        yield RecordingDefect("clock", (), f"the velocities are {text}", change, lag)
+def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
+    """Questions about columns without a stated unit whose values reach far, by option."""
+    result, speed = dict[str, str](), columns.specs.get("ground.speed")
+    for option, reading in readings(sources, columns).items():
+        (kind, _, key), name = option.partition("."), reading.column.removeprefix("-")
+        named = quantity(reading.name) if kind == "inputs" else None
+        of = named.option if named else option
+        values = np.empty(0)
+        with suppress(RecordingError):
+            values = reading.values[~np.isnan(reading.values)]
+        if reading.known_from != SI_ASSUMED or not len(values):
+            continue
+        least, most = float(np.min(values)), float(np.max(values))
+        jumps = option in BEARINGS and np.any(np.abs(np.abs(np.diff(values)) - 360.0) < 36.0)
+        spans = f"{name} ranges from {least:.4g} to {most:.4g}"
+        if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
+            pulse = f"{{column: {name}, neutral: 1500, full: 1900}}"
+            line = f"is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
+            result[option] = f"{spans}: {line}"
+        elif option in ("water.speed", "wind.speed") and speed and speed.unit not in (None, "m/s"):
+            line = f"{kind}: {{{key}: {{column: {name}, unit: {speed.unit}}}}}"
+            result[option] = f"{speed.name} is in {speed.unit}, and {name}? {line}"
+        elif max(abs(least), abs(most)) > LARGE.get(of, np.inf) or jumps:
+            unit = f"{{column: {name}, unit: {'rpm' if of == 'inputs.n' else 'deg'}}}"
+            result[option] = f"{spans}: in which unit? {kind}: {{{key}: {unit}}}"
+    return result
 
 
 def _unit(now: str, option: str, ratio: float) -> tuple[str, float]:

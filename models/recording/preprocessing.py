@@ -1,23 +1,13 @@
-"""Preprocessing of measured signals for identification, and quality checks of a recording.
+"""Preprocessing of measured signals; outliers by Jervan (2020), section 5.2.
 
-Outliers and a common sample rate: Jervan (2020), section 5.2.
-Synchronisation, quaternions, velocity against position: Hoyer (2021), section 5.4. All functions
-are pure; time and signals run along the first axis.
+All functions are pure; time and signals run along the first axis.
 """
 
-from dataclasses import dataclass
-from functools import partial
-from typing import Literal
-
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
-from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
-from seatrial.models.recording.recording import Mask, Recording, piecewise
+from seatrial.models.recording.recording import Mask
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import pose_jacobian, turned
-
-Check = Literal["integrated_velocity", "differentiated_position"]
+from seatrial.models.vessel.kinematics import pose_jacobian
 
 
 def outliers(values: Array, window: int = 10, deviations: float = 3.0) -> Mask:
@@ -73,58 +63,3 @@ def without_sign_flips(quaternions: Array) -> Array:
     products = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
     signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
     return np.asarray(quaternions * signs[:, None])
-
-
-@dataclass(frozen=True, eq=False)
-class QualityCheck:
-    """error = measured - calculated, Hoyer (2021), section 5.4.4.
-
-    `integrated_velocity` compares the pose with the integral of the velocity from the first pose,
-    in m or rad, and shows drift. `differentiated_position` compares the velocity with the
-    derivative of the pose, in m/s or rad/s, and shows wrong signs, frames and time stamps.
-    """
-
-    check: Check
-    dof: str
-    unit: str
-    measured: Array  # (N,)
-    calculated: Array  # (N,)
-
-    @property
-    def error(self) -> Array:
-        """measured - calculated, shape (N,)."""
-        return self.measured - self.calculated
-
-    @property
-    def maximum(self) -> float:
-        """Largest magnitude of the error."""
-        return float(np.max(np.abs(self.error)))
-
-
-def quality_checks(recording: Recording) -> tuple[QualityCheck, ...]:
-    """Both checks of every degree of freedom, piece by piece.
-
-    Where surge, sway and yaw are there, velocities are turned by the attitude; axes that are not
-    there, such as heave, which pitch would turn, are taken as zero. In any other set every
-    axis is by itself. Angles are those turned about the axes of the body: no singularity.
-    """
-    n, period_s, dofs = len(recording), recording.period_s, recording.dofs
-    eta, nu = np.zeros((n, 6)), np.zeros((n, 6))
-    index = [DOFS.index(dof) for dof in dofs]
-    eta[:, index], nu[:, index] = recording.eta, recording.nu
-    turned_by = eta[:, 3:] if set(PLANAR) <= set(dofs) else np.zeros((n, 3))
-    along = np.einsum("nij,nj->ni", pose_jacobian(turned_by)[:, :3, :3], nu[:, :3])
-    way = partial(cumulative_trapezoid, dx=period_s, axis=0, initial=0.0)
-    pose, speed = eta.copy(), np.column_stack([along, nu[:, 3:]])
-    pose[:, 3:] = piecewise(lambda x: x[0] + turned(x), recording.edges, eta[:, 3:])
-    integral = piecewise(lambda x, v: x[0] + way(v), recording.edges, pose, speed)
-    rates = piecewise(partial(central_difference, period_s=period_s), recording.edges, pose)
-    rates[:, :3] = in_body(turned_by, rates[:, :3])
-    checks = []
-    for dof, i in zip(dofs, index, strict=True):
-        unit, speed_unit = POSE_UNIT[dof], VELOCITY_UNIT[dof]
-        checks += [
-            QualityCheck("integrated_velocity", dof, unit, pose[:, i], integral[:, i]),
-            QualityCheck("differentiated_position", dof, speed_unit, nu[:, i], rates[:, i]),
-        ]
-    return tuple(checks)

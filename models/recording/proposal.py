@@ -34,6 +34,7 @@ NUMBERED = re.compile(r"(.*?)[\[(_.]?(\d)[\])]?")
 RUN = re.compile(r"(.*)/\d+")
 PART = re.compile(r"(.*?)([wxyz]|\d)[\])]?")
 SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
+RANKS = {"reference": 3, "estimate": 0, "raw": 2}  # of sources by their names, others between
 MIN_SAMPLES = 30  # of a record that is preferred to others
 UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
 UNKNOWN = Quantity("", strange=99)
@@ -157,10 +158,8 @@ def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate]
     """
     every, texts = list[_Candidate](), list[str]()
     for source in sources:
-        words = set(words_of(source.name))
-        estimate = words & WORDS["estimate"] or any("kf" in word for word in words)
-        rank = 0 if estimate else 2 if words & WORDS["raw"] else 1
-        rank = 3 if words & WORDS["reference"] else rank
+        words = {word.rstrip("0123456789") for word in words_of(source.name)}
+        rank = next((rank for kind, rank in RANKS.items() if words & WORDS[kind]), 1)
         titles, quaternion = _titles(source), _quaternion(source)
         used = {name for c in clocks(source) for name in (c.name, c.nanoseconds, c.date)}
         for name in (name for name in source.columns if name not in used):
@@ -191,8 +190,6 @@ def _titles(source: Source) -> dict[str, str]:
     """Titles of the columns of matrices, `eta[2]` of three is psi, and of the forces X, Y, N."""
     forces = {"X", "N"} <= set(source.columns)
     result = {letter: f"tau {letter}" for letter in "XYZKMN"} if forces else {}
-    if {"R", "P", "Y"} <= set(source.columns):
-        result |= {"R": "roll rate", "P": "pitch rate", "Y": "yaw rate"}
     for name in source.columns:  # a pose in the plane, as of ROS: x, y and theta
         beside = {axis for axis in PLANE if re.sub("(?i)theta$", axis, name) in source.columns}
         if name.lower().endswith("theta") and beside == {"x", "y"}:
@@ -279,14 +276,13 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
     take("velocity", DOFS[3:], moving or yaw)
     if moving or "ground.speed" in chosen:
         take("water", ("speed",), None)
-    speeds, angles = ([c for c in candidates if c.option == f"wind.{name}"]
-                      for name in ("speed", "direction"))  # fmt: skip
     winds = [  # of one kind, or at least of one source; the true one rather than the apparent one
         ((v.frame != a.frame, a.frame != "true"), v, a)
-        for v, a in product(speeds, angles) if v.frame == a.frame or v.source is a.source
+        for v, a in product(*([c for c in candidates if c.option == f"wind.{name}"]
+                              for name in ("speed", "direction")))
+        if v.frame == a.frame or v.source is a.source
     ]  # fmt: skip
-    if winds:
-        _, *pair = min(winds, key=lambda row: row[0])
+    for _, *pair in sorted(winds, key=lambda row: row[0])[:1]:
         chosen |= zip(("wind.speed", "wind.direction"), pair, strict=True)
     if (acting := first(*(f"force.{dof}" for dof in DOFS))) and acting.moves:
         take("force", DOFS, acting, only=True)

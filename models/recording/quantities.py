@@ -50,10 +50,9 @@ WORDS = {name: frozenset(words.split()) for name, words in {
     "reference": "ref reference desired des setpoint sp target goal waypoint guidance plan "
                  "controller",
     "command": "cmd command commanded commands order ordered",
-    "estimate": "nav navigation odom odometry estimate estimated estimator local ahrs",
+    "estimate": "nav navigation odom odometry estimate estimated estimator local ahrs ekf nkf xkf",
     "raw": "imu gps gnss mag baro raw sensor fix compass dvl",
     "magnetic": "magnetic mag hdm compass", "earth": "ned enu earth world inertial",
-    "speed": "speed spd velocity vel velo vitesse fart geschwindigkeit",
     "direction": "direction dir angle", "course": "course track route",
     "ground": "ground grnd gnd sog fond", "satellite": "gps gnss rmc vtg",
     "apparent": "apparent relative rel angle",
@@ -106,24 +105,24 @@ def quantity(title: str, source: str = "", unit: str | None = None) -> Quantity 
         source: the name of the table or topic that it is in
         unit: the unit by the metadata of the file: `heave` in m is a position
     """
-    words, around, best = words_of(title), set(words_of(source)), None
+    words, around, results = words_of(title), set(words_of(source)), list[Quantity]()
     while len(words) > 1 and words[-1].isdigit():  # of several devices
-        words = words[:-1]
+        words.pop()
     for end in range(len(words), max(len(words) - 4, 0), -1):
-        units = TITLES.get("_".join(words[end:]), ())
-        result = _matched(list(_split(words[:end])), around) if units or words[end:] == [] else None
-        fitting = (u for u in units if result and target_of(u, targets_of(result.option)))
+        units = TITLES.get("_".join(words[end:]), [])
+        result = _matched(list(_split(words[:end])), around) if units or end == len(words) else None
+        if result is None:
+            continue
+        fitting = (u for u in units if target_of(u, targets_of(result.option)))
         stated = unit or next(iter((*fitting, *units)), None)
-        if result and stated and target_of(stated, (stated,)):  # perhaps of its rate or integral
+        if stated and target_of(stated, (stated,)):  # perhaps of its rate or integral
             kind, _, name = result.option.partition(".")
             kind = {"position": "velocity", "velocity": "position"}.get(kind, kind)
             options = (o for o in (result.option, f"{kind}.{name}")
                        if target_of(stated, targets_of(o)) is not None)  # fmt: skip
-            option = next(options, None)
-            result = result._replace(option=option) if option else None
-        if result and (best is None or result.strange < best.strange):
-            best = result
-    return best
+            result = result._replace(option=next(options, ""))
+        results += [result] if result.option else []
+    return min(results, key=lambda result: result.strange, default=None)
 
 
 def _split(words: Sequence[str]) -> Iterator[str]:
@@ -181,7 +180,7 @@ def _matched(words: Sequence[str], around: set[str]) -> Quantity | None:
 
 def _named(core: Sequence[str], known: set[str], everything: set[str]) -> Quantity | None:
     """Wind, speeds over ground and through the water, latitude and longitude, rate of turn."""
-    speed, single = bool(known & WORDS["speed"]), len(core) == 1
+    speed, single = bool(known & WORDS["velocity"]), len(core) == 1
     course = known & WORDS["course"] or any(AXES.get(word) == ("angle", 2) for word in core)
     if everything & {"wind", "vent"}:
         speed = speed or "force" in known
@@ -190,7 +189,7 @@ def _named(core: Sequence[str], known: set[str], everything: set[str]) -> Quanti
         return Quantity(f"wind.{'speed' if speed else 'direction'}" if clear else "", frame)
     if known & WORDS["ground"] or (speed and single and everything & WORDS["satellite"]):
         option = "ground.course" if course else "ground.speed"
-        rest = set(core) - WORDS["ground"] - WORDS["speed"] - WORDS["course"] - set(AXES)
+        rest = set(core) - WORDS["ground"] - WORDS["velocity"] - WORDS["course"] - set(AXES)
         return Quantity(option, "", len(rest))
     if speed and (known & {"water", "log", "surface"} or ("boat" in known and single)):
         return Quantity("water.speed")

@@ -51,15 +51,13 @@ def sampling(t: Array) -> Sampling:
     """Describe times t (N,) [s]."""
     known = t[~np.isnan(t)]
     times, not_later = known[is_later(known)], int(np.sum(~(np.diff(known) > 0.0)))
-    steps = np.diff(times)
-    if not len(steps):
-        return Sampling(len(known), 0.0, 0.0, 0, 0.0, 0.0, 0.0, not_later)
-    period, duration = float(np.median(steps)), float(times[-1] - times[0])
-    gaps, k = steps > GAP * period, int(np.argmax(steps))
-    lost = float(np.sum(steps[gaps] - period))
+    steps = np.diff(times) if len(times) > 1 else np.zeros(1)
+    period, duration, k = float(np.median(steps)), float(np.sum(steps)), int(np.argmax(steps))
+    gaps = steps > GAP * period
     return Sampling(
-        len(known), duration, 1.0 / period, int(np.sum(gaps)), float(steps[k]),
-        float(times[k] - times[0]), lost / duration, not_later,
+        len(known), duration, 1.0 / period if period else 0.0, int(np.sum(gaps)), float(steps[k]),
+        float(np.sum(steps[:k])), float(np.sum(steps[gaps] - period)) / (duration or 1.0),
+        not_later,
     )  # fmt: skip
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seatrial.models.notation import DOFS, velocities_of
+from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.diagnosis import Examination, examine
-from seatrial.models.recording.preprocessing import outliers, quality_checks
+from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.reader import BRIDGED, FAULTS, ReadSignals, clock_of, readings
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges

@@ -14,7 +14,7 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.excitation.information import Persistence
 from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.planning.planner import PlannedPath
-from seatrial.models.recording.preprocessing import quality_checks
+from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.runner.record.rows import Results, Series, metric

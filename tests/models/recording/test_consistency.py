@@ -297,7 +297,9 @@ def test_a_wide_angle_that_no_motion_tells_is_a_question(tmp_path: Path) -> None
     stated = {**PLANAR_MAP["position"], "yaw": {"column": "psi", "unit": "rad"}}  # type: ignore[dict-item]
     assert examined(path, velocity={}, position=stated).questions == ()
     path = log(tmp_path / "log.csv", psi=90.0 - np.degrees(motion().eta[:, 2]))
-    assert [p.kind for p in examined(path, velocity={}).problems] == ["scale", "heading"]
+    (problem,) = examined(path, velocity={}).problems  # the way is ahead
+    degrees = {"columns.position.yaw": {"column": "psi", "unit": "deg"}}
+    assert problem.change == {**degrees, "columns.frames.attitude": "ENU"}
 
 
 def test_an_attitude_that_is_lost_for_a_moment_is_left_out() -> None:

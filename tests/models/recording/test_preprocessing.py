@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.preprocessing import (
     central_difference,
     interpolated,
     outliers,
-    quality_checks,
     without_sign_flips,
 )
 from seatrial.models.recording.recording import Recording, attitude_of
