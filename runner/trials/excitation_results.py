@@ -32,15 +32,6 @@ def column_statistics(excitation: RecordedFile) -> list[Diagnostic]:
     ]
 
 
-def outlier_counts(excitation: RecordedFile, dofs: tuple[str, ...]) -> list[Diagnostic]:
-    """Count the outliers of each column in use, by the outlier rule of the file."""
-    counts = excitation.outlier_counts(dofs)
-    return [
-        Diagnostic("outliers", "all", count, i=i, label=column)
-        for i, (column, count) in enumerate(counts.items())
-    ]
-
-
 def recording_quality(recording: Recording) -> list[Metric]:
     """Compute the largest errors of the velocity integrated, and of the position differentiated."""
     return [

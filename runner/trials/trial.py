@@ -133,7 +133,6 @@ def of_excitation(trial: Trial, problem: Problem, excited: ExcitationData) -> Re
             excitation_results.recording_quality(recording),
             diagnostics=[
                 *excitation_results.column_statistics(file),
-                *excitation_results.outlier_counts(file, recording.dofs),
                 *recording_checks.diagnostics(file, recording.dofs),
             ],
         )
