@@ -8,13 +8,12 @@ from typing import Literal
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.units import SI
+from seatrial.models.recording.units import OWN, SI
 
 KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
 QUATERNION = ("w", "x", "y", "z")
 NAMES = {kind: tuple(names) for kind, names in SI.items() if kind != "current"}
 NAMES["orientation"] = QUATERNION
-OWN = ("inputs", "commands", "loads")  # kinds whose columns have the names that the user gives
 NEEDED = {kind: NAMES[kind] for kind in ("orientation", "wind", "air", "ground")}
 NEEDED["geodetic"] = ("latitude", "longitude")
 

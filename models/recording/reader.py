@@ -28,6 +28,7 @@ from seatrial.models.recording.preprocessing import (
     without_sign_flips,
 )  # fmt: skip
 from seatrial.models.recording.recording import MIN_PIECE, UNIFORMITY, piece_edges, piecewise
+from seatrial.models.recording.recording import piece_starts as starts_of
 from seatrial.models.recording.sampling import GAP
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
@@ -49,16 +50,14 @@ BRIDGED = 2.5  # sample times that joining fills at any rate
 SI_ASSUMED = "no unit is stated: SI"
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
 EXCHANGED = {"surge": "sway", "sway": "surge"}  # of east, north, up
-MOTION, COMPOSED = ("position", "velocity"), ("orientation", "geodetic", "ground", "water")
+MOTION, COMPOSED = ("position", "velocity"), ("orientation", "geodetic", "ground", "water", "wind")
 FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
 # Numbers that loggers write where there is none, if nothing else is near.
 SENTINELS = (999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0, 1e20)
-NO_FIX = {
-    "geodetic.latitude": (0.0, 91.0),
-    "geodetic.longitude": (0.0, 181.0),
-    "position.yaw": (511.0,),
-    "ground.speed": (102.3,),
-}  # of AIS, and without satellites
+NO_FIX = {  # of AIS, and without satellites
+    "geodetic.latitude": (0.0, 91.0), "geodetic.longitude": (0.0, 181.0),
+    "position.yaw": (511.0,), "ground.speed": (102.3,),
+}  # fmt: skip
 Sources = Mapping[str, Source]
 
 
@@ -96,7 +95,6 @@ class ReadSignals:
 
     t: Array  # (N,) [s]
     values: dict[str, Array]  # (N,) each
-    recorded: dict[str, Array]  # (n,) in SI units, by recorded column
     readings: tuple[ColumnReading, ...]
     left_out: tuple[str, ...]
 
@@ -131,18 +129,20 @@ class Reading:
         try:
             read = readings(sources, self.columns, wanted(self.columns, dofs))
             channels = self._channels(sources, read, notes)
-            recorded = {r.column.removeprefix("-"): channels[o].values for o, r in read.items()}
-            for option, channel in channels.items() if self.outliers.replace else ():
+            replaced, rule = list[str](), self.outliers
+            for option, channel in channels.items() if rule.replace else ():
                 valid, values = ~np.isnan(channel.values), channel.values.copy()
-                wrong = outliers(values[valid], self.outliers.window, self.outliers.deviations)
+                wrong = outliers(values[valid], rule.window, rule.deviations)
                 values[valid] = interpolated(channel.t[valid], values[valid], wrong)
                 channels[option] = channel._replace(values=values)
+                replaced += [f"{read[option].name} {np.sum(wrong)}"] if np.any(wrong) else []
+            notes += [f"outliers are replaced: {', '.join(replaced)}"] if replaced else []
             t, known = self._on_one_clock(channels, read, notes)
             known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
         except RecordingError as error:
             named = str(path) in str(error)
             raise error if named else RecordingError(f"{path}: {error}") from error
-        return ReadSignals(t, known, recorded, tuple(read.values()), tuple(dict.fromkeys(notes)))
+        return ReadSignals(t, known, tuple(read.values()), tuple(dict.fromkeys(notes)))
 
     def _on_one_clock(
         self, channels: Mapping[str, Channel], read: Mapping[str, ColumnReading], notes: list[str]
@@ -285,15 +285,15 @@ def readings(
         unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
         if spec.unit is not None or spec.full is not None or not targets:
             unit, origin = spec.unit or "", "the map"
-        elif known := stated_unit(source, name, targets):
-            unit, origin = known
-        elif kind in KINDS:
-            for other, beside in columns.specs.items():  # of the same quantity, by the same source
-                plain = source.find(beside.name.rpartition(":")[2]) or name
-                same = other.partition(".")[0] == kind and units.targets_of(other) == targets
-                told = stated_unit(source, plain, targets) if same and plain != name else None
-                if told:
-                    unit, origin = told[0], f"{beside.name} beside it"
+        else:
+            beside = [  # columns of the same quantity, in the same source
+                other.name for o, other in columns.specs.items()
+                if kind in KINDS and o.startswith(f"{kind}.") and units.targets_of(o) == targets
+            ]  # fmt: skip
+            for title in (None, *beside):
+                plain = source.find(title.rpartition(":")[2]) if title else name
+                if plain and (stated := stated_unit(source, plain, targets)):
+                    unit, origin = stated[0], f"{title} beside it" if title else stated[1]
                     break
         result[option] = ColumnReading(option, spec.column, unit, origin, source, name)
     return result
@@ -343,7 +343,6 @@ def _unit_quaternions(channels: dict[str, Channel]) -> dict[str, Channel]:
     if not set(names) <= set(channels):
         return channels
     quaternions = np.column_stack([channels[name].values for name in names])
-    valid = ~np.any(np.isnan(quaternions), axis=1)
     lengths = np.linalg.norm(quaternions, axis=1)
     if np.any(wrong := np.abs(lengths - 1.0) > QUATERNION_ERROR):  # False for NaN
         k = int(np.argmax(wrong))
@@ -352,8 +351,9 @@ def _unit_quaternions(channels: dict[str, Channel]) -> dict[str, Channel]:
             f"columns {columns}, sample {k + 1}: got a quaternion of length {lengths[k]:.3g}, "
             "expected 1"
         )
-    quaternions[~valid] = np.nan
-    quaternions[valid] = without_sign_flips(quaternions[valid] / lengths[valid, None])
+    quaternions /= lengths[:, None]  # all four are NaN where one is
+    valid = ~np.isnan(lengths)
+    quaternions[valid] = without_sign_flips(quaternions[valid])
     new = zip(names, quaternions.T, strict=True)
     return channels | {name: channels[name]._replace(values=values) for name, values in new}
 
@@ -403,6 +403,11 @@ def _in_our_frames(
     result = {o: x for o, x in known.items() if o.partition(".")[0] not in (*MOTION, *COMPOSED)}
     for kind, values, there in zip(MOTION, (pose, nu), (posed, moving), strict=True):
         result |= {f"{kind}.{d}": x for d, x in zip(DOFS, values.T, strict=True) if d in there}
+    if "wind.speed" in known:
+        apparent = (columns.wind or {}).get("kind") == "apparent"
+        angle = known["wind.direction"] - (0.0 if apparent else attitude[:, 2])
+        air = -known["wind.speed"] * [np.cos(angle), np.sin(angle)] + apparent * nu[:, :2].T
+        result |= {"air.surge": air[0], "air.sway": air[1]}
     if "water.speed" in known and {"surge", "sway"} <= moving:
         # The log shows the speed along the bow: what is left of that over ground is the current.
         along, aside = nu[:, 0] - known["water.speed"], nu[:, 1]
@@ -439,8 +444,7 @@ def _differentiated(t: Array, pose: Array, attitude: Array) -> Array:
     Angular velocities are those of the rotation, not of its Euler angles.
     """
     period = float(np.median(np.diff(t)))
-    edges, starts = piece_edges(t, period), np.zeros(len(t), dtype=np.bool_)
-    starts[edges[:-1]] = True
+    edges, starts = piece_edges(t, period), starts_of(t, period)
     groups = {columns: noise_floor(pose[:, columns], starts, period).cutoff_hz
               for columns in ((0, 1, 2), (3,), (4,), (5,))}  # fmt: skip
 

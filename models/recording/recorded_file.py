@@ -1,7 +1,6 @@
 """Measured recordings as excitation: files that are read by a map, checked, and cut."""
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from glob import glob, has_magic
@@ -17,13 +16,13 @@ from seatrial.models.notation import DOFS, OrderedManoeuvre
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
-from seatrial.models.recording.preprocessing import central_difference, outliers
+from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.recording.reader import Reading, ReadSignals, Sources, clock_of, first_time
 from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
 from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
 from seatrial.models.recording.times import seconds
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import unroll, wrap
+from seatrial.models.vessel.kinematics import wrap
 
 if TYPE_CHECKING:  # slow to import
     import pandas as pd
@@ -52,15 +51,15 @@ def file_set(train: Sequence[str], test: Sequence[str]) -> tuple[list[Path], lis
     Raises ConfigurationError if a pattern matches nothing, or a file is in both.
     """
     every: dict[str, dict[Path, None]] = {"train": {}, "test": {}}
-    for option, patterns in (("train", train), ("test", test)):
-        for pattern in patterns:
-            wanted = str(Path(pattern).expanduser())
-            # Path.glob takes no absolute patterns.
-            files = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
-            if not files:
-                got = f"got {pattern}, which matches no file"
-                raise ConfigurationError(f"excitation.{option}: {got}, expected recordings")
-            every[option] |= dict.fromkeys(map(Path, sorted(files)))
+    patterns = [*(("train", pattern) for pattern in train), *(("test", name) for name in test)]
+    for option, pattern in patterns:
+        wanted = str(Path(pattern).expanduser())
+        # Path.glob takes no absolute patterns.
+        files = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
+        if not files:
+            got = f"got {pattern}, which matches no file"
+            raise ConfigurationError(f"excitation.{option}: {got}, expected recordings")
+        every[option] |= dict.fromkeys(map(Path, sorted(files)))
     if both := set(every["train"]) & set(every["test"]):
         raise ConfigurationError(
             f"excitation.test: got {min(both)}, which excitation.train has too, "
@@ -124,12 +123,6 @@ class RecordedFile(Reading):
         }  # fmt: skip
         if problem := next((text for text, there in problems.items() if there), None):
             raise ConfigurationError(problem)
-        named = {"path": [self.path or "-"], "train": self.train, "test": self.test}
-        for option, path in ((name, path) for name, paths in named.items() for path in paths):
-            if not path.strip() or any(ord(letter) < 32 for letter in path):
-                raise ConfigurationError(
-                    f"excitation.{option}: got {path!r}, expected one line of text"
-                )
         half(2, self.train_fraction)
         if starts := self.trip_starts_s:
             recordings.by_trips(np.array(starts), starts, self.training_trips)
@@ -178,7 +171,7 @@ class RecordedFile(Reading):
             part = reader._of_file(path, dofs)
             parts.append(replace(part, file=np.full(len(part), number)))
             try:
-                end_to_end([replace(part, file=None) for part in (parts[0], parts[-1])])
+                whole = end_to_end(parts)
             except RecordingError as error:
                 raise RecordingError(
                     f"{path}: {error}; excitation.resample_hz gives all files one sample time"
@@ -186,7 +179,7 @@ class RecordedFile(Reading):
         depths = range(1, 1 + max(len(path.parts) for path in self.readers))
         every = (tuple("/".join(p.parts[-depth:]) for p in self.readers) for depth in depths)
         names = next(names for names in every if len(set(names)) == len(names))
-        return replace(end_to_end(parts), file_names=names)  # with what tells them apart
+        return replace(whole, file_names=names)  # with what tells them apart
 
     @cached_property
     def readers(self) -> dict[Path, "RecordedFile"]:
@@ -225,23 +218,18 @@ class RecordedFile(Reading):
             partial(central_difference, period_s=period), recordings.piece_edges(signals.t, period),
             np.column_stack([signals.values[f"velocity.{dof}"] for dof in dofs]),
         )[rows]  # fmt: skip
+        rates = (values.get(f"acceleration.{d}", x) for d, x in zip(dofs, rate.T, strict=True))
         attitude = np.column_stack([values.get(f"position.{dof}", 0.0 * t) for dof in DOFS[3:]])
-        attitude[:, 2] = unroll(np.concatenate([[wrap(attitude[0, 2])], attitude[1:, 2]]))
-        eta = np.empty_like(nu)
-        for i, dof in enumerate(dofs):
-            rate[:, i] = values.get(f"acceleration.{dof}", rate[:, i])
-            way = values.get(f"position.{dof}")  # else the way made good
-            way = (
-                scipy.integrate.cumulative_trapezoid(nu[:, i], t, initial=0.0)
-                if way is None
-                else way
-            )
-            eta[:, i] = way if dof in DOFS[:3] else attitude[:, DOFS.index(dof) - 3]
+        attitude[:, 2] += wrap(attitude[0, 2]) - attitude[0, 2]
+        pose = values | dict(zip([f"position.{d}" for d in DOFS[3:]], attitude.T, strict=True))
+        way = scipy.integrate.cumulative_trapezoid(nu, t, axis=0, initial=0.0)  # made good
+        eta = (pose.get(f"position.{d}", x) for d, x in zip(dofs, way.T, strict=True))
         tau = of("force", dofs)
         inputs, loads = tuple(self.columns.inputs), tuple(self.columns.loads)
         return Recording(
-            tuple(dofs), t, eta, nu, rate, np.zeros_like(nu) if tau is None else tau,
-            attitude, tau_actual=of("actual_force", dofs), wind=self._air(values, attitude),
+            tuple(dofs), t, np.column_stack([*eta]), nu, np.column_stack([*rates]),
+            np.zeros_like(nu) if tau is None else tau, attitude,
+            tau_actual=of("actual_force", dofs), wind=of("air", ("surge", "sway")),
             inputs=of("inputs", inputs), commands=of("commands", tuple(self.columns.commands)),
             input_names=inputs, loads=of("loads", loads), load_names=loads,
         )  # fmt: skip
@@ -259,15 +247,6 @@ class RecordedFile(Reading):
     def account(self, dofs: Sequence[str]) -> Sequence[ReadSignals]:
         """How each file was read: units with their origin, and what was left out."""
         return [reader._signals_of(path, dofs) for path, reader in self.readers.items()]
-
-    def outlier_counts(self, dofs: Sequence[str]) -> dict[str, int]:
-        """Number of outliers in each used column, over the entire files."""
-        totals, rule = Counter[str](), self.outliers
-        for signals in self.account(dofs):
-            for name, x in signals.recorded.items():
-                wrong = outliers(x[~np.isnan(x)], rule.window, rule.deviations)
-                totals[name] += int(np.sum(wrong))
-        return dict(totals)
 
     def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:
         """Training and test samples of the recording that `read` returns.
@@ -332,17 +311,3 @@ class RecordedFile(Reading):
                 f"expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
             )
         return window
-
-    def _air(self, values: Mapping[str, Array], attitude: Array) -> Array | None:
-        """Velocity of the air over ground in body axes [m/s], (n, 2); None if not recorded."""
-        if "air.surge" in values:
-            return np.column_stack([values["air.surge"], values["air.sway"]])
-        if "wind.speed" not in values:
-            return None
-        speed, angle = values["wind.speed"], values["wind.direction"]
-        apparent = (self.columns.wind or {}).get("kind") == "apparent"
-        angle = angle if apparent else angle - attitude[:, 2]
-        air = -speed[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        if apparent:
-            air += np.column_stack([values["velocity.surge"], values["velocity.sway"]])
-        return np.asarray(air)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,8 +20,8 @@ from seatrial.models.vessel.thruster import SecondOrderLag, acting_force
 UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative to it
 BETWEEN = 10  # sample times between two recordings that are joined
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
-# by all parts of a recording
 MIN_PIECE = 30  # samples of a piece that is low-passed, beside those that are dropped
+# by all parts of a recording
 SHARED = ("dofs", "without_lag", "input_names", "load_names", "file_names")
 SMOOTHED = ("nu", "nu_dot", "tau", "tau_filtered", "tau_actual", "wind", "inputs", "loads")
 Mask = NDArray[np.bool_]
@@ -75,16 +75,16 @@ class Recording:
         return sample_time(self.t)
 
     @cached_property
-    def piece_starts(self) -> Mask:
-        """True (N,) at the first sample and at each that follows a gap in time."""
-        starts = np.diff(self.t, prepend=-np.inf) > GAP * self.period_s
-        starts.flags.writeable = False  # all who ask share it
-        return starts
+    def edges(self) -> list[int]:
+        """Where the pieces without a gap in time begin, and N."""
+        return piece_edges(self.t, self.period_s)
 
     @cached_property
-    def edges(self) -> list[int]:
-        """Where the pieces begin, and N."""
-        return [*np.flatnonzero(self.piece_starts).tolist(), len(self)]
+    def piece_starts(self) -> Mask:
+        """True (N,) at the first sample and at each that follows a gap in time."""
+        starts = piece_starts(self.t, self.period_s)
+        starts.flags.writeable = False  # all who ask share it
+        return starts
 
     @cached_property
     def noise(self) -> NoiseFloor:
@@ -97,8 +97,8 @@ class Recording:
 
     def _changed(self, change: Callable[[Any], Any], names: Sequence[str]) -> "Recording":
         """The recording with what it has of some fields changed."""
-        known = {name: getattr(self, name) for name in names}
-        return replace(self, **{k: change(v) for k, v in known.items() if v is not None})
+        known = ((name, getattr(self, name)) for name in names)
+        return replace(self, **{name: change(x) for name, x in known if x is not None})
 
     def with_thruster(self, thruster: SecondOrderLag | None) -> "Recording":
         """The recording with `tau_filtered`, the command filtered by a known thruster lag."""
@@ -113,12 +113,9 @@ class Recording:
         lag is known, else `actual` if it is recorded, else `commanded`. Raises ConfigurationError
         if the force of the kind is not available.
         """
-        if kind is None:
-            recorded = self.tau_actual is not None
-            kind = "filtered" if self.tau_filtered is not None else "actual" if recorded else None
-        options = {"filtered": self.tau_filtered, "actual": self.tau_actual}
-        force = options.get(kind or "commanded", self.tau)
-        if force is None:
+        forces = {"filtered": self.tau_filtered, "actual": self.tau_actual, "commanded": self.tau}
+        kind = kind or next(name for name, force in forces.items() if force is not None)
+        if (force := forces[kind]) is None:
             missing = (
                 "the thruster lag is not known" if kind == "filtered" else "it is not recorded"
             )
@@ -132,8 +129,7 @@ class Recording:
         between them; after the last sample it is constant.
         """
         start = self.force(kind)
-        end = start if start is self.tau else following(start)
-        return np.stack([start, 0.5 * (start + end), end], axis=1)
+        return _held(start, start if start is self.tau else following(start))
 
     def held_inputs(self) -> Array:
         """Inputs at the start, middle and end of each sample, shape (N, 3, n_inputs).
@@ -141,8 +137,7 @@ class Recording:
         They are linear between the samples and constant after the last one.
         """
         assert self.inputs is not None
-        end = following(self.inputs)
-        return np.stack([self.inputs, 0.5 * (self.inputs + end), end], axis=1)
+        return _held(self.inputs, following(self.inputs))
 
     def variables(self) -> Array:
         """Variables of the basis functions, shape (N, N_VARIABLES)."""
@@ -161,12 +156,15 @@ class Recording:
         if (cutoff_hz, drop_s) not in self._filtered:
             check_cutoff(cutoff_hz, self.period_s)
             drop, pieces = round(drop_s / self.period_s), self.pieces()
-            longest = max(map(len, pieces))
-            if longest < 2 * drop + MIN_PIECE:
+            if (longest := max(map(len, pieces))) < (least := 2 * drop + MIN_PIECE):
                 raise RecordingError(f"got {longest} samples, too few for a low-pass filter")
-            long = [piece for piece in pieces if len(piece) >= 2 * drop + MIN_PIECE]
-            pieces = [piece._lowpass(cutoff_hz, drop) for piece in long]
-            self._filtered[cutoff_hz, drop_s] = joined(pieces)
+            smoothed = [
+                piece._changed(
+                    partial(lowpass, cutoff_hz=cutoff_hz, period_s=piece.period_s), SMOOTHED
+                ) for piece in pieces if len(piece) >= least
+            ]  # fmt: skip
+            inner = [piece.part(slice(drop, len(piece) - drop)) for piece in smoothed]
+            self._filtered[cutoff_hz, drop_s] = joined(inner)
         return self._filtered[cutoff_hz, drop_s]
 
     @cached_property
@@ -183,7 +181,8 @@ class Recording:
 
     def lowpassed(self, values: Array, cutoff_hz: float) -> Array:
         """Zero-phase low-pass of columns (N, k) that belong to the samples, piece by piece."""
-        return piecewise(lambda x: lowpass(x, cutoff_hz, self.period_s), self.edges, values)
+        smooth = partial(lowpass, cutoff_hz=cutoff_hz, period_s=self.period_s)
+        return piecewise(smooth, self.edges, values)
 
     def pieces(self) -> list["Recording"]:
         """The segments without a gap in time, such as the trips of the training part."""
@@ -199,10 +198,6 @@ class Recording:
         """Splits for blocked cross-validation; several files are left out file by file."""
         return blocked_k_fold(len(self), count, file=self.file)
 
-    def _lowpass(self, cutoff_hz: float, drop: int) -> "Recording":
-        smoothed = self._changed(lambda x: lowpass(x, cutoff_hz, self.period_s), SMOOTHED)
-        return smoothed.part(slice(drop, len(self) - drop))
-
 
 def sample_time(t: Array) -> float:
     """Sample time [s] of times t (N,), of which parts may be missing."""
@@ -210,9 +205,14 @@ def sample_time(t: Array) -> float:
     return float(span / round(span / np.median(np.diff(t))))
 
 
+def piece_starts(t: Array, period_s: float) -> Mask:
+    """True (N,) at the first of times t (N,) [s] and at each that follows a gap."""
+    return np.asarray(np.diff(t, prepend=-np.inf) > GAP * period_s)
+
+
 def piece_edges(t: Array, period_s: float) -> list[int]:
     """Where the pieces without a gap begin in times t (N,) [s], and N."""
-    return [0, *(np.flatnonzero(np.diff(t) > GAP * period_s) + 1).tolist(), len(t)]
+    return [*np.flatnonzero(piece_starts(t, period_s)).tolist(), len(t)]
 
 
 def piecewise(function: Callable[..., Array], edges: Sequence[int], *values: Array) -> Array:
@@ -223,6 +223,10 @@ def piecewise(function: Callable[..., Array], edges: Sequence[int], *values: Arr
 def following(values: Array) -> Array:
     """The value at the next sample, shape (N, ...); the last value is repeated."""
     return np.concatenate([values[1:], values[-1:]])
+
+
+def _held(start: Array, end: Array) -> Array:
+    return np.stack([start, 0.5 * (start + end), end], axis=1)
 
 
 def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
@@ -254,13 +258,12 @@ def end_to_end(parts: Sequence[R]) -> R:
     Loads that some of them lack are NaN there. Raises RecordingError if they differ in degrees of
     freedom, sample time or what was measured.
     """
-    if names := next((part.load_names for part in parts if part.load_names), ()):
-        absent = {"load_names": names}
-        parts = [
-            part if part.load_names
-            else replace(part, **absent, loads=np.full((len(part), len(names)), np.nan))  # type: ignore[arg-type]
-            for part in parts
-        ]  # fmt: skip
+    names = next((part.load_names for part in parts if part.load_names), ())
+    parts = [
+        part if part.load_names == names
+        else replace(part, load_names=names, loads=np.full((len(part), len(names)), np.nan))
+        for part in parts
+    ]  # fmt: skip
     first = parts[0]
     period, t, end = first.period_s, [first.t], float(first.t[-1])
     for part in parts[1:]:
@@ -278,11 +281,8 @@ def end_to_end(parts: Sequence[R]) -> R:
 
 def attitude_of(dofs: Sequence[str], eta: Array) -> Array:
     """(phi, theta, psi) [rad], shape (N, 3), from a pose over `dofs`; missing angles are zero."""
-    attitude = np.zeros((len(eta), 3))
-    for column, dof in enumerate(dofs):
-        if dof in notation.DOFS[3:]:
-            attitude[:, notation.DOFS[3:].index(dof)] = eta[:, column]
-    return attitude
+    pose, zero = dict(zip(dofs, eta.T, strict=True)), np.zeros(len(eta))
+    return np.column_stack([pose.get(dof, zero) for dof in notation.DOFS[3:]])
 
 
 def blocks(n: int, count: int, file: NDArray[np.int64] | None = None) -> list[slice]:

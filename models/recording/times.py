@@ -89,9 +89,9 @@ def _packed(values: Array) -> Array | None:
     day, clock = np.divmod(values, 1e6)
     hour, rest = np.divmod(clock, 1e4)
     minute, second = np.divmod(rest, 100.0)
-    if not len(known) or np.ptp(known) <= 40.0 or np.nanmax(minute) >= 60.0:
+    if not len(known) or np.ptp(known) <= 40.0 or np.min(known) < 0.0:
         return None
-    if np.nanmax(hour) >= 24.0 or np.nanmax(second) >= 60.0 or not np.all(known >= 0.0):
+    if np.nanmax(hour) >= 24.0 or np.nanmax(minute) >= 60.0 or np.nanmax(second) >= 60.0:
         return None
     start = np.zeros(len(values))
     if np.nanmin(day) > 0.0:
@@ -188,19 +188,14 @@ def find_time(source: Source) -> Column | None:
     One that never goes back is preferred to one that does, and to one of which a tenth of the times
     repeat, as whole seconds do, another that runs like it and repeats fewer.
     """
-    known = list(clocks(source))
-    if not known:
-        return None
-    times = [seconds(source, column) for column in known]
-    steps = [np.diff(t) for t in times]
-    first = next((i for i, own in enumerate(steps) if not np.any(own < 0.0)), 0)
-    repeats = [float(np.mean(own == 0.0)) for own in steps]
-    finer = (
-        i for i, own in enumerate(steps)
-        if repeats[first] > 1.0 - RISING and repeats[i] < 0.5 * repeats[first]
-        and not np.any(own < 0.0) and _alike(times[i], times[first])
-    )  # fmt: skip
-    return known[next(finer, first)]
+    known = [(column, seconds(source, column)) for column in clocks(source)]
+    steady = [(column, t) for column, t in known if not np.any(np.diff(t) < 0.0)]
+    if not steady:
+        return known[0][0] if known else None
+    (first, t), repeats = steady[0], [float(np.mean(np.diff(t) == 0.0)) for _, t in steady]
+    finer = (column for (column, other), own in zip(steady, repeats, strict=True)
+             if own < 0.5 * repeats[0] > 0.5 * (1.0 - RISING) and _alike(other, t))  # fmt: skip
+    return next(finer, first)
 
 
 def _alike(t: Array, other: Array) -> bool:
@@ -211,20 +206,16 @@ def _alike(t: Array, other: Array) -> bool:
 
 def clocks(source: Source) -> Iterator[Column]:
     """All columns of a source that are times by their titles, the most telling first."""
-    titles = {name: "_".join(words_of(name)) for name in source.columns}
-    seen: set[str] = set()
-    for pattern in (*TITLES, None):  # then what holds dates, whatever its title
-        for name, title in titles.items():
-            bare = re.sub(r"_(s|sec|secs|ms|us|ns|usec|msec)$", "", title)
-            if pattern is None:
-                found = any(form.match(_first_text(source, name)) for form in (ISO, NUMBERED))
-            else:
-                found = any(re.fullmatch(pattern, text) for text in (title, bare))
-            if name in seen or not found:
-                continue
-            if (column := _clock(source, name, titles)) is not None:
-                seen.add(name)
-                yield column
+    titles, ranks = {name: "_".join(words_of(name)) for name in source.columns}, dict[str, int]()
+    for name, title in titles.items():
+        bare = re.sub(r"_(s|sec|secs|ms|us|ns|usec|msec)$", "", title)
+        telling = (i for i, words in enumerate(TITLES)
+                   if re.fullmatch(words, title) or re.fullmatch(words, bare))  # fmt: skip
+        dated = any(form.match(_first_text(source, name)) for form in (ISO, NUMBERED))
+        if (rank := next(telling, len(TITLES) if dated else None)) is not None:
+            ranks[name] = rank
+    columns = (_clock(source, name, titles) for name in sorted(ranks, key=lambda n: ranks[n]))
+    return filter(None, columns)
 
 
 def _clock(source: Source, name: str, titles: dict[str, str]) -> Column | None:
@@ -253,12 +244,11 @@ def _clock(source: Source, name: str, titles: dict[str, str]) -> Column | None:
         return None
     if text or source.units.get(name):
         return column
-    unit = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
-    step = float(np.median(steps[steps > 0.0]))
-    if unit is None:
-        least, most = PLAUSIBLE_S
-        each = ("s", "ms", "us", "ns", "day")
-        unit = next((u for u in each if least <= step * factor(u, "s") <= most), None)
+    step, (least, most) = float(np.median(steps[steps > 0.0])), PLAUSIBLE_S
+    each = ("s", "ms", "us", "ns", "day")
+    likely = (unit for unit in each if least <= step * factor(unit, "s") <= most)
+    known = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
+    unit = known or next(likely, None)
     return replace(column, unit=None if unit == "s" else unit)
 
 
@@ -274,11 +264,10 @@ def disagreement(source: Source, used: Column) -> str | None:
         apart = own - t - np.nanmedian(own - t)
         period = float(np.nanmedian(np.abs(np.diff(t))))
         if count := int(np.sum(np.abs(apart) > APART * max(period, 1e-3))):
-            rest = f", nanoseconds: {other.nanoseconds}" if other.nanoseconds else ""
-            unit = f", unit: {other.unit}" if other.unit else ""
+            written = str(other.written).replace("'", "")
             return (
                 f"{source.name}: the clocks {used.name} and {other.name} disagree in {count} of "
-                f"{len(t)} rows, by up to {np.nanmax(np.abs(apart)):.2g} s; columns.time: "
-                f"{{column: {other.name}{rest}{unit}}} reads the other"
+                f"{len(t)} rows, by up to {np.nanmax(np.abs(apart)):.2g} s; "
+                f"columns.time: {written} reads the other"
             )
     return None

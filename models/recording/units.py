@@ -19,6 +19,7 @@ else:
 
 TURNS = "revolution/s"  # in which the shaft speed of a vessel is given
 INPUTS = ("rad", TURNS, "N", "N*m", "m/s", "")  # of the inputs of a vessel
+OWN = {"inputs": INPUTS, "commands": INPUTS, "loads": ("N",)}  # kinds with names of the user
 SI = {
     "position": POSE_UNIT, "velocity": VELOCITY_UNIT, "acceleration": ACCELERATION_UNIT,
     "force": FORCE_UNIT, "actual_force": FORCE_UNIT, "wind": {"speed": "m/s", "direction": "rad"},
@@ -114,10 +115,9 @@ def froude_factor(unit: str, scale: float) -> float:
     if scale == 1.0:
         return 1.0
     amount = _registry().parse_units(SPELLINGS.get(unit, unit)).dimensionality
-    length, time, mass = (
-        float(str(amount.get(f"[{name}]", 0))) for name in ("length", "time", "mass")
-    )
-    return float(scale ** -(length + 0.5 * time + 3.0 * mass))
+    powers = {"[length]": 1.0, "[time]": 0.5, "[mass]": 3.0}
+    size = sum(power * float(str(amount.get(name, 0))) for name, power in powers.items())
+    return float(scale**-size)
 
 
 def words_of(title: str) -> list[str]:
@@ -143,11 +143,7 @@ def unit_in_title(title: str, targets: Sequence[str]) -> str | None:
 def targets_of(option: str) -> tuple[str, ...]:
     """The units in which an option such as `velocity.surge` is kept, any of which may be meant."""
     kind, _, name = option.partition(".")
-    if kind in ("inputs", "commands"):
-        return INPUTS
-    if kind == "loads":
-        return ("N",)
-    return (SI[kind][name],) if kind in SI else ()
+    return OWN.get(kind) or ((SI[kind][name],) if kind in SI else ())
 
 
 @lru_cache(maxsize=1)

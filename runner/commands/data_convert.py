@@ -10,17 +10,14 @@ from typing import Annotated, Any
 import numpy as np
 import pyarrow as pa
 import typer
-import yaml
 from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, accelerations_of, poses_of, velocities_of
-from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.units import SI
+from seatrial.models.recording.units import targets_of
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.configuration.config import build_as
-from seatrial.runner.configuration.recording_map import DEFAULT, KEY, with_map
+from seatrial.runner.configuration.recording_map import KEY, read_map, reader_of
 
 File = Annotated[Path, typer.Argument(help="A file, or a folder with one file per topic.")]
 Target = Annotated[Path, typer.Argument(metavar="OUT.parquet", help="File to write (.parquet).")]
@@ -41,25 +38,20 @@ def convert(file: File, target: Target, map_file: MapFile = None, dofs: Axes = N
         raise ConfigurationError(f"{target}: got suffix {target.suffix!r}, expected .parquet")
     if target.exists():
         raise ConfigurationError(f"{target}: exists already, expected a new file")
-    own = {"path": str(file), "map": None if map_file is None else str(map_file)}
-    node = with_map({**yaml.safe_load(DEFAULT.read_text(encoding="utf-8")), **own})
-    reader = build_as(RecordedFile, node, "excitation")
-    axes = tuple(name.strip() for name in dofs.split(",")) if dofs is not None else ()
+    node = read_map(map_file) if map_file else {}
+    reader = reader_of(file, node)
+    axes = [name.strip() for name in dofs.split(",")] if dofs is not None else []
     if unknown := [name for name in axes if name not in DOFS]:
         raise ConfigurationError(f"--dofs: got {unknown[0]}, expected some of {', '.join(DOFS)}")
     for dof in DOFS if dofs is None else ():
         with suppress(ConfigurationError):
             reader.check((dof,))
-            axes = (*axes, dof)
+            axes.append(dof)
     if not axes:
         raise ConfigurationError("data convert: got a map of no degree of freedom, expected --map")
-    recording = reader.read(axes)
-    files = file.expanduser().rglob("*") if file.expanduser().is_dir() else [file.expanduser()]
-    digests = {
-        str(path): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(files)
-        if path.is_file()
-    }
+    recording, path = reader.read(axes), file.expanduser()
+    files = (each for each in sorted((path, *path.rglob("*"))) if each.is_file())
+    digests = {str(each): hashlib.sha256(each.read_bytes()).hexdigest() for each in files}
     write_recording(recording, target, {"read_by": node, "sha256": digests})
     typer.echo(
         f"wrote {target}: {len(recording)} samples of {recording.period_s:g} s in "
@@ -84,13 +76,14 @@ def write_recording(recording: Recording, path: Path, metadata: dict[str, object
         ("acceleration", recording.nu_dot, dofs, accelerations_of(dofs)),
         ("force", forces, dofs, [f"tau_{dof}" for dof in dofs]),
         ("actual_force", recording.tau_actual, dofs, [f"acting_{dof}" for dof in dofs]),
-        ("air", recording.wind, dofs, ["air_u", "air_v"]),
+        ("air", recording.wind, DOFS[:2], ["air_u", "air_v"]),
         ("inputs", recording.inputs, inputs, [f"inputs.{name}" for name in inputs]),
         ("commands", recording.commands, inputs, [f"commands.{name}" for name in inputs]),
         ("loads", recording.loads, loads, [f"loads.{name}" for name in loads]),
     ):
         for key, name, column in zip(keys, names, () if values is None else values.T, strict=False):
-            unit = SI.get(kind, {}).get(key, "N" if kind == "loads" else "")
+            targets = targets_of(f"{kind}.{key}")
+            unit = targets[0] if len(targets) == 1 else ""
             columns[name] = column, unit
             read_by.setdefault(kind, {})[key] = name if unit else {"column": name, "unit": ""}
     arrays = [pa.array(np.ascontiguousarray(values)) for values, _ in columns.values()]

@@ -10,22 +10,18 @@ import yaml
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.notation import PLANAR, VELOCITY_UNIT
-from seatrial.models.recording.reader import ReadSignals
 from seatrial.models.vessel import scales
+from seatrial.models.vessel.basis import Array
 from seatrial.runner import export
 from seatrial.runner.commands import init
 from seatrial.runner.commands.data_commands import Force, VesselName, map_columns
 from seatrial.runner.commands.data_convert import File, MapFile
 from seatrial.runner.compare.cli import run_typer
-from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.frame import open_results
-from seatrial.runner.compare.grid import grid_of
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 from seatrial.runner.sweeps import in_process
 
 METRIC = "velocity_rmse_restarts"
-TITLE = "errors of predictions of the second half, restarted every 30 s"
-MODELS = ("mean_motion", "nominal", "identified")
 Length = Annotated[float | None, typer.Option("--length", help="[m] between perpendiculars.")]
 Mass = Annotated[float | None, typer.Option("--mass", help="[kg] displacement.")]
 Database = Annotated[Path, typer.Option("--results-dir", help="Where the run is stored.")]
@@ -70,7 +66,7 @@ def model(
         )
     if vessel is None:
         assert length is not None
-        vessel = _drafted_vessel(name, length, mass, reader.account(PLANAR), force)
+        vessel = _drafted_vessel(name, length, mass, reader.account(PLANAR)[0].values, force)
     words = [
         f"vessel={vessel}", "excitation=recording", f"excitation.path={log}",
         f"excitation.map={map_file}", "controller=none", "evaluation=none",
@@ -89,14 +85,13 @@ def model(
 
 
 def _drafted_vessel(
-    name: str, length: float, mass: float | None, read: "list[ReadSignals] | Any", force: bool
+    name: str, length: float, mass: float | None, signals: Mapping[str, Array], force: bool
 ) -> str:
     """Write a vessel of some dimensions, with the inputs that the log holds; returns its path."""
     path = Path("conf", "vessel", f"{name}.yaml")
     if path.exists() and not force:
         return path.as_posix()  # of a run before, and perhaps corrected since
     (text,) = init.draft_vessel(name, {"length": length, "mass": mass}).files.values()
-    signals = read[0].values
     inputs = {key.partition(".")[2]: signals[key] for key in signals if key.startswith("inputs.")}
     if inputs:
         terms, ranges = _input_terms(scales.hull(length, mass_kg=mass), inputs, signals)
@@ -108,7 +103,7 @@ def _drafted_vessel(
 
 
 def _input_terms(
-    hull: scales.Hull, inputs: Mapping[str, np.ndarray], signals: Mapping[str, np.ndarray]
+    hull: scales.Hull, inputs: Mapping[str, Array], signals: Mapping[str, Array]
 ) -> tuple[str, str]:
     """Terms of inputs, and their ranges: thrust that holds the mean speed, a rudder's lift.
 
@@ -140,16 +135,11 @@ def _input_terms(
 
 
 def _report(reader: Any, run: int) -> None:
-    """Print what was said of the log, and the errors of predictions beside knowing nothing."""
-    for row in reader.diagnostics(run):
-        if row.name.startswith("recording_") and row.name != "recording_column":
-            typer.echo(f"recording: {row.label}")
+    """Print the errors of predicting the mean motion, which a useful model must beat."""
     rows = [row for row in reader.metrics(run) if row.name == METRIC and row.stage == "validation"]
     errors = {(row.dof, row.model): row.value for row in rows if row.value is not None}
-    lines = []
-    for dof in dict.fromkeys(dof for dof, _ in errors):
-        values = [errors.get((dof, each), np.inf) for each in MODELS]
-        skill = "" if values[-1] < values[0] else "no better than the mean motion"
-        lines.append((dof, VELOCITY_UNIT[dof], *values, skill))
-    table = grid_of(f"run {run}: {TITLE}", ("axis", "unit", *MODELS, "remark"), lines, 2)
-    typer.echo(render(table, OutputFormat.RICH))
+    for (dof, model), error in errors.items():
+        if model == "mean_motion":
+            better = errors.get((dof, "identified"), np.inf) < error
+            skill = "" if better else ": the model is no better than the mean motion"
+            typer.echo(f"mean motion, {dof}: {error:.4g} {VELOCITY_UNIT[dof]}{skill}")

@@ -1,6 +1,6 @@
 """What `seatrial data check` reports of a recording, in the terminal and on a page with figures."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -14,7 +14,7 @@ from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.reader import BRIDGED, FAULTS, ReadSignals, clock_of, readings
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.models.recording.recording import Recording, piece_edges
+from seatrial.models.recording.recording import Recording, piece_starts
 from seatrial.models.recording.sampling import Sampling, sampling
 from seatrial.models.recording.smoothing import noise_floor
 from seatrial.models.recording.times import seconds
@@ -61,11 +61,12 @@ def report(file: RecordedFile) -> Report:
             samplings[name] = sampling(t[~np.isnan(used[name].values)] if name in used else t)
     turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
-    known, signals = None, list[ReadSignals]()
+    known, signals = None, ReadSignals(np.empty(0), {}, (), ())
     why = "it cannot be read in the axes that are to be compared"
     try:
         known = examine(file, dofs)
-        signals += file.account(known.recording.dofs if known else dofs) if dofs or known else ()
+        if known or dofs:
+            (signals,) = file.account(known.recording.dofs if known else dofs)
     except FAULTS as error:
         why = str(error)
     sampled = [
@@ -74,8 +75,8 @@ def report(file: RecordedFile) -> Report:
          f"{100.0 * s.missing:.1f}", s.not_later)
         for name, s in samplings.items()
     ]  # fmt: skip
-    read = dict.fromkeys(reading[:4] for part in signals for reading in part.readings)
-    units = [(option, name, unit or "-", origin) for option, name, unit, origin in read]
+    units = [(read.option, read.column, read.unit or "-", read.known_from)
+             for read in signals.readings]  # fmt: skip
     tables = [grid_of("Sampling", SAMPLING, sampled), grid_of("Columns", COLUMNS, units, 4)]
     if known is not None:
         result, lag = known.result, round(known.result.lag_s, 3) + 0.0
@@ -83,8 +84,7 @@ def report(file: RecordedFile) -> Report:
         axes = [(axis.dof, f"{axis.correlation:.3f}", f"{axis.scale:.3f}",
                  "yes" if axis.excited else "no") for axis in result.axes]  # fmt: skip
         tables.append(grid_of(f"{title} {lag:+.3f} s behind", AXES, axes))
-        tables += [grid_of("Ranges", RANGES, _ranges(part), 2) for part in signals]
-    left_out = dict.fromkeys(line for part in signals for line in part.left_out)
+        tables.append(grid_of("Ranges", RANGES, _ranges(signals), 2))
     slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
     advice = list(_advice(slow, known.recording if known else None))
     if known:
@@ -94,13 +94,13 @@ def report(file: RecordedFile) -> Report:
                             f"excitation.path={file.path} excitation.map=MAP.yaml"]  # fmt: skip
     verdict = [f"problem: {why}"] if known is None else _verdict(known, signals)
     filled = tuple(table for table in tables if table.rows)
-    return Report(str(file.path), tuple(verdict), filled, tuple(left_out), tuple(advice), known)
+    return Report(str(file.path), tuple(verdict), filled, signals.left_out, tuple(advice), known)
 
 
-def _verdict(known: Examination, signals: Sequence[ReadSignals]) -> list[str]:
+def _verdict(known: Examination, signals: ReadSignals) -> list[str]:
     """Problems and questions, or that there is none; outliers count, too; and the current."""
     lines = [f"problem: {problem}" for problem in known.problems]
-    counts = {name: count for part in signals for name, count in _outliers(part).items() if count}
+    counts = {name: count for name, count in _outliers(signals).items() if count}
     names = ", ".join(f"{name} {count}" for name, count in counts.items())
     if max(counts.values(), default=0) > MOST_OUTLIERS * len(known.recording):
         lines.append(f"problem: outliers: {names}; excitation.outliers.replace=true")
@@ -108,8 +108,9 @@ def _verdict(known: Examination, signals: Sequence[ReadSignals]) -> list[str]:
     if not lines and any(axis.excited for axis in known.result.axes):
         few = f"; few outliers: {names}" if names else ""
         lines = [f"no problem: pose and velocity are consistent{few}"]
-    for values in (part.values for part in signals if "current.north" in part.values):
-        north, east = (float(np.nanmean(values[f"current.{axis}"])) for axis in ("north", "east"))
+    if "current.north" in signals.values:
+        mean = {option: float(np.nanmean(x)) for option, x in signals.values.items()}
+        north, east = mean["current.north"], mean["current.east"]
         towards = np.degrees(np.arctan2(east, north)) % 360.0
         speed = np.hypot(north, east)
         lines.append(f"current: {speed:.2f} m/s towards {towards:.0f} deg on average")
@@ -118,9 +119,8 @@ def _verdict(known: Examination, signals: Sequence[ReadSignals]) -> list[str]:
 
 def _ranges(signals: ReadSignals) -> list[tuple[str | int, ...]]:
     """Range, noise and outliers of every signal, in SI units and our frames."""
-    period, starts = float(np.median(np.diff(signals.t))), np.zeros(len(signals.t), dtype=np.bool_)
-    starts[piece_edges(signals.t, period)[:-1]] = True
-    counts, rows = _outliers(signals), list[tuple[str | int, ...]]()
+    period, counts = float(np.median(np.diff(signals.t))), _outliers(signals)
+    starts, rows = piece_starts(signals.t, period), list[tuple[str | int, ...]]()
     for option, x in signals.values.items():
         targets, noise = targets_of(option), noise_floor(x[:, None], starts, period)
         numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), noise.deviation[0])
@@ -163,15 +163,15 @@ def recording_page(known: Report) -> str:
             "What to do next": known.advice}  # fmt: skip
     parts = [(title, bullets(lines)) for title, lines in told.items() if lines]
     parts += [(sheet.title, html_table(replace(sheet, title=""))) for sheet in known.tables]
-    with style.drawn():
-        sheets = {} if known.examination is None else figures(known.examination)
-        drawn = enumerate(sheets.items())
-        parts += [(text, picture(sheet, text, f"f{i}-")) for i, (text, sheet) in drawn]
+    if known.examination is not None:
+        with style.drawn():
+            title = "Velocities, and errors of the velocity integrated and the pose differentiated"
+            parts.append((title, picture(figure(known.examination), title, "f-")))
     sections = [Section(title, f"s{i}", [block]) for i, (title, block) in enumerate(parts)]
     return page(f"Recording {known.path}", [], sections)
 
 
-def figures(known: Examination) -> dict[str, "Figure"]:
+def figure(known: Examination) -> "Figure":
     """Velocities beside those of the pose, and errors of both checks of Hoyer (2021), 5.4.4.
 
     Velocities are below the cut-off. Integrated velocity less position shows drift, differentiated
@@ -179,26 +179,20 @@ def figures(known: Examination) -> dict[str, "Figure"]:
     """
     from seatrial.runner.compare.plots import style
 
-    recording, result = known.recording, dict[str, "Figure"]()
-    velocities, errors = list[tuple[str, Array]](), list[tuple[str, Array]]()
+    recording, panels = known.recording, list[tuple[str, Array]]()
     for check in quality_checks(recording):
+        panels.append((f"error of {check.dof} [{check.unit}]", -check.error[:, None]))
         if check.check == "differentiated_position":
             both = np.column_stack([check.calculated, check.measured])
             name = f"{velocities_of([check.dof])[0]} [{check.unit}]"
-            velocities.append((name, recording.lowpassed(both, known.result.cutoff_hz)))
-        errors.append((f"error of {check.dof} [{check.unit}]", -check.error[:, None]))
+            panels.append((name, recording.lowpassed(both, known.result.cutoff_hz)))
+    sheet, every = style.panels(len(panels) // 3, 3, 2.2, 1.5, share_x=True)
     t = recording.t - recording.t[0]
-    for title, panels, columns in (
-        ("Velocities, from the pose and recorded", velocities, 1),
-        ("Integrated velocity less position, rate of position less velocity", errors, 2),
-    ):
-        rows = len(panels) // columns
-        result[title], every = style.panels(rows, columns, 6.5 / columns, 1.5, share_x=True)
-        for axes, (label, values) in zip(every, panels, strict=True):
-            for a, b in pairwise(recording.edges):
-                for colour, value in zip((1, 0), values.T, strict=False):
-                    axes.plot(t[a:b], value[a:b], color=style.PALETTE[colour], linewidth=1.0)
-            axes.set_ylabel(label)
-        for axes in every[-columns:]:
-            axes.set_xlabel("Time [s]")
-    return result
+    for axes, (label, values) in zip(every, panels, strict=True):
+        for a, b in pairwise(recording.edges):
+            for colour, value in zip((1, 0), values.T, strict=False):
+                axes.plot(t[a:b], value[a:b], color=style.PALETTE[colour], linewidth=1.0)
+        axes.set_ylabel(label)
+    for axes in every[-3:]:
+        axes.set_xlabel("Time [s]")
+    return sheet

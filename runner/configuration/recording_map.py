@@ -29,16 +29,11 @@ def with_map(node: object) -> object:
     """The options of a recording with the content of its map, or of the one in the file."""
     if not isinstance(node, Mapping):
         return node
-    if not node.get("map"):
-        files = [node.get("path"), *(node.get("train") or ())]
-        known = own_map(Path(str(next(filter(None, files), ""))))
-        return {**node, **OTHERS, **known} if known else node
-    path = located(str(node["map"]))
-    own = {**node, **OTHERS, "map": str(path), **read_map(path)}
-    if node.get("test_map"):
-        path = located(str(node["test_map"]))
-        own |= {"test_map": str(path), "tested": read_map(path)}
-    return own
+    maps = {key: str(located(str(node[key]))) for key in ("map", "test_map") if node.get(key)}
+    files = filter(None, (node.get("path"), *(node.get("train") or ())))
+    known = read_map(maps["map"]) if "map" in maps else own_map(Path(str(next(files, ""))))
+    tested = {"tested": read_map(maps["test_map"])} if "test_map" in maps else {}
+    return {**node, **OTHERS, **maps, **known, **tested} if known else node
 
 
 def own_map(path: Path) -> dict[str, object]:
@@ -56,12 +51,12 @@ def own_map(path: Path) -> dict[str, object]:
     return options_of(known) if isinstance(known, dict) else {}
 
 
-def read_map(path: Path) -> dict[str, object]:
+def read_map(path: str | Path) -> dict[str, object]:
     """Options of a recording from a map: `columns`, and those that stand beside them.
 
     Raises ConfigurationError if there is no such file or it is no map.
     """
-    path = path.expanduser()
+    path = Path(path).expanduser()
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -80,18 +75,19 @@ def read_map(path: Path) -> dict[str, object]:
 
 def options_of(content: dict[str, object]) -> dict[str, object]:
     """Options of a recording from the content of a map."""
-    columns = {key: content.pop(key) for key in MAP_COLUMNS if key in content}
-    if "heading" in content:
-        written = columns.get("position")
-        position = written if isinstance(written, dict) else {}
-        columns["position"] = {**position, "yaw": content.pop("heading")}
-    return {**content, "columns": columns}
+    columns = {key: value for key, value in content.items() if key in MAP_COLUMNS}
+    others = {key: value for key, value in content.items() if key not in columns}
+    if "heading" in others:
+        position = columns.get("position")
+        known = position if isinstance(position, Mapping) else {}
+        columns["position"] = {**known, "yaw": others.pop("heading")}
+    return {**others, "columns": columns}
 
 
 def reader_of(file: Path, node: Mapping[str, object]) -> RecordedFile:
     """The reader of a file with the options of a map; raises ConfigurationError."""
-    default = yaml.safe_load(DEFAULT.read_text(encoding="utf-8"))
-    own = {**default, **OTHERS, "path": str(file), **(node or own_map(file))}
+    default = yaml.safe_load(DEFAULT.read_text(encoding="utf-8")) | {"path": str(file)}
+    own = {**default, **OTHERS, **node} if node else with_map(default)
     try:
         reader = options.part(RecordedFile, own)
     except options.OptionError as error:

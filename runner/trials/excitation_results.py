@@ -35,16 +35,12 @@ def of_file(file: RecordedFile, recording: Recording) -> Results:
         for i, (column, values) in enumerate(file.describe().items())
         for name, value in values.items()
     ]
-    outliers = [
-        Diagnostic("outliers", "all", count, i=i, label=column)
-        for i, (column, count) in enumerate(file.outlier_counts(recording.dofs).items())
-    ]
     quality = [
         metric(f"{check.check}_error_max", "identification", "plant", check.dof, check.maximum)
         for check in quality_checks(recording)
     ]
     problems = recording_checks.diagnostics(file, recording.dofs)
-    return Results(quality, diagnostics=[*statistics, *outliers, *problems])
+    return Results(quality, diagnostics=[*statistics, *problems])
 
 
 PASSAGE = -1.0  # in the column `manoeuvre` of the series `plan`

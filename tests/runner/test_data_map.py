@@ -121,10 +121,10 @@ def test_the_current_is_named_and_nothing_is_drawn_across_a_gap(tmp_path: Path, 
     assert known is not None
     recording = known.recording
     assert len(recording.pieces()) == 2
-    velocities, errors = recording_report.figures(known).values()
-    assert [len(sheet.axes) for sheet in (velocities, errors)] == [3, 6]
+    sheet = recording_report.figure(known)
+    assert len(sheet.axes) == 9
     pieces = [len(piece) for piece in recording.pieces()]
-    for axes in (*velocities.axes, *errors.axes):
+    for axes in sheet.axes:
         drawn = [len(np.asarray(line.get_xdata())) for line in axes.lines]
         assert sorted(set(drawn)) == sorted(pieces)
 

@@ -98,8 +98,9 @@ def test_outliers_are_counted_and_replaced_only_when_asked(tmp_path: Path) -> No
     path = write(tmp_path / "a.csv", columns)
     kept = excitation(path)
     assert kept.read(("surge",)).nu[40, 0] == 1000.0
-    assert kept.outlier_counts(("surge",)) == {"surge_vel": 1, "force_x": 0, "position_x": 0}
-    replaced = excitation(path, outliers={"replace": True}).read(("surge",))
+    reader = excitation(path, outliers={"replace": True})
+    replaced = reader.read(("surge",))
+    assert reader.account(("surge",))[0].left_out == ("outliers are replaced: surge_vel 1",)
     assert replaced.nu[40, 0] == pytest.approx(0.01 * 40**2, abs=0.011)
     assert replaced.nu_dot[40, 0] == pytest.approx(8.0)
 
@@ -181,8 +182,6 @@ def test_splits_of_a_file(tmp_path: Path) -> None:
     ("options", "message"),
     [
         ({"path": None}, ".path: expected a recording, got none"),
-        ({"path": "a\0b.csv"}, "expected one line of text"),
-        ({"path": None, "train": ("",)}, ".train: got '', expected one line of text"),
         ({"start_s": 5.0, "end_s": 5.0}, ": start_s must lie before end_s = 5, got 5"),
         ({"train_fraction": 0.0}, ": train_fraction must lie between 0 and 1, got 0"),
         ({"train_fraction": 1.0}, ": train_fraction must lie between 0 and 1, got 1"),
