@@ -26,7 +26,7 @@ from seatrial.models.recording.units import (
     unit_in_title,
     words_of,
 )  # fmt: skip
-from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.basis import INPUTS, Array
 
 SYMBOLS = {"eta": "x y z phi theta psi", "nu": "u v w p q r", "tau": "x y z k m n"}  # of matrices
 PLANE = ("x", "y", "z", "phi", "psi", "yaw", "roll")  # of which two stand beside a heading theta
@@ -190,10 +190,12 @@ def _titles(source: Source) -> dict[str, str]:
     """Titles of the columns of matrices, `eta[2]` of three is psi, and of the forces X, Y, N."""
     forces = {"X", "N"} <= set(source.columns)
     result = {letter: f"tau {letter}" for letter in "XYZKMN"} if forces else {}
+    if {"N", "E"} <= set(source.columns):
+        result |= {"N": "position north", "E": "position east", "D": "position down"}
     for name in source.columns:  # a pose in the plane, as of ROS: x, y and theta
         beside = {axis for axis in PLANE if re.sub("(?i)theta$", axis, name) in source.columns}
         if name.lower().endswith("theta") and beside == {"x", "y"}:
-            result[name] = "yaw"
+            result |= {name: "yaw", "w": "yaw rate", "omega": "yaw rate"}
     groups = defaultdict[str, list[str]](list)
     for name in source.columns:
         if match := NUMBERED.fullmatch(name):
@@ -290,24 +292,31 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
 
 
 def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen) -> list[str]:
-    """Choose what acts, by the names of the vessel, or by delta, n and own names; asks the rest."""
+    """Choose what acts, by the names of the vessel, or by those that one can have; asks the rest.
+
+    Shafts are n, or n_1, n_2 ... from port to starboard, other devices pwm_1, angles alpha_1 ...
+    """
     forces, asked = [option for option in chosen if option.startswith("force.")], list[str]()
-    if not wanted:
-        for option in ("inputs.delta", "inputs.n", "inputs.") if not forces else ():
-            same = [c for c in every if c.moves and c.option == option]
-            same = [c for c in same if not c.commanded] or same
-            names = Counter(c.name for c in same)
-            for c in same:
-                own = c.name if names[c.name] == 1 and c.name != "data" else c.full
-                alone = len(same) == 1 and option != "inputs."
-                chosen[option if alone else f"inputs.{own}"] = c
-        return asked
-    for option in forces:
-        del chosen[option]
 
     def side(name: str) -> str:
         return next((SIDES.get(w, w) for w in words_of(name) if w in SIDES or w.isdigit()), "")
 
+    if not wanted:
+        groups = defaultdict[str, list[_Candidate]](list)
+        for c in every if not forces else ():
+            if c.moves and c.option.startswith("inputs."):
+                kind = c.option.removeprefix("inputs.")
+                angle = stated_unit(c.source, c.name, ("rad",))
+                groups[kind or ("alpha" if angle else "pwm")].append(c)
+        for kind in sorted(groups, key=("delta", "n", "pwm", "alpha").index):
+            same = [c for c in groups[kind] if not c.commanded] or groups[kind]
+            single = len(same) == 1 and kind in INPUTS
+            for i, c in enumerate(sorted(same, key=lambda c: side(c.name)), 1):
+                name = kind if single else f"{kind}_{i}"
+                chosen[f"inputs.{name if name in INPUTS else c.full}"] = c
+        return asked
+    for option in forces:
+        del chosen[option]
     free = {c.full: c for c in every if c not in chosen.values()}
     for name in wanted:
         title, known = "_".join(words_of(name)), quantity(name)

@@ -34,7 +34,7 @@ WORDS = {name: frozenset(words.split()) for name, words in {
     "rate": "rate rates angular gyro gyr omega angvelo turn pqr",
     "angle": "angle angles ang attitude euler rpy rph", "moment": "torque moment",
     "force": "force forces wrench tau", "acceleration": "acceleration accelerations acc accel",
-    "rudder": "rudder delta helm ruder ruderwinkel barre ror rorvinkel",
+    "rudder": "rudder rsa delta helm ruder ruderwinkel barre ror rorvinkel",
     "shaft": "rpm rps shaft propeller prop engine revolutions revs drehzahl regime turtall",
     "device": "thruster thrusters thrust thr pwm servo servos motor motors throttle esc azimuth "
               "rcou actuator actuators elevator fin fins nozzle jet tunnel steering drive",

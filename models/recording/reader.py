@@ -6,10 +6,13 @@ velocities are turned into our frames, the sensor is moved to the origin of the 
 velocities that were not recorded are differentiated from the pose. What is left out is said.
 """
 
-from collections.abc import Mapping, Sequence
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
@@ -142,7 +145,7 @@ class Reading:
         except RecordingError as error:
             named = str(path) in str(error)
             raise error if named else RecordingError(f"{path}: {error}") from error
-        return ReadSignals(t, known, tuple(read.values()), tuple(dict.fromkeys(notes)))
+        return ReadSignals(t, known, tuple(read.values()), tuple(_together(notes)))
 
     def _on_one_clock(
         self, channels: Mapping[str, Channel], read: Mapping[str, ColumnReading], notes: list[str]
@@ -208,6 +211,17 @@ class Reading:
             held, title = kind in HELD_SIGNALS, f"column {spec.name}"
             channels[option] = Channel(pace * t, values, held, title)
         return _unit_quaternions(channels)
+
+
+def _together(notes: Sequence[str]) -> Iterator[str]:
+    """The notes, those that differ by the column only in one line."""
+    groups = defaultdict[str, list[str]](list)
+    for note in dict.fromkeys(notes):
+        match = re.fullmatch(r"column (.+?): (.*)", note)
+        groups[match[2] if match else note].append(match[1] if match else "")
+    for text, names in groups.items():
+        columns = shorten(", ".join(names), 300, placeholder=" ...")
+        yield f"column{'s' * (len(names) > 1)} {columns}: {text}" if columns else text
 
 
 def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, bool]:

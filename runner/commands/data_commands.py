@@ -101,6 +101,8 @@ def drafted(file: Path, wanted: Sequence[str] = ()) -> Proposal:
         reader = reader_of(file, options_of(deepcopy(node)))
         known = examine(reader, reader.columns.moving)
         asked = [*(known.questions if known else doubts(sources, reader.columns).values())]
+        if known is not None:
+            left_out = [*reader.account(known.recording.dofs)[0].left_out]
     except FAULTS as error:
         known, asked = None, [str(error)]
     for problem in known.problems if known else ():

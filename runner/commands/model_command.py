@@ -11,7 +11,7 @@ import yaml
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.models.notation import PLANAR, VELOCITY_UNIT
 from seatrial.models.vessel import scales
-from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.basis import INPUTS, Array
 from seatrial.runner import export
 from seatrial.runner.commands import init
 from seatrial.runner.commands.data_commands import Force, VesselName, map_columns
@@ -64,6 +64,10 @@ def model(
             f"{map_file}: got neither forces nor inputs, expected what moved the boat: "
             "force: {surge: COLUMN, ...}, or inputs: {delta: COLUMN, n: COLUMN}"
         )
+    if unknown := [name for name in columns.inputs if vessel is None and name not in INPUTS]:
+        raise ConfigurationError(
+            f"{map_file}: inputs: got {unknown[0]!r}, expected some of {', '.join(INPUTS)}"
+        )
     if vessel is None:
         assert length is not None
         vessel = _drafted_vessel(name, length, mass, reader.account(PLANAR)[0].values, force)
@@ -112,7 +116,7 @@ def _input_terms(
     drag = scales.derivatives(hull)
     u = float(np.nanmean(np.abs(signals["velocity.surge"])))
     resistance = -(drag["X_u"] + drag["X_|u|u"] * u) * u
-    shafts = {key: x for key, x in inputs.items() if key != "delta"}
+    shafts = {key: x for key, x in inputs.items() if not key.startswith(("delta", "alpha"))}
     terms = {
         f"X_|{key}|{key}": resistance / (float(np.nanmean(np.abs(x) * x)) or 1.0) / len(shafts)
         for key, x in shafts.items()

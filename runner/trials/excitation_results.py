@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def of_file(file: RecordedFile, recording: Recording) -> Results:
-    """The statistics and outliers of a measured file's columns, its quality, and its problems.
+    """The statistics of a measured file's columns, its quality, and its problems.
 
     The index `i` of a diagnostic is the column. The quality are the largest errors of the velocity
     integrated, and of the position differentiated.
