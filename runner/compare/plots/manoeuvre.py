@@ -107,7 +107,7 @@ def _zigzag(axes: Axes, track: Track, result: Sheet) -> None:
     for side in (-1.0, 1.0):
         turned = side * (result.turn_deg or 0.0)
         axes.axhline(turned, color=style.MUTED, linewidth=0.7, linestyle=":")
-    times = executions(track, result.execution)[1:]
+    times = executions(track)[0][1:]
     for name, executed in zip(("first overshoot", "second overshoot"), times, strict=False):
         if name not in result.values:
             break
