@@ -271,12 +271,6 @@ class Kalman:
         """Factor exp(-h / T) of the bias over one sample [s]; 1 for a random walk."""
         return float(np.exp(-period_s / (self.bias_time_constant_s or np.inf)))
 
-    def bias_variance(self, limits: Array, period_s: float) -> Array:
-        """Variance that one sample [s] adds to the bias as a fraction of the limits, (r,)."""
-        T = self.bias_time_constant_s
-        time = period_s if T is None else -0.5 * T * np.expm1(-2.0 * period_s / T)
-        return np.asarray(np.square(np.array(self.bias_walk) / limits) * time)
-
     def gains(self, design: DesignModel) -> tuple[Array, Array]:
         """Filter gain M (n, m) and bias gain (r, m), the latter as a fraction of the limits."""
         model, n, r = design.model, design.model.order, len(design.limits)
@@ -300,10 +294,10 @@ class Kalman:
             )
         shock = np.vstack([0.5 * h**2 * np.eye(r), h * np.eye(r)])
         Q, R = shock @ np.diag(np.square(self.process)) @ shock.T, np.square(self.measurement)
-        if not self.estimate_bias:
-            return filter_gain(A, C, Q, np.diag(R)), bias
-        drifts = np.flatnonzero(self.bias_walk)
-        b, added = len(drifts), self.bias_variance(design.limits, h)[drifts]
+        drifts = np.flatnonzero(self.bias_walk) if self.estimate_bias else np.zeros(0, dtype=int)
+        b, T = len(drifts), self.bias_time_constant_s
+        time = h if T is None else -0.5 * T * np.expm1(-2.0 * h / T)
+        added = np.square(np.array(self.bias_walk) / design.limits)[drifts] * time  # in a sample
         A = np.block([[A, model.B[:, drifts]], [np.zeros((b, n)), self.bias_decay(h) * np.eye(b)]])
         C = np.hstack([C, np.zeros((len(C), b))])
         M = filter_gain(A, C, block_diag(Q, np.diag(added)), np.diag(R))

@@ -34,10 +34,22 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import FORCE_UNIT, POSE_UNIT
 from seatrial.models.simulation.registry import CONTROLLERS, Parameters
+from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.wind import WindForce
+
+
+class Law(NamedTuple):
+    """The unconstrained command, and which parameters it is of."""
+
+    gain: Array  # (r, width): as a fraction of the limits, per parameter
+    steps: int = 1  # of the horizon
+    increments: bool = True
+    setpoints: bool = False  # the future reference is known
+    winds: bool = False  # the future wind is known
+    regulator: bool = False  # the gain is of an infinite horizon
 
 
 class LinearTable(NamedTuple):
@@ -45,13 +57,13 @@ class LinearTable(NamedTuple):
 
     observer: Observer
     outlook: Outlook
-    gain: Array  # (r, width): unconstrained command, as a fraction of the limits, per parameter
-    steps: int  # of the horizon
+    gain: Array  # as of Law
+    steps: int
     increments: bool
+    setpoints: bool
+    winds: bool
+    regulator: bool
     limited: bool  # the last command is kept within the limits
-    regulator: bool  # the gain is of an infinite horizon
-    setpoints: bool  # the future reference is known
-    winds: bool  # the future wind is known
     every: int  # number of loop instants between two commands
     theta: Array  # (width,) parameters of the problem
     now: Array  # (n,) work space
@@ -232,17 +244,30 @@ class LinearController(Controller):
         return times
 
     @abstractmethod
-    def radius(self, design: DesignModel) -> float:
-        """Spectral radius of the closed loop without limits."""
+    def law(self, design: DesignModel) -> Law:
+        """The law without limits."""
+
+    def build(self, model: Model, period_s: float) -> tuple[Parameters, Memory]:
+        """Parameters and initial state of the compiled step, for a model and loop period [s]."""
+        design, every = self.design(model, period_s), self.command_rows(period_s)
+        law, (n, r), m = self.law(design), design.model.B.shape, len(design.model.C)
+        observer = observer_of(design, self.estimator, self.kalman)
+        work = (np.zeros(size) for size in (law.gain.shape[1], n, n, m, r, r, r))
+        return LinearTable(observer, NO_OUTLOOK, *law, self.limited, every, *work), memory(n, m, r)
 
     def diagnostics(self, model: Model, period_s: float) -> list[Diagnostic]:
-        """Order, controllability and spectral radii of the design, and its weights in SI units."""
+        """Order, controllability and spectral radii of the design, and its weights in SI units.
+
+        The closed loop is that without limits.
+        """
         design = self.design(model, period_s)
-        observer = observer_of(design, self.estimator, self.kalman)
+        observer, law = observer_of(design, self.estimator, self.kalman), self.law(design)
+        own = design.model.with_integral_action() if law.increments else design.model
+        radius = spectral_radius(own.A + own.B @ law.gain[:, : own.order])
         diagnostics = [
             *design.diagnostics(),
             *estimator_diagnostics(observer),
-            Diagnostic("spectral_radius", "all", self.radius(design)),
+            Diagnostic("spectral_radius", "all", radius),
         ]
         for i, dof in enumerate(design.dofs):
             scaled = float(self.input_weight[i] / design.limits[i] ** 2)
@@ -251,18 +276,3 @@ class LinearController(Controller):
                 Diagnostic("input_weight", dof, scaled, f"1/{FORCE_UNIT[dof]}^2"),
             ]
         return diagnostics
-
-    def law(
-        self, design: DesignModel, gain: Array, steps: int, increments: bool, every: int,
-        setpoints: bool = False, winds: bool = False, regulator: bool = False,
-    ) -> tuple[LinearTable, Memory]:  # fmt: skip
-        """Parameters and initial state of the compiled step for a gain (r, width)."""
-        n, r = design.model.B.shape
-        m = len(design.model.C)
-        work = (np.zeros(size) for size in (gain.shape[1], n, n, m, r, r, r))
-        table = LinearTable(
-            observer_of(design, self.estimator, self.kalman), NO_OUTLOOK,
-            np.ascontiguousarray(gain), steps, increments, self.limited, regulator, setpoints,
-            winds, every, *work,
-        )  # fmt: skip
-        return table, memory(n, m, r)

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seatrial.models.control.controller import Model
-from seatrial.models.control.estimator import Memory
-from seatrial.models.control.linear_controller import LinearController, LinearTable
+from seatrial.models.control.linear_controller import Law, LinearController
 from seatrial.models.control.linear_design import DesignModel, riccati
-from seatrial.models.simulation.statespace import StateSpace, spectral_radius
+from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.vessel.basis import Array
 
 
@@ -37,20 +35,9 @@ def lqi_gain(model: StateSpace, Q: Array, P: Array) -> Array:
 class Lqi(LinearController):
     """LQ control with integral action on the pose; `input_weight` weights the increments."""
 
-    def gain(self, design: DesignModel) -> Array:
-        """Gain (r, n + m) of (Delta x, y_{k-1} - r), as a fraction of the limits."""
-        return lqi_gain(design.model, np.diag(self.error_weight), np.diag(self.input_weight))
-
-    def build(self, model: Model, period_s: float) -> tuple[LinearTable, Memory]:
-        """Parameters and initial state of the compiled step, for a model and loop period [s]."""
-        design = self.design(model, period_s)
-        gain, (n, r), m = self.gain(design), design.model.B.shape, len(design.model.C)
-        of_pose = gain[:, n:]  # theta = (Delta x, y_{-1}, r_1, d_0, u_{-1}), relative to y_{-1}
-        of_theta = np.hstack([gain[:, :n], np.zeros((r, m)), -of_pose, np.zeros((r, 2 * r))])
-        rows = self.command_rows(period_s)
-        return self.law(design, of_theta, 1, True, rows, regulator=True)
-
-    def radius(self, design: DesignModel) -> float:
-        """Spectral radius of the closed loop."""
-        augmented = design.model.with_integral_action()
-        return spectral_radius(augmented.A + augmented.B @ self.gain(design))
+    def law(self, design: DesignModel) -> Law:
+        """theta = (Delta x, y_{-1}, r_1, d_0, u_{-1}); r_1 is relative to y_{-1}."""
+        weights = np.diag(self.error_weight), np.diag(self.input_weight)
+        gain, (n, r) = lqi_gain(design.model, *weights), design.model.B.shape
+        of_theta = np.hstack([gain, -gain[:, n:], np.zeros((r, 2 * r))])
+        return Law(np.ascontiguousarray(of_theta), regulator=True)

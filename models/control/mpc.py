@@ -22,6 +22,7 @@ from seatrial.models.control.controller import Model
 from seatrial.models.control.estimator import Memory
 from seatrial.models.control.horizon import Horizon, Quadratic, Solver
 from seatrial.models.control.linear_controller import (
+    Law,
     LinearController,
     LinearTable,
     write_parameters,
@@ -30,7 +31,6 @@ from seatrial.models.control.linear_design import DesignModel, check_weights
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import check_ranges
 from seatrial.models.simulation.registry import CONTROLLERS, Parameters
-from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.simulation.voyage import Outlook
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
@@ -135,17 +135,20 @@ class Mpc(LinearController):
         """The problem as a quadratic program, in the chosen formulation."""
         return FORMULATIONS[self.formulation](problem)
 
+    def law(self, design: DesignModel) -> Law:
+        """The first of the best unknowns without limits."""
+        problem = self.problem(design)
+        gain, preview = horizon.unconstrained_gain(problem, self.write(problem)), self.preview
+        known = preview != "none", preview == "setpoint_and_wind"
+        return Law(gain, self.horizon, self.incremental, *known)
+
     def build(self, model: Model, period_s: float) -> tuple[LinearTable | QpTable, Memory]:
         """Parameters and initial state of the step, for a model and loop period [s]."""
-        design = self.design(model, period_s)
-        problem = self.problem(design)
-        quadratic = self.write(problem)
-        table, state = self.law(
-            design, horizon.unconstrained_gain(problem, quadratic), self.horizon,
-            self.incremental, self.command_rows(period_s), self.preview != "none",
-            self.preview == "setpoint_and_wind",
-        )  # fmt: skip
-        return QpTable(table, Solver(quadratic)) if self.limited else table, state
+        table, state = super().build(model, period_s)
+        if not self.limited:
+            return table, state
+        problem = self.problem(self.design(model, period_s))
+        return QpTable(table, Solver(self.write(problem))), state
 
     def foresee(self, parameters: Parameters, outlook: Outlook) -> Parameters:
         """The parameters with the forecast of the weather and the mission."""
@@ -161,9 +164,3 @@ class Mpc(LinearController):
         """Number of loop instants by which a step of the reference is known in advance."""
         known = self.preview != "none"
         return self.horizon * self.command_rows(period_s) if known else 0
-
-    def radius(self, design: DesignModel) -> float:
-        """Spectral radius of the closed loop without limits."""
-        problem = self.problem(design)
-        gain = horizon.unconstrained_gain(problem, self.write(problem))
-        return spectral_radius(problem.A + problem.B @ gain[:, problem.parameters[0]])

@@ -28,6 +28,7 @@ from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.statespace import StateSpace, spectral_radius
 from seatrial.models.vessel.basis import Array, Codes
 from seatrial.models.vessel.kinematics import wrap
+from seatrial.models.vessel.steering import SteeringModel
 from seatrial.models.vessel.tuning import FromVessel
 
 
@@ -104,10 +105,6 @@ class SteeredMpc(SteeringController):
         """Number of loop instants between two commands."""
         return max(1, round(self.interval * self.length_m / self.speed_m_s / period_s))
 
-    def preview_rows(self, period_s: float) -> int:
-        """The set-point is held over the horizon."""
-        return 0
-
     @property
     def limit(self) -> float:
         """Largest helm to both sides from the start of its inputs [rad]."""
@@ -126,17 +123,10 @@ class SteeredMpc(SteeringController):
         """Time constant of the helm [s]; None: it follows at once."""
         return self.input_lags[int(np.flatnonzero(self.helm_direction)[0])]
 
-    @property
-    def largest_rate(self) -> float:
-        """Largest change of the helm in a second [rad/s]; infinite: unlimited."""
-        moved = np.flatnonzero(self.helm_direction)
-        rates = [self.input_rates[i] for i in moved]
-        return min((rate for rate in rates if rate is not None), default=np.inf)
-
     def problem(self, model: Model, period_s: float) -> Horizon:
         """The optimal control problem at a loop period [s]."""
         linear = self.steered(model).along(self.helm_direction)
-        rows = [linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs]
+        rows = _moving(linear)
         n, own, lag = len(rows), self.command_rows(period_s) * period_s, self.lag_s
         states = n + 1 if lag is None else n + 2
         A, B = np.zeros((states, states)), np.zeros((states, 1))
@@ -153,25 +143,24 @@ class SteeredMpc(SteeringController):
         damping_s = self.damping * self.length_m / self.speed_m_s
         Q = np.diag([1.0, damping_s**2]) / np.radians(self.error_deg) ** 2
         P = np.array([[1.0 / self.change**2]])
-        rate = self.largest_rate
-        largest = np.array([rate * own / self.limit]) if np.isfinite(rate) else None
+        limits = [self.input_rates[i] for i in np.flatnonzero(self.helm_direction)]
+        rate = min((one for one in limits if one is not None), default=None)
+        largest = None if rate is None else np.array([rate * own / self.limit])
         C = np.vstack([design.C, rate_of])
         return Horizon(design.A, design.B, C, Q, P, self.horizon, largest)
 
     def build(self, model: Model, period_s: float) -> tuple[SteeredMpcTable, SteeredMemory]:
         """Parameters and initial state of the step, which runs in Python."""
         problem, linear = self.problem(model, period_s), self.steered(model)
-        rows = [linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs]
         every, lag = self.command_rows(period_s), self.lag_s
         decay = 0.0 if lag is None else float(np.exp(-every * period_s / lag))
         table = SteeredMpcTable(
-            self.base, self.helm_direction, linear.dofs.index("yaw"), np.array(rows), self.limit,
+            self.base, self.helm_direction, linear.dofs.index("yaw"), _moving(linear), self.limit,
             decay, self.horizon, every, Solver(increments(problem)),
         )  # fmt: skip
-        counts = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
-        share = np.zeros(1)
-        states = len(rows) + (1 if lag is None else 2)
-        return table, SteeredMemory(np.zeros(states), share, share.copy(), *counts)
+        counts = np.zeros((2, 1), dtype=np.int64)
+        last = np.zeros(len(problem.A) - 1)  # without the integral action
+        return table, SteeredMemory(last, np.zeros(1), np.zeros(1), *counts)
 
     def failures(self, state: SteeredMemory) -> int:
         """Number of commands for which the problem had no solution."""
@@ -183,3 +172,8 @@ class SteeredMpc(SteeringController):
         gain = unconstrained_gain(problem, increments(problem))[:, problem.parameters[0]]
         radius = spectral_radius(problem.A + problem.B @ gain)
         return [Diagnostic("spectral_radius", "all", radius)]
+
+
+def _moving(linear: SteeringModel) -> Codes:
+    """Rows of sway and yaw, or of yaw alone."""
+    return np.array([linear.dofs.index(dof) for dof in ("sway", "yaw") if dof in linear.dofs])

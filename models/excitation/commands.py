@@ -4,7 +4,7 @@ A piece ends at an instant, or when the heading has changed by an angle from wha
 last piece ended at an instant. It holds an order of one input or force, or steers by feedback:
 
     heading    base + kp (psi_0 + order - psi) - kd r            psi_0 + order: the course wanted
-    rate       kp (order - r) + ki integral of (order - r)       r: the yaw rate
+    rate       kd (order - r) + ki integral of (order - r)       r: the yaw rate
     stop       -Kd nu
     follow     R(psi)' Kp (eta_d - eta) - Kd (nu - nu_d)         eta_d: planned poses
 """
@@ -106,7 +106,7 @@ def _give_command(
         order = min(max(order, gains.low[0]), gains.high[0])
     elif law == RATE:
         error = order - nu[table.yaw]
-        wanted = gains.kp[0] * error + state[3]
+        wanted = gains.kd[0] * error + state[3]
         order = min(max(wanted, gains.low[0]), gains.high[0])
         if order == wanted:  # otherwise the integral would wind up
             state[3] += gains.ki * error

@@ -35,20 +35,23 @@ from seatrial.models.vessel.tuning import FromVessel
 
 @dataclass(frozen=True, kw_only=True)
 class ShipMission(Mission):
-    """A mission of a vessel with inputs, which begins ahead at its approach speed."""
+    """A mission of a vessel with inputs, which begins ahead at its approach speed U."""
 
     input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
     speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
+    length_m: Annotated[Positive, FromVessel("scales.length_m")]
     train_fraction: float = 0.5
+
+    commands_inputs = True
 
     def __post_init__(self) -> None:
         check_ranges(self)
         check_fraction(self.train_fraction)
 
     @property
-    def commands_inputs(self) -> bool:
-        """It commands inputs."""
-        return True
+    def unit_s(self) -> float:
+        """Time to sail one ship length, L / U [s]."""
+        return self.length_m / self.speed_m_s
 
     def start_velocity(self, dofs: tuple[str, ...]) -> Array:
         """The approach speed ahead [m/s], shape (n_dof,)."""
@@ -71,7 +74,11 @@ class SteeredMission(ShipMission):
     approach_s: NotNegative = 0.0
     input_start: Annotated[tuple[float, ...], FromVessel("input_start")]
     input_signs: Annotated[tuple[float, ...], FromVessel("input_signs")]
+    input_low: Annotated[tuple[float, ...], FromVessel("input_low")]
+    input_high: Annotated[tuple[float, ...], FromVessel("input_high")]
     reference_filter: Reference
+
+    open_loop = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -82,11 +89,6 @@ class SteeredMission(ShipMission):
             )
 
     @property
-    def open_loop(self) -> bool:
-        """A manoeuvre has no controller."""
-        return True
-
-    @property
     def index(self) -> int:
         """Position of the helm among the inputs."""
         return self.input_names.index(self.helm)
@@ -94,6 +96,12 @@ class SteeredMission(ShipMission):
     def feedback(self, period_s: float) -> Feedback:
         """The gains of pieces that are steered by heading or yaw rate."""
         return NO_FEEDBACK
+
+    def in_turn(self, orders: Array, law: int, hold_s: float, period_s: float) -> Sequence[Piece]:
+        """Orders of which each is held for a time [s], the last one to the end."""
+        held = max(1, round(hold_s / period_s))
+        pieces = [Piece(float(order), law, held * (i + 1)) for i, order in enumerate(orders)]
+        return [*pieces[:-1], pieces[-1]._replace(until=NEVER)]
 
     def steering(self, dofs: Sequence[str], period_s: float) -> Steering:
         """The approach and the pieces of the manoeuvre, as orders of the helm."""
@@ -144,25 +152,7 @@ class HelmManoeuvre(SteeredMission):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScaledMission(SteeredMission):
-    """A manoeuvre whose times are in L / U of the approach."""
-
-    length_m: Annotated[Positive, FromVessel("scales.length_m")]
-
-    @property
-    def unit_s(self) -> float:
-        """Time to sail one ship length [s]."""
-        return self.length_m / self.speed_m_s
-
-    def in_turn(self, orders: Array, law: int, hold_s: float, period_s: float) -> Sequence[Piece]:
-        """Orders of which each is held for a time [s], the last one to the end."""
-        held = max(1, round(hold_s / period_s))
-        pieces = [Piece(float(order), law, held * (i + 1)) for i, order in enumerate(orders)]
-        return [*pieces[:-1], pieces[-1]._replace(until=NEVER)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScheduledInput(ScaledMission):
+class ScheduledInput(SteeredMission):
     """Values of the input `helm` in turn, each held for `hold_lengths` L / U of the approach.
 
     `spiral` and `stop` hold `values`; the last value is held to the end. `prbs` is a maximum
@@ -175,10 +165,7 @@ class ScheduledInput(ScaledMission):
     values: tuple[float, ...]
     unit: Literal["deg", "start", "range"] = "deg"
     hold_lengths: Positive
-    end_lengths: float = 0.0  # beside the values
     bits: Annotated[int, Ge(2), Le(20)] = 7
-    input_low: Annotated[tuple[float, ...], FromVessel("input_low")]
-    input_high: Annotated[tuple[float, ...], FromVessel("input_high")]
 
     def __post_init__(self) -> None:
         if not self.values or (self.manoeuvre == "prbs" and len(self.values) != 2):
@@ -190,9 +177,9 @@ class ScheduledInput(ScaledMission):
 
     @property
     def duration_s(self) -> float:
-        """Approach, all values, and the end [s]."""
+        """Approach and all values [s]."""
         count = 2**self.bits - 1 if self.manoeuvre == "prbs" else len(self.values)
-        return self.approach_s + (count * self.hold_lengths + self.end_lengths) * self.unit_s
+        return self.approach_s + count * self.hold_lengths * self.unit_s
 
     @property
     def orders(self) -> Array:
@@ -234,7 +221,7 @@ def register(bits: int) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
 
 
 @dataclass(frozen=True, kw_only=True)
-class HelmsmanMission(ScaledMission):
+class HelmsmanMission(SteeredMission):
     """A manoeuvre in which the helm is steered by heading or yaw rate.
 
     The helmsman steers by first-order Nomoto, T r_dot + r = K delta, with both poles at
@@ -251,6 +238,16 @@ class HelmsmanMission(ScaledMission):
         gain, time = self.nomoto_gain[self.index], self.nomoto_time_s[self.index]
         omega = self.bandwidth / self.unit_s
         return time * omega**2 / gain, (2.0 * omega * time - 1.0) / gain
+
+    @property
+    def helm_limits(self) -> tuple[float, float]:
+        """Lowest and highest helm."""
+        return self.input_low[self.index], self.input_high[self.index]
+
+    def feedback(self, period_s: float) -> Feedback:
+        """Control of the heading, and of the rate with the same poles, within the limits."""
+        of_heading, of_rate, low, high = (np.array([x]) for x in (*self.gains, *self.helm_limits))
+        return Feedback(of_heading, of_rate, low, high, period_s * float(of_heading[0]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,11 +276,11 @@ class Williamson(HelmsmanMission):
             Piece(-side * np.pi, HEADING),
         )
 
-    def feedback(self, period_s: float) -> Feedback:
-        """The helmsman's gains, with at most the helm of the turn."""
-        kp, kd = self.gains
-        limit = np.array([abs(float(np.radians(self.helm_deg)))])
-        return Feedback(np.array([kp]), np.array([kd]), -limit, limit)
+    @property
+    def helm_limits(self) -> tuple[float, float]:
+        """The helm of the turn to both sides."""
+        limit = abs(float(np.radians(self.helm_deg)))
+        return -limit, limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -294,8 +291,6 @@ class ReverseSpiral(HelmsmanMission):
     largest_rate: Positive
     count: int
     hold_lengths: Positive
-    input_low: Annotated[tuple[float, ...], FromVessel("input_low")]
-    input_high: Annotated[tuple[float, ...], FromVessel("input_high")]
 
     @property
     def duration_s(self) -> float:
@@ -306,9 +301,3 @@ class ReverseSpiral(HelmsmanMission):
         """The yaw rates in turn."""
         rates = np.linspace(1.0, -1.0, self.count) * self.largest_rate / self.unit_s
         return self.in_turn(rates, RATE, self.hold_lengths * self.unit_s, period_s)
-
-    def feedback(self, period_s: float) -> Feedback:
-        """PI control of the rate, within the limits of the input."""
-        of_heading, of_rate = self.gains
-        low, high = (np.array([each[self.index]]) for each in (self.input_low, self.input_high))
-        return Feedback(np.array([of_rate]), np.zeros(1), low, high, period_s * of_heading)

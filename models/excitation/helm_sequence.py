@@ -7,18 +7,17 @@ are paths of Dubins, an arc at a helm until the heading has changed, then the ne
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.commands import HEADING, HOLD, Feedback, Piece, zigzag
+from seatrial.models.excitation.commands import HEADING, HOLD, Piece, zigzag
 from seatrial.models.excitation.helm import HelmsmanMission
 from seatrial.models.planning.dubins import Arc
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Mask, Split, half
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.tuning import FromVessel
 
 
 @dataclass(frozen=True)
@@ -51,8 +50,6 @@ class HelmSequence(HelmsmanMission):
     steps: tuple[HelmStep, ...]
     start_pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
     expected: Mapping[str, float] | None = None
-    input_low: Annotated[tuple[float, ...], FromVessel("input_low")]
-    input_high: Annotated[tuple[float, ...], FromVessel("input_high")]
 
     def __post_init__(self) -> None:
         if not self.steps:
@@ -92,12 +89,6 @@ class HelmSequence(HelmsmanMission):
                     pieces.append(Piece(step.order, HOLD, until, 2, turned, side))
                 pieces.append(Piece(turn, HEADING, until))
         return [*pieces, Piece(0.0, HEADING)]
-
-    def feedback(self, period_s: float) -> Feedback:
-        """The helmsman's gains, within the limits of the input."""
-        kp, kd = self.gains
-        low, high = (np.array([each[self.index]]) for each in (self.input_low, self.input_high))
-        return Feedback(np.array([kp]), np.array([kd]), low, high)
 
     def split(self, t: Array) -> Split:
         """Training: the steps that say so; testing: the others, or else the second half."""

@@ -172,36 +172,26 @@ def persistence(
 
     `whole` is the experiment that the recording is a part of, if any.
     """
-    x = recording.variables()
-    driven = whole or recording
+    x, driven = recording.variables(), whole or recording
     if driven.inputs is None:
         lines = [spectral_lines(force) for force in driven.tau.T]
     else:  # all inputs act on every degree of freedom
         lines = [sum(spectral_lines(values) for values in driven.inputs.T)] * len(model.dofs)
-    return tuple(_of_dof(count, model, i, x) for i, count in enumerate(lines))
-
-
-def _of_dof(lines: int, model: Vessel, column: int, x: Array) -> Persistence:
-    terms = [term for term, row in zip(model.terms, model.theta, strict=True) if row[column] != 0.0]
-    if not model.forces_known:  # nor is the scale of the coefficients
-        terms = [t for t in each_product_once(terms) if t.name not in model.accelerations]
-    phi = basis.evaluate(terms, x)
-    size = np.linalg.norm(phi, axis=0)
-    excited = size > 0.0
-    names = [term.name for term in terms]
-    excited_names = [name for name, nonzero in zip(names, excited, strict=True) if nonzero]
-    _, values, directions = np.linalg.svd(phi[:, excited] / size[excited], full_matrices=False)
-    rank = int(np.sum(values > LEAST_SINGULAR_VALUE * values[0])) if len(values) else 0
-    groups = [_members(direction, excited_names) for direction in directions[rank:][::-1]]
-    return Persistence(
-        dof=model.dofs[column],
-        terms=tuple(names),
-        unexcited=tuple(name for name, nonzero in zip(names, excited, strict=True) if not nonzero),
-        inseparable=tuple(dict.fromkeys(groups)),
-        condition=float(values[0] / values[-1]) if len(values) and values[-1] > 0.0 else np.inf,
-        rank=rank,
-        lines=lines,
-    )
+    reports = []
+    for dof, own, count in zip(model.dofs, model.theta.T, lines, strict=True):
+        terms = [term for term, value in zip(model.terms, own, strict=True) if value != 0.0]
+        if not model.forces_known:  # nor is the scale of the coefficients
+            terms = [t for t in each_product_once(terms) if t.name not in model.accelerations]
+        names, phi = np.array([term.name for term in terms], dtype=str), basis.evaluate(terms, x)
+        size = np.linalg.norm(phi, axis=0)
+        excited = size > 0.0
+        _, values, ways = np.linalg.svd(phi[:, excited] / size[excited], full_matrices=False)
+        rank = int(np.sum(values > LEAST_SINGULAR_VALUE * values[0])) if len(values) else 0
+        groups = dict.fromkeys(_members(way, names[excited].tolist()) for way in ways[rank:][::-1])
+        condition = float(values[0] / values[-1]) if len(values) and values[-1] > 0.0 else np.inf
+        named = tuple(names.tolist()), tuple(names[~excited].tolist()), tuple(groups)
+        reports.append(Persistence(dof, *named, condition, rank, count))
+    return tuple(reports)
 
 
 def _members(way: Array, names: Sequence[str]) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.models.excitation.commands import Steering
+from seatrial.models.excitation.commands import Command, Steering
 from seatrial.models.excitation.guidance import Reference
 from seatrial.models.excitation.information import (
     Integers,
@@ -33,7 +33,7 @@ from seatrial.models.excitation.information import (
     scaled,
 )
 from seatrial.models.excitation.missions import Length, Mission
-from seatrial.models.excitation.schedule import Gains, Phase, Role, Schedule, check_open
+from seatrial.models.excitation.schedule import Gains, Phase, Role, Schedule
 from seatrial.models.notation import PLANAR
 from seatrial.models.planning.lattice import Corners, Pace, Waters
 from seatrial.models.planning.planner import PlannedPath, PlanningTask, plan
@@ -59,7 +59,8 @@ class Route:
 
     Polygons are lists of (north, east) [m]. `goal` null is the start. `clearance_m` is kept from
     the vessel's reference point; passages are sailed at `speed_m_s` and `turn_rate_rad_s` between
-    poses of a lattice of `cell_m`; after a manoeuvre the vessel rests for `hold_s`.
+    poses of a lattice of `cell_m`, by default the way of 4 s; after a manoeuvre the vessel rests
+    for `hold_s`.
     """
 
     area: Corners | None
@@ -84,28 +85,22 @@ class Route:
         """The area with its obstacles."""
         return Waters(self.area or (), self.obstacles, self.clearance_m)
 
-    @property
-    def cell_size_m(self) -> float:
-        """Size of the lattice's cells [m]: the option, or the way of 4 s."""
-        return 4.0 * self.speed_m_s if self.cell_m is None else self.cell_m
-
-    def plan(self, design: "CandidateSimulations", names: Sequence[str]) -> PlannedPath | None:
-        """The path that sails the named candidates; None without an area.
+    def plan(self, mix: "OptimalDesign", names: Sequence[str]) -> PlannedPath | None:
+        """The path that sails the named candidates of a mix; None without an area.
 
         Raises ConfigurationError with what stands in the way.
         """
         if self.area is None:
             return None
-        pace = Pace(self.speed_m_s, self.turn_rate_rad_s, design.mix.period_s)
         task = PlanningTask(
             waters=self.waters,
-            primitives={name: voyage.log.eta for name, voyage in design.voyages.items()},
+            primitives={name: voyage.log.eta for name, voyage in mix.voyages.items()},
             counts=Counter(names),
             start=_pose(self.start),
             goal=_pose(self.start if self.goal is None else self.goal),
-            cell_m=self.cell_size_m,
-            pace=pace,
-            hold=round(self.hold_s / design.mix.period_s),
+            cell_m=4.0 * self.speed_m_s if self.cell_m is None else self.cell_m,
+            pace=Pace(self.speed_m_s, self.turn_rate_rad_s, mix.period_s),
+            hold=round(self.hold_s / mix.period_s),
         )
         try:
             return plan(task)
@@ -115,30 +110,6 @@ class Route:
 
 def _pose(pose: Pose) -> Array:
     return np.array([pose[0], pose[1], np.radians(pose[2])])
-
-
-def phases_of(
-    path: PlannedPath, design: "CandidateSimulations", held_out: Sequence[str]
-) -> list[Phase]:
-    """What is sailed along a plan, a manoeuvre with the simulated force; all poses are followed.
-
-    Of each candidate the last ones are held out for testing.
-    """
-    remaining = Counter(leg.name for leg in path.legs if leg.informative)
-    phases: list[Phase] = []
-    for leg in path.legs:
-        first = 0
-        if leg.informative:
-            testing = remaining[leg.name] <= held_out.count(leg.name)
-            remaining[leg.name] -= 1
-            force = design.voyages[leg.name].log.tau
-            for phase in design.sub_experiment(leg.name, "testing" if testing else "training"):
-                here = slice(first, first + phase.count)
-                phases.append(replace(phase, poses=leg.poses[here], force=force[here]))
-                first = here.stop
-        rest = leg.poses[first:]
-        phases.append(Phase(leg.name, "passage", len(rest), poses=rest))
-    return phases
 
 
 @dataclass(frozen=True)
@@ -158,91 +129,6 @@ class UncertainModel:
         rng = np.random.default_rng(self.seed)
         factors = rng.uniform(1.0 - self.error, 1.0 + self.error, nominal.theta.shape)
         return replace(nominal, theta=nominal.theta * factors)
-
-
-@dataclass(frozen=True, eq=False)
-class CandidateSimulations:
-    """Simulations of the candidates of a mix with the nominal model, and their information."""
-
-    mix: "OptimalDesign"
-    plant: Plant  # the nominal model with the vessel's thrusters and limits
-
-    @cached_property
-    def terms(self) -> tuple[Term, ...]:
-        """The terms of the nominal model and those beside them."""
-        own = self.mix.vessel.nominal().terms
-        return own + tuple(one for one in basis.terms(self.mix.extra_terms) if one not in own)
-
-    @property
-    def counts_of_parts(self) -> tuple[int, int]:
-        """Instants of a candidate, and of the stop that brings the vessel to rest."""
-        scale = self.mix.time_scale / self.mix.period_s
-        return max(2, round(self.mix.length_s * scale)), max(2, round(self.mix.stop_s * scale))
-
-    def sub_experiment(self, name: str, role: Role) -> list[Phase]:
-        """A candidate, followed by its stop; repeated calls give equal forces."""
-        mission, dofs, period_s = self.mix.candidates[name], self.mix.vessel.dofs, self.mix.period_s
-        count, stop = self.counts_of_parts
-        t = period_s * np.arange(count, dtype=np.float64)
-        rng = np.random.default_rng(list(self.mix.candidates).index(name))
-        force, pieces = mission.force(t, dofs, rng), mission.pieces(period_s)
-        manoeuvre = Phase(name, "manoeuvre", count, role, force, pieces)
-        return [manoeuvre, Phase(name, "stop", stop)]
-
-    def voyage(self, name: str) -> Voyage:
-        """Simulate a candidate and its stop in calm water, from rest at the origin."""
-        period_s = self.mix.period_s
-        plan = Schedule(self.sub_experiment(name, "training"), period_s)
-        still = np.zeros((len(plan), len(self.mix.vessel.dofs)))
-        try:
-            return sail(
-                self.plant, Weather(still, still, still, still), (Timetable(still), np.zeros(1)),
-                self.mix.reference_filter.table(period_s),
-                plan.steering(self.mix.feedback, self.mix.limits), still[0], period_s,
-                min(STEP_S, period_s), added=plan.force(),
-            )  # fmt: skip
-        except (Diverged, ConfigurationError) as error:
-            raise ConfigurationError(
-                f"excitation.candidates.{name}: simulation of the nominal model failed: {error}"
-            ) from error
-
-    @cached_property
-    def voyages(self) -> dict[str, Voyage]:
-        """The simulation of every candidate with the nominal model."""
-        return {name: self.voyage(name) for name in self.mix.candidates}
-
-    @cached_property
-    def gammas(self) -> Array:
-        """Scaled information of every candidate without its stop, shape (Q, n, n)."""
-        matrices, (count, _) = [], self.counts_of_parts
-        for voyage in self.voyages.values():
-            nu_dot, nu = voyage.log.nu_dot[:count], voyage.log.nu[:count]
-            attitude = np.zeros((count, 3))
-            attitude[:, 2] = voyage.log.eta[:count, 2]
-            x = basis.variables(nu_dot, nu, attitude, voyage.dofs)
-            matrices.append(information(basis.evaluate(self.terms, x)))
-        return scaled(np.array(matrices))
-
-    @cached_property
-    def weights(self) -> Weights:
-        """The optimal shares of the candidates."""
-        return optimal(self.gammas, [term.name for term in self.terms])
-
-    def counts(self, total: int) -> Integers:
-        """The optimal mix in whole sub-experiments, shape (Q,)."""
-        counts = largest_remainder(self.weights.share, total)
-        terms = [term.name for term in self.terms]
-        names = inseparable(np.tensordot(counts / total, self.gammas, axes=1), terms)
-        if names:
-            raise ConfigurationError(
-                f"excitation.sub_experiments: {total} of the optimal mix do not separate "
-                f"{', '.join(names)}, expected more"
-            )
-        return counts
-
-    def log_det(self, counts: Array | Integers) -> float:
-        """log det of the mean information of a mix; -inf where it is singular."""
-        return log_det(self.gammas, np.asarray(counts, dtype=np.float64) / float(np.sum(counts)))
 
 
 @dataclass(frozen=True)
@@ -268,12 +154,13 @@ class OptimalDesign(Mission):
     time_scale: Annotated[Positive, FromVessel("tuning.excitation.time_scale")]
     vessel: VesselParameters
     nominal: UncertainModel
-    extra_terms: tuple[str, ...]  # that the mix is to tell apart, beside the vessel's own
     feedback: Gains
     route: Route
     reference_filter: Reference
     period_s: Positive
     expected: Mapping[str, float] | None = None
+
+    open_loop = True  # the vessel is stopped by feedback of the mission's own
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -288,18 +175,11 @@ class OptimalDesign(Mission):
                 f"held_out: got {unknown[0] if unknown else 'none'}, expected some of "
                 f"{', '.join(self.candidates)}"
             )
-        basis.terms(self.extra_terms)
-
-    @property
-    def open_loop(self) -> bool:
-        """No controller of the trial takes part; the vessel is stopped by feedback of its own."""
-        return True
 
     @cached_property
-    def information(self) -> CandidateSimulations:
-        """Simulations of the candidates with the nominal model."""
-        nominal = self.nominal.model(self.vessel.nominal())
-        return CandidateSimulations(self, self.vessel.plant(nominal))
+    def plant(self) -> Plant:
+        """The nominal model with the vessel's thrusters and limits."""
+        return self.vessel.plant(self.nominal.model(self.vessel.nominal()))
 
     @property
     def limits(self) -> Array:
@@ -307,13 +187,83 @@ class OptimalDesign(Mission):
         known = self.vessel.limits_by_dof
         return np.array([known.get(dof, np.inf) for dof in self.vessel.dofs])
 
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The terms of the nominal model."""
+        return self.plant.vessel.terms
+
+    @property
+    def counts_of_parts(self) -> tuple[int, int]:
+        """Instants of a candidate, and of the stop that brings the vessel to rest."""
+        scale = self.time_scale / self.period_s
+        return max(2, round(self.length_s * scale)), max(2, round(self.stop_s * scale))
+
+    def sub_experiment(self, name: str, role: Role) -> list[Phase]:
+        """A candidate, followed by its stop; repeated calls give equal forces."""
+        mission, dofs, period_s = self.candidates[name], self.vessel.dofs, self.period_s
+        count, stop = self.counts_of_parts
+        t = period_s * np.arange(count, dtype=np.float64)
+        rng = np.random.default_rng(list(self.candidates).index(name))
+        force, pieces = mission.force(t, dofs, rng), mission.pieces(period_s)
+        manoeuvre = Phase(name, "manoeuvre", count, role, force, pieces)
+        return [manoeuvre, Phase(name, "stop", stop)]
+
+    def voyage(self, name: str) -> Voyage:
+        """Simulate a candidate and its stop in calm water, from rest at the origin."""
+        period_s = self.period_s
+        plan = Schedule(self.sub_experiment(name, "training"), period_s)
+        still = np.zeros((len(plan), len(self.vessel.dofs)))
+        try:
+            return sail(
+                self.plant, Weather(still, still, still, still), (Timetable(still), np.zeros(1)),
+                self.reference_filter.table(period_s),
+                plan.steering(self.feedback, self.limits), still[0], period_s,
+                min(STEP_S, period_s), added=plan.force(),
+            )  # fmt: skip
+        except (Diverged, ConfigurationError) as error:
+            raise ConfigurationError(
+                f"excitation.candidates.{name}: simulation of the nominal model failed: {error}"
+            ) from error
+
+    @cached_property
+    def voyages(self) -> dict[str, Voyage]:
+        """The simulation of every candidate with the nominal model."""
+        return {name: self.voyage(name) for name in self.candidates}
+
+    @cached_property
+    def gammas(self) -> Array:
+        """Scaled information of every candidate without its stop, shape (Q, n, n)."""
+        matrices, (count, _) = [], self.counts_of_parts
+        for voyage in self.voyages.values():
+            nu_dot, nu = voyage.log.nu_dot[:count], voyage.log.nu[:count]
+            attitude = np.zeros((count, 3))
+            attitude[:, 2] = voyage.log.eta[:count, 2]
+            x = basis.variables(nu_dot, nu, attitude, voyage.dofs)
+            matrices.append(information(basis.evaluate(self.terms, x)))
+        return scaled(np.array(matrices))
+
+    @cached_property
+    def weights(self) -> Weights:
+        """The optimal shares of the candidates."""
+        return optimal(self.gammas, [term.name for term in self.terms])
+
+    def log_det(self, counts: Array | Integers) -> float:
+        """log det of the mean information of a mix; -inf where it is singular."""
+        return log_det(self.gammas, np.asarray(counts, dtype=np.float64) / float(np.sum(counts)))
+
     @cached_property
     def counts(self) -> dict[str, int]:
         """Sub-experiments of every candidate in the mix, without those held out."""
         if self.design == "each":
             return dict.fromkeys(self.candidates, 1)
         if self.design == "optimal":
-            counts = self.information.counts(self.sub_experiments)
+            counts = largest_remainder(self.weights.share, self.sub_experiments)
+            terms, share = [term.name for term in self.terms], counts / self.sub_experiments
+            if names := inseparable(np.tensordot(share, self.gammas, axes=1), terms):
+                raise ConfigurationError(
+                    f"excitation.sub_experiments: {self.sub_experiments} of the optimal mix do not "
+                    f"separate {', '.join(names)}, expected more"
+                )
         else:
             pool = np.repeat(np.arange(len(self.candidates)), self.repeats)
             rng = np.random.default_rng(self.draw_seed)
@@ -324,7 +274,7 @@ class OptimalDesign(Mission):
     @cached_property
     def plan(self) -> PlannedPath | None:
         """The path of the manoeuvres through the area; None where there is none."""
-        return self.route.plan(self.information, self._to_be_sailed)
+        return self.route.plan(self, self._to_be_sailed)
 
     @property
     def _to_be_sailed(self) -> list[str]:
@@ -333,14 +283,30 @@ class OptimalDesign(Mission):
 
     @cached_property
     def schedule(self) -> Schedule:
-        """The mix and then what is held out; along a plan, of each candidate the last."""
-        if self.plan is not None:
-            phases = phases_of(self.plan, self.information, self.held_out)
-            return Schedule(phases, self.period_s)
-        names, trained = self._to_be_sailed, sum(self.counts.values())
-        roles: list[Role] = ["training" if i < trained else "testing" for i in range(len(names))]
-        each = map(self.information.sub_experiment, names, roles)
-        return Schedule([phase for pair in each for phase in pair], self.period_s)
+        """The mix and what is held out, of each candidate the last.
+
+        On a plan a manoeuvre has the simulated force, and all poses are followed.
+        """
+        names = self._to_be_sailed
+        remaining, phases = Counter(names), list[Phase]()
+
+        def sailed(name: str) -> list[Phase]:
+            testing = remaining[name] <= self.held_out.count(name)
+            remaining[name] -= 1
+            return self.sub_experiment(name, "testing" if testing else "training")
+
+        if self.plan is None:
+            return Schedule([phase for name in names for phase in sailed(name)], self.period_s)
+        for leg in self.plan.legs:
+            first = 0
+            for phase in sailed(leg.name) if leg.informative else ():
+                force = self.voyages[leg.name].log.tau
+                here = slice(first, first + phase.count)
+                phases.append(replace(phase, poses=leg.poses[here], force=force[here]))
+                first = here.stop
+            rest = leg.poses[first:]
+            phases.append(Phase(leg.name, "passage", len(rest), poses=rest))
+        return Schedule(phases, self.period_s)
 
     @property
     def start(self) -> Array:
@@ -389,7 +355,15 @@ class OptimalDesign(Mission):
                 f"{', '.join(dofs)}"
             )
         for name, candidate in self.candidates.items():
-            check_open(name, candidate, dofs, self.period_s)
+            candidate.check(dofs)
+            steered = candidate.steering(dofs, self.period_s)
+            step = None if steered is None else steered[0]
+            forced = isinstance(step, Command) and not len(step.feedback.kp)
+            if candidate.commands_inputs or not forced:
+                raise ConfigurationError(
+                    f"excitation.candidates.{name}: is sailed by a controller, expected an open "
+                    "loop"
+                )
         if len(self.feedback.kp) != 3 or len(self.feedback.kd) != 3:
             raise ConfigurationError(
                 f"excitation.feedback: got {len(self.feedback.kp)} and {len(self.feedback.kd)} "

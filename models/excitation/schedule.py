@@ -11,20 +11,17 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.commands import (
     FOLLOW,
     HOLD,
     NEVER,
     STOP,
-    Command,
     Feedback,
     Piece,
     Steering,
     body_velocities,
     command,
 )
-from seatrial.models.excitation.missions import Mission
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording.recording import Mask
@@ -99,14 +96,3 @@ class Schedule:
         feedback = Feedback(np.array(gains.kp), np.array(gains.kd), -limits, limits)
         yaw = PLANAR.index("yaw")
         return command(pieces, np.zeros(3), yaw, yaw, feedback, poses, velocities)
-
-
-def check_open(name: str, manoeuvre: Mission, dofs: Sequence[str], period_s: float) -> None:
-    """Raise ConfigurationError for a candidate that requires a controller."""
-    manoeuvre.check(dofs)
-    steered = manoeuvre.steering(dofs, period_s)
-    step = None if steered is None else steered[0]
-    if manoeuvre.commands_inputs or not isinstance(step, Command) or len(step.feedback.kp):
-        raise ConfigurationError(
-            f"excitation.candidates.{name}: is sailed by a controller, expected an open loop"
-        )

@@ -22,42 +22,21 @@ from seatrial.models.excitation.guidance import Reference, ReferenceFilter, chec
 from seatrial.models.excitation.helm import ShipMission
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import NotNegative, Positive
-from seatrial.models.simulation.registry import GUIDANCE, REFERENCES, FilterTable, step_filter
+from seatrial.models.simulation.registry import GUIDANCE, FilterTable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap_kernel
 from seatrial.models.vessel.tuning import FromVessel
 
 
-class HeadingFilter(NamedTuple):
-    """The reference filter of the heading; the other set-points are the reference."""
-
-    yaw: int
-    filter: FilterTable
-
-
-@lean_kernel
-def _filter_heading(table: HeadingFilter, state: Array, setpoint: Array) -> None:
-    step_filter(table.filter, state, setpoint)
-    for i in range(state.shape[0]):
-        if i != table.yaw:
-            state[i, 0], state[i, 1], state[i, 2] = setpoint[i], 0.0, 0.0
-
-
-REFERENCES[HeadingFilter] = _filter_heading
-
-
 @dataclass(frozen=True)
-class HeadingReference(Reference):
-    """The third-order filter of `ReferenceFilter` for the heading alone."""
+class HeadingReference(ReferenceFilter):
+    """The filter of the heading alone; the other set-points are the reference."""
 
-    bandwidth_rad_s: Positive
-    damping: Positive
     yaw: int
 
-    def table(self, period_s: float) -> HeadingFilter:
+    def table(self, period_s: float) -> FilterTable:
         """Exact zero-order-hold discretisation for a control period [s]."""
-        filtered = ReferenceFilter(self.bandwidth_rad_s, self.damping).table(period_s)
-        return HeadingFilter(self.yaw, filtered)
+        return super().table(period_s)._replace(axis=self.yaw)
 
 
 class Courses(NamedTuple):
@@ -133,14 +112,8 @@ class SteeredClosedLoop(ShipMission):
     bandwidth: Positive
     damping: Positive = 1.0
     dofs: Annotated[tuple[str, ...], FromVessel("dofs")]
-    length_m: Annotated[Positive, FromVessel("scales.length_m")]
 
     needed: ClassVar[tuple[str, ...]] = PLANAR  # degrees of freedom
-
-    @property
-    def unit_s(self) -> float:
-        """Time to sail one ship length [s]."""
-        return self.length_m / self.speed_m_s
 
     @property
     def yaw(self) -> int:
@@ -198,7 +171,6 @@ class PathFollowing(SteeredClosedLoop):
     radius: Positive
     ahead: Positive
     sigma: NotNegative
-    end_lengths: NotNegative = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -206,9 +178,9 @@ class PathFollowing(SteeredClosedLoop):
 
     @property
     def duration_s(self) -> float:
-        """Time along all legs at the approach speed, and the end [s]."""
+        """Time along all legs at the approach speed [s]."""
         legs = np.hypot(*np.diff(np.array(self.waypoints, dtype=np.float64), axis=0).T)
-        return float(np.sum(legs) + self.end_lengths) * self.unit_s
+        return float(np.sum(legs)) * self.unit_s
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The line of sight; the last leg is followed beyond its end."""

@@ -20,21 +20,20 @@ of control instants. Ljungberg (slides), "Obtaining an experiment trajectory"; H
 Raphael (1968).
 """
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import in_body, in_ned
+from seatrial.models.vessel.kinematics import in_ned
 
 if TYPE_CHECKING:
     import shapely
@@ -55,51 +54,41 @@ class Moves(NamedTuple):
     dj: Integers
     to: Integers  # (P, H) final heading
     cost: Integers  # (P, H) control instants
+    size: Integers  # (P,) count of an informative primitive plus one; 1 for a basic one
     stride: Integers  # (P,) of its counter in the index of the counts; 0 for a basic primitive
     valid: NDArray[np.bool_]  # (P, H, I, J) whether the path from the cell is clear
 
 
-@kernel
 def relaxed(moves: Moves, free: NDArray[np.bool_], goal: int) -> Integers:
     """Instants from every place to the goal, by Dijkstra's method, shape (H, I, J).
 
     Primitives that are `free` (P,) have no cost and may be used any number of times.
     """
-    n_p, n_h, n_i, n_j = moves.valid.shape
-    best = np.full(n_h * n_i * n_j, UNREACHED)
-    done = np.zeros(n_h * n_i * n_j, dtype=np.bool_)
-    best[goal] = 0
-    heap = [(np.int64(0), np.int64(goal))]
-    while len(heap) > 0:
-        cost, s = heappop(heap)
-        if done[s]:
-            continue
-        done[s] = True
-        h, i, j = s // (n_i * n_j), s // n_j % n_i, s % n_j
-        for p in range(n_p):
-            for a in range(n_h):
-                k, m = i - moves.di[p, a], j - moves.dj[p, a]
-                if moves.to[p, a] != h or k < 0 or m < 0 or k >= n_i or m >= n_j:
-                    continue
-                t = (a * n_i + k) * n_j + m
-                total = cost + (np.int64(0) if free[p] else moves.cost[p, a])
-                if moves.valid[p, a, k, m] and total < best[t]:
-                    best[t] = total
-                    heappush(heap, (total, np.int64(t)))
-    return best.reshape((n_h, n_i, n_j))
+    p, h, i, j = np.nonzero(moves.valid)
+    shape = moves.valid.shape[1:]
+    count = int(np.prod(shape))
+    start = np.ravel_multi_index((h, i, j), shape)
+    end = np.ravel_multi_index((moves.to[p, h], i + moves.di[p, h], j + moves.dj[p, h]), shape)
+    cost = np.where(free[p], 0, moves.cost[p, h])
+    order = np.argsort(cost)  # of several from place to place the cheapest counts
+    back, first = np.unique((end * count + start)[order], return_index=True)
+    graph = scipy.sparse.csr_array((cost[order][first], divmod(back, count)), (count, count))
+    instants = scipy.sparse.csgraph.dijkstra(graph, indices=goal)
+    instants[np.isinf(instants)] = UNREACHED
+    return np.asarray(instants.reshape(shape), dtype=np.int64)
 
 
 @kernel
 def shortest(
-    moves: Moves, sizes: Integers, left: Integers, ahead: Integers, start: int, goal: int
+    moves: Moves, left: Integers, ahead: Integers, start: int, goal: int
 ) -> tuple[Integers, int]:
     """Primitives of the path of least cost, and the cost [instants]; empty and -1 if none exists.
 
-    `start` and `goal` are places, h I J + i J + j; the path uses all counts. `sizes` (P,) is the
-    count of an informative primitive plus one. The cost to go is at least that of the remaining
-    manoeuvres, `left` (C,) by their counts, and of the passages if manoeuvres had no cost and no
-    limit, `ahead` (H, I, J) by place; this bound is consistent, so no state is expanded twice. Of
-    several paths of equal cost the one that was reached first is returned.
+    `start` and `goal` are places, h I J + i J + j; the path uses all counts. The cost to go is at
+    least that of the remaining manoeuvres, `left` (C,) by their counts, and of the passages if
+    manoeuvres had no cost and no limit, `ahead` (H, I, J) by place; this bound is consistent, so no
+    state is expanded twice. Of several paths of equal cost the one that was reached first is
+    returned.
     """
     n_p, n_h, n_i, n_j = moves.valid.shape
     places = n_h * n_i * n_j
@@ -126,7 +115,7 @@ def shortest(
         h, i, j = place // (n_i * n_j), place // n_j % n_i, place % n_j
         for p in range(n_p):
             stride = moves.stride[p]
-            if not moves.valid[p, h, i, j] or (stride > 0 and c // stride % sizes[p] == 0):
+            if not moves.valid[p, h, i, j] or (stride > 0 and c // stride % moves.size[p] == 0):
                 continue
             k, m, b = i + moves.di[p, h], j + moves.dj[p, h], moves.to[p, h]
             if ahead[b, k, m] >= UNREACHED:
@@ -159,7 +148,7 @@ class Waters:
                 raise ConfigurationError(
                     f"{name}: expected at least three corners, each (north, east)"
                 )
-            if not _polygon(corners).is_valid:
+            if not shapely.Polygon(corners).is_valid:
                 raise ConfigurationError(f"{name}: the polygon crosses or touches itself")
 
     @property
@@ -172,41 +161,35 @@ class Waters:
     def free(self, margin_m: float = 0.0) -> "shapely.Geometry":
         """The positions with the clearance and a margin [m], as a shapely geometry."""
         distance = (self.clearance_m + margin_m) * OUTSIDE
-        area = shapely.buffer(_polygon(self.area), -distance, quad_segs=QUARTER)
-        occupied = shapely.buffer([*map(_polygon, self.obstacles)], distance, quad_segs=QUARTER)
-        free = shapely.difference(area, shapely.union_all(occupied)) if self.obstacles else area
+        area = shapely.buffer(shapely.Polygon(self.area), -distance, quad_segs=QUARTER)
+        solid = [*map(shapely.Polygon, self.obstacles)]
+        occupied = shapely.union_all(shapely.buffer(solid, distance, quad_segs=QUARTER))
+        free = shapely.difference(area, occupied)
         shapely.prepare(free)
         return free
 
     def in_the_way(self, point: Sequence[float]) -> str | None:
         """Why a vessel cannot be at a point (north, east) [m], in words; None if it can."""
-        at, area = shapely.Point(point[0], point[1]), _polygon(self.area)
+        at, (area, *solid) = shapely.Point(point), map(shapely.Polygon, self.named.values())
         if not area.contains(at):
             return "it lies outside area"
         if self.free().covers(at):
             return None
-        gaps = {f"obstacles[{i}]": _polygon(c).distance(at) for i, c in enumerate(self.obstacles)}
-        gaps["the edge of area"] = area.exterior.distance(at)
-        nearest = min(gaps, key=lambda name: gaps[name])
+        gaps = [area.exterior.distance(at), *(obstacle.distance(at) for obstacle in solid)]
+        nearest = int(np.argmin(gaps))
+        name = ["the edge of area", *self.named][nearest + (nearest > 0)]
         if gaps[nearest] <= 0.0:
-            return f"it lies inside {nearest}"
+            return f"it lies inside {name}"
         return (
-            f"it is {gaps[nearest]:.3g} m from {nearest}, expected at least the clearance_m of "
+            f"it is {gaps[nearest]:.3g} m from {name}, expected at least the clearance_m of "
             f"{self.clearance_m:g}"
         )
 
     def distance(self, points: Array) -> Array:
         """Distance [m], (N,), of points (N, 2) to the nearest obstacle or edge; 0 if not free."""
-        area = _polygon(self.area)
-        at = shapely.points(points)
-        occupied = shapely.union_all([_polygon(corners) for corners in self.obstacles])
-        edge = np.where(shapely.covers(area, at), shapely.distance(area.exterior, at), 0.0)
-        obstacle = shapely.distance(occupied, at) if self.obstacles else edge
-        return np.asarray(np.minimum(edge, obstacle))
-
-
-def _polygon(corners: Corners) -> "shapely.Polygon":
-    return shapely.Polygon(corners)
+        area, *solid = map(shapely.Polygon, self.named.values())
+        at, free = shapely.points(points), shapely.difference(area, shapely.union_all(solid))
+        return np.where(shapely.covers(free, at), shapely.distance(free.boundary, at), 0.0)
 
 
 def simplified(path: Array, tolerance_m: float) -> Array:
@@ -233,9 +216,6 @@ HEADINGS = 8
 HEADING_STEP = 2.0 * np.pi / HEADINGS
 ARC = 1.0 + np.sqrt(2.0)  # radius, in cells
 RUN = np.sqrt(2.0) - 1.0  # straight line between an arc and a pose of the lattice, in cells
-STRAY = 0.02  # tolerance of path simplification, in cells; added to the clearance
-MOST_CELLS = 250_000
-AT_ONCE = 20_000  # paths tested in one call
 
 
 @dataclass(frozen=True)
@@ -301,106 +281,3 @@ def closed(free: Array, heading: int, cell_m: float, pace: Pace, hold: int) -> A
     path = turned(free, heading * HEADING_STEP)
     end = nearest(path[-1], cell_m) * np.array([cell_m, cell_m, HEADING_STEP])
     return np.vstack([path, pace.line(path[-1], end), np.tile(end, (hold, 1))])
-
-
-@dataclass(frozen=True, eq=False)
-class Lattice:
-    """I x J cells of `cell_m` about the pose `anchor` (north, east, heading) [m, m, rad].
-
-    A place is (heading, row, column); it has a number, h I J + i J + j.
-    """
-
-    anchor: Array
-    cell_m: float
-    first: Integers  # (2,) cell of the first row and column, counted from the anchor
-    shape: tuple[int, int]
-
-    @classmethod
-    def over(cls, waters: Waters, anchor: Array, cell_m: float) -> "Lattice":
-        """The lattice that covers an area."""
-        ends = np.transpose([np.min(waters.area, axis=0), np.max(waters.area, axis=0)])
-        corners = np.stack(np.meshgrid(*ends), axis=-1).reshape(-1, 2)
-        corners_m = in_body(corners - anchor[:2], anchor[2]) / cell_m
-        low, high = np.ceil(corners_m.min(axis=0)), np.floor(corners_m.max(axis=0))
-        shape = (int(high[0] - low[0] + 1), int(high[1] - low[1] + 1))
-        if shape[0] * shape[1] > MOST_CELLS:
-            raise ConfigurationError(
-                f"cell_m: got {cell_m:g} m, which divides the area into {shape[0]} x {shape[1]} "
-                f"cells, expected at most {MOST_CELLS} cells"
-            )
-        return cls(anchor, cell_m, low.astype(np.int64), shape)
-
-    def nearest(self, pose: Array) -> tuple[int, int, int]:
-        """The place nearest to a pose (3,) [m, m, rad]."""
-        ahead = in_body(pose[:2] - self.anchor[:2], self.anchor[2])
-        *cell, h = nearest(np.array([*ahead, pose[2] - self.anchor[2]]), self.cell_m)
-        row, column = cell - self.first
-        return int(h) % HEADINGS, int(row), int(column)
-
-    def number(self, place: tuple[int, int, int]) -> int:
-        """Number of a place."""
-        return int(np.ravel_multi_index(place, (HEADINGS, *self.shape)))
-
-    def pose(self, h: int, row: int, column: int) -> Array:
-        """The pose (north, east, heading) [m, m, rad] of a place."""
-        return np.array([*self.centres[row, column], self.anchor[2] + h * HEADING_STEP])
-
-    @cached_property
-    def centres(self) -> Array:
-        """Positions of the cell centres in NED [m], shape (I, J, 2)."""
-        cells = np.moveaxis(np.indices(self.shape), 0, -1) + self.first
-        relative = np.asarray(self.cell_m * cells, dtype=np.float64)
-        return np.asarray(self.anchor[:2] + in_ned(relative, self.anchor[2]))
-
-
-class Placed(NamedTuple):
-    """P primitives from every heading on a lattice: names, paths, and moves between its places."""
-
-    names: tuple[str, ...]
-    paths: tuple[tuple[Array, ...], ...]  # P x H, (N, 3) in the frame of the lattice, absolute
-    moves: Moves
-
-
-def placed(
-    lattice: Lattice, waters: Waters, informative: Mapping[str, Array], counts: Sequence[int],
-    pace: Pace, hold: int,
-) -> Placed:  # fmt: skip
-    """The informative primitives with their counts, followed by the basic ones, on a lattice."""
-    cell_m = lattice.cell_m
-    by_heading = [
-        {name: closed(path, h, cell_m, pace, hold) for name, path in informative.items()}
-        | {name: turned(path, h * HEADING_STEP) for name, path in basic(h, cell_m, pace).items()}
-        for h in range(HEADINGS)
-    ]
-    paths = tuple(zip(*(row.values() for row in by_heading), strict=True))
-    ends = nearest(np.array([[path[-1] for path in row] for row in paths]), cell_m)
-    margin = STRAY * cell_m
-    free = waters.free(margin)
-    stride = np.zeros(len(paths), dtype=np.int64)
-    stride[: len(counts)] = [math.prod(n + 1 for n in counts[q + 1 :]) for q in range(len(counts))]
-    moves = Moves(
-        di=ends[..., 0].copy(),
-        dj=ends[..., 1].copy(),
-        to=ends[..., 2] % HEADINGS,
-        cost=np.array([[len(path) for path in row] for row in paths], dtype=np.int64),
-        stride=stride,
-        valid=np.array([[_valid(lattice, free, path, margin) for path in row] for row in paths]),
-    )
-    return Placed(tuple(by_heading[0]), paths, moves)
-
-
-def _valid(
-    lattice: Lattice, free: "shapely.Geometry", path: Array, margin: float
-) -> NDArray[np.bool_]:
-    """Whether a path from each cell is clear and ends on the lattice, shape (I, J)."""
-    ends = np.moveaxis(np.indices(lattice.shape), 0, -1) + nearest(path[-1], lattice.cell_m)[:2]
-    inner = np.asarray(np.all((ends >= 0) & (ends < lattice.shape), axis=-1))
-    centres = lattice.centres
-    track = np.vstack([np.zeros((1, 2)), path[:, :2]])
-    corners = in_ned(simplified(track, margin), lattice.anchor[2])
-    for corner in corners:  # a cheap test that excludes most cells
-        inner[inner] = inside(free, centres[inner] + corner)
-    cells = np.flatnonzero(inner)
-    for block in np.split(cells, range(AT_ONCE, len(cells), AT_ONCE)):
-        inner.ravel()[block] = clear(free, corners, centres.reshape(-1, 2)[block])
-    return inner

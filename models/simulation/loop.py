@@ -29,9 +29,8 @@ from seatrial.models.simulation.registry import (
     reference_step,
 )
 from seatrial.models.simulation.voyage import ALLOTTED, COMMANDED, Log, Voyage
-from seatrial.models.vessel.allocation import ALLOCATIONS, Direct, allocate_step
+from seatrial.models.vessel.allocation import ALLOCATIONS, DeviceAllocation, Direct, allocate_step
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.device_allocation import DeviceAllocation
 from seatrial.models.vessel.kinematics import reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.plant_table import PlantTable

@@ -1,8 +1,7 @@
 """Measures of standard manoeuvres, of simulated and recorded motion.
 
 A manoeuvre is executed when the helm has passed half of its first step: in a recording that
-instant is found without knowing the order. The alternative is the `order`, when the helm leaves its
-last value. Signals are linear between samples, extremes those of a
+instant is found without knowing the order. Signals are linear between samples, extremes those of a
 parabola through three samples. The measures have the names of `notation.MEASURES`, with their
 units: lengths in ship lengths from the position and course at the execution, angles in degrees.
 What was not reached is NaN.
@@ -19,7 +18,6 @@ Fossen (2021), section 15.1.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 import scipy
@@ -28,7 +26,6 @@ from seatrial.models.errors import RecordingError
 from seatrial.models.recording.smoothing import MAX_CUTOFF, SIGNALS, lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
 
-Execution = Literal["half", "order"]
 Measures = dict[str, float]
 LEFT = 0.05  # share of a step at which the helm has left its value
 RESTING_SHARE = 0.1  # of its fastest motion, the helm is at rest below
@@ -113,25 +110,24 @@ class TrackNoise:
         return track.having(noisy)
 
 
-def executions(track: Track, kind: Execution = "half") -> Array:
-    """Instants [s] of the steps of the helm.
+def executions(track: Track) -> tuple[Array, Array]:
+    """Instants [s] of the steps of the helm: at half of each, and where it leaves its last value.
 
     Raises RecordingError if the helm does not move.
     """
-    times = []
+    times, orders = [], []
     for (_, start), (k, end) in pairwise(levels(track.helm)):
         if start == end:  # of a random helm, that rests on both sides at the same angle
             continue
         progress = (track.helm - start) / (end - start)
         half = crossing(track.t, progress - 0.5, k)
-        if kind == "order":  # where the line through both instants begins
-            before = np.flatnonzero(progress[: k + 1] < LEFT)
-            left = crossing(track.t, progress - LEFT, int(before[-1]) + 1 if len(before) else k)
-            half = left - (half - left) * LEFT / (0.5 - LEFT)
+        before = np.flatnonzero(progress[: k + 1] < LEFT)
+        left = crossing(track.t, progress - LEFT, int(before[-1]) + 1 if len(before) else k)
         times.append(half)
+        orders.append(left - (half - left) * LEFT / (0.5 - LEFT))  # on the line through both
     if not times:
         raise RecordingError("manoeuvre: the helm does not move, expected at least one step")
-    return np.array(times)
+    return np.array(times), np.array(orders)
 
 
 def levels(helm: Array) -> list[tuple[int, float]]:
@@ -191,14 +187,13 @@ def _reached(track: Track, angle: float, since_s: float) -> float:
     return crossing(track.t, change, int(inside[0])) if len(inside) else np.nan
 
 
-def turn(track: Track, execution: Execution = "half") -> Measures:
+def turn(track: Track) -> Measures:
     """Measures of a turning circle, whose steady values are those of the last half turn.
 
     The drift angle is positive, the bow points into the circle. There is a residual yaw rate after
     a pull-out only: over the last quarter of the time after it.
     """
-    steps = executions(track, execution)
-    start, pull_out = float(steps[0]), float(steps[1]) if len(steps) > 1 else np.inf
+    start, pull_out = map(float, [*executions(track)[0], np.inf][:2])
     ahead, aside = way_from(track, start)
     tenth, quarter, half = (_reached(track, np.radians(a), start) for a in (10.0, 90.0, 180.0))
     change = np.abs(track.psi - track.at(track.psi, start))
@@ -235,10 +230,7 @@ ORDINALS = ("first", "second", "third", "fourth")  # overshoots of a zig-zag tha
 
 
 def zigzag(
-    track: Track,
-    execution: Execution = "half",
-    turn_deg: float | None = None,
-    ordered_deg: float | None = None,
+    track: Track, turn_deg: float | None = None, ordered_deg: float | None = None
 ) -> Measures:
     """Measures of a zig-zag.
 
@@ -252,7 +244,7 @@ def zigzag(
     the helm, if it is as near as an order between two samples can tell, else the nearest whole
     number, unless `ordered_deg` states it.
     """
-    times, orders = executions(track, execution), executions(track, "order")
+    times, orders = executions(track)
     start, helm = float(times[0]), float(np.degrees(levels(track.helm)[1][1]))
     switched = np.interp(orders[1:], track.t, track.psi)
     course, deviation = track.at(track.psi, start), 0.0
@@ -294,13 +286,13 @@ def _vertex(t: Array, values: Array, k: int) -> tuple[float, float]:
     return float(t[k] + shift), float(c + 0.5 * b * shift)
 
 
-def stop(track: Track, execution: Execution = "half") -> Measures:
+def stop(track: Track) -> Measures:
     """Measures of a stop, until the ship does not move ahead; the helm is the engine's order.
 
     The head reach is along the course of the approach, the lateral deviation positive to
     starboard.
     """
-    start = float(executions(track, execution)[0])
+    start = float(executions(track)[0][0])
     velocity = [np.gradient(way, track.t) for way in (track.north, track.east)]
     speed_ahead = np.cos(track.psi) * velocity[0] + np.sin(track.psi) * velocity[1]
     still = np.flatnonzero((track.t > start) & (speed_ahead <= 0.0))
@@ -316,9 +308,9 @@ def stop(track: Track, execution: Execution = "half") -> Measures:
     }
 
 
-def williamson(track: Track, execution: Execution = "half") -> Measures:
+def williamson(track: Track) -> Measures:
     """Measures of a Williamson turn at its end; the heading is that of the reciprocal course."""
-    start = float(executions(track, execution)[0])
+    start = float(executions(track)[0][0])
     _, aside = way_from(track, start)
     error = np.angle(np.exp(1j * (track.psi[-1] - track.at(track.psi, start) - np.pi)))
     return {
@@ -360,7 +352,7 @@ def steady_states(track: Track, held: Array) -> tuple[Array, Array]:
     return helm * np.sign(np.sum(helm * rate)), rate
 
 
-def spiral(track: Track, _execution: Execution = "half") -> Measures:
+def spiral(track: Track) -> Measures:
     """Measures of a direct spiral; the width is that between the changes of sign of the rate."""
     helm, rate = steady_states(track, track.helm)
     first = int(np.argmax(np.abs(helm) > 0.999 * np.max(np.abs(helm))))
@@ -379,7 +371,7 @@ def spiral(track: Track, _execution: Execution = "half") -> Measures:
     }
 
 
-def reverse_spiral(track: Track, _execution: Execution = "half") -> Measures:
+def reverse_spiral(track: Track) -> Measures:
     """Measures of a reverse spiral; the width is that of the fold of the helm over the rate."""
     helm, rate = steady_states(track, np.gradient(track.psi, track.t))
     order = np.argsort(rate)

@@ -16,7 +16,6 @@ from seatrial.models.notation import MEASURES, Manoeuvre, OrderedManoeuvre
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_measures import (
     MIN_PLATEAUS,
-    Execution,
     Measures,
     Track,
     TrackNoise,
@@ -35,17 +34,13 @@ from seatrial.models.vessel.basis import Array
 # Of the deviations of drawn models: at whole ones a model leaves the curved valley of the fit, and
 # the tactical diameters of KVLCC2 spread 1.6 times as far as estimates do.
 DEVIATION_SHARE = 0.25
-INSTANTS: Mapping[Execution, str] = {
-    "half": "the instant at which the helm has passed half of its first step",
-    "order": "the instant at which the helm leaves its value",
-}
 # A diagnostic of a measure that was recorded or predicted: the beginning of its name, and its j.
 DIAGNOSTIC = "recorded_manoeuvre_"
 COMPARED = ("measured", "nominal model", "identified model", "low", "high")
 FULL_HELM_DEG = 30.0
 UNSTATED = OrderedManoeuvre()
 NOISE_DRAWS, LEVEL = 60, 0.9
-MEASURED: Mapping[Manoeuvre, Callable[[Track, Execution], Measures]] = {
+MEASURED: Mapping[Manoeuvre, Callable[..., Measures]] = {
     "turn": turn,
     "zigzag": zigzag,
     "spiral": spiral,
@@ -85,7 +80,6 @@ class Sheet(NamedTuple):
     """The measures of one manoeuvre."""
 
     manoeuvre: Manoeuvre
-    execution: Execution
     entries: tuple[SheetEntry, ...]
     start_s: float  # of the execution; of a spiral that of the track
     length_m: float
@@ -108,13 +102,14 @@ class Sheet(NamedTuple):
         if any(entry.limit is not None for entry in self.entries):
             return None
         helm = abs(self.values.get("helm", np.nan))
-        if self.manoeuvre == "zigzag":
-            got = f"this one is {helm:.3g}/{self.turn_deg:g}"
-            return f"no limits: they are for zig-zags of 10/10 and 20/20, {got}"
-        if self.manoeuvre == "turn":
-            helms = f"10 or at least {FULL_HELM_DEG:g}"
-            return f"no limits: they are for turns with helm {helms}, this one has {helm:.3g}"
-        return "no limits: the resolution has none for this manoeuvre"
+        helms = f"10 or at least {FULL_HELM_DEG:g}"
+        reasons = {
+            "zigzag": "they are for zig-zags of 10/10 and 20/20, this one is "
+            f"{helm:.3g}/{self.turn_deg or 0.0:g}",
+            "turn": f"they are for turns with helm {helms}, this one has {helm:.3g}",
+        }
+        reason = reasons.get(self.manoeuvre, "the resolution has none for this manoeuvre")
+        return f"no limits: {reason}"
 
 
 def limits(manoeuvre: Manoeuvre, measures: Measures, ratio_s: float) -> Measures:
@@ -172,7 +167,6 @@ def manoeuvre_of(track: Track) -> Manoeuvre:
 def sheet(
     track: Track,
     ordered: OrderedManoeuvre = UNSTATED,
-    execution: Execution = "half",
     scale: float = 1.0,
     turn_deg: float | None = None,
 ) -> Sheet:
@@ -181,7 +175,6 @@ def sheet(
     Args:
         track: the motion.
         ordered: what was ordered; its helm and change of heading decide on the limits.
-        execution: the instant that times and ways begin at.
         scale: length of the ship over that of the model.
         turn_deg: heading [deg] to which the initial turning of a zig-zag is measured; None: that
             of the orders.
@@ -190,12 +183,9 @@ def sheet(
         RecordingError: the helm does not move.
     """
     kind = ordered.kind or manoeuvre_of(track)
-    measures = (
-        zigzag(track, execution, turn_deg, ordered.turn_deg)
-        if kind == "zigzag"
-        else MEASURED[kind](track, execution)
-    )
-    start = float(track.t[0]) if "spiral" in kind else float(executions(track, execution)[0])
+    meant = (turn_deg, ordered.turn_deg) if kind == "zigzag" else ()
+    measures = MEASURED[kind](track, *meant)
+    start = float(track.t[0]) if "spiral" in kind else float(executions(track)[0][0])
     speed = track.at(track.speed, start)
     ratio = float(np.sqrt(scale) * track.length_m / speed) if speed > 0.0 else np.inf
     helm = ordered.helm_deg or measures.get("helm", np.nan)
@@ -203,13 +193,12 @@ def sheet(
     entries = tuple(
         SheetEntry(name, value, MEASURES[name], limit.get(name)) for name, value in measures.items()
     )
-    return Sheet(kind, execution, entries, start, track.length_m, speed, ratio)
+    return Sheet(kind, entries, start, track.length_m, speed, ratio)
 
 
 def measured_sheet(
     track: Track,
     ordered: OrderedManoeuvre = UNSTATED,
-    execution: Execution = "half",
     scale: float = 1.0,
     turn_deg: float | None = None,
 ) -> Sheet:
@@ -222,12 +211,12 @@ def measured_sheet(
     """
     noise, rng = TrackNoise(track), np.random.default_rng(0)
     smooth = noise.smooth(track)
-    result = sheet(smooth, ordered, execution, scale, turn_deg)
+    result = sheet(smooth, ordered, scale, turn_deg)
     meant = replace(ordered, kind=result.manoeuvre)
 
     def again(other: Track) -> Measures:
         try:
-            return sheet(other, meant, execution, scale, result.turn_deg).values
+            return sheet(other, meant, scale, result.turn_deg).values
         except RecordingError:  # of a helm that moves between two samples
             return {}
 

@@ -25,6 +25,7 @@ class FilterTable(NamedTuple):
 
     a: Array  # (3, 3)
     b: Array  # (3,)
+    axis: int = -1  # the only one that is filtered; -1: all
 
 
 class Timetable(NamedTuple):
@@ -91,8 +92,11 @@ def _reference_step(table: Parameters, state: State, setpoint: Array) -> Callabl
 
 @lean_kernel
 def step_filter(table: FilterTable, state: Array, setpoint: Array) -> None:
-    """Advance the reference filter of every axis; state (n_dof, 3)."""
+    """Advance the reference filter; state (n_dof, 3)."""
     for i in range(state.shape[0]):
+        if table.axis >= 0 and i != table.axis:
+            state[i, 0], state[i, 1], state[i, 2] = setpoint[i], 0.0, 0.0
+            continue
         x0, x1, x2 = state[i, 0], state[i, 1], state[i, 2]
         for j in range(3):
             a = table.a[j]

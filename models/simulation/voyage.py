@@ -8,8 +8,8 @@ import numpy as np
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.simulation.registry import Parameters, Timetable, reference_step
+from seatrial.models.vessel.allocation import DeviceAllocation
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.device_allocation import DeviceAllocation
 from seatrial.models.vessel.kinematics import in_body, reference_in_body_kernel
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.weather.weather import Weather

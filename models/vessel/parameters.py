@@ -9,10 +9,9 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Length, Positive, check_ranges
-from seatrial.models.vessel.allocation import Allocation
+from seatrial.models.vessel.allocation import Allocation, DeviceAllocation, device_allocation
 from seatrial.models.vessel.basis import INPUTS, Array
 from seatrial.models.vessel.derivatives import CoriolisForces, Prime, RigidBody, from_derivatives
-from seatrial.models.vessel.device_allocation import DeviceAllocation, device_allocation
 from seatrial.models.vessel.devices.device import Device, input_bounds
 from seatrial.models.vessel.scales import Scales, scales
 from seatrial.models.vessel.steering import SteeringModel, steady_speed, steering_model

@@ -76,7 +76,6 @@ HELP = {
     "digits": "Significant digits.",
     "dof": "surge, sway, yaw, position, ... or all.",
     "entrant": "An entrant, beside those of the task.",
-    "execution": "Instant of execution: helm past half, or leaving.",
     "facet": "One figure for each level of this factor.",
     "folder": "Output folder.",
     "force": "Replace files that exist.",

@@ -130,7 +130,6 @@ def metrics() -> TextTable:
 @command()
 def manoeuvres(
     subject: str,
-    execution: Literal["half", "order"] = "half",
     manoeuvre: Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"]
     | None = None,
     helm: str | None = None,
@@ -146,12 +145,11 @@ def manoeuvres(
     The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
     """
     sheets = compare.manoeuvre_comparison
-    how = {"execution": execution, "scale": scale}
     if not cli.is_run(subject) or Path(subject).exists():
-        return sheets.file_sheet(Path(subject), map_file, manoeuvre, helm, length, **how)
+        return sheets.file_sheet(Path(subject), map_file, manoeuvre, helm, length, scale)
     with compare.frame.open_results(database, results_dir) as results:
         run = cli.newest(results) if subject == "latest" else int(subject)
-        return sheets.run_sheet(results, run, series, manoeuvre, helm, length, **how)
+        return sheets.run_sheet(results, run, series, manoeuvre, helm, length, scale)
 
 
 @command()

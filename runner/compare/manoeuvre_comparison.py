@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +14,7 @@ from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text
 from seatrial.runner.export.manoeuvre_tracks import (
     COMPARED,
     DIAGNOSTIC,
-    INSTANTS,
     MANOEUVRES,
-    Execution,
     Manoeuvre,
     PredictedMeasure,
     Recorded,
@@ -28,14 +25,14 @@ from seatrial.runner.export.manoeuvre_tracks import (
 )
 
 RECORDING = "recording"
-STORED: Execution = "half"  # instant of execution of what is stored of the models
+EXECUTED = "from the instant at which the helm has passed half of its first step"
 VISIBLE = 1e-3  # width of an interval over its value
 MAX_MANOEUVRES = 6  # manoeuvres in a report
 
 
 def run_sheet(
     results: Queries, run: int, series: str, manoeuvre: Manoeuvre | None, helm: str | None,
-    length_m: float | None, **how: Any,
+    length_m: float | None, scale: float,
 ) -> TextTable:  # fmt: skip
     """Return the sheet of a run, or the measures that are stored of its recorded manoeuvres."""
     predicted = [row for row in results.reader.diagnostics(run) if row.name.startswith(DIAGNOSTIC)]
@@ -43,18 +40,18 @@ def run_sheet(
         return comparison(predicted, f"Run {run}")
     recorded = stored(results.reader, run, series, helm, length_m)
     ordered = replace(recorded.ordered, kind=manoeuvre or recorded.ordered.kind)
-    result = measured_sheet(recorded.track, ordered, **how)
+    result = measured_sheet(recorded.track, ordered, scale)
     return grid_of_sheet(result, f"Run {run}", recorded.predicted)
 
 
 def file_sheet(
     path: Path, map_file: Path | None, manoeuvre: Manoeuvre | None, helm: str | None,
-    length_m: float | None, **how: Any,
+    length_m: float | None, scale: float,
 ) -> TextTable:  # fmt: skip
-    """Return the sheet of a recorded file; `how` it is measured are options of `sheet`."""
+    """Return the sheet of a recorded file."""
     track, ordered = file_track(path, map_file, helm, length_m)
     ordered = replace(ordered, kind=manoeuvre or ordered.kind)
-    return grid_of_sheet(measured_sheet(track, ordered, **how), str(path))
+    return grid_of_sheet(measured_sheet(track, ordered, scale), str(path))
 
 
 def newest_manoeuvres(
@@ -84,7 +81,7 @@ def grid_of_sheet(
     `predicted` are the quantities that the identified model predicts.
     """
     values, told = result.values, predicted or {}
-    known = result.execution == STORED and any(  # says more than the measure
+    known = any(  # says more than the measure
         np.isfinite(low) or not np.isclose(value, values[name], rtol=1e-9)
         for name, (value, low, _) in told.items()
         if name in values
@@ -127,7 +124,7 @@ def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
             error = 100.0 * (identified / measured - 1.0)
         table.append([file, quantity, own[0].unit, measured, nominal, identified, error, low, high])
     headers = ("file", "quantity", "unit", *COMPARED[:3], "error [%]", *COMPARED[3:])
-    notes = [f"from {INSTANTS['half']} (half); L: ship lengths"]
+    notes = [f"{EXECUTED}; L: ship lengths"]
     notes.append(
         "low, high: 90 % of simulations with parameters drawn from their covariance and with the"
         " model error, if there is one (show: model_error, no_model_error)"
@@ -137,8 +134,7 @@ def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
 
 def notes_of(result: Sheet) -> list[str]:
     """What the quantities are measured from."""
-    instant = INSTANTS[result.execution]
-    notes = [] if "spiral" in result.manoeuvre else [f"from {instant} ({result.execution})"]
+    notes = [] if "spiral" in result.manoeuvre else [EXECUTED]
     length, speed = number_text(result.length_m, 5), number_text(result.speed_m_s, 4)
     ratio = number_text(result.length_over_speed_s, 3)
     if result.unlimited:

@@ -9,13 +9,11 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.models.notation import MEASURES, PLANAR, OrderedManoeuvre
 from seatrial.models.notation import Manoeuvre as Manoeuvre
-from seatrial.models.simulation.manoeuvre_measures import Execution as Execution
 from seatrial.models.simulation.manoeuvre_measures import Track as Track
 from seatrial.models.simulation.manoeuvre_measures import executions as executions
 from seatrial.models.simulation.manoeuvre_measures import way_from as way_from
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED as COMPARED
 from seatrial.models.simulation.manoeuvre_sheet import DIAGNOSTIC as DIAGNOSTIC
-from seatrial.models.simulation.manoeuvre_sheet import INSTANTS as INSTANTS
 from seatrial.models.simulation.manoeuvre_sheet import Sheet as Sheet
 from seatrial.models.simulation.manoeuvre_sheet import measured_sheet as measured_sheet
 from seatrial.models.simulation.manoeuvre_sheet import track_of as track_of

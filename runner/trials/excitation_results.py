@@ -57,8 +57,8 @@ def mix_results(mix: object, excited: "ExcitationData") -> Results:
 
 def _count_diagnostics(mix: OptimalDesign) -> list[Diagnostic]:
     """Return the count of every candidate, and how close the counts are to the optimum."""
-    counts, design = mix.counts, mix.information
-    log_det = design.log_det(np.array(list(counts.values()), dtype=np.float64))
+    counts = mix.counts
+    log_det = mix.log_det(np.array(list(counts.values()), dtype=np.float64))
     diagnostics = [
         Diagnostic("mix_count", "all", float(n), i=i, label=name)
         for i, (name, n) in enumerate(counts.items())
@@ -66,12 +66,12 @@ def _count_diagnostics(mix: OptimalDesign) -> list[Diagnostic]:
     if np.isfinite(log_det):
         diagnostics.append(Diagnostic("mix_log_det", "all", log_det))
     if mix.design == "optimal":
-        weights = design.weights
+        weights = mix.weights
         diagnostics += [
             Diagnostic("mix_share", "all", float(share), i=i, label=name)
             for i, name, share in zip(count(), counts, weights.share, strict=False)
         ]
-        best = design.log_det(weights.share)
+        best = mix.log_det(weights.share)
         diagnostics.append(Diagnostic("mix_gap", "all", weights.gap))
         diagnostics.append(Diagnostic("mix_log_det_optimal", "all", best))
     return diagnostics

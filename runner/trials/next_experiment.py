@@ -165,7 +165,7 @@ def candidates_of(known: Known) -> list[Candidate]:
         try:
             design.check(known.trial.vessel.dofs)
             design.check_limits(known.trial.vessel.limits_by_dof, known.trial.sample_time_s)
-            voyage = design.information.voyages[name]
+            voyage = design.voyages[name]
         except UNABLE:
             continue
         motion = recording_of(voyage, voyage.weather)

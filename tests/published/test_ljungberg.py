@@ -69,7 +69,7 @@ def sub_experiment(name: str, seed: int, noisy: bool) -> Recording:
     """A candidate from rest, in weather of its own; its time apart from that of the others."""
     trial = low_wind()
     mix, vessel, weather = trial.excitation, trial.vessel, trial.disturbance
-    schedule = Schedule(mix.information.sub_experiment(name, "training"), mix.period_s)
+    schedule = Schedule(mix.sub_experiment(name, "training"), mix.period_s)
     n, number = len(schedule), list(mix.candidates).index(name)
     rng = np.random.default_rng([seed, number])
     realised = weather.realise(n, vessel.dofs, rng, rng, PERIOD_S)
@@ -116,9 +116,9 @@ def error(chosen: list[int], nominal: Vessel) -> float:
 def compare(seed: int) -> tuple[float, float]:
     """Median free-run error of designed and of random mixes, for one wrong nominal model."""
     trial = low_wind()
-    nominal = UncertainModel(0.2, seed).model(trial.vessel.nominal())
-    design = replace(trial.excitation.information, plant=trial.vessel.plant(nominal))
-    rng, counts = np.random.default_rng(seed), design.counts(6)
+    design = replace(trial.excitation, nominal=UncertainModel(0.2, seed), sub_experiments=6)
+    nominal = design.plant.vessel
+    rng, counts = np.random.default_rng(seed), design.counts.values()
     designed, drawn = [], []
     for _ in range(DRAWS):
         some = [

@@ -100,7 +100,7 @@ def _zigzag(axes: Axes, track: Track, result: Sheet) -> None:
     axes.plot(t, heading, color=style.PALETTE[0], label="heading from the approach")
     for angle in (-turned, turned):
         axes.axhline(angle, color=style.MUTED, linewidth=0.7, linestyle=":")
-    times = executions(track, result.execution)[1:]
+    times = executions(track)[0][1:]
     for name, executed in zip(("first overshoot", "second overshoot"), times, strict=False):
         if name not in result.values:
             break

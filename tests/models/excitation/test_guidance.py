@@ -32,7 +32,7 @@ POINTS = np.array([[0.0, -15.0, -np.pi / 2], [15.0, -15.0, 0.0], [15.0, -15.0, n
 
 def test_the_filter_is_the_third_order_system_of_the_thesis() -> None:
     w, d = FILTER.bandwidth_rad_s, FILTER.damping
-    a, b = FILTER.table(0.1)
+    a, b, _ = FILTER.table(0.1)
     state, seen = np.zeros(3), []
     for _ in range(600):
         seen.append(state[0])

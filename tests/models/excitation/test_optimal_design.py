@@ -59,19 +59,19 @@ def voyage(design: OptimalDesign, plant: Plant) -> Voyage:
 
 def sailed(design: OptimalDesign) -> Recording:
     """The recording of a mix by the nominal model."""
-    found = voyage(design, design.information.plant)
+    found = voyage(design, design.plant)
     return recording_of(found, found.weather)
 
 
 def test_the_whole_mix_is_better_than_random_ones() -> None:
     one = mix()
-    best = one.information.log_det(np.array(list(one.counts.values())))
+    best = one.log_det(np.array(list(one.counts.values())))
     pool = ("excitation.design=random", "excitation.repeats=1")
     draws = [mix(*pool, f"seed={seed}") for seed in range(6)]
     for drawn in draws:
         counts = np.array(list(drawn.counts.values()))
         assert (counts.sum(), counts.max()) == (6, 1)  # the pool has each once
-        assert log_det(one.information.gammas, counts / 6.0) < best
+        assert log_det(one.gammas, counts / 6.0) < best
     assert len({tuple(drawn.counts.values()) for drawn in draws}) > 3
 
 
@@ -83,12 +83,11 @@ def test_the_information_is_that_of_what_is_sailed() -> None:
     np.testing.assert_allclose(recording.nu[first], 0.0, atol=1e-6)
     assert np.min(np.max(np.abs(recording.nu), axis=0)) > 0.1
     training = recording.part(one.schedule.mask("training"))
-    phi = basis.evaluate(one.information.terms, training.variables())
+    phi = basis.evaluate(one.terms, training.variables())
     size = np.sqrt(np.mean(phi**2, axis=0))
     gamma = (phi / size).T @ (phi / size) / len(phi)
-    design = one.information
     weights = np.array(list(one.counts.values())) / 6.0
-    mixed = np.tensordot(weights, design.gammas, axes=1)
+    mixed = np.tensordot(weights, one.gammas, axes=1)
     root = np.sqrt(np.diag(mixed))
     np.testing.assert_allclose(gamma, mixed / np.outer(root, root), atol=2e-3)
 
@@ -123,12 +122,12 @@ def test_the_nominal_model_may_be_wrong() -> None:
     wrong = [
         mix("excitation.nominal.error=0.2", f"excitation.nominal.seed={seed}") for seed in (1, 2)
     ]
-    tables = [one.information.plant.vessel.theta for one in wrong]
+    tables = [one.plant.vessel.theta for one in wrong]
     for table in tables:
         ratio = table[nominal.theta != 0.0] / nominal.theta[nominal.theta != 0.0]
         assert 0.1 < np.max(np.abs(ratio - 1.0)) <= 0.2
     assert np.max(np.abs(tables[0] - tables[1])) > 0.0
-    assert mix().information.plant.vessel.theta == pytest.approx(nominal.theta)
+    assert mix().plant.vessel.theta == pytest.approx(nominal.theta)
 
 
 def test_a_vessel_that_takes_no_forces_is_refused_before_anything_is_sailed() -> None:

@@ -94,10 +94,9 @@ def test_plans_through_random_fields_are_sound(fields, zigs, loops, backs, clear
 
 def everything(setting: Setting) -> int:
     """The least cost by exhaustion: Dijkstra over (counts, place), nothing foreseen."""
-    names, moves = setting.board.names, setting.board.moves
-    n = len(setting.task.used)
-    rows, columns = setting.lattice.shape
-    begin = (tuple(int(size) - 1 for size in setting.sizes[:n]), setting.start)
+    names, moves, n = setting.names, setting.moves, len(setting.task.used)
+    rows, columns = moves.valid.shape[2:]
+    begin = (tuple(int(size) - 1 for size in moves.size[:n]), setting.start)
     best, heap = {begin: 0}, [(0, begin)]
     while heap:
         cost, (left, place) = heappop(heap)
@@ -152,7 +151,7 @@ def test_the_heuristic_is_consistent(fields, seed: int) -> None:
         setting = set_up(asked)
     except ConfigurationError:
         assume(False)
-    (left, ahead), moves = setting.bounds(), setting.board.moves
+    (left, ahead), moves = setting.bounds(), setting.moves
     assert left[0] == 0
     assert ahead.ravel()[setting.goal] == 0
     rng = np.random.default_rng(seed)
@@ -162,7 +161,7 @@ def test_the_heuristic_is_consistent(fields, seed: int) -> None:
             continue
         for c in range(len(left)):
             stride = int(moves.stride[p])
-            if stride and c // stride % setting.sizes[p] == 0:
+            if stride and c // stride % moves.size[p] == 0:
                 continue
             cost = int(moves.cost[p, h]) + left[c - stride] + ahead[b, k, m]
             assert left[c] + ahead[h, i, j] <= cost
@@ -184,9 +183,9 @@ def test_manoeuvres_that_nothing_else_follows_need_no_passage() -> None:
          "start at (20, 15) m: it lies inside obstacles[0]"),
         ((QUAY,), {"goal": np.array([70.0, 15.0, 0.0])}, "goal at (70, 15) m: it lies outside"),
         ((QUAY, WALL), {}, "no sequence of the manoeuvres with arcs and turns between them"),
-        ((QUAY,), {"cell_m": 0.01}, "cell_m: got 0.01 m, which divides"),
+        ((QUAY,), {"cell_m": 0.01}, "cell_m: got 0.01 m, for which the area has"),
         ((QUAY,), {"cell_m": 0.2, "counts": {"zig": 6, "loop": 6, "back": 6}},
-         f"expected at most {MOST_STATES:.2g}; use a larger cell_m or fewer sub-experiments"),
+         f"and {MOST_STATES:.2g}; use a larger cell_m or fewer sub-experiments"),
     ],
 )  # fmt: skip
 def test_an_impossible_task_is_answered(obstacles, changes, message) -> None:

@@ -11,12 +11,7 @@ from scipy.optimize import linprog
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.vessel.allocation import (
-    Allocation,
-    PositionedThruster,
-    reached,
-    voltage_factors,
-)
+from seatrial.models.vessel.allocation import Allocation, PositionedThruster, reached
 from seatrial.models.vessel.basis import Array
 from tests.trials import composed, sailed
 
@@ -194,10 +189,6 @@ def test_eight_thrusters_move_the_vehicle_every_way() -> None:
 
 def test_a_lower_voltage_takes_from_the_force() -> None:
     """Hoyer (2021), section 4.2: 44.1 and 34.5 N at 14 V, 51.4 and 39.2 N at 16 V."""
-    ahead, astern = voltage_factors(14.0)
-    assert 51.4 * ahead == pytest.approx(44.1)
-    assert 39.2 * astern == pytest.approx(34.5)
-    assert voltage_factors(16.0) == (1.0, 1.0)
     thrusters = composed("vessel=beluga_full", "excitation=prbs").vessel.thrusters.thrusters
     tau = np.array([[500.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
     full, low = (
@@ -206,8 +197,11 @@ def test_a_lower_voltage_takes_from_the_force() -> None:
     )
     assert full == pytest.approx(4 * 51.4 * np.sqrt(0.5), rel=1e-6)
     assert low == pytest.approx(4 * 44.1 * np.sqrt(0.5), rel=1e-6)
+    one = (PositionedThruster("tunnel", (0.0, 0.0, 0.0), 51.4, 39.2),)
+    table = Allocation("qp", one, 14.0).table(("sway",))
+    assert (table.low[0], table.high[0]) == pytest.approx((-34.5, 44.1))
     with pytest.raises(ConfigurationError, match="voltage_v"):
-        voltage_factors(12.0)
+        Allocation("qp", thrusters, 12.0)
 
 
 @pytest.mark.nightly

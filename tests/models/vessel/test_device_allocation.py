@@ -7,9 +7,8 @@ import pytest
 
 from seatrial.models.notation import PLANAR
 from seatrial.models.simulation.voyage import Log, Voyage
-from seatrial.models.vessel.allocation import allocate_step
+from seatrial.models.vessel.allocation import DeviceAllocation, allocate_step, thrust_at
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.device_allocation import DeviceAllocation, thrust_at
 from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner.trials import deployment_metrics

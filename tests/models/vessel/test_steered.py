@@ -38,9 +38,12 @@ def steered(*options: str) -> Voyage:
     return sailed(trial).voyage
 
 
-def track(voyage: Voyage, length_m: float) -> Track:
+def track(voyage: Voyage, length_m: float, *, ordered: bool = False) -> Track:
+    """The motion with the helm as it moves, or as it is ordered."""
     eta, speed = voyage.log.eta, np.hypot(*voyage.log.nu[:, :2].T)
     helm = voyage.log.tau_actual[:, 0]
+    if ordered:
+        helm = np.concatenate([helm[:1], voyage.log.tau[1:, 0]])
     return Track(voyage.t, *eta[:, :3].T, helm, speed, length_m)
 
 
@@ -137,7 +140,7 @@ def test_kvlcc2_turns_and_zigzags_as_in_mmgdynamics(name: str, case: str, step_s
     )  # fmt: skip
     for sign, file in ((1, "turn_p35"), (-1, "turn_m35")):
         voyage = steered(*start, "excitation=rudder_turn", f"excitation.helm_deg={sign * 35}")
-        measures = turn(track(voyage, length), "order")
+        measures = turn(track(voyage, length, ordered=True))
         for quantity, key in TURN.items():
             assert measures[quantity] == pytest.approx(printed[file][key], abs=0.01), quantity
     for angle in (10, 20):
@@ -147,7 +150,7 @@ def test_kvlcc2_turns_and_zigzags_as_in_mmgdynamics(name: str, case: str, step_s
         )  # fmt: skip
         of_zigzag = printed[f"zigzag_{angle}_{angle}"]
         expected = [of_zigzag[f"overshoot_{k}_deg"] for k in (1, 2, 3)]
-        found = zigzag(track(voyage, length), "order")
+        found = zigzag(track(voyage, length))
         overshoots = [found[f"{n} overshoot"] for n in ("first", "second", "third")]
         np.testing.assert_allclose(overshoots, expected, atol=0.1)
 

@@ -133,7 +133,7 @@ REFUSED = (
     (["runs", "--tag", "x"], "--tag is gone: use --sweep"),
     (["table", "--interval", "bootstrap"], "--interval is gone: intervals are those of Student"),
     (["plot", "bars", "--metric", "speed", "--output", "stats"], "no finished run has speed"),
-    (["manoeuvres", "1", "--execution", "full"], "--execution full is gone: use --execution half"),
+    (["manoeuvres", "1", "--execution", "order"], "--execution is gone: measures are from"),
 )
 
 
