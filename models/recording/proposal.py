@@ -169,7 +169,7 @@ def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate]
             except RecordingError:
                 texts.append(full)
                 continue
-            known_as = (titles.get(name, name), source.title(name))
+            known_as = [titles[name]] if name in titles else [name, source.title(name)]
             results = (quantity(t, source.name, source.units.get(name)) for t in known_as)
             result = next(filter(None, results), None)
             if name in quaternion:
@@ -191,7 +191,7 @@ def _titles(source: Source) -> dict[str, str]:
     forces = {"X", "N"} <= set(source.columns)
     result = {letter: f"tau {letter}" for letter in "XYZKMN"} if forces else {}
     if {"N", "E"} <= set(source.columns):
-        result |= {"N": "position north", "E": "position east", "D": "position down"}
+        result |= {"N": "position north", "E": "position east", "D": "position down", "U": "up"}
     for name in source.columns:  # a pose in the plane, as of ROS: x, y and theta
         beside = {axis for axis in PLANE if re.sub("(?i)theta$", axis, name) in source.columns}
         if name.lower().endswith("theta") and beside == {"x", "y"}:

@@ -106,6 +106,8 @@ def quantity(title: str, source: str = "", unit: str | None = None) -> Quantity 
         unit: the unit by the metadata of the file: `heave` in m is a position
     """
     words, around, results = words_of(title), set(words_of(source)), list[Quantity]()
+    if any(word.isdigit() for word in words):  # of several thrusters, not of the vessel
+        words = ["thruster" if word == "azimuth" else word for word in words]
     while len(words) > 1 and words[-1].isdigit():  # of several devices
         words.pop()
     for end in range(len(words), max(len(words) - 4, 0), -1):

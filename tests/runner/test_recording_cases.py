@@ -50,7 +50,7 @@ ODOMETRY = is_map(
     force={"surge": "tau:force.x", "sway": "tau:force.y", "yaw": "tau:torque.z"},
 )  # fmt: skip
 AUTOPILOT = is_map(
-    time={"column": "TimeUS", "unit": "us"}, inputs={"C1": "RCOU:C1", "C3": "RCOU:C3"},
+    time={"column": "TimeUS", "unit": "us"}, inputs={"pwm_1": "RCOU:C1", "pwm_2": "RCOU:C3"},
     position={"surge": "XKF1:PN", "sway": "XKF1:PE", "yaw": {"column": "XKF1:Yaw", "unit": "deg"}},
 )  # fmt: skip
 CASES: dict[str, tuple[Callable[[str, str], bool], ...]] = {
