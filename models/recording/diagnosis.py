@@ -34,7 +34,7 @@ from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import original_rate, sampling
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import seconds
-from seatrial.models.recording.units import BEARINGS, factor, targets_of, words_of
+from seatrial.models.recording.units import BEARINGS, factor, si_factor, targets_of, words_of
 from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
@@ -467,9 +467,11 @@ def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
         values = np.empty(0)
         with suppress(RecordingError):
             values = reading.values[~np.isnan(reading.values)]
-        if reading.known_from != SI_ASSUMED or not len(values):
+        driven = option.startswith("inputs.pwm") and columns.specs[option].full is None
+        if not len(values) or not (driven or reading.known_from == SI_ASSUMED):
             continue
         least, most = float(np.min(values)), float(np.max(values))
+        largest = max(abs(least), abs(most))
         jumps = option in BEARINGS and np.any(np.abs(np.abs(np.diff(values)) - 360.0) < 36.0)
         spans = f"{name} ranges from {least:.4g} to {most:.4g}"
         if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
@@ -479,7 +481,10 @@ def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
         elif option in ("water.speed", "wind.speed") and speed and speed.unit not in (None, "m/s"):
             line = f"{kind}: {{{key}: {{column: {name}, unit: {speed.unit}}}}}"
             result[option] = f"{speed.name} is in {speed.unit}, and {name}? {line}"
-        elif max(abs(least), abs(most)) > LARGE.get(of, np.inf) or jumps:
+        elif driven and largest * si_factor(option, reading.unit) > 1.0:
+            whole = f"{{column: {name}, neutral: 0, full: {largest:.3g}}}"
+            result[option] = f"{spans}: which value is full? inputs: {{{key}: {whole}}}"
+        elif not driven and (largest > LARGE.get(of, np.inf) or jumps):
             unit = f"{{column: {name}, unit: {'rpm' if of == 'inputs.n' else 'deg'}}}"
             result[option] = f"{spans}: in which unit? {kind}: {{{key}: {unit}}}"
     return result

@@ -66,6 +66,30 @@ def test_it_stops_at_what_must_be_answered_with_the_line_to_add(seatrial: Comman
     assert "boat.map.yaml" in answer.err
 
 
+@pytest.mark.slow
+def test_thrust_is_a_share_of_what_its_owner_calls_full(seatrial: Command) -> None:
+    path = log_of_a_boat(seatrial.folder / "boat.csv")
+    table = pd.read_csv(path)
+    ahead, turning = table["force_x_N"], table["moment_z_Nm"]
+    table["thrust_stbd"], table["thrust_port"] = 0.5 * (ahead - turning), 0.5 * (ahead + turning)
+    table.drop(columns=["force_x_N", "force_y_N", "moment_z_Nm"]).to_csv(path, index=False)
+    words = "model", "boat.csv", "--length", "6", "--mass", "4000"
+    answer = seatrial(*words)
+    assert answer.code == 2
+    assert "which value is full? inputs: {pwm_1: {column: thrust_port, neutral: 0, full: " in (
+        answer.err.replace("\n", " ")
+    )
+    file = seatrial.folder / "boat.map.yaml"
+    node = yaml.safe_load(file.read_text())
+    assert node["inputs"] == {"pwm_1": "thrust_port", "pwm_2": "thrust_stbd"}
+    full = {name: {"column": c, "neutral": 0, "full": 1000} for name, c in node["inputs"].items()}
+    file.write_text(yaml.safe_dump({**node, "inputs": full}))
+    told = seatrial.succeeds(*words, "--map", "boat.map.yaml").out
+    assert "run 1 finished" in told
+    assert not any("no better" in line for line in told.splitlines() if "surge" in line)
+    seatrial.succeeds("vessel=boat_model.yaml", "identifier=none", "evaluation=none")
+
+
 def test_what_cannot_be_done_is_one_line(seatrial: Command) -> None:
     log_of_a_boat(seatrial.folder / "boat.csv")
     for words, message in (
