@@ -301,7 +301,7 @@ class _Case(NamedTuple):
         """Other axes and headings, of which no correlation of one axis tells."""
         columns, specs, result = state.file.columns, state.specs, state.result
         heading, x = specs.get("position.yaw"), specs.get("position.surge")
-        titled = bool(x and {"north", "northing"} & set(words_of(x.name)))
+        titled = bool(x and {"n", "north", "northing"} & set(words_of(x.name)))
         titled |= aside and bool(columns.geodetic)
         compared = {axis.dof for axis in result.axes}
         for kind, axes, options, text in TURNS if set(PLANAR) <= set(self.known) else ():
