@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from hydra import initialize_config_dir
 from hydra._internal.sources_registry import SourcesRegistry
+from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
@@ -126,6 +127,15 @@ def register(overrides: Sequence[str]) -> None:
     Plugins.instance().register(UserFolders)
     SourcesRegistry.instance().types["file"] = FileConfigSource
     FileConfigSource.overrides = overrides
+    ConfigStore.__deepcopy__ = _itself  # type: ignore[attr-defined]
+
+
+def _itself(store: ConfigStore, memo: object) -> ConfigStore:
+    """The store of Hydra, of which every composition, and each group in --help, makes a copy.
+
+    There is one in a process, nobody writes to the copies, and what is loaded is copied again.
+    """
+    return store
 
 
 @contextmanager
