@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.control.linear_design import DesignModel, check_weights, riccati
@@ -300,7 +300,7 @@ class Kalman:
         added = np.square(np.array(self.bias_walk) / design.limits)[drifts] * time  # in a sample
         A = np.block([[A, model.B[:, drifts]], [np.zeros((b, n)), self.bias_decay(h) * np.eye(b)]])
         C = np.hstack([C, np.zeros((len(C), b))])
-        M = filter_gain(A, C, block_diag(Q, np.diag(added)), np.diag(R))
+        M = filter_gain(A, C, scipy.linalg.block_diag(Q, np.diag(added)), np.diag(R))
         bias[drifts] = M[n:]
         return M[:n], bias
 

@@ -29,7 +29,7 @@ from itertools import pairwise
 
 import daqp
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from seatrial.models.vessel.basis import Array
 
@@ -118,7 +118,7 @@ def standard(h: Horizon) -> Quadratic:
     reference = np.zeros((ny, h.width))
     reference[:, h.parameters[1]] = -np.eye(ny)
     shift = np.vstack([np.zeros((nu, h.width)), shift, np.zeros((ny, h.width)), reference])
-    H = block_diag(h.over(h.P), np.zeros((nx, nx)), h.over(h.Q), np.zeros((ny, ny)))
+    H = scipy.linalg.block_diag(h.over(h.P), np.zeros((nx, nx)), h.over(h.Q), np.zeros((ny, ny)))
     bound = np.concatenate([np.ones(nu), np.zeros(len(rows))])
     return Quadratic(H, f, rows, shift, bound, nu)
 
@@ -130,7 +130,7 @@ def reduced(h: Horizon) -> Quadratic:
     rows, shift = _model_rows(h)
     f = np.zeros((nu + nx, h.width))
     f[nu:, h.parameters[1]] = -h.over(h.C.T @ h.Q)
-    H = block_diag(h.over(h.P), h.over(h.C.T @ h.Q @ h.C))
+    H = scipy.linalg.block_diag(h.over(h.P), h.over(h.C.T @ h.Q @ h.C))
     bound = np.concatenate([np.ones(nu), np.zeros(nx)])
     return Quadratic(H, f, rows, np.vstack([np.zeros((nu, h.width)), shift]), bound, nu)
 

@@ -14,7 +14,7 @@ model is used in the axes of its data.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
+import scipy
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
@@ -179,7 +179,7 @@ def riccati(A: Array, B: Array, Q: Array, R: Array, reason: str, S: Array | None
     with the reason where there is none.
     """
     try:
-        return np.asarray(solve_discrete_are(A, B, Q, R, s=S), dtype=np.float64)
+        return np.asarray(scipy.linalg.solve_discrete_are(A, B, Q, R, s=S), dtype=np.float64)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise ConfigurationError(f"{reason}: {error}") from error
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.errors import ConfigurationError
@@ -48,7 +48,7 @@ class ReferenceFilter(Reference):
         block = np.zeros((4, 4))
         block[0, 1] = block[1, 2] = 1.0
         block[2] = [-(w**3), -gain * w * w, -gain * w, w**3]
-        exact = expm(block * period_s)
+        exact = scipy.linalg.expm(block * period_s)
         return FilterTable(np.ascontiguousarray(exact[:3, :3]), exact[:3, 3].copy())
 
 

@@ -24,9 +24,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
-from scipy.special import ndtri
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
@@ -296,7 +295,9 @@ def _most_likely(
     loss, kappa2, force, known = best
     if not np.isfinite(loss):
         raise IdentificationError("models drawn from its distribution diverge")
-    ratio = np.abs(errors) / (ndtri(0.5 + 0.5 * LEVEL) * np.sqrt(known + force**2 * by_force))
+    ratio = np.abs(errors) / (
+        scipy.special.ndtri(0.5 + 0.5 * LEVEL) * np.sqrt(known + force**2 * by_force)
+    )
     scale = weighted_quantile(ratio.ravel(), np.repeat(weight, ratio.shape[1]), LEVEL)
     return ModelError(kappa2, force, scale, mean_square, noise)
 
@@ -346,7 +347,9 @@ def _best_force(e: Array, known: Array, by_force: Array, weight: Array) -> tuple
         return float(np.sum(weight @ each))
 
     low, high = np.log(LAMBDA)
-    found = minimize_scalar(lambda x: loss(np.exp(x)), bounds=(low, high), method="bounded")
+    found = scipy.optimize.minimize_scalar(
+        lambda x: loss(np.exp(x)), bounds=(low, high), method="bounded"
+    )
     force = float(np.exp(found.x))
     return min((loss(0.0), 0.0), (loss(force), force))
 

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+import scipy
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 from pymoo.algorithms.moo.nsga2 import NSGA2
@@ -32,7 +33,6 @@ from pymoo.core.termination import NoTermination
 from pymoo.operators.crossover.sbx import SBX
 from pymoo.operators.mutation.pm import PM
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
-from scipy.spatial import cKDTree
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
@@ -79,7 +79,7 @@ def change(before: Array, after: Array, least: Array) -> Change:
     """
     ideal, nadir = after.min(axis=0), after.max(axis=0)
     extent = np.maximum(nadir - ideal, least)
-    distance = cKDTree((before - ideal) / extent).query((after - ideal) / extent)[0]
+    distance = scipy.spatial.cKDTree((before - ideal) / extent).query((after - ideal) / extent)[0]
     return Change(
         float(np.max(np.abs(before.min(axis=0) - ideal) / extent)),
         float(np.max(np.abs(before.max(axis=0) - nadir) / extent)),
@@ -184,7 +184,7 @@ def knees(front: Array) -> NDArray[np.int64]:
     n, m = points.shape
     if n < 3:
         return np.zeros(0, dtype=np.int64)
-    tree, least = cKDTree(points), min(2 * m, n - 1)
+    tree, least = scipy.spatial.cKDTree(points), min(2 * m, n - 1)
     mu = np.full(n, np.nan)
     for i, point in enumerate(points):
         near = tree.query_ball_point(point, RADIUS)

@@ -15,7 +15,7 @@ that responds with a delay, as with a thruster lag, has C B_c = -delay M^-1.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import logm
+import scipy
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
@@ -112,7 +112,7 @@ def continuous(model: StateSpace) -> tuple[Array, Array]:
             f"no physical form: the model has an eigenvalue at {np.min(eigenvalues.real):.3g}, "
             f"which a sampled continuous model cannot have"
         )
-    logarithm = np.asarray(logm(model.A))
+    logarithm = np.asarray(scipy.linalg.logm(model.A))
     if np.max(np.abs(np.imag(logarithm))) > REAL * np.max(np.abs(logarithm)):
         raise IdentificationError("no physical form: the logarithm of A is not real")
     A = np.asarray(np.real(logarithm), dtype=np.float64) / period

@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.linalg import schur, solve_discrete_are
+import scipy
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import IdentificationError
@@ -272,7 +272,7 @@ def onto_unit_circle(A: Array) -> tuple[Array, int]:
     only they change. Noferini and Poloni (2021), Nearest Omega-stable matrix via Riemannian
     optimization, Numerische Mathematik 148, project the Schur form in this way for given Q.
     """
-    T, Q = schur(A)
+    T, Q = scipy.linalg.schur(A)
     i = moved = 0
     while i < len(T):
         pair = i + 1 < len(T) and T[i + 1, i] != 0.0
@@ -326,7 +326,7 @@ def _riccati_gain(A: Array, C: Array, Q: Array, S: Array, R: Array) -> Array:
     size = max(float(np.trace(Q)) / len(A), float(np.finfo(np.float64).tiny))
     for share in FLOORS:
         try:
-            P = solve_discrete_are(A.T, C.T, Q + share * size * np.eye(len(A)), R, s=S)
+            P = scipy.linalg.solve_discrete_are(A.T, C.T, Q + share * size * np.eye(len(A)), R, s=S)
         except (np.linalg.LinAlgError, ValueError):
             continue
         K = np.asarray(np.linalg.solve(C @ P @ C.T + R, (A @ P @ C.T + S).T).T)

@@ -19,7 +19,6 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy
-from scipy.fft import next_fast_len
 
 from seatrial.models.vessel.basis import Array
 
@@ -106,7 +105,7 @@ def autocovariances(series: Array, lags: int | None = None) -> Array:
     n = len(series)
     lags = n if lags is None else min(lags, n)
     piece = min(n, max(PIECE, 4 * lags))
-    size = next_fast_len(piece + lags - 1, real=True)
+    size = scipy.fft.next_fast_len(piece + lags - 1, real=True)
     spectrum = np.zeros((size // 2 + 1, series.shape[1]), dtype=np.complex128)
     for a in range(0, n, piece):
         piece_spectrum = np.fft.rfft(series[a : a + piece], size, axis=0)

@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
+import scipy
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
@@ -143,7 +143,7 @@ def feedback_p_value(record: Record, J: int) -> float:
     explained, rest = np.sum(R[a : a + b] ** 2, axis=0), np.sum(R[a + b :] ** 2, axis=0)
     random = rest > NOISE_FREE**2 * np.sum(R**2, axis=0)  # not a function of its own past
     ratio = explained[random] / b / (rest[random] / left)
-    return float(min(1.0, r * np.min(f_distribution.sf(ratio, b, left), initial=1.0)))
+    return float(min(1.0, r * np.min(scipy.stats.f.sf(ratio, b, left), initial=1.0)))
 
 
 def relative_squares(model: StateSpace, record: Record, simulated: bool) -> Array:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import expm, matrix_balance
+import scipy
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
@@ -211,7 +211,7 @@ def zero_order_hold(A: Array, B: Array, period_s: float) -> tuple[Array, Array]:
     block = np.zeros((n + B.shape[1], n + B.shape[1]))
     block[:n, :n], block[:n, n:] = A, B
     with np.errstate(over="ignore", invalid="ignore"):  # a mode that grows at once
-        exact = expm(block * period_s)
+        exact = scipy.linalg.expm(block * period_s)
     return exact[:n, :n], exact[:n, n:]
 
 
@@ -222,7 +222,7 @@ def reachable_order(A: Array, B: Array) -> int:
     effects of 1 N and 1 Nm differ by 1e5 in a ship); every new block is orthogonal to what
     is reached already, so powers of A have no influence either. Bargouth (2022), (3.32).
     """
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    balanced, (scale, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
     effect = B / scale[:, None]
     size = np.linalg.norm(effect, axis=0)
     new = effect[:, size > 0.0] / size[size > 0.0]

@@ -6,8 +6,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.errors import ConfigurationError
@@ -94,7 +94,7 @@ def _exact(w: float, d: float, step_s: float) -> Array:
     block = np.zeros((3, 3))
     block[:2, :2] = [[0.0, 1.0], [-w * w, -2.0 * d * w]]
     block[1, 2] = w * w
-    return np.asarray(expm(block * step_s))
+    return np.asarray(scipy.linalg.expm(block * step_s))
 
 
 @dataclass(frozen=True)

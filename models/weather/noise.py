@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
@@ -100,7 +100,7 @@ def gauss_markov(
     `deviation` (m, m) is a Cholesky factor of the covariance P. With Phi = exp(system h) a step is
     x_{k+1} = Phi x_k + w_k, cov w = P - Phi P Phi'. The first sample is drawn from P.
     """
-    transition = expm(system * period_s)
+    transition = scipy.linalg.expm(system * period_s)
     covariance = deviation @ deviation.T
     innovation = covariance - transition @ covariance @ transition.T
     draws = rng.standard_normal((n, len(system)))
