@@ -32,6 +32,7 @@ from seatrial.runner.compare.statistics import (
     marks_of,
     pivot,
 )
+from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.vocabulary import COMBINED
 
@@ -59,9 +60,11 @@ GOLDEN = 0.6180339887498949  # spreads any number of points evenly
 
 def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     """Draw one figure for each facet, with one panel for each degree of freedom."""
+    names = results.metric_names()
+    hint = "" if request.metric in names else meant(request.metric, names)
     missing = (
-        f"plot bars: no finished run has {request.metric} of model {request.model}"
-        f"; metrics are {', '.join(results.metric_names()) or 'none yet'}"
+        f"plot bars: no finished run has {request.metric} of model {request.model}; "
+        f"{hint}metrics are {', '.join(names) or 'none yet'}"
     )
     return each_facet(results, request, partial(_drawing, results, request), missing, averages=True)
 

@@ -123,6 +123,7 @@ REFUSED = (
     (["plot", "orders"], "has the diagnostic order_mse"),
     (["plot", "pareto"], "has the diagnostic pareto_objective"),
     (["plot", "bars", "--metric", "speed"], "no finished run has speed"),
+    (["plot", "bars", "--metric", "force_ms"], "identified; did you mean force_mse? metrics are "),
     (["plot", "bars", "--facet", "weather"], "'weather' is not known"),
     (["plot", "residual", "--run", "99"], "no runs match"),
     (["plot", "residual", "--run", "5"], "run 5 has no series residual"),
