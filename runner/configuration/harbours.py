@@ -10,10 +10,10 @@ longitude and latitude too, becomes the origin in NED; by default the quay's fir
 
 import json
 from collections.abc import Mapping
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.configuration.search_path import HARBOURS, harbour_file
 
 if TYPE_CHECKING:  # what is slow to import
@@ -49,7 +49,7 @@ def read_chart(name: object) -> dict[str, object]:
         features = content["features"]
         shapes = [(one.get("properties") or {}, _shape(one["geometry"])) for one in features]
     except OSError as error:
-        hint = "".join(f"did you mean {word}? " for word in get_close_matches(str(name), known, 1))
+        hint = meant(str(name), known)
         raise ConfigurationError(
             f"{where}: {hint or f'expected a GeoJSON file or one of {known}; '}{error.strerror}"
         ) from error
