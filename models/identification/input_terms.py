@@ -4,9 +4,14 @@ The devices of a vessel keep their nominal parameters. Where these are wrong, a 
 alone has to make up for it, and cannot: hull forces do not know what the shaft does. Polynomials of
 the inputs can, as in the models of Abkowitz (1964): thrust and its loss with speed are quadratic
 forms of n and u, a rudder in the slipstream acts with the square of a speed between those of ship
-and slipstream, a thruster by its command. The lateral forces of a shaft are those of its asymmetry.
+and slipstream, a thruster by its command, in the directions in which its device pushes. The lateral
+forces of a shaft are those of its asymmetry.
 """
 
+import numpy as np
+
+from seatrial.models.notation import DOFS
+from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.table import Vessel
 
 SHAFT, ANGLE, SIGNAL = "n", "delta", "pwm"  # of which the names of inputs are made
@@ -24,14 +29,19 @@ def input_labels(nominal: Vessel, windy: bool) -> list[str]:
     if not nominal.devices or not set(kinds.values()) <= {SHAFT, ANGLE, SIGNAL}:
         return []
     shafts = [name for name, kind in kinds.items() if kind == SHAFT]
+    rest = np.zeros((len(kinds), len(nominal.dofs)))
+    pushed = device_forces(
+        nominal.installed, nominal.variables(rest, rest, inputs=np.eye(len(rest)))
+    )
     terms: dict[str, list[str]] = {dof: [] for dof in nominal.dofs}
     for dof in terms:
         ahead = dof == "surge"
         for n in shafts:
             terms[dof] += [f"|{n}|{n}", f"{n}^2"]
             terms[dof] += [f"u{n}", f"u|{n}|"] if ahead else []
-        for p in (name for name, kind in kinds.items() if kind == SIGNAL):
-            terms[dof] += [p, f"|{p}|{p}", f"u{p}"]
+        for p, force in zip(kinds, pushed[:, DOFS.index(dof)], strict=True):
+            if kinds[p] == SIGNAL and force != 0.0:
+                terms[dof] += [p, f"|{p}|{p}", f"u{p}"]
         for d in (name for name, kind in kinds.items() if kind == ANGLE):
             speeds = [f"{n}^2" for n in shafts] + [f"|{n}|{n}" for n in shafts] or ["u^2"]
             if not ahead and shafts:

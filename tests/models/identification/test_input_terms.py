@@ -9,7 +9,7 @@ from tests.models.conftest import configured
 
 LABELS = {
     "kvlcc2": {"surge.|n|n", "surge.u|n|", "sway.n^2delta", "yaw.u|n|delta", "surge.n^2delta^2"},
-    "blueboat": {"surge.pwm_1", "sway.|pwm_2|pwm_2", "yaw.upwm_1"},
+    "blueboat": {"surge.pwm_1", "yaw.|pwm_2|pwm_2", "yaw.upwm_1"},
     "otter": {"surge.n_1^2", "yaw.|n_2|n_2", "surge.un_2"},
 }
 
@@ -28,6 +28,12 @@ def test_a_vessel_with_devices_has_terms_of_its_inputs(name: str) -> None:
     more = set(input_labels(nominal, windy=True)) - set(labels)
     lateral = (f"{dof}.{term}" for dof in ("sway", "yaw") for term in ("V_qv_q", "u_qv_q"))
     assert more == {"surge.V_qu_q", *lateral}
+
+
+def test_a_thruster_acts_where_it_pushes() -> None:
+    """Two thrusters that push ahead turn the boat, and do not move it aside."""
+    labels = input_labels(configured("vessel", "blueboat").nominal(), windy=False)
+    assert not [label for label in labels if label.startswith("sway")]
 
 
 @pytest.mark.parametrize("name", ["milliampere", "milliampere_azimuths", "mariner"])
