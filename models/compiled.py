@@ -19,6 +19,7 @@ the cache folder as well: another vessel or controller needs most of them again.
 import hashlib
 import json
 import logging
+import os
 import pickle
 import sys
 from collections.abc import Callable
@@ -50,6 +51,11 @@ from seatrial.models.source_digest import (
 )
 
 numba_config: Any = config
+# What LLVM does beyond its first level costs a quarter of the time of compiling, and brings the
+# loop nothing: its vectors are those of `packs`.
+if "NUMBA_OPT" not in os.environ:
+    numba_config.OPT = type(numba_config.OPT)(1)
+    numba_config.LOOP_VECTORIZE = 0
 log = logging.getLogger(__name__)
 Signature = tuple[Type, ...]  # types of the arguments
 F = TypeVar("F", bound=Callable[..., object])
