@@ -255,9 +255,7 @@ def clock_of(source: Source, columns: ColumnMap) -> Column:
         if source.find(name) is not None:
             return replace(time, column=name)
     known = find_time(source)
-    if known is None:
-        raise source.absent(time.name)
-    return known
+    return known or replace(time, column=column({source.name: source}, time.name)[1])  # raises
 
 
 def first_time(sources: Sources, columns: ColumnMap) -> float:

@@ -5,7 +5,7 @@ import os
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -13,18 +13,16 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from textwrap import shorten
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from annotated_types import Ge
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError, SeatrialError
-from seatrial.models.ranges import check_ranges
+from seatrial.models.ranges import NotNegativeInt, check_ranges
 from seatrial.models.vessel.basis import Array
 
 LARGEST_BYTES = 2**28  # of a file that is read at once, and of the numbers of any recording
-MOST_CELLS = LARGEST_BYTES // 8
 MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
 Values: TypeAlias = Array | TextArray
@@ -50,13 +48,13 @@ FORMATS: dict[str, FileFormat] = {
     name: FileFormat(tuple(suffixes.split()), *row)
     for name, suffixes, *row in (
         ("csv", ".csv .tsv", "text.read"),
-        ("dat", ".dat .txt .asc .dba .log .alog", "text.read"),
+        ("dat", ".dat .txt .asc .dba .log", "text.read"),
         ("excel", ".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
         ("hdf5", ".h5 .hdf5", "tables.read_hdf5", "h5py", rb"(?:.{512})?\x89HDF"),  # MATLAB 7.3
         ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]"),
         ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "pymavlink",
          rb"\xa3\x95|FMT, ?\d|.{8}[\xfd\xfe].{5,}"),
-        ("nmea", ".nmea .nma", "nmea.read", "pynmea2", NMEA),
+        ("nmea", ".nmea .nma", "messages.read_nmea", "pynmea2", NMEA),
         ("parquet", ".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
         ("mat", ".mat", "tables.read_matlab", None, rb"MATLAB [^7]"),
         ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "rosbags",
@@ -96,20 +94,22 @@ class Source:
         """The title of a column as it is written in the file."""
         return self.titles.get(name, name)
 
-    def find(self, name: str) -> str | None:
-        """The column of a name, which may be written as in the header; None if there is none."""
+    def called(self, name: str) -> list[str]:
+        """The columns of a name, which may be written as in the header."""
         titled = [plain for plain, title in self.titles.items() if title == name]
-        return name if name in self.columns else titled[0] if len(titled) == 1 else None
+        return [name] if name in self.columns else titled
+
+    def find(self, name: str) -> str | None:
+        """The column of a name; None if there is none, or several."""
+        known = self.called(name)
+        return known[0] if len(known) == 1 else None
 
     def numbers(self, name: str, *, gaps: bool = False) -> Array:
         """The column `name` as numbers, shape (N,); `gaps` allows NaN, for missing values.
 
         Raises RecordingError, with file, column and line, if a cell is not a finite number.
         """
-        column = self.find(name)
-        if column is None:
-            raise self.absent(name)
-        values = self.columns[column]
+        values = self.columns[column({self.name: self}, name)[1]]
         text = values.dtype == np.object_
         wrong = np.ones(len(values), dtype=bool) if text else np.isnan(values)
         if np.any(wrong) and (text or not gaps):
@@ -126,19 +126,6 @@ class Source:
             f"{self.path}, column {name}, {place}: got {got}, expected {expected}"
         )
 
-    def absent(self, name: str) -> RecordingError:
-        """What is raised where there is no column `name`, or several have that title."""
-        alike = [plain for plain, title in self.titles.items() if title == name]
-        if alike:
-            got = f"{len(alike)} columns are titled {name!r}, expected one of"
-            return RecordingError(f"{self.path}: {got} {_listing(alike)}")
-        known = _listing(map(self.title, self.columns))
-        return RecordingError(f"{self.path}: no column {name!r}, expected it among {known}")
-
-
-def _listing(names: Iterable[str]) -> str:
-    return shorten(", ".join(names), 600, placeholder=" ...")
-
 
 Contents: TypeAlias = tuple[list[Source], Sequence[str]]  # of a file, and what was left out
 
@@ -149,35 +136,29 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
     A source may be named by the end of its path. Raises RecordingError if there is no such column,
     or several.
     """
-    searched, (wanted, _, title) = list(sources.values()), name.rpartition(":")
-    place = os.path.commonpath([source.path for source in searched])
-    if any(source.find(name) for source in searched):
-        title = name
-    elif wanted:
-        ending = f"/{wanted.lstrip('/')}"
-        alike = [source for source in searched if f"/{source.name}".endswith(ending)]
-        searched = [sources[wanted]] if wanted in sources else alike
-    holders = [(source, plain) for source in searched if (plain := source.find(title))]
+    every, (wanted, _, last) = list(sources.values()), name.rpartition(":")
+    ending = f"/{wanted.lstrip('/')}"
+    alike = [source for source in every if f"/{source.name}".endswith(ending)]
+    alike = [sources[wanted]] if wanted in sources else alike
+    holders = [(source, plain) for source in every for plain in source.called(name)]
+    holders = holders or [(source, plain) for source in alike for plain in source.called(last)]
     if len(holders) == 1:
         return holders[0]
-    if holders:
-        raise RecordingError(
-            f"{place}: {len(holders)} sources have a column {name!r}: "
-            f"{_listing(source.name for source, _ in holders)}; expected one of them before it, "
-            f"as {holders[0][0].name}:{holders[0][1]}"
-        )
-    if len(searched) == 1:
-        raise searched[0].absent(title)
-    every = (f"{source.name}:{plain}" for source in searched for plain in source.columns)
-    got, known = (f"column {name!r}", every) if searched else (f"source {wanted!r}", sources)
-    raise RecordingError(f"{place}: no {got}, expected it among {_listing(known)}")
+    got = f"{len(holders)} columns are titled" if holders else "no column"
+    known = holders or [(source, plain) for source in alike or every for plain in source.columns]
+    names = [plain if len(every) == 1 else f"{source.name}:{plain}" for source, plain in known]
+    raise RecordingError(
+        f"{os.path.commonpath([source.path for source in every])}: {got} {name!r}, expected it "
+        f"among {shorten(', '.join(names), 600, placeholder=' ...')}"
+    )
 
 
-def check_size(path: Path, cells: int) -> None:
-    """Raise RecordingError if a recording has more numbers than fit in memory."""
-    if cells > MOST_CELLS:
+def check_size(path: Path, size: int) -> None:
+    """Raise RecordingError if a recording has more bytes than are read at once."""
+    if size > LARGEST_BYTES:
         raise RecordingError(
-            f"{path}: got {cells:.3g} numbers, expected at most {MOST_CELLS:.3g}; cut the recording"
+            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
+            "recording"
         )
 
 
@@ -193,8 +174,8 @@ class TextOptions:
     decimal: Literal[".", ","] | None = None
     encoding: str | None = None
     comment: str | None = "#"  # beginning of lines that are passed over
-    skip_lines: Annotated[int, Ge(0)] = 0
-    header_lines: Annotated[int, Ge(0)] | None = None
+    skip_lines: NotNegativeInt = 0
+    header_lines: NotNegativeInt | None = None
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -278,12 +259,8 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
         raise ConfigurationError(
             f"{path}: {form.package} is not installed: pip install 'seatrial[{extra}]'"
         )
-    # what is read at once must fit; a bag is read message by message
-    if form.package != "rosbags" and (size := path.stat().st_size) > LARGEST_BYTES:
-        raise RecordingError(
-            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
-            "recording"
-        )
+    if form.package != "rosbags":  # a bag is read message by message
+        check_size(path, path.stat().st_size)
     module, _, function = form.reader.partition(".")
     reader, quiet = import_module(f"{__package__}.formats.{module}"), io.StringIO()
     with warnings.catch_warnings(), redirect_stdout(quiet), redirect_stderr(quiet):

@@ -1,23 +1,48 @@
-"""Logs of messages, a source a topic or a type: ROS and MCAP, ArduPilot, MAVLink, PX4.
+"""Logs of messages, a source a topic or a type: ROS, MCAP, ArduPilot, MAVLink, PX4, NMEA 0183.
 
-They are read by rosbags, pymavlink and pyulog, which are imported where they are used.
+They are read by rosbags, pymavlink, pyulog and pynmea2, which are imported where they are used.
 """
 
+import re
 from array import array
+from calendar import timegm
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError
-from seatrial.models.recording.formats.columns import table_source
+from seatrial.models.recording.formats.text import decoded, table_source
 from seatrial.models.recording.source import MOST_ELEMENTS, Contents, ReadOptions, check_size
 
 TIMES = {"TimeUS": "us", "TimeMS": "ms", "timestamp": "s"}  # of ArduPilot and MAVLink
 CHECKED = 10_000  # messages of a kind between two checks of the size
+DAY = 86400.0  # [s]
+# Of NMEA 0183: the time of a sentence, and sentences.
+TIME = re.compile(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)")
+SENTENCE = re.compile(r"[$!](P[A-Z0-9]{3,}|[A-Z]{2}[A-Z0-9]{3}),[^*$!\r\n\"]*(?:\*[0-9A-Fa-f]{2})?")
+# Stamps of loggers: date-times, seconds of a tag block, clocks, a number of seconds.
+STAMP = re.compile(
+    r"(\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ]+\d?\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?)"
+    r"|\\[^\\]*\bc:(\d{9,})|(\d?\d:\d\d:\d\d(?:[.,]\d+)?)"
+    r"|(?:^|[\s,;\[(])(\d+(?:\.\d+)?)(?=[\s,;:\])\"]|$)"
+)
+UNITS = {  # by regular expressions of a sentence and its field, the first that fits
+    "rpm": "RPM.* speed", "percent": "RPM.* pitch",
+    "km/h": "_kmph$|_km$", "m/s": "_ms$|speed_meters$", "knot": "_knots$|_kts$|_kn$|spd",
+    "deg/min": "rate_of_turn", "ft": "_feet$", "fathom": "_fathoms$",
+    "m": " (depth|offset|altitude|geo_sep|std_dev|heave)",
+    "deg": "heading|course$|_track$|deviation|variation$| (direction|rsa_|deg_)|angle|roll|pitch",
+    "lat": " latitude", "lon": " longitude",  # degrees and minutes
+}  # fmt: skip
+SPEEDS = {"N": "knot", "K": "km/h", "M": "m/s"}
+TRANSDUCERS = {"D": "deg", "R": "rpm", "C": "degC", "P": "Pa", "M": "m", "B": "bar"}
+# Fields that tell quantities apart: relative and true wind, shafts and engines.
+APART = {"MWV": ("reference",), "RPM": ("source", "engine_no")}
 Key = tuple[str, str]  # what a message is, and who sent it
 
 
@@ -44,19 +69,17 @@ class Messages:
                 cells.append(cell)
         self.counts[key] += 1
         if count % CHECKED == 0:
-            check_size(self.path, sum(n * len(self.cells[k]) for k, n in self.counts.items()))
+            check_size(self.path, 8 * sum(n * len(self.cells[k]) for k, n in self.counts.items()))
 
     def _leaves(self, kind: str, name: str, value: Any) -> Iterator[tuple[str, float | str]]:
         """The numbers and texts of a value by dotted name, elements of arrays as `name[0]`."""
         if isinstance(value, str):
             yield name, value
-        elif isinstance(value, bool | int | float | np.number | np.bool_):
+        elif isinstance(value, int | float | np.number | np.bool_):
             yield name, float(value)
         elif is_dataclass(value):
-            for field in fields(value):
-                if not field.name.startswith("__"):
-                    inner = f"{name}.{field.name}" if name else field.name
-                    yield from self._leaves(kind, inner, getattr(value, field.name))
+            for field in (field.name for field in fields(value) if field.name[:2] != "__"):
+                yield from self._leaves(kind, f"{name}.{field}".lstrip("."), getattr(value, field))
         elif hasattr(value, "__len__") and len(value) > MOST_ELEMENTS:
             self.long[f"{kind}, {name}"] = len(value)
         elif hasattr(value, "__len__"):
@@ -95,15 +118,10 @@ def read_bag(path: Path, options: ReadOptions) -> Contents:
     with AnyReader([path], default_typestore=common) as bag:
         types = common.fielddefs | bag.typestore.fielddefs
         strange = {c.msgtype.partition("/")[0] for c in bag.connections if c.msgtype not in types}
-        for file in map(Path, options.messages):
-            try:
-                text = file.expanduser().read_text(encoding="utf-8")
-            except (OSError, UnicodeError) as error:
-                raise ConfigurationError(
-                    f"excitation.messages: {file}: cannot be read ({error})"
-                ) from error
+        for file in (Path(name).expanduser() for name in options.messages):
             named = file.parent.parent.name if file.parent.name == "msg" else ""
             for package in [named] if named else strange:
+                text = file.read_text(encoding="utf-8")
                 types |= get_types_from_msg(text, f"{package}/msg/{file.stem}")
         bag.typestore.register({k: v for k, v in types.items() if k not in bag.typestore.fielddefs})
         for connection in bag.connections:
@@ -154,10 +172,10 @@ def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
                            if flash else message.fieldunits_by_name) | TIMES  # fmt: skip
         messages.add(*key, values)
     (log.filehandle if flash else log.f).close()
-    lost = path.stat().st_size - read if flash is DFReader.DFReader_binary else 0
-    reasons = {f"{lost} bytes that are no messages": lost,
-               f"{bad} messages that are damaged or of an unknown type": bad}  # fmt: skip
-    return messages.contents(units, [reason for reason, there in reasons.items() if there])
+    lost = {"bytes that are no messages":
+                path.stat().st_size - read if flash is DFReader.DFReader_binary else 0,
+            "messages that are damaged or of an unknown type": bad}  # fmt: skip
+    return messages.contents(units, [f"{n} {reason}" for reason, n in lost.items() if n])
 
 
 def read_ulog(path: Path, options: ReadOptions) -> Contents:
@@ -172,3 +190,74 @@ def read_ulog(path: Path, options: ReadOptions) -> Contents:
         columns = ((t, cells, "us" if t == "timestamp" else "") for t, cells in topic.data.items())
         sources.append(table_source(name, path, columns))
     return sources, []
+
+
+def read_nmea(path: Path, options: ReadOptions) -> Contents:
+    """The sentences of a log that have a time, each type by each talker."""
+    data, said = decoded(path, options.text.encoding)
+    lines, lost = data.decode().splitlines(), Counter[str]()
+    messages, units = Messages(path), defaultdict[Key, dict[str, str]](dict)
+    stamped = any(stamp for _, stamp in islice(_sentences(lines, Counter()), 9))
+    days = (_day(sentence) for sentence, _ in _sentences(lines, Counter()))
+    day, clock = next((d for d in days if d is not None), 0.0), np.nan
+    for sentence, stamp in _sentences(lines, lost):
+        kind, cells = type(sentence).__name__, [cell.strip() for cell in sentence.data]
+        names = [{"lat": "latitude", "lon": "longitude"}.get(f[1], f[1]) for f in sentence.fields]
+        row = dict(zip(names, cells, strict=False))
+        if time := TIME.fullmatch(row.pop("timestamp", "")):
+            seconds = 3600.0 * int(time[1]) + 60.0 * int(time[2]) + float(time[3])
+            if (own := _day(sentence)) is not None:
+                day = own
+            elif clock - day - seconds > DAY / 2.0:  # past midnight
+                day += DAY
+            clock = day + seconds
+        if row.get("status") == "V":
+            lost[f"{kind} of status V (not valid)"] += 1
+            continue
+        if not stamp and (stamped or np.isnan(clock)):
+            lost["without a time"] += 1
+            continue
+        apart = "".join(row.get(name, "") for name in APART.get(kind, ()))
+        key = f"{kind}/{apart}".rstrip("/"), getattr(sentence, "talker", "")
+        if kind == "XDR":  # type, value, unit and name of each transducer
+            each = list(zip(*(iter(cells),) * 4, strict=False))
+            row = {name: value for _, value, _, name in each}
+            units[key] |= {name: TRANSDUCERS.get(unit, "") for _, _, unit, name in each}
+        elif kind == "MWV":
+            units[key]["wind_speed"] = SPEEDS.get(row.get("wind_speed_units", ""), "")
+        row = {name: cell for name, cell in row.items() if cell and name != "datestamp"}
+        messages.add(*key, {"time": stamp if stamped else clock} | row)
+    for key, columns in messages.cells.items():
+        forms = [*UNITS.items(), ("s" if not stamped else "", " time$")]
+        units[key] = {name: next((unit for unit, form in forms
+                                  if re.search(form, f"{key[0]} {name}")), "")
+                      for name in columns} | units[key]  # fmt: skip
+    return messages.contents(units, [*said, *(f"{n} sentences {why}" for why, n in lost.items())])
+
+
+def _sentences(lines: Sequence[str], lost: Counter[str]) -> Iterator[tuple[Any, str]]:
+    """The sentences, and the stamp of a logger beside each."""
+    from pynmea2 import ChecksumError, NMEASentence, TalkerSentence
+
+    heading = ("Heading", "heading"), ("Status", "status")
+    type("THS", (TalkerSentence,), {"fields": heading})  # which pynmea2 knows from now on
+    for line in lines:
+        end = 0
+        for match in SENTENCE.finditer(line):
+            beside, end = line[end : match.start()] or line[match.end() :], match.end()
+            try:
+                sentence = NMEASentence.parse(match[0])
+                _, *_ = sentence.fields  # a type that is not known has none
+            except (ValueError, LookupError) as error:
+                wrong = isinstance(error, ChecksumError)
+                lost["with a wrong checksum" if wrong else f"{match[1]} of unknown type"] += 1
+            else:
+                found = (text for texts in STAMP.findall(beside) for text in texts if text)
+                yield sentence, next(found, "").replace(",", ".")
+
+
+def _day(sentence: Any) -> float | None:
+    """The day of a sentence [s since 1970]; None if it has none."""
+    with suppress(AttributeError, TypeError, ValueError):  # of what is no date
+        return float(timegm(sentence.datestamp.timetuple()))
+    return None

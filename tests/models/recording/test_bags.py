@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seatrial.models.errors import ConfigurationError
+from seatrial.models.errors import RecordingError
 from seatrial.models.recording.source import ReadOptions, read_sources
 
 pytest.importorskip("rosbags")
@@ -104,5 +104,5 @@ def test_topics_of_unknown_type_are_left_out_or_defined_by_a_file(tmp_path: Path
         np.testing.assert_array_equal(sources["ballast"].columns["level"], np.arange(5.0))
         first = next(iter(sources.values()))
         assert first.left_out == ("ballast, scan: arrays of 100 elements",)
-    with pytest.raises(ConfigurationError, match=r"messages: none\.msg: cannot be read"):
+    with pytest.raises(RecordingError, match=r"No such file or directory: 'none\.msg'"):
         read_sources(tmp_path / "a", ReadOptions(messages=("none.msg",)))

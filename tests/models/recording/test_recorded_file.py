@@ -275,7 +275,7 @@ HEADER = b"Time,position_x,surge_vel,force_x"
         (HEADER + b"\n0,0,0,0\n1,0,0\n", "line 3: got 3 cells, expected 4 as in the header"),
         (HEADER + b'\n0,0,0,0\n1,"0,0,0\n' + b"1,0,0,0\n" * 5, "got 2 cells, expected 4"),
         (HEADER + b'\n0,0,0,0\n1,"' + b"0,0,0\n" * 50000, "field larger than field limit"),
-        (b"Time,x\n1,2\n\x00\x01\x02", "line 3: got binary data"),
+        (b"Time,x\n1,2\n\x00\x01\x02", "got binary data"),
         (b"Time,x\n\xff\xfe\xfa", "line 2: got 1 cells, expected 2 as in the header"),
     ],
     ids=range(10),
