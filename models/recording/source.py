@@ -37,34 +37,32 @@ MISSING = frozenset(
 class FileFormat(NamedTuple):
     """How a format is recognised, and the function of the folder `formats` that reads it."""
 
-    suffixes: tuple[str, ...]
+    suffixes: str
     reader: str  # file.function
     package: str | None = None  # needed to read it
     begins: bytes = rb"(?!)"  # how a file begins, a regular expression
 
 
 NMEA = rb"(?:[^\n]{0,200}\n){0,20}?[^\n]{0,100}[$!](?:[A-Z]{2}[A-Z\d]{3}|P[A-Z]{3,}),[^\n]*[,*]"
-FORMATS: dict[str, FileFormat] = {
-    name: FileFormat(tuple(suffixes.split()), *row)
-    for name, suffixes, *row in (
-        ("csv", ".csv .tsv", "text.read"),
-        ("dat", ".dat .txt .asc .dba .log", "text.read"),
-        ("excel", ".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
-        ("hdf5", ".h5 .hdf5", "tables.read_hdf5", "h5py", rb"(?:.{512})?\x89HDF"),  # MATLAB 7.3
-        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]"),
-        ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "pymavlink",
-         rb"\xa3\x95|FMT, ?\d|.{8}[\xfd\xfe].{5,}"),
-        ("nmea", ".nmea .nma", "messages.read_nmea", "pynmea2", NMEA),
-        ("parquet", ".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
-        ("mat", ".mat", "tables.read_matlab", None, rb"MATLAB [^7]"),
-        ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "rosbags",
-         rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
-        ("ulog", ".ulg .ulog", "messages.read_ulog", "pyulog", rb"ULog\x01"),
-    )
-}  # fmt: skip
+MAVLINK = rb"\xa3\x95|FMT, ?\d|.{8}[\xfd\xfe].{5,}"
+BAG = rb"#ROSBAG|\x89MCAP|SQLite format 3\0"
+FORMATS = {
+    "csv": FileFormat(".csv .tsv", "text.read"),
+    "dat": FileFormat(".dat .txt .asc .dba .log", "text.read"),
+    "excel": FileFormat(".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
+    "hdf5": FileFormat(
+        ".h5 .hdf5", "tables.read_hdf5", "h5py", rb"(?:.{512})?\x89HDF"
+    ),  # MATLAB 7.3
+    "netcdf": FileFormat(".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]"),
+    "ardupilot": FileFormat(".bin .tlog", "messages.read_ardupilot", "pymavlink", MAVLINK),
+    "nmea": FileFormat(".nmea .nma", "messages.read_nmea", "pynmea2", NMEA),
+    "parquet": FileFormat(".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
+    "mat": FileFormat(".mat", "tables.read_matlab", None, rb"MATLAB [^7]"),
+    "rosbag": FileFormat(".bag .db3 .mcap", "messages.read_bag", "rosbags", BAG),
+    "ulog": FileFormat(".ulg .ulog", "messages.read_ulog", "pyulog", rb"ULog\x01"),
+}
 EXTRAS = {"rosbag": "ros", "hdf5": "mat"}  # others are called as their format
-SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes}
-BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
+SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes.split()}
 ANY = {".csv", ".txt", ".dat", ".log", ".asc", ".bin", ".mat"}  # suffixes of files of any content
 
 
@@ -94,15 +92,10 @@ class Source:
         """The title of a column as it is written in the file."""
         return self.titles.get(name, name)
 
-    def called(self, name: str) -> list[str]:
-        """The columns of a name, which may be written as in the header."""
-        titled = [plain for plain, title in self.titles.items() if title == name]
-        return [name] if name in self.columns else titled
-
     def find(self, name: str) -> str | None:
-        """The column of a name; None if there is none, or several."""
-        known = self.called(name)
-        return known[0] if len(known) == 1 else None
+        """The column of a name, which may be written as in the header; None if there is none."""
+        titled = [plain for plain, title in self.titles.items() if title == name]
+        return name if name in self.columns else titled[0] if len(titled) == 1 else None
 
     def numbers(self, name: str, *, gaps: bool = False) -> Array:
         """The column `name` as numbers, shape (N,); `gaps` allows NaN, for missing values.
@@ -122,9 +115,8 @@ class Source:
         place, text = f"row {row + 1}", str(self.columns[column][row])
         place, text = self.cell(row, column) if self.cell else (place, text)
         got = repr(shorten(text, 40, placeholder="...")) if text.strip() else "an empty cell"
-        return RecordingError(
-            f"{self.path}, column {name}, {place}: got {got}, expected {expected}"
-        )
+        place = f"{self.path}, column {name}, {place}"
+        return RecordingError(f"{place}: got {got}, expected {expected}")
 
 
 Contents: TypeAlias = tuple[list[Source], Sequence[str]]  # of a file, and what was left out
@@ -140,26 +132,26 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
     ending = f"/{wanted.lstrip('/')}"
     alike = [source for source in every if f"/{source.name}".endswith(ending)]
     alike = [sources[wanted]] if wanted in sources else alike
-    holders = [(source, plain) for source in every for plain in source.called(name)]
-    holders = holders or [(source, plain) for source in alike for plain in source.called(last)]
+    holders = [(source, plain) for source in every if (plain := source.find(name))]
+    holders = holders or [(source, plain) for source in alike if (plain := source.find(last))]
     if len(holders) == 1:
         return holders[0]
-    got = f"{len(holders)} columns are titled" if holders else "no column"
+    got = f"{len(holders)} sources have a column" if holders else "no column"
     known = holders or [(source, plain) for source in alike or every for plain in source.columns]
     names = [plain if len(every) == 1 else f"{source.name}:{plain}" for source, plain in known]
-    raise RecordingError(
-        f"{os.path.commonpath([source.path for source in every])}: {got} {name!r}, expected it "
-        f"among {shorten(', '.join(names), 600, placeholder=' ...')}"
-    )
+    among, place = _short(", ".join(names), 600), os.path.commonpath([s.path for s in every])
+    raise RecordingError(f"{place}: {got} {name!r}, expected it among {among}")
 
 
 def check_size(path: Path, size: int) -> None:
     """Raise RecordingError if a recording has more bytes than are read at once."""
     if size > LARGEST_BYTES:
-        raise RecordingError(
-            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
-            "recording"
-        )
+        got = f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}"
+        raise RecordingError(f"{got}; cut the recording")
+
+
+def _short(text: str, width: int) -> str:
+    return shorten(text, width, placeholder=" ...")
 
 
 @dataclass(frozen=True)
@@ -209,21 +201,17 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
 def _sources(path: Path, options: ReadOptions, stamp: tuple[object, ...]) -> dict[str, Source]:
     """Those of a file in one state of it: what checks a recording reads it several times."""
     if options.format not in (None, *FORMATS):
-        raise ConfigurationError(
-            f"excitation.format: got {options.format!r}, expected one of {', '.join(FORMATS)}"
-        )
-    if not path.is_dir() and not path.is_file():
-        problem = "is not a regular file" if path.exists() else "there is no such file"
-        shown = str(path).replace("\0", "\\0")
-        raise RecordingError(f"{shown}: {problem}, expected a recording")
+        got = f"excitation.format: got {options.format!r}"
+        raise ConfigurationError(f"{got}, expected one of {', '.join(FORMATS)}")
     kinds, files = FORMATS if options.format is None else (options.format,), [path]
-    if path.is_dir() and not ("rosbag" in kinds and (path / BAG).is_file()):
+    if not path.is_file() and not ("rosbag" in kinds and (path / "metadata.yaml").is_file()):
         files = [file for file in sorted(path.rglob("*"))
                  if SUFFIXES.get(file.suffix.lower()) in kinds and file.is_file()]  # fmt: skip
     if not files:
-        raise RecordingError(
-            f"{path}: is a folder without recordings, expected files with {', '.join(SUFFIXES)}"
-        )
+        problem = "is not a regular file" if path.exists() else "there is no such file"
+        problem = "is a folder without recordings" if path.is_dir() else problem
+        shown = str(path).replace("\0", "\\0")
+        raise RecordingError(f"{shown}: {problem}, expected a recording: {', '.join(SUFFIXES)}")
     names = {f: f.relative_to(path).with_suffix("").as_posix() for f in files if f != path}
     counts, sources = Counter(names.values()), dict[str, Source]()
     for file in files:
@@ -234,7 +222,7 @@ def _sources(path: Path, options: ReadOptions, stamp: tuple[object, ...]) -> dic
         except SeatrialError:
             raise
         except Exception as error:  # a library may raise anything
-            got = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
+            got = _short(f"{type(error).__name__} {error}".strip(), 200)
             raise RecordingError(f"{file}: cannot be read ({got}), expected a recording") from error
         for source in known:
             own = "" if name and source.name == file.stem else source.name
@@ -255,10 +243,8 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
         kind = next(told, kind)
     form = FORMATS[kind]
     if form.package is not None and find_spec(form.package) is None:
-        extra = EXTRAS.get(kind, kind)
-        raise ConfigurationError(
-            f"{path}: {form.package} is not installed: pip install 'seatrial[{extra}]'"
-        )
+        way = f"pip install 'seatrial[{EXTRAS.get(kind, kind)}]'"
+        raise ConfigurationError(f"{path}: {form.package} is not installed: {way}")
     if form.package != "rosbags":  # a bag is read message by message
         check_size(path, path.stat().st_size)
     module, _, function = form.reader.partition(".")

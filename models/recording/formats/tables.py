@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from textwrap import shorten
@@ -14,7 +14,7 @@ import scipy
 from pyarrow import parquet
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.formats.text import Cells, column_of_cells, table, table_source
+from seatrial.models.recording.formats.text import column_of_cells, table, table_source
 from seatrial.models.recording.source import MOST_ELEMENTS, Contents, ReadOptions, check_size
 
 
@@ -22,11 +22,12 @@ def read_excel(path: Path, options: ReadOptions) -> Contents:
     """The sheets of a workbook, read like the text that their cells would be."""
     sources, left_out = [], []
     text = replace(options.text, separator=",", decimal=".", encoding=None, comment=None)
+    options = replace(options, text=text)
     book = pd.read_excel(path, sheet_name=None, header=None, keep_default_na=False)
     for name, sheet in book.items():
         try:
             cells = sheet.to_csv(header=False, index=False).encode()
-            sources.append(table(path, cells, text, name))
+            sources.append(table(path, cells, options, name))
         except RecordingError as error:
             left_out.append(f"sheet {name}: {str(error).removeprefix(f'{path}: ')}")
     return sources, left_out
@@ -39,18 +40,11 @@ def read_parquet(path: Path, options: ReadOptions) -> Contents:
         stored = file.read(use_threads=False)
     frame = stored.to_pandas(ignore_metadata=True)
     columns = (
-        ("index" if field.name == "__index_level_0__" else field.name, _cells(frame.iloc[:, i]),
+        ("index" if field.name == "__index_level_0__" else field.name, frame.iloc[:, i],
          (field.metadata or {}).get(b"unit", b"").decode())
         for i, field in enumerate(stored.schema)
     )  # fmt: skip
     return [table_source(path.stem, path, columns)], []
-
-
-def _cells(values: "pd.Series[Any]") -> Cells:
-    """A column as numbers, NaN for null, or as text, shape (N,)."""
-    if pd.api.types.is_numeric_dtype(values):
-        return np.asarray(values.to_numpy(np.float64, na_value=np.nan))
-    return values.astype(str).mask(values.isna(), "").to_list()
 
 
 def read_matlab(path: Path, options: ReadOptions) -> Contents:
@@ -62,7 +56,7 @@ def read_matlab(path: Path, options: ReadOptions) -> Contents:
             name = value["s0"].item().decode()
         if not name.startswith("__"):
             variables[name] = _of_scipy(value)
-    return _sources(path, _placed(variables), {}, {})
+    return _sources(path, _placed(variables))
 
 
 def read_hdf5(path: Path, options: ReadOptions) -> Contents:
@@ -71,52 +65,48 @@ def read_hdf5(path: Path, options: ReadOptions) -> Contents:
 
     with h5py.File(path, "r") as stored:
         variables = {n: _of_hdf5(v, stored) for n, v in stored.items() if n[0] != "#"}
-    return _sources(path, _placed(variables), {}, {})
+    return _sources(path, _placed(variables))
 
 
 def read_netcdf(path: Path, options: ReadOptions) -> Contents:
     """The variables of a file, a source a dimension, times as date-times."""
     import xarray as xr
 
-    leaves: list[tuple[str, str, object]] = []
-    units, titles = dict[str, str](), dict[str, str]()
+    leaves, titles = list[tuple[str, str, Any, str]](), dict[str, str]()
     with xr.open_dataset(path, decode_timedelta=False) as stored:
         for key, variable in stored.variables.items():
-            values, name = np.atleast_1d(variable.values), str(key)
+            values, name, unit = np.atleast_1d(variable.values), str(key), ""
             titles[name] = str(variable.attrs.get("long_name", key))
             if values.dtype.kind in "MOSU":  # date-times, also of other calendars, and text
-                values = column_of_cells(_cells(pd.Series(values.ravel())))[0]
+                values = column_of_cells(values.ravel())[0]
             else:  # by UDUNITS: m s-1
-                unit = str(variable.attrs.get("units", ""))
-                units[name] = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", unit)
+                unit = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", str(variable.attrs.get("units", "")))
             long = {str(name): size for name, size in variable.sizes.items() if size > 1}
-            leaves.append((max(long, key=lambda name: long[name], default=""), name, values))
-    if len({group for group, _, _ in leaves if group}) == 1:
-        leaves = [("", name, values) for _, name, values in leaves]
-    return _sources(path, leaves, units, titles)
+            leaves.append((max(long, key=lambda n: long[n], default=""), name, values, unit))
+    if len({group for group, *_ in leaves if group}) == 1:
+        leaves = [("", *leaf[1:]) for leaf in leaves]
+    sources, left_out = _sources(path, leaves)
+    own = [{name: titles[name] for name in source.columns if name in titles} for source in sources]
+    return [replace(s, titles=of) for s, of in zip(sources, own, strict=True)], left_out
 
 
-def _sources(
-    path: Path, leaves: Iterable[tuple[str, str, object]], units: Mapping[str, str],
-    titles: Mapping[str, str],
-) -> Contents:  # fmt: skip
-    """Vectors and matrices with a row or column a sample, by source and name, as sources.
+def _sources(path: Path, leaves: Iterable[tuple[str, str, Any, str]]) -> Contents:
+    """Vectors and matrices with a row or column a sample, by source, name and unit, as sources.
 
     Those of equal length share a clock: the variables of a file, and the fields of one struct.
     Columns of a matrix are named `name[0]`, `name[1]` ...; what is neither is named as left out.
     """
-    groups: dict[tuple[str, int], list[tuple[str, Cells, str]]] = defaultdict(list)
+    groups: dict[tuple[str, int], list[tuple[str, Any, str]]] = defaultdict(list)
     lost: dict[str, list[str]] = defaultdict(list)
-    for top, name, value in leaves:
+    for top, name, value, unit in leaves:
         values = np.squeeze(value) if isinstance(value, np.ndarray) else np.zeros(())
         text, number = values.dtype.kind in "OU", values.dtype.kind in "biuf"
         if values.ndim == 1 and len(values) > 1 and (text or number):
-            cells = values.astype(object) if text else values
-            groups[top, len(values)].append((name, cells, units.get(name, "")))
+            groups[top, len(values)].append((name, values, unit))
         elif number and values.ndim == 2 and min(values.shape) <= MOST_ELEMENTS:
             rows = values.T if values.shape[0] > values.shape[1] else values
             group = groups[top, rows.shape[1]]
-            group += [(f"{name}[{i}]", row, units.get(name, "")) for i, row in enumerate(rows)]
+            group += [(f"{name}[{i}]", row, unit) for i, row in enumerate(rows)]
         else:
             shape = " x ".join(map(str, values.shape))
             kind = f"arrays of {shape} {values.dtype}" if shape else "single values"
@@ -125,18 +115,15 @@ def _sources(
     names, sources = set[str](), []
     for (top, size), columns in sorted(groups.items(), key=lambda item: -len(item[1])):
         own = top or path.stem
-        source = table_source(f"{own}/{size}" if own in names else own, path, columns)
+        sources.append(table_source(f"{own}/{size}" if own in names else own, path, columns))
         names.add(own)
-        sources.append(
-            replace(source, titles={n: titles[n] for n in source.columns if n in titles})
-        )
     return sources, [
         f"{shorten(', '.join(names), 200, placeholder=' ...')}: {kind}, no columns"
         for kind, names in lost.items()
     ]
 
 
-def _placed(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str, str, Any]]:
+def _placed(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str, str, Any, str]]:
     """The arrays of variables by source and name: a struct and each cell is a source.
 
     `place` are the names of fields and the numbers of cells on the way to the value.
@@ -151,17 +138,17 @@ def _placed(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str
         name = ".".join(
             map(str, place[own:] or [key for key in place if isinstance(key, str)][-1:])
         )
-        yield "/".join(map(str, place[:own])), name, value
+        yield "/".join(map(str, place[:own])), name, value, ""
 
 
 def _rows(cells: list[Any]) -> object:
     """Cells, or an array of structs, of single numbers or texts as columns, else as they are."""
-    rows = [{name: leaf for _, name, leaf in _placed(cell, ("",))} for cell in cells]
+    rows = [{name: leaf for _, name, leaf, _ in _placed(cell, ("",))} for cell in cells]
     leaves = [leaf for row in rows for leaf in row.values()]
     if len(rows) < 2 or not all(isinstance(leaf, np.ndarray) and leaf.size == 1 for leaf in leaves):
         return cells
     frame = pd.DataFrame([{name: leaf.item() for name, leaf in row.items()} for row in rows])
-    columns = {str(name): np.asarray(_cells(values)) for name, values in frame.items()}
+    columns = {str(name): column_of_cells(values)[0] for name, values in frame.items()}
     return columns[""] if list(columns) == [""] else columns
 
 

@@ -6,28 +6,19 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import reduce
-from itertools import count, islice, takewhile
+from itertools import chain, count, islice, takewhile
 from pathlib import Path
 from textwrap import shorten
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 from pyarrow import compute as pc
-from pyarrow import csv as arrow_csv
+from pyarrow import csv as arrow
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.source import (
-    MISSING,
-    Contents,
-    ReadOptions,
-    Source,
-    TextOptions,
-    Values,
-    check_size,
-)
-from seatrial.models.vessel.basis import Array
+from seatrial.models.recording.source import MISSING, ReadOptions, Source, Values, check_size
 
 SEPARATORS = "\t;|, "  # in this order where they fit equally well; " " is any white space
 SAMPLE_LINES = 60  # that the layout is found from
@@ -51,10 +42,9 @@ UNITS = {  # of gliders, autopilots and netCDF, as regular expressions
 # Of a time in columns of their own, as their titles begin.
 PARTS = {part[:3]: part for part in ("year", "month", "day", "hour", "minute", "second")}
 SIDES = {"lat": ("N", "S"), "lon": ("E", "W")}
-Cells: TypeAlias = Values | pa.Array | Sequence[str]  # as written, unless they are numbers
 
 
-def read(path: Path, options: ReadOptions) -> Contents:
+def read(path: Path, options: ReadOptions) -> tuple[list[Source], Sequence[str]]:
     """The columns of a text file; raises RecordingError if it cannot be read as a table."""
     data, left_out = decoded(path, options.text.encoding)
     annotated = re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE)  # by InfluxDB
@@ -62,7 +52,7 @@ def read(path: Path, options: ReadOptions) -> Contents:
     for part in re.split(rb"\n\r?\n", data) if annotated else [data]:
         header = re.search(rb"^[^#\s].*", part, re.MULTILINE)
         parts[header[0] if header else b""] += part + b"\n"
-    return [s for part in parts.values() for s in _wide(table(path, part, options.text))], left_out
+    return [s for part in parts.values() for s in _wide(table(path, part, options))], left_out
 
 
 def decoded(path: Path, encoding: str | None) -> tuple[bytes, Sequence[str]]:
@@ -79,18 +69,17 @@ def decoded(path: Path, encoding: str | None) -> tuple[bytes, Sequence[str]]:
         data = data.decode("latin-1").encode() if western else b"\0"
         said = ["the text is not UTF-8: read as latin-1"]
     if b"\0" in data:
-        raise RecordingError(
-            f"{path}: got binary data or text that is not {encoding[:6].rstrip('-')}, expected a "
-            "text file; excitation.text.encoding=latin-1 reads another encoding"
-        )
+        got = f"{path}: got binary data or text that is not {encoding}"
+        raise RecordingError(f"{got}; excitation.text.encoding=latin-1 reads another encoding")
     if not data.strip():
         raise RecordingError(f"{path}: is empty, expected a header and samples")
     return data, said
 
 
-def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -> Source:
+def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None) -> Source:
     """The columns of a text as a source; raises RecordingError if it is not a table."""
-    data, commented, separator, white = _plain(data, text)
+    text = options.text
+    data, commented, separator, white = _plain(data, options)
     head = list(islice(_rows(data, separator), SAMPLE_LINES))
     rows = [row for _, row in head]
     usual = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
@@ -100,22 +89,19 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     for row in rows if ended or numbered else ():  # the header lacks a title
         if len(row) == usual - 1:
             row.insert(usual if ended else 0, "")
-    decimal = text.decimal or "."
-    if text.decimal is None and separator != ",":
-        cells = [cell for row in rows for cell in row]
-        counts = [sum(mark in c and _is_number(c, mark) for c in cells) for mark in ",."]
-        decimal = "," if counts[0] > counts[1] else "."
-    start, header = 0, text.header_lines
-    if header is None:
-        start, header = _header(rows, decimal, white)
+    cells = [cell for row in rows for cell in row]
+    points, commas = (sum(mark in c and _is_number(c, mark) for c in cells) for mark in ".,")
+    decimal = text.decimal or ("," if commas > points and separator != "," else ".")
+    wanted = text.header_lines
+    start, header = _header(rows, decimal, white) if wanted is None else (0, wanted)
     before = start + header
     if len(head) <= before:
         raise RecordingError(f"{path}: got a header and no rows, expected samples below it")
     titles = rows[start:before]
     width = len((titles or rows[before:])[0])
     if width > MOST_COLUMNS or (text.names and len(text.names) != width):
-        wanted = f"{len(text.names)} as in excitation.text.names"
-        expected = wanted if text.names else f"at most {MOST_COLUMNS}"
+        names = f"{len(text.names)} as in excitation.text.names"
+        expected = names if text.names else f"at most {MOST_COLUMNS}"
         raise RecordingError(f"{path}: got {width} columns, expected {expected}")
     check_size(path, 8 * (data.count(b"\n") + 1) * width)
     above = [w for line in commented for w in (line.split(), line.split(separator))
@@ -136,17 +122,20 @@ def table(path: Path, data: bytes, text: TextOptions, name: str | None = None) -
     return table_source(name or path.stem, path, triples, said, cell, decimal)
 
 
-def _plain(data: bytes, text: TextOptions) -> tuple[bytes, list[str], str, bool]:
+def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bool]:
     """The text without comments, those above the table, the separator, and if that is white."""
-    data, commented = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data), list[str]()
-    twice = (m for m in MARKS if re.match(rb"(%b[^\n]*\n){2}" % m.encode(), data))
-    if (mark := text.comment and next(twice, text.comment)) and mark.encode() in data:
-        above = takewhile(lambda e: not e or e.startswith(mark), map(str.strip, _first(data)))
-        commented = [line.lstrip(mark).strip() for line in above]
+    skipped, above = options.text.skip_lines, list[str]()
+    data = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data)
+    lines = [line.strip(" \r") for line in data[:65536].decode(errors="replace").split("\n")]
+    twice = (mark for mark in MARKS if [line[: len(mark)] for line in lines[:2]] == [mark, mark])
+    if (mark := options.text.comment and next(twice, options.text.comment)) is not None:
+        comments = takewhile(lambda line: not line or line.startswith(mark), lines)
+        above = [line.lstrip(mark).strip() for line in comments]
+        lines = ["" if line.startswith(mark) else line for line in lines]
         sign = rb"^[ \t]*" + re.escape(mark.encode()) + rb"[^\r\n]*"
-        data = re.sub(sign, b"", data, flags=re.MULTILINE)
-    data = b"\n" * text.skip_lines + b"".join(data.split(b"\n", text.skip_lines)[text.skip_lines :])
-    lines = [line for line in _first(data) if line.strip()][:SAMPLE_LINES]
+        data = re.sub(sign, b"", data, flags=re.MULTILINE) if mark.encode() in data else data
+    data = b"\n" * skipped + b"".join(data.split(b"\n", skipped)[skipped:])
+    lines = [line for line in lines[skipped:] if line][:SAMPLE_LINES]
 
     def most(mark: str) -> int:  # lines that a separator cuts alike; words only if numbers
         rows = (line.split(mark.strip(" ") or None) for line in lines)
@@ -154,15 +143,10 @@ def _plain(data: bytes, text: TextOptions) -> tuple[bytes, list[str], str, bool]
             _is_number(c) or c.lower() in MISSING for c in row)))  # fmt: skip
         return max(counts.values(), default=0)
 
-    separator: str = text.separator or max(SEPARATORS, key=most)
+    separator: str = options.text.separator or max(SEPARATORS, key=most)
     if separator != " ":
-        return data, commented, separator, False
-    return b"\n".join(b"\t".join(e.split()) for e in data.split(b"\n")), commented, "\t", True
-
-
-def _first(data: bytes) -> list[str]:
-    """The first lines of a text."""
-    return data[:65536].decode(errors="replace").split("\n")
+        return data, above, separator, False
+    return b"\n".join(b"\t".join(e.split()) for e in data.split(b"\n")), above, "\t", True
 
 
 def _rows(data: bytes, separator: str, top: int = 0) -> Iterator[tuple[int, list[str]]]:
@@ -207,35 +191,27 @@ def _cells(
     These are of another length than the `titles`, or repeat them, as a logger does that starts
     again. Raises RecordingError if they are not few.
     """
-    names, other = [str(place) for place in range(len(titles))], list[arrow_csv.InvalidRow]()
+    keys, other = [str(place) for place in range(len(titles))], list[arrow.InvalidRow]()
 
-    def skip(row: arrow_csv.InvalidRow) -> str:
+    def skip(row: arrow.InvalidRow) -> str:
         other.append(row)
         return "skip"
 
-    stored = arrow_csv.read_csv(
-        pa.py_buffer(data),
-        arrow_csv.ReadOptions(
-            use_threads=False, block_size=len(data), skip_rows=top, column_names=names
-        ),
-        arrow_csv.ParseOptions(
-            delimiter=separator, newlines_in_values=True,
-            invalid_row_handler=skip,
-        ),
-        arrow_csv.ConvertOptions(
-            column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=False
-        ),
+    reading = arrow.ReadOptions(use_threads=False, skip_rows=top, column_names=keys)
+    reading.block_size = len(data)
+    stored = arrow.read_csv(
+        pa.py_buffer(data), reading,
+        arrow.ParseOptions(delimiter=separator, newlines_in_values=True, invalid_row_handler=skip),
+        arrow.ConvertOptions(column_types=dict.fromkeys(keys, pa.string())),
     )  # fmt: skip
     if len(other) >= FEW * (stored.num_rows + len(other)):
         rows = _rows(data, separator, top)
         line, row = next(each for each in rows if len(each[1]) != len(titles))
-        raise RecordingError(
-            f"{path}, line {line}: got {len(row)} cells, expected {len(titles)} as in the "
-            f"header (separator {separator!r})"
-        )
+        got = f"{path}, line {line}: got {len(row)} cells, expected {len(titles)}"
+        raise RecordingError(f"{got} as in the header (separator {separator!r})")
     columns = [pc.utf8_trim_whitespace(column.combine_chunks()) for column in stored.columns]
-    again = reduce(pc.and_, map(pc.equal, columns, titles))
     counts = {f"rows with more or fewer than {len(titles)} cells": len(other)}
+    again = reduce(pc.and_, map(pc.equal, columns, titles))
     if any(titles) and again.true_count:
         counts["lines that repeat the header"] = again.true_count
         columns = [pc.filter(column, pc.invert(again)) for column in columns]
@@ -255,29 +231,23 @@ def _wide(source: Source) -> list[Source]:
         times = pd.to_datetime(frame["_time"], format="ISO8601", utc=True, errors="coerce")
         frame["_time"] = (times - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
     lost = ", ".join(name for name in frame if name not in (*tags, *LONG))
-    again = frame.duplicated([*tags, *keys]).sum()
-    counts = {f"columns {lost}: not of the values of this long table": lost,
-              f"{frame['_time'].isna().sum()} values have no time": frame["_time"].isna().any(),
-              f"{again} values at times that repeat": again}  # fmt: skip
-    said, result = (
-        [*source.left_out, *(why for why, there in counts.items() if there)],
-        list[Source](),
-    )
-    for key, rows in frame.groupby(tags) if tags else [((), frame)]:
-        wide = rows.drop_duplicates(keys).pivot(index="_time", columns="_field", values="_value")
-        triples = [("_time", wide.index.to_numpy(), "s")]
-        for title, values in wide.items():
-            cells = values.fillna("").astype(str).to_list() if "_value" in texts else values
-            triples.append((str(title), cells, ""))
+    unique = frame.dropna(subset="_time").drop_duplicates([*tags, *keys])
+    counts = {f"columns {lost}: not of the values of this long table": len(lost),
+              f"{len(frame) - len(unique)} values without a time, or at times that repeat":
+                  len(frame) - len(unique)}  # fmt: skip
+    said, result = [*source.left_out, *(why for why, n in counts.items() if n)], list[Source]()
+    for key, rows in unique.groupby(tags) if tags else [((), unique)]:
+        wide = rows.pivot(index="_time", columns="_field", values="_value")
+        cells = wide.fillna("").astype(str) if "_value" in texts else wide
+        triples = [("_time", wide.index, "s"), *((str(n), x, "") for n, x in cells.items())]
         name = "/".join(map(str, key)) or source.name
         result.append(table_source(name, source.path, triples, () if result else said))
     return result
 
 
 def table_source(
-    name: str, path: Path, columns: Iterable[tuple[str, Cells, str]],
-    left_out: Sequence[str] = (), cell: Callable[[int, int], tuple[str, str]] | None = None,
-    decimal: str = ".",
+    name: str, path: Path, columns: Iterable[tuple[str, Any, str]], left_out: Sequence[str] = (),
+    cell: Callable[[int, int], tuple[str, str]] | None = None, decimal: str = ".",
 ) -> Source:  # fmt: skip
     """Columns by title, cells and unit (empty: not known), (N,) each, as the source `name`.
 
@@ -297,19 +267,19 @@ def table_source(
                 group = f"{written[i]}."
             elif titles[i].strip():
                 written[i] = group + written[i]
-    lines, groups = list(left_out), defaultdict[str, list[int]](list)
+    lines, places = list(left_out), defaultdict[str, list[int]](list)
     for i, title in enumerate(written):
-        if any(pd.Series(read[i][0]).equals(pd.Series(read[j][0])) for j in groups[title]):
+        if any(pd.Series(read[i][0]).equals(pd.Series(read[j][0])) for j in places[title]):
             lines.append(f"column {title}: stands again, with equal cells")
         else:
-            groups[title].append(i)
-    parts = {t: m.groups() if (m := TITLE.fullmatch(t)) else (t, "") for t in groups}
+            places[title].append(i)
+    parts = {t: m.groups() if (m := TITLE.fullmatch(t)) else (t, "") for t in places}
     alike, numbers = Counter(plain for plain, _ in parts.values()), dict[str, int]()
     result, units = dict[str, Values](), dict[str, str]()
-    for i in sorted(place for places in groups.values() for place in places):
+    for i in sorted(chain.from_iterable(places.values())):
         plain, unit = parts[title := written[i]]
-        free = (t for k in count(1) if (t := f"{title}.{k}") not in {*groups, *numbers})
-        own = next(free) if len(groups[title]) > 1 else plain if alike[plain] == 1 else title
+        free = (t for k in count(1) if (t := f"{title}.{k}") not in {*places, *numbers})
+        own = next(free) if len(places[title]) > 1 else plain if alike[plain] == 1 else title
         numbers[own], unit = i, known[i].strip("[]() ") or unit.strip()
         unit = next((word for word, form in UNITS.items() if re.fullmatch(form, unit)), unit)
         result[own], reason = read[i]
@@ -324,22 +294,22 @@ def table_source(
         if units.get(own) not in SIDES:
             lines.append(f"column {own}: degrees and minutes, read as degrees")
         result[own], units[own] = angles, "deg"
-    return Source(
-        name, path, result, units,
-        {own: written[i] for own, i in numbers.items() if own != written[i]},
-        tuple(dict.fromkeys(lines)),
-        None if cell is None else lambda row, column: cell(row, numbers.get(column, 0)),
-    )  # fmt: skip
+    changed = {own: written[i] for own, i in numbers.items() if own != written[i]}
+    place = None if cell is None else lambda row, column: cell(row, numbers.get(column, 0))
+    return Source(name, path, result, units, changed, tuple(dict.fromkeys(lines)), place)
 
 
-def column_of_cells(cells: Cells, decimal: str = ".") -> tuple[Values, str]:
+def column_of_cells(cells: Any, decimal: str = ".") -> tuple[Values, str]:
     """Cells as numbers, NaN where one is missing, else as text; and what is left out, (N,).
 
-    In a column of numbers, other cells are missing values, if they are few.
+    `cells` are numbers, date-times, or texts as written. In a column of numbers, other texts are
+    missing values, if they are few.
     """
-    if isinstance(cells, np.ndarray | pd.Series):
-        values = np.asarray(cells)
-        return values if values.dtype == np.object_ else values.astype(np.float64, copy=False), ""
+    if not isinstance(cells, pa.Array | list):
+        values = pd.Series(cells)
+        if pd.api.types.is_numeric_dtype(values):
+            return values.to_numpy(np.float64, na_value=np.nan), ""
+        cells = values.astype(str).mask(values.isna(), "").to_list()
     cells = pa.array(cells, pa.string())
     plain = cells if decimal == "." else pc.replace_substring(cells, decimal, ".")
     try:
@@ -348,9 +318,7 @@ def column_of_cells(cells: Cells, decimal: str = ".") -> tuple[Values, str]:
         numbers = pd.to_numeric(plain.to_pandas(), errors="coerce")
         missing = pc.is_in(pc.ascii_lower(plain), value_set=pa.array(sorted(MISSING)))
         if numbers.count() < (1.0 - FEW) * (len(cells) - missing.true_count):
-            coded = cells.dictionary_encode()  # a text once
-            texts = np.array(coded.dictionary.to_pylist(), dtype=np.object_)
-            return texts[coded.indices.to_numpy()], ""
+            return cells.to_pandas().to_numpy(np.object_), ""
     values = numbers.where(numbers.abs() <= MAX_NUMBER).to_numpy()
     words = pc.value_counts(pc.filter(cells, pa.array(np.isnan(values)))).to_pylist()
     said = [f"{row['counts']} of {len(cells)} cells are {row['values']}" for row in words
@@ -359,7 +327,7 @@ def column_of_cells(cells: Cells, decimal: str = ".") -> tuple[Values, str]:
     return values, f"{reason}: missing values" if said else ""
 
 
-def _dates(columns: Mapping[str, Values]) -> Iterator[tuple[str, Array, list[str]]]:
+def _dates(columns: Mapping[str, Values]) -> Iterator[tuple[str, Values, list[str]]]:
     """Times [s since 1970] of which year, month ... second are columns of their own."""
     groups = defaultdict[str, dict[str, str]](dict)
     for name, values in columns.items():
@@ -373,7 +341,9 @@ def _dates(columns: Mapping[str, Values]) -> Iterator[tuple[str, Array, list[str
             yield stem or "date_time", moments.dt.total_seconds().to_numpy(), list(own.values())
 
 
-def _angles(columns: Mapping[str, Values], units: Mapping[str, str]) -> Iterator[tuple[str, Array]]:
+def _angles(
+    columns: Mapping[str, Values], units: Mapping[str, str]
+) -> Iterator[tuple[str, Values]]:
     """Angles [deg] that are written as degrees and minutes: the number DDMM.mm.
 
     The unit of such numbers is lat or lon, as that of gliders is, or both are of this form by their
