@@ -139,7 +139,8 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
     got = f"{len(holders)} sources have a column" if holders else "no column"
     known = holders or [(source, plain) for source in alike or every for plain in source.columns]
     names = [plain if len(every) == 1 else f"{source.name}:{plain}" for source, plain in known]
-    among, place = _short(", ".join(names), 600), os.path.commonpath([s.path for s in every])
+    place, among = os.path.commonpath([s.path for s in every]), ", ".join(names)
+    among = shorten(among, 600, placeholder=" ...")
     raise RecordingError(f"{place}: {got} {name!r}, expected it among {among}")
 
 
@@ -148,10 +149,6 @@ def check_size(path: Path, size: int) -> None:
     if size > LARGEST_BYTES:
         got = f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}"
         raise RecordingError(f"{got}; cut the recording")
-
-
-def _short(text: str, width: int) -> str:
-    return shorten(text, width, placeholder=" ...")
 
 
 @dataclass(frozen=True)
@@ -222,7 +219,7 @@ def _sources(path: Path, options: ReadOptions, stamp: tuple[object, ...]) -> dic
         except SeatrialError:
             raise
         except Exception as error:  # a library may raise anything
-            got = _short(f"{type(error).__name__} {error}".strip(), 200)
+            got = shorten(f"{type(error).__name__} {error}".strip(), 200, placeholder=" ...")
             raise RecordingError(f"{file}: cannot be read ({got}), expected a recording") from error
         for source in known:
             own = "" if name and source.name == file.stem else source.name

@@ -4,23 +4,23 @@ They are read by rosbags, pymavlink, pyulog and pynmea2, which are imported wher
 """
 
 import re
-from array import array
 from calendar import timegm
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from seatrial.models.recording.formats.text import decoded, table_source
 from seatrial.models.recording.source import MOST_ELEMENTS, Contents, ReadOptions, check_size
 
 TIMES = {"TimeUS": "us", "TimeMS": "ms", "timestamp": "s"}  # of ArduPilot and MAVLink
-CHECKED = 10_000  # messages of a kind between two checks of the size
+PACKED = 1000  # rows of a frame
 DAY = 86400.0  # [s]
 # Of NMEA 0183: the time of a sentence, and sentences.
 TIME = re.compile(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)")
@@ -47,29 +47,23 @@ Key = tuple[str, str]  # what a message is, and who sent it
 
 
 class Messages:
-    """Columns by kind and sender that grow message by message; what one lacks stays missing.
-
-    A column holds numbers or texts, by its first value.
-    """
+    """Rows by kind and sender, packed into frames now and then; what a message lacks is missing."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.counts = Counter[Key]()
-        self.cells = defaultdict[Key, dict[str, Any]](dict)  # arrays of float, or lists of str
+        self.rows = defaultdict[Key, list[dict[str, float | str]]](list)
+        self.frames = defaultdict[Key, list[pd.DataFrame]](list)
         self.long: dict[str, int] = {}  # arrays that are left out
 
     def add(self, kind: str, sender: str, values: Mapping[str, object]) -> None:
         """Add a message: its numbers, texts, arrays and messages within it by name."""
-        key = kind, sender
-        count, columns = self.counts[key], self.cells[key]
-        for name, value in values.items():
-            for leaf, cell in self._leaves(kind, name, value):
-                cells = columns.setdefault(leaf, [] if isinstance(cell, str) else array("d"))
-                _fill(cells, count)
-                cells.append(cell)
-        self.counts[key] += 1
-        if count % CHECKED == 0:
-            check_size(self.path, 8 * sum(n * len(self.cells[k]) for k, n in self.counts.items()))
+        rows, frames = self.rows[kind, sender], self.frames[kind, sender]
+        leaves = (self._leaves(kind, name, value) for name, value in values.items())
+        rows.append(dict(chain.from_iterable(leaves)))
+        if len(rows) == PACKED:
+            frames.append(pd.DataFrame(rows))
+            rows.clear()
+            check_size(self.path, 8 * sum(f.size for own in self.frames.values() for f in own))
 
     def _leaves(self, kind: str, name: str, value: Any) -> Iterator[tuple[str, float | str]]:
         """The numbers and texts of a value by dotted name, elements of arrays as `name[0]`."""
@@ -86,22 +80,16 @@ class Messages:
             for i, element in enumerate(value):
                 yield from self._leaves(kind, f"{name}[{i}]", element)
 
-    def contents(self, units: Mapping[Key, Mapping[str, str]], left_out: Sequence[str]) -> Contents:
+    def contents(self, unit: Callable[[Key, str], str], left_out: Sequence[str]) -> Contents:
         """The columns of each kind and sender as a source, and what was left out."""
-        kinds, sources = Counter(kind for kind, _ in self.cells), []
-        for key, columns in self.cells.items():
+        kinds, sources = Counter(kind for kind, _ in self.rows), []
+        for key, rows in self.rows.items():
+            frame = pd.concat([*self.frames[key], pd.DataFrame(rows)])
+            columns = ((str(name), cells, unit(key, str(name))) for name, cells in frame.items())
             name = key[0] if kinds[key[0]] == 1 else "/".join(key)
-            for cells in columns.values():
-                _fill(cells, self.counts[key])
-            triples = ((title, cells if isinstance(cells, list) else np.array(cells),
-                        units[key].get(title, "")) for title, cells in columns.items())  # fmt: skip
-            sources.append(table_source(name, self.path, triples))
+            sources.append(table_source(name, self.path, columns))
         long = (f"{name}: arrays of {size} elements" for name, size in self.long.items())
         return sources, [*left_out, *long]
-
-
-def _fill(cells: Any, count: int) -> None:
-    cells.extend(["" if isinstance(cells, list) else np.nan] * (count - len(cells)))
 
 
 def read_bag(path: Path, options: ReadOptions) -> Contents:
@@ -129,18 +117,15 @@ def read_bag(path: Path, options: ReadOptions) -> Contents:
                 bag.typestore.get_msgdef(connection.msgtype)
                 known.append(connection)
             except KeyError as error:
-                (missing,) = error.args
-                of = "its definition" if missing == connection.msgtype else f"that of {missing}"
-                left_out.append(
-                    f"topic {connection.topic} ({connection.msgtype}): {of} is not in the file; "
-                    f"excitation.messages=[{missing.rpartition('/')[2]}.msg] gives it"
-                )
+                topic, missing = f"topic {connection.topic} ({connection.msgtype})", error.args[0]
+                way = f"excitation.messages=[{missing.rpartition('/')[2]}.msg] gives it"
+                left_out.append(f"{topic}: the definition of {missing} is not in the file; {way}")
         for connection, time_ns, raw in bag.messages(known) if known else ():
             message = bag.deserialize(raw, connection.msgtype)
             messages.add(connection.topic.lstrip("/"), "", {"time": time_ns / 1e9, "": message})
-    silent = dict.fromkeys(c.topic for c in known if not messages.counts[c.topic.lstrip("/"), ""])
+    silent = {c.topic: None for c in known if (c.topic.lstrip("/"), "") not in messages.rows}
     left_out += [f"topic {name}: no messages" for name in silent]
-    return messages.contents(defaultdict(lambda: {"time": "s"}), left_out)
+    return messages.contents(lambda _, name: "s" if name == "time" else "", left_out)
 
 
 def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
@@ -172,10 +157,10 @@ def read_ardupilot(path: Path, options: ReadOptions) -> Contents:
                            if flash else message.fieldunits_by_name) | TIMES  # fmt: skip
         messages.add(*key, values)
     (log.filehandle if flash else log.f).close()
-    lost = {"bytes that are no messages":
-                path.stat().st_size - read if flash is DFReader.DFReader_binary else 0,
-            "messages that are damaged or of an unknown type": bad}  # fmt: skip
-    return messages.contents(units, [f"{n} {reason}" for reason, n in lost.items() if n])
+    lost = path.stat().st_size - read if flash is DFReader.DFReader_binary else 0
+    left_out = [f"{lost} bytes that are no messages"] if lost else []
+    left_out += [f"{bad} messages that are damaged or of an unknown type"] if bad else []
+    return messages.contents(lambda key, name: units[key].get(name, ""), left_out)
 
 
 def read_ulog(path: Path, options: ReadOptions) -> Contents:
@@ -184,19 +169,18 @@ def read_ulog(path: Path, options: ReadOptions) -> Contents:
 
     with path.open("rb") as file:  # pyulog leaves a bad file open
         topics = ULog(file).data_list
-    sources = []
-    for topic in topics:
-        name = f"{topic.name}/{topic.multi_id}" if topic.multi_id else topic.name
-        columns = ((t, cells, "us" if t == "timestamp" else "") for t, cells in topic.data.items())
-        sources.append(table_source(name, path, columns))
-    return sources, []
+    return [
+        table_source(f"{topic.name}/{topic.multi_id}".removesuffix("/0"), path, (
+            (t, cells, "us" if t == "timestamp" else "") for t, cells in topic.data.items()))
+        for topic in topics
+    ], []  # fmt: skip
 
 
 def read_nmea(path: Path, options: ReadOptions) -> Contents:
     """The sentences of a log that have a time, each type by each talker."""
     data, said = decoded(path, options.text.encoding)
-    lines, lost = data.decode().splitlines(), Counter[str]()
-    messages, units = Messages(path), defaultdict[Key, dict[str, str]](dict)
+    lines, lost, messages = data.decode().splitlines(), Counter[str](), Messages(path)
+    known = defaultdict[Key, dict[str, str]](dict)  # units by the letters of a sentence
     stamped = any(stamp for _, stamp in islice(_sentences(lines, Counter()), 9))
     days = (_day(sentence) for sentence, _ in _sentences(lines, Counter()))
     day, clock = next((d for d in days if d is not None), 0.0), np.nan
@@ -222,17 +206,19 @@ def read_nmea(path: Path, options: ReadOptions) -> Contents:
         if kind == "XDR":  # type, value, unit and name of each transducer
             each = list(zip(*(iter(cells),) * 4, strict=False))
             row = {name: value for _, value, _, name in each}
-            units[key] |= {name: TRANSDUCERS.get(unit, "") for _, _, unit, name in each}
+            known[key] |= {name: TRANSDUCERS.get(unit, "") for _, _, unit, name in each}
         elif kind == "MWV":
-            units[key]["wind_speed"] = SPEEDS.get(row.get("wind_speed_units", ""), "")
+            known[key]["wind_speed"] = SPEEDS.get(row.get("wind_speed_units", ""), "")
         row = {name: cell for name, cell in row.items() if cell and name != "datestamp"}
         messages.add(*key, {"time": stamp if stamped else clock} | row)
-    for key, columns in messages.cells.items():
-        forms = [*UNITS.items(), ("s" if not stamped else "", " time$")]
-        units[key] = {name: next((unit for unit, form in forms
-                                  if re.search(form, f"{key[0]} {name}")), "")
-                      for name in columns} | units[key]  # fmt: skip
-    return messages.contents(units, [*said, *(f"{n} sentences {why}" for why, n in lost.items())])
+
+    def unit(key: Key, name: str) -> str:
+        field = "" if name == "time" else f"{key[0]} {name}"
+        forms = (unit for unit, form in UNITS.items() if re.search(form, field))
+        by_name = "s" if name == "time" and not stamped else next(forms, "")
+        return known[key].get(name, by_name)
+
+    return messages.contents(unit, [*said, *(f"{n} sentences {why}" for why, n in lost.items())])
 
 
 def _sentences(lines: Sequence[str], lost: Counter[str]) -> Iterator[tuple[Any, str]]:

@@ -14,7 +14,7 @@ import scipy
 from pyarrow import parquet
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.formats.text import column_of_cells, table, table_source
+from seatrial.models.recording.formats.text import table, table_source
 from seatrial.models.recording.source import MOST_ELEMENTS, Contents, ReadOptions, check_size
 
 
@@ -72,22 +72,16 @@ def read_netcdf(path: Path, options: ReadOptions) -> Contents:
     """The variables of a file, a source a dimension, times as date-times."""
     import xarray as xr
 
-    leaves, titles = list[tuple[str, str, Any, str]](), dict[str, str]()
+    leaves = list[tuple[str, str, Any, str]]()
     with xr.open_dataset(path, decode_timedelta=False) as stored:
-        for key, variable in stored.variables.items():
-            values, name, unit = np.atleast_1d(variable.values), str(key), ""
-            titles[name] = str(variable.attrs.get("long_name", key))
-            if values.dtype.kind in "MOSU":  # date-times, also of other calendars, and text
-                values = column_of_cells(values.ravel())[0]
-            else:  # by UDUNITS: m s-1
-                unit = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", str(variable.attrs.get("units", "")))
-            long = {str(name): size for name, size in variable.sizes.items() if size > 1}
-            leaves.append((max(long, key=lambda n: long[n], default=""), name, values, unit))
+        for name, variable in stored.squeeze().variables.items():
+            unit = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", str(variable.attrs.get("units", "")))
+            sizes = variable.sizes
+            longest = str(max(sizes, key=lambda dimension: sizes[dimension], default=""))
+            leaves.append((longest, str(name), variable.values, unit))  # UDUNITS: m s-1
     if len({group for group, *_ in leaves if group}) == 1:
         leaves = [("", *leaf[1:]) for leaf in leaves]
-    sources, left_out = _sources(path, leaves)
-    own = [{name: titles[name] for name in source.columns if name in titles} for source in sources]
-    return [replace(s, titles=of) for s, of in zip(sources, own, strict=True)], left_out
+    return _sources(path, leaves)
 
 
 def _sources(path: Path, leaves: Iterable[tuple[str, str, Any, str]]) -> Contents:
@@ -100,7 +94,7 @@ def _sources(path: Path, leaves: Iterable[tuple[str, str, Any, str]]) -> Content
     lost: dict[str, list[str]] = defaultdict(list)
     for top, name, value, unit in leaves:
         values = np.squeeze(value) if isinstance(value, np.ndarray) else np.zeros(())
-        text, number = values.dtype.kind in "OU", values.dtype.kind in "biuf"
+        text, number = values.dtype.kind in "MOU", values.dtype.kind in "biuf"
         if values.ndim == 1 and len(values) > 1 and (text or number):
             groups[top, len(values)].append((name, values, unit))
         elif number and values.ndim == 2 and min(values.shape) <= MOST_ELEMENTS:
@@ -148,7 +142,7 @@ def _rows(cells: list[Any]) -> object:
     if len(rows) < 2 or not all(isinstance(leaf, np.ndarray) and leaf.size == 1 for leaf in leaves):
         return cells
     frame = pd.DataFrame([{name: leaf.item() for name, leaf in row.items()} for row in rows])
-    columns = {str(name): column_of_cells(values)[0] for name, values in frame.items()}
+    columns = {str(name): values.to_numpy() for name, values in frame.items()}
     return columns[""] if list(columns) == [""] else columns
 
 

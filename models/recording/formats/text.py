@@ -4,7 +4,7 @@ import csv
 import io
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import reduce
 from itertools import chain, count, islice, takewhile
 from pathlib import Path
@@ -48,11 +48,8 @@ def read(path: Path, options: ReadOptions) -> tuple[list[Source], Sequence[str]]
     """The columns of a text file; raises RecordingError if it cannot be read as a table."""
     data, left_out = decoded(path, options.text.encoding)
     annotated = re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE)  # by InfluxDB
-    parts = defaultdict[bytes, bytes](bytes)  # of one header each
-    for part in re.split(rb"\n\r?\n", data) if annotated else [data]:
-        header = re.search(rb"^[^#\s].*", part, re.MULTILINE)
-        parts[header[0] if header else b""] += part + b"\n"
-    return [s for part in parts.values() for s in _wide(table(path, part, options))], left_out
+    parts = re.split(rb"\n\r?\n(?=#)", data.strip()) if annotated else [data]
+    return _wide([table(path, part, options) for part in parts]), left_out
 
 
 def decoded(path: Path, encoding: str | None) -> tuple[bytes, Sequence[str]]:
@@ -77,31 +74,23 @@ def decoded(path: Path, encoding: str | None) -> tuple[bytes, Sequence[str]]:
 
 
 def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None) -> Source:
-    """The columns of a text as a source; raises RecordingError if it is not a table."""
+    """The columns of a text as a source; raises RecordingError if it is not a table.
+
+    Rows of another length than the header, or that repeat it, as a logger does that starts again,
+    are left out, if they are few.
+    """
     text = options.text
     data, commented, separator, white = _plain(data, options)
     head = list(islice(_rows(data, separator), SAMPLE_LINES))
     rows = [row for _, row in head]
-    usual = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
-    full = [row for row in rows if len(row) == usual > 1]
-    ended = bool(full) and not any(row[-1].strip() for row in full)  # as by MATLAB
-    numbered = [row[0].strip() for row in full] == [str(k) for k in range(1, len(full) + 1)]
-    for row in rows if ended or numbered else ():  # the header lacks a title
-        if len(row) == usual - 1:
-            row.insert(usual if ended else 0, "")
-    cells = [cell for row in rows for cell in row]
-    points, commas = (sum(mark in c and _is_number(c, mark) for c in cells) for mark in ".,")
-    decimal = text.decimal or ("," if commas > points and separator != "," else ".")
-    wanted = text.header_lines
-    start, header = _header(rows, decimal, white) if wanted is None else (0, wanted)
-    before = start + header
+    start, before = _header(rows, white, text.header_lines)
     if len(head) <= before:
         raise RecordingError(f"{path}: got a header and no rows, expected samples below it")
     titles = rows[start:before]
     width = len((titles or rows[before:])[0])
     if width > MOST_COLUMNS or (text.names and len(text.names) != width):
-        names = f"{len(text.names)} as in excitation.text.names"
-        expected = names if text.names else f"at most {MOST_COLUMNS}"
+        most = f"at most {MOST_COLUMNS}"
+        expected = f"{len(text.names)} as in excitation.text.names" if text.names else most
         raise RecordingError(f"{path}: got {width} columns, expected {expected}")
     check_size(path, 8 * (data.count(b"\n") + 1) * width)
     above = [w for line in commented for w in (line.split(), line.split(separator))
@@ -110,7 +99,29 @@ def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None
     written = [title.strip() for title in titles[0]] if titles else blank
     units = titles[1] if len(titles) > 1 and len(titles[1]) == width else blank
     top = head[before - 1][0] if before else 0  # lines above the first sample
-    columns, said = _cells(path, data, separator, written, top)
+    keys, other = [str(place) for place in range(width)], list[arrow.InvalidRow]()
+
+    def skip(row: arrow.InvalidRow) -> str:
+        other.append(row)
+        return "skip"
+
+    reading = arrow.ReadOptions(use_threads=False, skip_rows=top, column_names=keys)
+    reading.block_size = len(data)
+    stored = arrow.read_csv(
+        pa.py_buffer(data), reading,
+        arrow.ParseOptions(delimiter=separator, newlines_in_values=True, invalid_row_handler=skip),
+        arrow.ConvertOptions(column_types=dict.fromkeys(keys, pa.string())),
+    )  # fmt: skip
+    if len(other) >= FEW * (stored.num_rows + len(other)):
+        line, row = next(each for each in _rows(data, separator, top) if len(each[1]) != width)
+        got = f"{path}, line {line}: got {len(row)} cells, expected {width}"
+        raise RecordingError(f"{got} as in the header (separator {separator!r})")
+    columns = [pc.utf8_trim_whitespace(column.combine_chunks()) for column in stored.columns]
+    again = reduce(pc.and_, map(pc.equal, columns, written))
+    counts = {f"rows with more or fewer than {width} cells": len(other),
+              "lines that repeat the header": again.true_count if any(written) else 0}  # fmt: skip
+    if any(written):
+        columns = [pc.filter(column, pc.invert(again)) for column in columns]
 
     def cell(row: int, place: int) -> tuple[str, str]:
         samples = (each for each in _rows(data, separator, top) if len(each[1]) == width
@@ -118,17 +129,21 @@ def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None
         line, found = next(islice(samples, row, None))
         return f"line {line}", found[place]
 
+    said = [f"{there} {reason}" for reason, there in counts.items() if there]
     triples = zip(text.names or written, columns, units, strict=True)
-    return table_source(name or path.stem, path, triples, said, cell, decimal)
+    return table_source(name or path.stem, path, triples, said, cell)
 
 
 def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bool]:
-    """The text without comments, those above the table, the separator, and if that is white."""
+    """The text without comments, those above the table, the separator, and if that is white.
+
+    Numbers have points.
+    """
     skipped, above = options.text.skip_lines, list[str]()
     data = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data)
     lines = [line.strip(" \r") for line in data[:65536].decode(errors="replace").split("\n")]
     twice = (mark for mark in MARKS if [line[: len(mark)] for line in lines[:2]] == [mark, mark])
-    if (mark := options.text.comment and next(twice, options.text.comment)) is not None:
+    if mark := options.text.comment and next(twice, options.text.comment):
         comments = takewhile(lambda line: not line or line.startswith(mark), lines)
         above = [line.lstrip(mark).strip() for line in comments]
         lines = ["" if line.startswith(mark) else line for line in lines]
@@ -144,6 +159,10 @@ def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bo
         return max(counts.values(), default=0)
 
     separator: str = options.text.separator or max(SEPARATORS, key=most)
+    cells = [cell for line in lines for cell in line.split(separator.strip(" ") or None)]
+    points, commas = (sum(mark in c and _is_number(c, mark) for c in cells) for mark in ".,")
+    if (options.text.decimal or ",."[points >= commas or separator == ","]) == ",":
+        data = re.sub(rb"(?<=\d),(?=\d)", b".", data)
     if separator != " ":
         return data, above, separator, False
     return b"\n".join(b"\t".join(e.split()) for e in data.split(b"\n")), above, "\t", True
@@ -151,8 +170,7 @@ def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bo
 
 def _rows(data: bytes, separator: str, top: int = 0) -> Iterator[tuple[int, list[str]]]:
     """The line on which each row below `top` lines ends, and its cells; not of blank lines."""
-    lines = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8", newline="")
-    reader = csv.reader(lines, delimiter=separator)
+    reader = csv.reader(io.StringIO(data.decode(), newline=""), delimiter=separator)
     return ((reader.line_num, row) for row in reader if row and reader.line_num > top)
 
 
@@ -160,15 +178,25 @@ def _is_number(cell: str, decimal: str = ".") -> bool:
     return bool(NUMBER.fullmatch(cell.strip().replace(decimal, ".")))
 
 
-def _header(rows: list[list[str]], decimal: str, white: bool) -> tuple[int, int]:
-    """Rows before the header, and rows of the header: those above the first sample.
+def _header(rows: list[list[str]], white: bool, wanted: int | None) -> tuple[int, int]:
+    """The rows before the header and before the first sample; `wanted` are those of the header.
 
     A sample has a number or a date; between white space, where the words of a title are cells, it
-    has nothing else. Lines of one cell or of another length than the samples are a preamble.
+    has nothing else. Lines of one cell or of another length than the samples are a preamble. A
+    header that lacks a title, as R numbers rows and MATLAB ends them, gets an empty one.
     """
+    usual = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
+    samples = [row for row in rows if len(row) == usual > 1]
+    ended = bool(samples) and not any(row[-1].strip() for row in samples)
+    numbered = [row[0].strip() for row in samples] == [str(k + 1) for k in range(len(samples))]
+    for row in rows if ended or numbered else ():
+        if len(row) == usual - 1:
+            row.insert(usual if ended else 0, "")
+    if wanted is not None:
+        return 0, wanted
     for first, row in enumerate(rows):
         filled = [cell.strip() for cell in row if cell.strip().lower() not in MISSING]
-        sampled = [_is_number(cell, decimal) or bool(DATE.match(cell)) for cell in filled]
+        sampled = [_is_number(cell) or bool(DATE.match(cell)) for cell in filled]
         sizes = first > 1 and len(row) == len(rows[first - 1]) > 1 and set(filled) <= SIZES
         if (all(sampled) if white else any(sampled)) and not sizes:
             break
@@ -178,52 +206,20 @@ def _header(rows: list[list[str]], decimal: str, white: bool) -> tuple[int, int]
     width = len(rows[first])
     starts = [k for k in range(first) if len(rows[k]) == width and full[k] >= min(width, 2)]
     if not starts:  # a preamble, or a header that is too short
-        return (0, 1) if first == 1 < len(rows[0]) and not white else (first, 0)
+        return (0, 1) if first == 1 < len(rows[0]) and not white else (first, first)
     start = max(starts, key=lambda k: full[k])
-    return start, first - start if first - start <= MOST_HEADER_LINES else 1
+    return start, first if first - start <= MOST_HEADER_LINES else start + 1
 
 
-def _cells(
-    path: Path, data: bytes, separator: str, titles: Sequence[str], top: int
-) -> tuple[list[pa.Array], list[str]]:
-    """The cells of each column below `top` lines, and how many rows are left out.
-
-    These are of another length than the `titles`, or repeat them, as a logger does that starts
-    again. Raises RecordingError if they are not few.
-    """
-    keys, other = [str(place) for place in range(len(titles))], list[arrow.InvalidRow]()
-
-    def skip(row: arrow.InvalidRow) -> str:
-        other.append(row)
-        return "skip"
-
-    reading = arrow.ReadOptions(use_threads=False, skip_rows=top, column_names=keys)
-    reading.block_size = len(data)
-    stored = arrow.read_csv(
-        pa.py_buffer(data), reading,
-        arrow.ParseOptions(delimiter=separator, newlines_in_values=True, invalid_row_handler=skip),
-        arrow.ConvertOptions(column_types=dict.fromkeys(keys, pa.string())),
-    )  # fmt: skip
-    if len(other) >= FEW * (stored.num_rows + len(other)):
-        rows = _rows(data, separator, top)
-        line, row = next(each for each in rows if len(each[1]) != len(titles))
-        got = f"{path}, line {line}: got {len(row)} cells, expected {len(titles)}"
-        raise RecordingError(f"{got} as in the header (separator {separator!r})")
-    columns = [pc.utf8_trim_whitespace(column.combine_chunks()) for column in stored.columns]
-    counts = {f"rows with more or fewer than {len(titles)} cells": len(other)}
-    again = reduce(pc.and_, map(pc.equal, columns, titles))
-    if any(titles) and again.true_count:
-        counts["lines that repeat the header"] = again.true_count
-        columns = [pc.filter(column, pc.invert(again)) for column in columns]
-    return columns, [f"{there} {reason}" for reason, there in counts.items() if there]
-
-
-def _wide(source: Source) -> list[Source]:
-    """The sources of a table with a row a value: one for each measurement and its tags."""
-    known = {k: next((n for n in own if n in source.columns), "") for k, own in LONG.items()}
-    if not all(known.values()) or source.columns[known["_field"]].dtype != np.object_:
-        return [source]
-    frame = pd.DataFrame(source.columns).rename(columns={n: k for k, n in known.items()})
+def _wide(parts: list[Source]) -> list[Source]:
+    """The sources of tables with a row a value: one for each measurement and its tags."""
+    columns = parts[0].columns
+    known = {next((n for n in own if n in columns), ""): k for k, own in LONG.items()}
+    if "" in known or not all({*part.columns} >= {*known} for part in parts):
+        return parts
+    frame = pd.concat([pd.DataFrame(part.columns) for part in parts]).rename(columns=known)
+    if pd.api.types.is_numeric_dtype(frame["_field"]):
+        return parts
     texts, keys = [*frame.select_dtypes(exclude="number")], ["_time", "_field"]
     tags = [name for name in texts if name not in (*LONG, "_start", "_stop", "result")
             and (name == "_measurement" or frame[name].nunique() > 1)]  # fmt: skip
@@ -235,19 +231,20 @@ def _wide(source: Source) -> list[Source]:
     counts = {f"columns {lost}: not of the values of this long table": len(lost),
               f"{len(frame) - len(unique)} values without a time, or at times that repeat":
                   len(frame) - len(unique)}  # fmt: skip
-    said, result = [*source.left_out, *(why for why, n in counts.items() if n)], list[Source]()
+    said = [line for part in parts for line in part.left_out]
+    said, result = [*said, *(why for why, n in counts.items() if n)], list[Source]()
     for key, rows in unique.groupby(tags) if tags else [((), unique)]:
         wide = rows.pivot(index="_time", columns="_field", values="_value")
         cells = wide.fillna("").astype(str) if "_value" in texts else wide
         triples = [("_time", wide.index, "s"), *((str(n), x, "") for n, x in cells.items())]
-        name = "/".join(map(str, key)) or source.name
-        result.append(table_source(name, source.path, triples, () if result else said))
+        name = "/".join(map(str, key)) or parts[0].name
+        result.append(table_source(name, parts[0].path, triples, () if result else said))
     return result
 
 
 def table_source(
     name: str, path: Path, columns: Iterable[tuple[str, Any, str]], left_out: Sequence[str] = (),
-    cell: Callable[[int, int], tuple[str, str]] | None = None, decimal: str = ".",
+    cell: Callable[[int, int], tuple[str, str]] | None = None,
 ) -> Source:  # fmt: skip
     """Columns by title, cells and unit (empty: not known), (N,) each, as the source `name`.
 
@@ -255,24 +252,21 @@ def table_source(
     differ by the unit only keep their titles. Of columns of one title with equal cells one is kept,
     others are `x.1`, `x.2` ...; where titles repeat, those after a title without cells have it
     before them. `left_out` was left out of the table; `cell` is a cell of the file by row and
-    number of the column, `decimal` the decimal mark of cells.
+    number of the column.
     """
     titles, every, known = zip(*columns, strict=True)
     written = [title.strip() or f"c{i}" for i, title in enumerate(titles, 1)]
-    read = [column_of_cells(cells, decimal) for cells in every]
-    if len(set(written)) < len(written):
-        group = ""
-        for i, (values, _) in enumerate(read):
-            if pd.isna(values).all() and titles[i].strip():
-                group = f"{written[i]}."
-            elif titles[i].strip():
-                written[i] = group + written[i]
+    read, group = [column_of_cells(cells) for cells in every], ""
+    repeated = len(set(written)) < len(written)
     lines, places = list(left_out), defaultdict[str, list[int]](list)
-    for i, title in enumerate(written):
-        if any(pd.Series(read[i][0]).equals(pd.Series(read[j][0])) for j in places[title]):
-            lines.append(f"column {title}: stands again, with equal cells")
+    for i, (values, _) in enumerate(read):
+        if repeated and titles[i].strip():
+            empty, title = pd.isna(values).all(), written[i]
+            group, written[i] = (f"{title}.", title) if empty else (group, group + title)
+        if any(pd.Series(values).equals(pd.Series(read[j][0])) for j in places[written[i]]):
+            lines.append(f"column {written[i]}: stands again, with equal cells")
         else:
-            places[title].append(i)
+            places[written[i]].append(i)
     parts = {t: m.groups() if (m := TITLE.fullmatch(t)) else (t, "") for t in places}
     alike, numbers = Counter(plain for plain, _ in parts.values()), dict[str, int]()
     result, units = dict[str, Values](), dict[str, str]()
@@ -287,19 +281,13 @@ def table_source(
             result[own], unit = np.asarray(result[own], float) / 10.0 ** int(scale[1]), "deg"
         units |= {own: unit} if unit else {}
         lines += [f"column {own}: {reason}"] if reason else []
-    for own, moments, of in _dates(result):
-        result[own], units[own] = moments, "s"
-        lines.append(f"columns {', '.join(of)}: read as the time {own}")
-    for own, angles in _angles(result, units):
-        if units.get(own) not in SIDES:
-            lines.append(f"column {own}: degrees and minutes, read as degrees")
-        result[own], units[own] = angles, "deg"
+    lines += [*_dates(result, units), *_angles(result, units)]
     changed = {own: written[i] for own, i in numbers.items() if own != written[i]}
     place = None if cell is None else lambda row, column: cell(row, numbers.get(column, 0))
     return Source(name, path, result, units, changed, tuple(dict.fromkeys(lines)), place)
 
 
-def column_of_cells(cells: Any, decimal: str = ".") -> tuple[Values, str]:
+def column_of_cells(cells: Any) -> tuple[Values, str]:
     """Cells as numbers, NaN where one is missing, else as text; and what is left out, (N,).
 
     `cells` are numbers, date-times, or texts as written. In a column of numbers, other texts are
@@ -311,12 +299,11 @@ def column_of_cells(cells: Any, decimal: str = ".") -> tuple[Values, str]:
             return values.to_numpy(np.float64, na_value=np.nan), ""
         cells = values.astype(str).mask(values.isna(), "").to_list()
     cells = pa.array(cells, pa.string())
-    plain = cells if decimal == "." else pc.replace_substring(cells, decimal, ".")
     try:
-        numbers = plain.cast("float64").to_pandas()  # as most columns are
+        numbers = cells.cast("float64").to_pandas()  # as most columns are
     except pa.ArrowInvalid:
-        numbers = pd.to_numeric(plain.to_pandas(), errors="coerce")
-        missing = pc.is_in(pc.ascii_lower(plain), value_set=pa.array(sorted(MISSING)))
+        numbers = pd.to_numeric(cells.to_pandas(), errors="coerce")
+        missing = pc.is_in(pc.ascii_lower(cells), value_set=pa.array(sorted(MISSING)))
         if numbers.count() < (1.0 - FEW) * (len(cells) - missing.true_count):
             return cells.to_pandas().to_numpy(np.object_), ""
     values = numbers.where(numbers.abs() <= MAX_NUMBER).to_numpy()
@@ -327,8 +314,8 @@ def column_of_cells(cells: Any, decimal: str = ".") -> tuple[Values, str]:
     return values, f"{reason}: missing values" if said else ""
 
 
-def _dates(columns: Mapping[str, Values]) -> Iterator[tuple[str, Values, list[str]]]:
-    """Times [s since 1970] of which year, month ... second are columns of their own."""
+def _dates(columns: dict[str, Values], units: dict[str, str]) -> Iterator[str]:
+    """Add times [s since 1970] of which year, month ... second are columns of their own."""
     groups = defaultdict[str, dict[str, str]](dict)
     for name, values in columns.items():
         match = re.fullmatch(rf"(.*?)[ _.]?({'|'.join(PARTS)})[a-z]*", name, re.IGNORECASE)
@@ -338,13 +325,13 @@ def _dates(columns: Mapping[str, Values]) -> Iterator[tuple[str, Values, list[st
         if len(own) == len(PARTS):
             frame = pd.DataFrame({part: columns[name] for part, name in own.items()})
             moments = pd.to_datetime(frame, errors="coerce") - pd.Timestamp(0)
-            yield stem or "date_time", moments.dt.total_seconds().to_numpy(), list(own.values())
+            name = stem or "date_time"
+            columns[name], units[name] = moments.dt.total_seconds().to_numpy(), "s"
+            yield f"columns {', '.join(own.values())}: read as the time {name}"
 
 
-def _angles(
-    columns: Mapping[str, Values], units: Mapping[str, str]
-) -> Iterator[tuple[str, Values]]:
-    """Angles [deg] that are written as degrees and minutes: the number DDMM.mm.
+def _angles(columns: dict[str, Values], units: dict[str, str]) -> Iterator[str]:
+    """Read angles in degrees that are written as degrees and minutes: the number DDMM.mm.
 
     The unit of such numbers is lat or lon, as that of gliders is, or both are of this form by their
     range; a column of letters may stand beside them.
@@ -353,15 +340,20 @@ def _angles(
     known = {name: units[name] for name in numbers if units.get(name) in SIDES}
     titled = {kind: name for name in numbers for kind in SIDES
               if re.search(rf"(?i)\b{kind}(g?itude|g)?(?![a-z])", name)}  # fmt: skip
-    if len(titled) == 2:
-        largest = np.nanmax(np.abs(columns[titled["lat"]]), initial=0.0)
-        minutes = [np.nanmax(np.abs(columns[n]) % 100.0, initial=0.0) for n in titled.values()]
-        if 90.0 < largest <= 9000.0 and max(minutes) < 60.0:
-            known |= {name: kind for kind, name in titled.items()}
+    sizes = pd.DataFrame({kind: np.abs(columns[name]) for kind, name in titled.items()})
+    if (
+        len(titled) == 2
+        and 90.0 < sizes["lat"].max() <= 9000.0
+        and (sizes % 100.0).max().max() < 60.0
+    ):
+        known |= {name: kind for kind, name in titled.items()}
     for name, kind in known.items():
         whole = np.trunc(columns[name] / 100.0)
         angles = whole + (columns[name] - 100.0 * whole) / 60.0
         angles[np.abs(angles) > 180.0] = np.nan  # where a glider had no position
         texts = (cells for cells in columns.values() if cells.dtype == np.object_)
         sides = (cells for cells in texts if {""} < {*cells, ""} <= {*SIDES[kind], ""})
-        yield name, np.where(next(sides, np.array("")) == SIDES[kind][1], -angles, angles)
+        columns[name] = np.where(next(sides, np.array("")) == SIDES[kind][1], -angles, angles)
+        if units.get(name) not in SIDES:
+            yield f"column {name}: degrees and minutes, read as degrees"
+        units[name] = "deg"
