@@ -22,7 +22,7 @@ from seatrial.models.errors import ConfigurationError, RecordingError, SeatrialE
 from seatrial.models.ranges import NotNegativeInt, check_ranges
 from seatrial.models.vessel.basis import Array
 
-LARGEST_BYTES = 2**28  # of a file that is read at once, and of the numbers of any recording
+LARGEST_MB = 268  # of a file that is read at once, and of the numbers of any recording
 MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
 Values: TypeAlias = Array | TextArray
@@ -146,9 +146,9 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
 
 def check_size(path: Path, size: int) -> None:
     """Raise RecordingError if a recording has more bytes than are read at once."""
-    if size > LARGEST_BYTES:
-        got = f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}"
-        raise RecordingError(f"{got}; cut the recording")
+    if size > 1e6 * LARGEST_MB:
+        got = f"{path}: got {size / 1e6:.0f} MB"
+        raise RecordingError(f"{got}, expected at most {LARGEST_MB}; cut the recording")
 
 
 @dataclass(frozen=True)

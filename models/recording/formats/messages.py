@@ -195,11 +195,9 @@ def read_nmea(path: Path, options: ReadOptions) -> Contents:
             elif clock - day - seconds > DAY / 2.0:  # past midnight
                 day += DAY
             clock = day + seconds
-        if row.get("status") == "V":
-            lost[f"{kind} of status V (not valid)"] += 1
-            continue
-        if not stamp and (stamped or np.isnan(clock)):
-            lost["without a time"] += 1
+        invalid = f"{kind} of status V (not valid)" if row.get("status") == "V" else ""
+        if invalid or (not stamp and (stamped or np.isnan(clock))):
+            lost[invalid or "without a time"] += 1
             continue
         apart = "".join(row.get(name, "") for name in APART.get(kind, ()))
         key = f"{kind}/{apart}".rstrip("/"), getattr(sentence, "talker", "")
@@ -210,13 +208,12 @@ def read_nmea(path: Path, options: ReadOptions) -> Contents:
         elif kind == "MWV":
             known[key]["wind_speed"] = SPEEDS.get(row.get("wind_speed_units", ""), "")
         row = {name: cell for name, cell in row.items() if cell and name != "datestamp"}
+        known[key]["time"] = "" if stamped else "s"
         messages.add(*key, {"time": stamp if stamped else clock} | row)
 
     def unit(key: Key, name: str) -> str:
-        field = "" if name == "time" else f"{key[0]} {name}"
-        forms = (unit for unit, form in UNITS.items() if re.search(form, field))
-        by_name = "s" if name == "time" and not stamped else next(forms, "")
-        return known[key].get(name, by_name)
+        forms = (unit for unit, form in UNITS.items() if re.search(form, f"{key[0]} {name}"))
+        return known[key].get(name, "") or next(forms, "")
 
     return messages.contents(unit, [*said, *(f"{n} sentences {why}" for why, n in lost.items())])
 

@@ -39,11 +39,9 @@ def read_parquet(path: Path, options: ReadOptions) -> Contents:
         check_size(path, 8 * file.metadata.num_rows * file.metadata.num_columns)
         stored = file.read(use_threads=False)
     frame = stored.to_pandas(ignore_metadata=True)
-    columns = (
-        ("index" if field.name == "__index_level_0__" else field.name, frame.iloc[:, i],
-         (field.metadata or {}).get(b"unit", b"").decode())
-        for i, field in enumerate(stored.schema)
-    )  # fmt: skip
+    names = ("index" if name == "__index_level_0__" else name for name in stored.column_names)
+    units = ((field.metadata or {}).get(b"unit", b"").decode() for field in stored.schema)
+    columns = zip(names, (cells for _, cells in frame.items()), units, strict=True)
     return [table_source(path.stem, path, columns)], []
 
 

@@ -76,8 +76,7 @@ def decoded(path: Path, encoding: str | None) -> tuple[bytes, Sequence[str]]:
 def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None) -> Source:
     """The columns of a text as a source; raises RecordingError if it is not a table.
 
-    Rows of another length than the header, or that repeat it, as a logger does that starts again,
-    are left out, if they are few.
+    A few rows of another length than the header, or that repeat it, are left out.
     """
     text = options.text
     data, commented, separator, white = _plain(data, options)
@@ -181,9 +180,9 @@ def _is_number(cell: str, decimal: str = ".") -> bool:
 def _header(rows: list[list[str]], white: bool, wanted: int | None) -> tuple[int, int]:
     """The rows before the header and before the first sample; `wanted` are those of the header.
 
-    A sample has a number or a date; between white space, where the words of a title are cells, it
-    has nothing else. Lines of one cell or of another length than the samples are a preamble. A
-    header that lacks a title, as R numbers rows and MATLAB ends them, gets an empty one.
+    A sample has a number or a date; between white space, where words are cells, nothing else. Rows
+    of one cell or of another length than the samples are a preamble. A header without a title for
+    the numbers of R's rows, or the end of MATLAB's, gets an empty one.
     """
     usual = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
     samples = [row for row in rows if len(row) == usual > 1]

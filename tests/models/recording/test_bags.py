@@ -94,8 +94,8 @@ def test_topics_of_unknown_type_are_left_out_or_defined_by_a_file(tmp_path: Path
     (source,) = read_sources(tmp_path / "a", ReadOptions()).values()
     assert source.name == "speed"
     assert source.left_out == (
-        "topic /ballast (boat_msgs/msg/Ballast): its definition is not in the file; "
-        "excitation.messages=[Ballast.msg] gives it",
+        "topic /ballast (boat_msgs/msg/Ballast): the definition of boat_msgs/msg/Ballast is not in "
+        "the file; excitation.messages=[Ballast.msg] gives it",
     )
     for file in (tmp_path / "Ballast.msg", tmp_path / "boat_msgs" / "msg" / "Ballast.msg"):
         file.parent.mkdir(parents=True, exist_ok=True)
