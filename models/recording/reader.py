@@ -316,7 +316,7 @@ def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str,
     stated = source.units.get(name)
     if stated and units.target_of(stated, targets) is not None:
         return stated, "the file"
-    titled = units.unit_in_title(source.title(name), targets)
+    titled = units.unit_in_title(source.titles.get(name, name), targets)
     return (titled, "the title") if titled else None
 
 

@@ -88,10 +88,6 @@ class Source:
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
 
-    def title(self, name: str) -> str:
-        """The title of a column as it is written in the file."""
-        return self.titles.get(name, name)
-
     def find(self, name: str) -> str | None:
         """The column of a name, which may be written as in the header; None if there is none."""
         titled = [plain for plain, title in self.titles.items() if title == name]

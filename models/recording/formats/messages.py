@@ -1,7 +1,4 @@
-"""Logs of messages, a source a topic or a type: ROS, MCAP, ArduPilot, MAVLink, PX4, NMEA 0183.
-
-They are read by rosbags, pymavlink, pyulog and pynmea2, which are imported where they are used.
-"""
+"""Logs of messages, a source a topic or a type: ROS, MCAP, ArduPilot, MAVLink, PX4, NMEA 0183."""
 
 import re
 from calendar import timegm
@@ -22,7 +19,6 @@ from seatrial.models.recording.source import MOST_ELEMENTS, Contents, ReadOption
 TIMES = {"TimeUS": "us", "TimeMS": "ms", "timestamp": "s"}  # of ArduPilot and MAVLink
 PACKED = 1000  # rows of a frame
 DAY = 86400.0  # [s]
-# Of NMEA 0183: the time of a sentence, and sentences.
 TIME = re.compile(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)")
 SENTENCE = re.compile(r"[$!](P[A-Z0-9]{3,}|[A-Z]{2}[A-Z0-9]{3}),[^*$!\r\n\"]*(?:\*[0-9A-Fa-f]{2})?")
 # Stamps of loggers: date-times, seconds of a tag block, clocks, a number of seconds.
@@ -95,9 +91,8 @@ class Messages:
 def read_bag(path: Path, options: ReadOptions) -> Contents:
     """The topics of a bag, each with the times at which its messages were recorded.
 
-    Topics whose messages are not defined, neither in the bag nor by `options`, are left out. A file
-    of a definition is named as in its package, `boat_msgs/msg/Ballast.msg`; outside of one it
-    defines the message of its name in the packages that are not known.
+    Messages that are defined neither in the bag nor by a file of `options` are left out. The file
+    is named as in its package, `boat_msgs/msg/Ballast.msg`, or it is of those that are not known.
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -219,11 +214,10 @@ def read_nmea(path: Path, options: ReadOptions) -> Contents:
 
 
 def _sentences(lines: Sequence[str], lost: Counter[str]) -> Iterator[tuple[Any, str]]:
-    """The sentences, and the stamp of a logger beside each."""
+    """The sentences, and the stamp of a logger beside each; pynmea2 is taught THS, a heading."""
     from pynmea2 import ChecksumError, NMEASentence, TalkerSentence
 
-    heading = ("Heading", "heading"), ("Status", "status")
-    type("THS", (TalkerSentence,), {"fields": heading})  # which pynmea2 knows from now on
+    type("THS", (TalkerSentence,), {"fields": (("Heading", "heading"), ("Status", "status"))})
     for line in lines:
         end = 0
         for match in SENTENCE.finditer(line):

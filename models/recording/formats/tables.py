@@ -26,8 +26,8 @@ def read_excel(path: Path, options: ReadOptions) -> Contents:
     book = pd.read_excel(path, sheet_name=None, header=None, keep_default_na=False)
     for name, sheet in book.items():
         try:
-            cells = sheet.to_csv(header=False, index=False).encode()
-            sources.append(table(path, cells, options, name))
+            data = sheet.to_csv(header=False, index=False).encode()
+            sources.append(table(path, data, options, name))
         except RecordingError as error:
             left_out.append(f"sheet {name}: {str(error).removeprefix(f'{path}: ')}")
     return sources, left_out
@@ -74,11 +74,8 @@ def read_netcdf(path: Path, options: ReadOptions) -> Contents:
     with xr.open_dataset(path, decode_timedelta=False) as stored:
         for name, variable in stored.squeeze().variables.items():
             unit = re.sub(r"(?<=[A-Za-z])(-?\d)", r"**\1", str(variable.attrs.get("units", "")))
-            sizes = variable.sizes
-            longest = str(max(sizes, key=lambda dimension: sizes[dimension], default=""))
-            leaves.append((longest, str(name), variable.values, unit))  # UDUNITS: m s-1
-    if len({group for group, *_ in leaves if group}) == 1:
-        leaves = [("", *leaf[1:]) for leaf in leaves]
+            longest = max(variable.sizes, key=variable.sizes.__getitem__, default="")
+            leaves.append((str(longest), str(name), variable.values, unit))  # UDUNITS: m s-1
     return _sources(path, leaves)
 
 
@@ -104,15 +101,10 @@ def _sources(path: Path, leaves: Iterable[tuple[str, str, Any, str]]) -> Content
             kind = f"arrays of {shape} {values.dtype}" if shape else "single values"
             kind = value if isinstance(value, str) else "text" if text else kind
             lost[kind].append(f"{top}.{name}" if top else name)
-    names, sources = set[str](), []
-    for (top, size), columns in sorted(groups.items(), key=lambda item: -len(item[1])):
-        own = top or path.stem
-        sources.append(table_source(f"{own}/{size}" if own in names else own, path, columns))
-        names.add(own)
-    return sources, [
-        f"{shorten(', '.join(names), 200, placeholder=' ...')}: {kind}, no columns"
-        for kind, names in lost.items()
-    ]
+    each = sorted(groups.items(), key=lambda item: -len(item[1]))
+    sources = [table_source(top or path.stem, path, columns) for (top, _), columns in each]
+    return sources, [f"{shorten(', '.join(names), 200, placeholder=' ...')}: {kind}, no columns"
+                     for kind, names in lost.items()]  # fmt: skip
 
 
 def _placed(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str, str, Any, str]]:

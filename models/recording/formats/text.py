@@ -78,19 +78,18 @@ def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None
 
     A few rows of another length than the header, or that repeat it, are left out.
     """
-    text = options.text
+    names = options.text.names
     data, commented, separator, white = _plain(data, options)
     head = list(islice(_rows(data, separator), SAMPLE_LINES))
     rows = [row for _, row in head]
-    start, before = _header(rows, white, text.header_lines)
+    start, before = _header(rows, white, options.text.header_lines)
     if len(head) <= before:
         raise RecordingError(f"{path}: got a header and no rows, expected samples below it")
     titles = rows[start:before]
     width = len((titles or rows[before:])[0])
-    if width > MOST_COLUMNS or (text.names and len(text.names) != width):
-        most = f"at most {MOST_COLUMNS}"
-        expected = f"{len(text.names)} as in excitation.text.names" if text.names else most
-        raise RecordingError(f"{path}: got {width} columns, expected {expected}")
+    if width > MOST_COLUMNS or (names and len(names) != width):
+        wanted = f"{len(names)} as in excitation.text.names" if names else f"at most {MOST_COLUMNS}"
+        raise RecordingError(f"{path}: got {width} columns, expected {wanted}")
     check_size(path, 8 * (data.count(b"\n") + 1) * width)
     above = [w for line in commented for w in (line.split(), line.split(separator))
              if len(w) == width and not any(map(_is_number, w))]  # fmt: skip
@@ -129,15 +128,12 @@ def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None
         return f"line {line}", found[place]
 
     said = [f"{there} {reason}" for reason, there in counts.items() if there]
-    triples = zip(text.names or written, columns, units, strict=True)
+    triples = zip(names or written, columns, units, strict=True)
     return table_source(name or path.stem, path, triples, said, cell)
 
 
 def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bool]:
-    """The text without comments, those above the table, the separator, and if that is white.
-
-    Numbers have points.
-    """
+    """The text without comments and decimal commas, comments above, separator, if that is white."""
     skipped, above = options.text.skip_lines, list[str]()
     data = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data)
     lines = [line.strip(" \r") for line in data[:65536].decode(errors="replace").split("\n")]
@@ -160,7 +156,8 @@ def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bo
     separator: str = options.text.separator or max(SEPARATORS, key=most)
     cells = [cell for line in lines for cell in line.split(separator.strip(" ") or None)]
     points, commas = (sum(mark in c and _is_number(c, mark) for c in cells) for mark in ".,")
-    if (options.text.decimal or ",."[points >= commas or separator == ","]) == ",":
+    decimal = options.text.decimal or ("," if commas > points and separator != "," else ".")
+    if decimal == ",":
         data = re.sub(rb"(?<=\d),(?=\d)", b".", data)
     if separator != " ":
         return data, above, separator, False
@@ -213,12 +210,12 @@ def _header(rows: list[list[str]], white: bool, wanted: int | None) -> tuple[int
 def _wide(parts: list[Source]) -> list[Source]:
     """The sources of tables with a row a value: one for each measurement and its tags."""
     columns = parts[0].columns
-    known = {next((n for n in own if n in columns), ""): k for k, own in LONG.items()}
-    if "" in known or not all({*part.columns} >= {*known} for part in parts):
+    known = {k: next((n for n in own if n in columns), "") for k, own in LONG.items()}
+    alike = all({*known.values()} <= {*part.columns} for part in parts)
+    if not alike or columns[known["_field"]].dtype != np.object_:
         return parts
-    frame = pd.concat([pd.DataFrame(part.columns) for part in parts]).rename(columns=known)
-    if pd.api.types.is_numeric_dtype(frame["_field"]):
-        return parts
+    names = {name: k for k, name in known.items()}
+    frame = pd.concat([pd.DataFrame(part.columns) for part in parts]).rename(columns=names)
     texts, keys = [*frame.select_dtypes(exclude="number")], ["_time", "_field"]
     tags = [name for name in texts if name not in (*LONG, "_start", "_stop", "result")
             and (name == "_measurement" or frame[name].nunique() > 1)]  # fmt: skip
@@ -250,8 +247,7 @@ def table_source(
     `t [s]` is the column `t` in `s`, a column without title is c1, c2 ... Columns whose names
     differ by the unit only keep their titles. Of columns of one title with equal cells one is kept,
     others are `x.1`, `x.2` ...; where titles repeat, those after a title without cells have it
-    before them. `left_out` was left out of the table; `cell` is a cell of the file by row and
-    number of the column.
+    before them. `cell` is a cell of the file by row and number of the column.
     """
     titles, every, known = zip(*columns, strict=True)
     written = [title.strip() or f"c{i}" for i, title in enumerate(titles, 1)]
@@ -289,8 +285,7 @@ def table_source(
 def column_of_cells(cells: Any) -> tuple[Values, str]:
     """Cells as numbers, NaN where one is missing, else as text; and what is left out, (N,).
 
-    `cells` are numbers, date-times, or texts as written. In a column of numbers, other texts are
-    missing values, if they are few.
+    `cells` are numbers, date-times or texts. A few texts among numbers are missing values.
     """
     if not isinstance(cells, pa.Array | list):
         values = pd.Series(cells)
@@ -330,10 +325,9 @@ def _dates(columns: dict[str, Values], units: dict[str, str]) -> Iterator[str]:
 
 
 def _angles(columns: dict[str, Values], units: dict[str, str]) -> Iterator[str]:
-    """Read angles in degrees that are written as degrees and minutes: the number DDMM.mm.
+    """Read angles that are written as degrees and minutes, the number DDMM.mm, as degrees.
 
-    The unit of such numbers is lat or lon, as that of gliders is, or both are of this form by their
-    range; a column of letters may stand beside them.
+    Their unit is lat or lon, or both are of this form; a column of letters may stand beside them.
     """
     numbers = [name for name, values in columns.items() if values.dtype != np.object_]
     known = {name: units[name] for name in numbers if units.get(name) in SIDES}
