@@ -169,7 +169,7 @@ def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate]
             except RecordingError:
                 texts.append(full)
                 continue
-            known_as = [titles[name]] if name in titles else [name, source.title(name)]
+            known_as = [titles[name]] if name in titles else [name, source.titles.get(name, name)]
             results = (quantity(t, source.name, source.units.get(name)) for t in known_as)
             result = next(filter(None, results), None)
             if name in quaternion:

@@ -255,9 +255,7 @@ def clock_of(source: Source, columns: ColumnMap) -> Column:
         if source.find(name) is not None:
             return replace(time, column=name)
     known = find_time(source)
-    if known is None:
-        raise source.absent(time.name)
-    return known
+    return known or replace(time, column=column({source.name: source}, time.name)[1])  # raises
 
 
 def first_time(sources: Sources, columns: ColumnMap) -> float:
@@ -318,7 +316,7 @@ def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str,
     stated = source.units.get(name)
     if stated and units.target_of(stated, targets) is not None:
         return stated, "the file"
-    titled = units.unit_in_title(source.title(name), targets)
+    titled = units.unit_in_title(source.titles.get(name, name), targets)
     return (titled, "the title") if titled else None
 
 

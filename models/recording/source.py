@@ -5,7 +5,7 @@ import os
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -13,18 +13,16 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from textwrap import shorten
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from annotated_types import Ge
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError, SeatrialError
-from seatrial.models.ranges import check_ranges
+from seatrial.models.ranges import NotNegativeInt, check_ranges
 from seatrial.models.vessel.basis import Array
 
-LARGEST_BYTES = 2**28  # of a file that is read at once, and of the numbers of any recording
-MOST_CELLS = LARGEST_BYTES // 8
+LARGEST_MB = 268  # of a file that is read at once, and of the numbers of any recording
 MOST_ELEMENTS = 64  # of an array in a message or of a matrix; larger ones are images and the like
 TextArray: TypeAlias = NDArray[np.object_]  # of str, as written
 Values: TypeAlias = Array | TextArray
@@ -39,34 +37,32 @@ MISSING = frozenset(
 class FileFormat(NamedTuple):
     """How a format is recognised, and the function of the folder `formats` that reads it."""
 
-    suffixes: tuple[str, ...]
+    suffixes: str
     reader: str  # file.function
     package: str | None = None  # needed to read it
     begins: bytes = rb"(?!)"  # how a file begins, a regular expression
 
 
 NMEA = rb"(?:[^\n]{0,200}\n){0,20}?[^\n]{0,100}[$!](?:[A-Z]{2}[A-Z\d]{3}|P[A-Z]{3,}),[^\n]*[,*]"
-FORMATS: dict[str, FileFormat] = {
-    name: FileFormat(tuple(suffixes.split()), *row)
-    for name, suffixes, *row in (
-        ("csv", ".csv .tsv", "text.read"),
-        ("dat", ".dat .txt .asc .dba .log .alog", "text.read"),
-        ("excel", ".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
-        ("hdf5", ".h5 .hdf5", "tables.read_hdf5", "h5py", rb"(?:.{512})?\x89HDF"),  # MATLAB 7.3
-        ("netcdf", ".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]"),
-        ("ardupilot", ".bin .tlog", "messages.read_ardupilot", "pymavlink",
-         rb"\xa3\x95|FMT, ?\d|.{8}[\xfd\xfe].{5,}"),
-        ("nmea", ".nmea .nma", "nmea.read", "pynmea2", NMEA),
-        ("parquet", ".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
-        ("mat", ".mat", "tables.read_matlab", None, rb"MATLAB [^7]"),
-        ("rosbag", ".bag .db3 .mcap", "messages.read_bag", "rosbags",
-         rb"#ROSBAG|\x89MCAP|SQLite format 3\0"),
-        ("ulog", ".ulg .ulog", "messages.read_ulog", "pyulog", rb"ULog\x01"),
-    )
-}  # fmt: skip
+MAVLINK = rb"\xa3\x95|FMT, ?\d|.{8}[\xfd\xfe].{5,}"
+BAG = rb"#ROSBAG|\x89MCAP|SQLite format 3\0"
+FORMATS = {
+    "csv": FileFormat(".csv .tsv", "text.read"),
+    "dat": FileFormat(".dat .txt .asc .dba .log", "text.read"),
+    "excel": FileFormat(".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
+    "hdf5": FileFormat(
+        ".h5 .hdf5", "tables.read_hdf5", "h5py", rb"(?:.{512})?\x89HDF"
+    ),  # MATLAB 7.3
+    "netcdf": FileFormat(".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]"),
+    "ardupilot": FileFormat(".bin .tlog", "messages.read_ardupilot", "pymavlink", MAVLINK),
+    "nmea": FileFormat(".nmea .nma", "messages.read_nmea", "pynmea2", NMEA),
+    "parquet": FileFormat(".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
+    "mat": FileFormat(".mat", "tables.read_matlab", None, rb"MATLAB [^7]"),
+    "rosbag": FileFormat(".bag .db3 .mcap", "messages.read_bag", "rosbags", BAG),
+    "ulog": FileFormat(".ulg .ulog", "messages.read_ulog", "pyulog", rb"ULog\x01"),
+}
 EXTRAS = {"rosbag": "ros", "hdf5": "mat"}  # others are called as their format
-SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes}
-BAG = "metadata.yaml"  # in a folder that is a bag of ROS 2
+SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes.split()}
 ANY = {".csv", ".txt", ".dat", ".log", ".asc", ".bin", ".mat"}  # suffixes of files of any content
 
 
@@ -92,10 +88,6 @@ class Source:
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
 
-    def title(self, name: str) -> str:
-        """The title of a column as it is written in the file."""
-        return self.titles.get(name, name)
-
     def find(self, name: str) -> str | None:
         """The column of a name, which may be written as in the header; None if there is none."""
         titled = [plain for plain, title in self.titles.items() if title == name]
@@ -106,10 +98,7 @@ class Source:
 
         Raises RecordingError, with file, column and line, if a cell is not a finite number.
         """
-        column = self.find(name)
-        if column is None:
-            raise self.absent(name)
-        values = self.columns[column]
+        values = self.columns[column({self.name: self}, name)[1]]
         text = values.dtype == np.object_
         wrong = np.ones(len(values), dtype=bool) if text else np.isnan(values)
         if np.any(wrong) and (text or not gaps):
@@ -122,22 +111,8 @@ class Source:
         place, text = f"row {row + 1}", str(self.columns[column][row])
         place, text = self.cell(row, column) if self.cell else (place, text)
         got = repr(shorten(text, 40, placeholder="...")) if text.strip() else "an empty cell"
-        return RecordingError(
-            f"{self.path}, column {name}, {place}: got {got}, expected {expected}"
-        )
-
-    def absent(self, name: str) -> RecordingError:
-        """What is raised where there is no column `name`, or several have that title."""
-        alike = [plain for plain, title in self.titles.items() if title == name]
-        if alike:
-            got = f"{len(alike)} columns are titled {name!r}, expected one of"
-            return RecordingError(f"{self.path}: {got} {_listing(alike)}")
-        known = _listing(map(self.title, self.columns))
-        return RecordingError(f"{self.path}: no column {name!r}, expected it among {known}")
-
-
-def _listing(names: Iterable[str]) -> str:
-    return shorten(", ".join(names), 600, placeholder=" ...")
+        place = f"{self.path}, column {name}, {place}"
+        return RecordingError(f"{place}: got {got}, expected {expected}")
 
 
 Contents: TypeAlias = tuple[list[Source], Sequence[str]]  # of a file, and what was left out
@@ -149,36 +124,27 @@ def column(sources: Mapping[str, Source], name: str) -> tuple[Source, str]:
     A source may be named by the end of its path. Raises RecordingError if there is no such column,
     or several.
     """
-    searched, (wanted, _, title) = list(sources.values()), name.rpartition(":")
-    place = os.path.commonpath([source.path for source in searched])
-    if any(source.find(name) for source in searched):
-        title = name
-    elif wanted:
-        ending = f"/{wanted.lstrip('/')}"
-        alike = [source for source in searched if f"/{source.name}".endswith(ending)]
-        searched = [sources[wanted]] if wanted in sources else alike
-    holders = [(source, plain) for source in searched if (plain := source.find(title))]
+    every, (wanted, _, last) = list(sources.values()), name.rpartition(":")
+    ending = f"/{wanted.lstrip('/')}"
+    alike = [source for source in every if f"/{source.name}".endswith(ending)]
+    alike = [sources[wanted]] if wanted in sources else alike
+    holders = [(source, plain) for source in every if (plain := source.find(name))]
+    holders = holders or [(source, plain) for source in alike if (plain := source.find(last))]
     if len(holders) == 1:
         return holders[0]
-    if holders:
-        raise RecordingError(
-            f"{place}: {len(holders)} sources have a column {name!r}: "
-            f"{_listing(source.name for source, _ in holders)}; expected one of them before it, "
-            f"as {holders[0][0].name}:{holders[0][1]}"
-        )
-    if len(searched) == 1:
-        raise searched[0].absent(title)
-    every = (f"{source.name}:{plain}" for source in searched for plain in source.columns)
-    got, known = (f"column {name!r}", every) if searched else (f"source {wanted!r}", sources)
-    raise RecordingError(f"{place}: no {got}, expected it among {_listing(known)}")
+    got = f"{len(holders)} sources have a column" if holders else "no column"
+    known = holders or [(source, plain) for source in alike or every for plain in source.columns]
+    names = [plain if len(every) == 1 else f"{source.name}:{plain}" for source, plain in known]
+    place, among = os.path.commonpath([s.path for s in every]), ", ".join(names)
+    among = shorten(among, 600, placeholder=" ...")
+    raise RecordingError(f"{place}: {got} {name!r}, expected it among {among}")
 
 
-def check_size(path: Path, cells: int) -> None:
-    """Raise RecordingError if a recording has more numbers than fit in memory."""
-    if cells > MOST_CELLS:
-        raise RecordingError(
-            f"{path}: got {cells:.3g} numbers, expected at most {MOST_CELLS:.3g}; cut the recording"
-        )
+def check_size(path: Path, size: int) -> None:
+    """Raise RecordingError if a recording has more bytes than are read at once."""
+    if size > 1e6 * LARGEST_MB:
+        got = f"{path}: got {size / 1e6:.0f} MB"
+        raise RecordingError(f"{got}, expected at most {LARGEST_MB}; cut the recording")
 
 
 @dataclass(frozen=True)
@@ -193,8 +159,8 @@ class TextOptions:
     decimal: Literal[".", ","] | None = None
     encoding: str | None = None
     comment: str | None = "#"  # beginning of lines that are passed over
-    skip_lines: Annotated[int, Ge(0)] = 0
-    header_lines: Annotated[int, Ge(0)] | None = None
+    skip_lines: NotNegativeInt = 0
+    header_lines: NotNegativeInt | None = None
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -228,21 +194,17 @@ def read_sources(path: Path, options: ReadOptions) -> dict[str, Source]:
 def _sources(path: Path, options: ReadOptions, stamp: tuple[object, ...]) -> dict[str, Source]:
     """Those of a file in one state of it: what checks a recording reads it several times."""
     if options.format not in (None, *FORMATS):
-        raise ConfigurationError(
-            f"excitation.format: got {options.format!r}, expected one of {', '.join(FORMATS)}"
-        )
-    if not path.is_dir() and not path.is_file():
-        problem = "is not a regular file" if path.exists() else "there is no such file"
-        shown = str(path).replace("\0", "\\0")
-        raise RecordingError(f"{shown}: {problem}, expected a recording")
+        got = f"excitation.format: got {options.format!r}"
+        raise ConfigurationError(f"{got}, expected one of {', '.join(FORMATS)}")
     kinds, files = FORMATS if options.format is None else (options.format,), [path]
-    if path.is_dir() and not ("rosbag" in kinds and (path / BAG).is_file()):
+    if not path.is_file() and not ("rosbag" in kinds and (path / "metadata.yaml").is_file()):
         files = [file for file in sorted(path.rglob("*"))
                  if SUFFIXES.get(file.suffix.lower()) in kinds and file.is_file()]  # fmt: skip
     if not files:
-        raise RecordingError(
-            f"{path}: is a folder without recordings, expected files with {', '.join(SUFFIXES)}"
-        )
+        problem = "is not a regular file" if path.exists() else "there is no such file"
+        problem = "is a folder without recordings" if path.is_dir() else problem
+        shown = str(path).replace("\0", "\\0")
+        raise RecordingError(f"{shown}: {problem}, expected a recording: {', '.join(SUFFIXES)}")
     names = {f: f.relative_to(path).with_suffix("").as_posix() for f in files if f != path}
     counts, sources = Counter(names.values()), dict[str, Source]()
     for file in files:
@@ -274,16 +236,10 @@ def _read(path: Path, options: ReadOptions) -> list[Source]:
         kind = next(told, kind)
     form = FORMATS[kind]
     if form.package is not None and find_spec(form.package) is None:
-        extra = EXTRAS.get(kind, kind)
-        raise ConfigurationError(
-            f"{path}: {form.package} is not installed: pip install 'seatrial[{extra}]'"
-        )
-    # what is read at once must fit; a bag is read message by message
-    if form.package != "rosbags" and (size := path.stat().st_size) > LARGEST_BYTES:
-        raise RecordingError(
-            f"{path}: got {size / 1e6:.0f} MB, expected at most {LARGEST_BYTES / 1e6:.0f}; cut the "
-            "recording"
-        )
+        way = f"pip install 'seatrial[{EXTRAS.get(kind, kind)}]'"
+        raise ConfigurationError(f"{path}: {form.package} is not installed: {way}")
+    if form.package != "rosbags":  # a bag is read message by message
+        check_size(path, path.stat().st_size)
     module, _, function = form.reader.partition(".")
     reader, quiet = import_module(f"{__package__}.formats.{module}"), io.StringIO()
     with warnings.catch_warnings(), redirect_stdout(quiet), redirect_stderr(quiet):

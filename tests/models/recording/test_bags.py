@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seatrial.models.errors import ConfigurationError
+from seatrial.models.errors import RecordingError
 from seatrial.models.recording.source import ReadOptions, read_sources
 
 pytest.importorskip("rosbags")
@@ -94,8 +94,8 @@ def test_topics_of_unknown_type_are_left_out_or_defined_by_a_file(tmp_path: Path
     (source,) = read_sources(tmp_path / "a", ReadOptions()).values()
     assert source.name == "speed"
     assert source.left_out == (
-        "topic /ballast (boat_msgs/msg/Ballast): its definition is not in the file; "
-        "excitation.messages=[Ballast.msg] gives it",
+        "topic /ballast (boat_msgs/msg/Ballast): the definition of boat_msgs/msg/Ballast is not in "
+        "the file; excitation.messages=[Ballast.msg] gives it",
     )
     for file in (tmp_path / "Ballast.msg", tmp_path / "boat_msgs" / "msg" / "Ballast.msg"):
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -104,5 +104,5 @@ def test_topics_of_unknown_type_are_left_out_or_defined_by_a_file(tmp_path: Path
         np.testing.assert_array_equal(sources["ballast"].columns["level"], np.arange(5.0))
         first = next(iter(sources.values()))
         assert first.left_out == ("ballast, scan: arrays of 100 elements",)
-    with pytest.raises(ConfigurationError, match=r"messages: none\.msg: cannot be read"):
+    with pytest.raises(RecordingError, match=r"No such file or directory: 'none\.msg'"):
         read_sources(tmp_path / "a", ReadOptions(messages=("none.msg",)))
