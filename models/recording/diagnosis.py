@@ -31,7 +31,7 @@ from seatrial.models.recording.quantities import quantity
 from seatrial.models.recording.reader import FAULTS, FLIPPED, SI_ASSUMED, clock_of, readings
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
-from seatrial.models.recording.sampling import original_rate, sampling
+from seatrial.models.recording.signals import original_rate, sampling
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import seconds
 from seatrial.models.recording.units import BEARINGS, factor, si_factor, targets_of, words_of
@@ -189,7 +189,7 @@ class _State(NamedTuple):
     def explained(self, axis: Agreement) -> bool:
         """Whether a small angle between bow and heading explains the scale of an axis aside."""
         surge = next((a for a in self.result.axes if a.dof == "surge"), None)
-        if surge is None or surge.off or not (surge.certain or surge.steady):
+        if surge is None or surge.off:
             return False
         ahead, aside = (self.recording.nu[:, self.recording.dofs.index(dof)]
                         for dof in ("surge", axis.dof))  # fmt: skip
@@ -251,16 +251,16 @@ class _Case(NamedTuple):
         return Examination(result, found, self.recording, tuple(questions), missing)
 
     def _compared(
-        self, file: RecordedFile, recording: Recording, band: float | None = None
+        self, file: RecordedFile, recording: Recording, cutoff_hz: float | None = None
     ) -> _State:
-        return _State(file, recording, consistency(recording, file.columns.moving, band))
+        return _State(file, recording, consistency(recording, file.columns.moving, cutoff_hz))
 
     def _tried(self, state: _State, defect: RecordingDefect) -> _State | None:
         """The recording read with a change, compared in the same band; None if it cannot be."""
-        band = None if defect.kind == "resampled" else state.result.band
+        cutoff = None if defect.kind == "resampled" else state.result.cutoff_hz
         with suppress(*FAULTS):
             file = changed(state.file, defect.change)
-            return self._compared(file, file.recording(self.known, self.blocks), band)
+            return self._compared(file, file.recording(self.known, self.blocks), cutoff)
         return None
 
     def _best(
@@ -356,7 +356,7 @@ class _Case(NamedTuple):
             yield RecordingDefect("sign", (axis.dof,), text, _change(new), -1.0)
         lag, period = result.lag_s, state.recording.period_s
         apart = abs(lag) >= max(SAMPLES_APART * period, CERTAIN * result.lag_error_s)
-        if apart and result.shared_lag_s != 0.0:
+        if apart and result.shared:
             delay = float(f"{lag + columns.delay_s.get('velocity', 0.0):.3g}")
             text = f"{abs(lag):.3g} s {'behind' if lag > 0.0 else 'ahead of'} the pose"
             change = {"columns.delay_s.velocity": delay}

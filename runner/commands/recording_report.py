@@ -11,12 +11,10 @@ import numpy as np
 from seatrial.models.notation import DOFS, velocities_of
 from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.diagnosis import Examination, examine
-from seatrial.models.recording.preprocessing import outliers
 from seatrial.models.recording.reader import BRIDGED, FAULTS, ReadSignals, clock_of, readings
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_starts
-from seatrial.models.recording.sampling import Sampling, sampling
-from seatrial.models.recording.smoothing import noise_floor
+from seatrial.models.recording.signals import Sampling, noise_floor, outliers, sampling
 from seatrial.models.recording.times import seconds
 from seatrial.models.recording.units import targets_of
 from seatrial.models.vessel.basis import Array
@@ -70,7 +68,7 @@ def report(file: RecordedFile) -> Report:
     except FAULTS as error:
         why = str(error)
     sampled = [
-        (name or "-", s.count, f"{s.duration_s:.1f}", f"{s.rate_hz:.4g}", s.gaps,
+        (name or "-", s.rows, f"{s.duration_s:.1f}", f"{s.rate_hz:.4g}", s.gaps,
          f"{s.longest_gap_s:.3g} at {s.longest_gap_at_s:.0f}" if s.gaps else "-",
          f"{100.0 * s.missing:.1f}", s.not_later)
         for name, s in samplings.items()
@@ -142,7 +140,8 @@ def _advice(samplings: Mapping[str, Sampling], recording: Recording | None) -> I
             rounded = "columns.time: {column: NAME, uniform: true} if they are rounded"
             yield f"{name}: {s.not_later} times are not later than the one before: {rounded}"
         if s.gaps and s.missing > MOST_MISSING:
-            yield f"{name}: {s}: excitation.at_gap=split leaves gaps longer than max_gap_s out"
+            missing = f"{s.gaps} gaps, {100.0 * s.missing:.0f} % missing"
+            yield f"{name}: {missing}: excitation.at_gap=split leaves gaps over max_gap_s out"
     if recording is None:
         return
     length = float(recording.t[-1] - recording.t[0])
