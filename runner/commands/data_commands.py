@@ -55,9 +55,7 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
     known = report(reader_of(file, node or options_of(drafted(file).map)))
     if html is not None:
         write_page(recording_page(known), html)
-    tables = [f"{render(table, OutputFormat.RICH)}\n" for table in known.tables]
-    left_out = [f"left out: {line}" for line in known.left_out]
-    for text in (*known.verdict, "", *tables, *left_out, *(f"next: {a}" for a in known.advice)):
+    for text in (*known.lines, "", *(f"{render(x, OutputFormat.RICH)}\n" for x in known.tables)):
         typer.echo(text)
 
 
