@@ -140,24 +140,23 @@ def examine(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
                 case, rate = _Case(file, whole, sources), file.resample_hz or 1.0 / whole.period_s
                 if (blocks := _blocks(sources, file.columns)) is not None:
                     part = replace(file, resample_hz=rate, at_gap="split")
-                    case = replace(case, file=part, blocks=blocks).read({}) or case
+                    with suppress(*FAULTS):
+                        case = _Case(part, part.recording(known, blocks), sources, blocks)
                 return _examined(case, whole)
     return None
 
 
 def _examined(case: "_Case", whole: Recording) -> Examination:
     """What is wrong with a recording, with the changes that were tried."""
-    plain, problems = case.result, list[RecordingDefect]()
-    if (slower := case.slower()) and (after := case.read(slower.change)):
-        problems, case = [slower], after
+    plain = case.result
+    if (slower := case.slower()) is not None:
+        case = case.read(slower) or case
     for _ in range(MOST_CHANGES):
         told = list(case.told())
-        turned = any(problem.kind in ("earth", "frame", "heading") for problem in problems)
-        if (best := case.best([d for d in told if d.change], () if turned else TURNS)) is None:
+        if (best := case.best(told)) is None:
             break
-        problems.append(best[0])
-        case = replace(best[1], cutoff_hz=None)  # where it agrees best
-    axes = case.result.axes
+        case = replace(best, cutoff_hz=None)  # where it agrees best
+    axes, problems = case.result.axes, list(case.problems)
     good = {axis.dof for axis in axes if axis.correlation > SURE and not axis.off}
     sure = {f"position.{dof}" for dof in good | ({"yaw"} if good & set(LINEAR) else set())}
     doubtful = doubts(case.sources, case.file.columns).items()
@@ -185,13 +184,15 @@ class _Case:
     sources: Mapping[str, Source]
     blocks: Mapping[str, Source] | None = None
     cutoff_hz: float | None = None  # below which it is compared; None: where it agrees best
+    problems: tuple[RecordingDefect, ...] = ()  # with which it is read
 
-    def read(self, change: Change, cutoff_hz: float | None = None) -> "_Case | None":
-        """The recording read with a change; None if it cannot be."""
+    def read(self, defect: RecordingDefect, cutoff_hz: float | None = None) -> "_Case | None":
+        """The recording read with the change of a problem; None if it cannot be."""
         with suppress(*FAULTS):
-            file = changed(self.file, change)
+            file, problems = changed(self.file, defect.change), (*self.problems, defect)
             recording = file.recording(self.recording.dofs, self.blocks)
-            return replace(self, file=file, recording=recording, cutoff_hz=cutoff_hz)
+            return replace(self, file=file, recording=recording, problems=problems,
+                           cutoff_hz=cutoff_hz)  # fmt: skip
         return None
 
     @cached_property
@@ -233,17 +234,15 @@ class _Case:
         agree = all(axis.correlation > SURE for axis in self.result.axes if axis.dof in LINEAR[:2])
         return agree and not self.along and self.ahead < ASIDE
 
-    def best(
-        self, told: Sequence[RecordingDefect], turns: Sequence[Sequence[str]]
-    ) -> "tuple[RecordingDefect, _Case] | None":
+    def best(self, told: Sequence[RecordingDefect]) -> "_Case | None":
         """The first of the changes that are as good as the best one; None if none gains enough.
 
         A vessel that hardly moves ahead gains what it moves ahead.
         """
         fine, tried = not self.result.axes or self.result.quality > 1.0 - AS_GOOD, []
-        guesses = [] if fine and not self.aside else list(self._guesses(turns))
-        for defect in (*told, *guesses):
-            if (after := self.read(defect.change, self.result.cutoff_hz)) is None:
+        guesses = [] if fine and not self.aside else list(self._guesses())
+        for defect in (*(defect for defect in told if defect.change), *guesses):
+            if (after := self.read(defect, self.result.cutoff_hz)) is None:
                 continue
             ahead = after.ahead if self.aside and after.ahead > AHEAD else 0.0
             gain = after.result.quality - self.result.quality + ahead
@@ -253,23 +252,22 @@ class _Case:
                 for old, new in zip(self.result.axes, after.result.axes, strict=True)
             )
             if gain > (defect in guesses) * AS_GOOD and not worse:
-                tried.append((gain, defect, after))
-        most = max((gain for gain, *_ in tried), default=0.0)
-        return next(((d, after) for gain, d, after in tried if gain >= most - AS_GOOD), None)
+                tried.append((gain, after))
+        most = max((gain for gain, _ in tried), default=0.0)
+        return next((after for gain, after in tried if gain >= most - AS_GOOD), None)
 
-    def _guesses(self, turns: Sequence[Sequence[str]]) -> Iterator[RecordingDefect]:
+    def _guesses(self) -> Iterator[RecordingDefect]:
         """What no correlation of one axis tells; two guesses together where the bow tells it."""
         degrees = list(self._degrees())
-        yield from self._turns(self.file, turns)
+        if not any(problem.kind in ("earth", "frame", "heading") for problem in self.problems):
+            yield from self._turns(self.file)
         yield from degrees
         for first in degrees[:1] if self.aside else ():
-            for turn in self._turns(changed(self.file, first.change), TURNS):
+            for turn in self._turns(changed(self.file, first.change)):
                 text, both = f"{first.message}, and {turn.message}", {**first.change, **turn.change}
                 yield replace(turn, message=text, change=both)
 
-    def _turns(
-        self, file: RecordedFile, turns: Sequence[Sequence[str]]
-    ) -> Iterator[RecordingDefect]:
+    def _turns(self, file: RecordedFile) -> Iterator[RecordingDefect]:
         """Other axes and headings than those with which a file is read."""
         heading, x = (file.columns.specs[option] if (option := f"position.{dof}") in self.readings
                       else None for dof in ("yaw", "surge"))  # fmt: skip
@@ -277,7 +275,7 @@ class _Case:
         titled |= bool(file.columns.geodetic)
         flat, tells = set(PLANAR) <= set(self.recording.dofs), self.along or self.aside
         now = vars(file.columns.frames) | ({"positive": heading.positive} if heading else {})
-        for options in turns if flat else ():
+        for options in TURNS if flat else ():
             if ((titled and "position" in options) or not set(options) <= set(now)
                     or (not tells and {"positive", "attitude"} & set(options))):  # fmt: skip
                 continue
@@ -290,7 +288,7 @@ class _Case:
             axes = (axis.dof for axis in self.result.axes
                     if any(axis.dof in SENSES[option][1] for option in options))  # fmt: skip
             yield RecordingDefect(SENSES[options[0]][0], tuple(axes), text, change)
-        for off in (90.0, 180.0, -90.0) if turns and flat and self.along else ():
+        for off in (90.0, 180.0, -90.0) if flat and self.along else ():
             degrees = (file.heading_deg - off + 179.0) % 360.0 - 179.0
             text = f"the heading is {-off:g} degrees off the positions"
             yield RecordingDefect("heading", YAW, text, {"heading_deg": degrees}, off)

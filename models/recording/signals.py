@@ -178,15 +178,14 @@ def lowpass(values: Array, cutoff_hz: float, period_s: float) -> Array:
     are turned about the last value; the filter begins as if its first value had always been there.
     """
     length = min(3 * (LOWPASS_ORDER + 1), len(values) - 1)
-    sections = _sections(cutoff_hz, period_s)
+    sections = _sections(cutoff_hz * period_s)
     return np.asarray(scipy.signal.sosfiltfilt(sections, values, axis=0, padlen=length))
 
 
 @lru_cache(maxsize=64)
-def _sections(cutoff_hz: float, period_s: float) -> Array:
-    """The sections of the filter, which take longer than most recordings."""
-    filter_ = scipy.signal.butter(LOWPASS_ORDER, cutoff_hz, fs=1.0 / period_s, output="sos")
-    return np.asarray(filter_, dtype=np.float64)
+def _sections(cutoff: float) -> Array:
+    """The filter of a cut-off, of the sample rate: it takes longer than most recordings."""
+    return np.asarray(scipy.signal.butter(LOWPASS_ORDER, 2.0 * cutoff, output="sos"))
 
 
 def outliers(values: Array, window: int = 10, deviations: float = 3.0) -> NDArray[np.bool_]:

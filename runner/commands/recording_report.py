@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.reader import BRIDGED, FAULTS, ReadSignals, clock_of, readings
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.models.recording.recording import Recording, piece_starts
+from seatrial.models.recording.recording import piece_starts
 from seatrial.models.recording.signals import Sampling, noise_floor, outliers, sampling
 from seatrial.models.recording.times import seconds
 from seatrial.models.recording.units import targets_of
@@ -37,13 +37,7 @@ COLUMNS = ("quantity", "column", "unit", "known from")
 AXES = ("axis", "correlation", "scale", "excited")
 
 
-class Report(NamedTuple):
-    """What the terminal and the page show, in this order; `known` is drawn on the page."""
-
-    path: str
-    lines: list[str]  # problems and questions, or that there is none; what was left out, and advice
-    tables: list[TextTable]
-    known: Examination | None
+Report = tuple[list[str], list[TextTable], Examination | None]  # lines, tables, what is drawn
 
 
 def report(file: RecordedFile) -> Report:
@@ -78,15 +72,9 @@ def report(file: RecordedFile) -> Report:
         tables.append(grid_of(f"{title} {lag:+.3f} s behind", AXES, axes))
         tables.append(grid_of("Ranges", RANGES, [*_ranges(signals, counts)], 2, digits=3))
     slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
-    advice = list(_advice(slow, known.recording if known else None))
-    if known:
-        advice += [f"{axis.dof} hardly moves: add manoeuvres that excite it"
-                   for axis in known.result.axes if not axis.excited]  # fmt: skip
-        advice = advice or [f"ready for a trial: seatrial vessel=NAME excitation=recording "
-                            f"excitation.path={file.path} excitation.map=MAP.yaml"]  # fmt: skip
     lines += [f"left out: {line}" for line in signals.left_out]
-    lines += [f"next: {line}" for line in advice]
-    return Report(str(file.path), lines, [table for table in tables if table.rows], known)
+    lines += [f"next: {line}" for line in _advice(slow, known)]
+    return lines, [table for table in tables if table.rows], known
 
 
 def _verdict(known: Examination, signals: ReadSignals, counts: Mapping[str, int]) -> list[str]:
@@ -118,8 +106,8 @@ def _ranges(signals: ReadSignals, counts: Mapping[str, int]) -> Iterator[tuple[s
         yield option, unit, *map(float, numbers), counts.get(option, "-")
 
 
-def _advice(samplings: Mapping[str, Sampling], recording: Recording | None) -> Iterator[str]:
-    """What to do next, by the sampling of the sources in use."""
+def _advice(samplings: Mapping[str, Sampling], known: Examination | None) -> Iterator[str]:
+    """What to do next, by the sampling of the sources in use and the motion."""
     for name, s in samplings.items():
         if s.not_later:
             rounded = "columns.time: {column: NAME, uniform: true} if they are rounded"
@@ -127,8 +115,9 @@ def _advice(samplings: Mapping[str, Sampling], recording: Recording | None) -> I
         if s.gaps and s.missing > MOST_MISSING:
             missing = f"{s.gaps} gaps, {100.0 * s.missing:.0f} % missing"
             yield f"{name}: {missing}: excitation.at_gap=split leaves gaps over max_gap_s out"
-    if recording is None:
+    if known is None:
         return
+    recording = known.recording
     length = float(recording.t[-1] - recording.t[0])
     name, slowest = min(samplings.items(), key=lambda item: item[1].rate_hz or np.inf)
     kept = len(recording) * recording.period_s
@@ -137,20 +126,24 @@ def _advice(samplings: Mapping[str, Sampling], recording: Recording | None) -> I
         yield f"{kept:.0f} of {length:.0f} s are kept, the rest is in gaps: {bridged} {name}"
     if length < SHORT_S:
         yield f"the recording lasts {length:.0f} s: run several minutes"
+    for axis in known.result.axes:
+        if not axis.excited:
+            yield f"{axis.dof} hardly moves: add manoeuvres that excite it"
 
 
-def recording_page(report: Report) -> str:
-    """The report as one HTML file."""
+def recording_page(name: str, report: Report) -> str:
+    """The report of a file as one HTML file."""
     from seatrial.runner.compare.plots import style  # slow to import
 
-    parts = [("Result", bullets(report.lines))]
-    parts += [(table.title, html_table(replace(table, title=""))) for table in report.tables]
-    if report.known is not None:
+    lines, tables, known = report
+    parts = [("Result", bullets(lines))]
+    parts += [(table.title, html_table(replace(table, title=""))) for table in tables]
+    if known is not None:
         with style.drawn():
             title = "Velocities, and errors of the velocity integrated and the pose differentiated"
-            parts.append((title, picture(figure(report.known), title, "f-")))
+            parts.append((title, picture(figure(known), title, "f-")))
     sections = [Section(title, f"s{i}", [block]) for i, (title, block) in enumerate(parts)]
-    return page(f"Recording {report.path}", [], sections)
+    return page(f"Recording {name}", [], sections)
 
 
 def figure(known: Examination) -> "Figure":
