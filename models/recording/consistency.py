@@ -1,10 +1,8 @@
 """Whether pose and velocity of a recording belong together: eta_dot = J(eta) nu.
 
-The derivative of the pose in body axes is compared with the recorded velocity per axis.
-
-Velocities are R(attitude)' p_dot, angular ones those of the rotation, so that angles may jump. All
-signals are low-passed forward and backward, so that their phases stay, and the ends of each piece,
-where the filter lacks data, are left out.
+The derivative of the pose in body axes is compared with the recorded velocity per axis. Velocities
+are R(attitude)' p_dot, angular ones those of the rotation, so that angles may jump. All signals are
+low-passed forward and backward, so that their phases stay; the ends of each piece are left out.
 
 The correlation says whether two signals are of the same motion, the scale whether they are in the
 same unit. Both signals have errors, so the scale is that of total least squares on signals of equal
@@ -24,14 +22,8 @@ import scipy
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
+from seatrial.models.recording import signals
 from seatrial.models.recording.recording import Recording, attitude_of, piecewise
-from seatrial.models.recording.signals import (
-    STRAIGHT_LINE,
-    central_difference,
-    in_body,
-    interpolated,
-    noise_floor,
-)
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian, turned
 
@@ -154,7 +146,7 @@ def _compared(recording: Recording, recorded: Sequence[str]) -> tuple[Recording,
     """
     dofs, turns = recording.dofs, set(PLANAR) <= set(recording.dofs)
     path, rates = _path_and_rates(recording, recording.attitude, without_jumps)
-    noise = noise_floor(path, recording.piece_starts, recording.period_s).deviation
+    noise = signals.noise_floor(path, recording.piece_starts, recording.period_s).deviation
     noise[:3] = np.max(noise[:3])  # the axes are turned into each other
     level = turns or not np.any(recording.attitude)
     used = [i for i, dof in enumerate(dofs) if dof in recorded and (level or dof not in DOFS[:3])]
@@ -178,9 +170,9 @@ def _path_and_rates(
     path[:, [DOFS.index(dof) for dof in recording.dofs]] = recording.eta
     path[:, 3:] = piecewise(lambda angles: angles[0] + turned(angles), edges, attitude)
     path = piecewise(change, edges, path)
-    rates = piecewise(partial(central_difference, period_s=recording.period_s), edges, path)
+    rates = piecewise(partial(signals.central_difference, period_s=recording.period_s), edges, path)
     if set(PLANAR) <= set(recording.dofs):
-        rates[:, :3] = in_body(attitude, rates[:, :3])
+        rates[:, :3] = signals.in_body(attitude, rates[:, :3])
     return path, rates
 
 
@@ -222,14 +214,13 @@ def quality_checks(recording: Recording) -> list[QualityCheck]:
     if set(PLANAR) <= set(dofs):
         along[:, :3] = np.einsum("nij,nj->ni", pose_jacobian(attitude)[:, :3, :3], nu[:, :3])
     way = partial(scipy.integrate.cumulative_trapezoid, dx=recording.period_s, axis=0, initial=0.0)
-    integral, checks = piecewise(lambda x, v: x[0] + way(v), edges, pose, along), []
-    for dof in dofs:
-        i, unit, rate_unit = DOFS.index(dof), POSE_UNIT[dof], VELOCITY_UNIT[dof]
-        checks += [
-            QualityCheck("integrated_velocity", dof, unit, pose[:, i], integral[:, i]),
-            QualityCheck("differentiated_position", dof, rate_unit, nu[:, i], rates[:, i]),
-        ]
-    return checks
+    integral = piecewise(lambda x, v: x[0] + way(v), edges, pose, along)
+    kinds = (("integrated_velocity", POSE_UNIT, pose, integral),
+             ("differentiated_position", VELOCITY_UNIT, nu, rates))  # fmt: skip
+    return [
+        QualityCheck(name, dof, unit[dof], *(x[:, DOFS.index(dof)] for x in (measured, calculated)))
+        for dof in dofs for name, unit, measured, calculated in kinds
+    ]  # fmt: skip
 
 
 def _filtered(
@@ -303,7 +294,7 @@ def correlations(observed: Array, expected: Array) -> Array:
 
     Zero where a column is constant.
     """
-    a, b = (signals - np.mean(signals, axis=0) for signals in (observed, expected))
+    a, b = (x - np.mean(x, axis=0) for x in (observed, expected))
     size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
     return np.asarray(np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 0.0))
 
@@ -313,7 +304,7 @@ def without_jumps(path: Array) -> Array:
 
     A jump is between two second differences that are `JUMP` times as large as the largest of the
     `REGULAR` smallest ones of their `BLOCK`. Where these are zero, as of values that are held or
-    interpolated, nothing is known of jumps.
+    signals.interpolated, nothing is known of jumps.
     """
     count = (len(path) - 2) // BLOCK
     if count < 1:
@@ -323,8 +314,8 @@ def without_jumps(path: Array) -> Array:
     blocks = bends[: count * BLOCK].reshape(count, BLOCK, -1)
     usual = np.partition(blocks, REGULAR - 1, axis=1)[:, REGULAR - 1]
     usual = usual[np.minimum(np.arange(len(bends)) // BLOCK, count - 1)]
-    large = (bends > JUMP * usual) & (usual > STRAIGHT_LINE * np.std(steps, axis=0))
+    large = (bends > JUMP * usual) & (usual > signals.STRAIGHT_LINE * np.std(steps, axis=0))
     jumps = np.pad(large[1:] & large[:-1], ((1, 1), (0, 0)))
     for j in np.flatnonzero(np.any(jumps, axis=0)):
-        result[1:, j] = path[0, j] + np.cumsum(interpolated(rows, steps[:, j], jumps[:, j]))
+        result[1:, j] = path[0, j] + np.cumsum(signals.interpolated(rows, steps[:, j], jumps[:, j]))
     return result
