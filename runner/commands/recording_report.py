@@ -58,7 +58,10 @@ def report(file: RecordedFile) -> Report:
             (signals,) = file.account(known.recording.dofs if known else dofs)
     except FAULTS as error:
         lines = [f"problem: {error}"]
-    sampled = [(name or "-", *samples) for name, samples in samplings.items()]
+    sampled = [
+        (name or "-", *(x if isinstance(x, int) else f"{x:.6g}" for x in samples))
+        for name, samples in samplings.items()
+    ]
     tables = [grid_of("Sampling", SAMPLING, sampled),
               grid_of("Columns", COLUMNS, [read[:4] for read in signals.readings], 4)]  # fmt: skip
     if known is not None:
