@@ -27,7 +27,7 @@ from seatrial.models.identification.linear import turns
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, evaluated, smoothed
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.smoothing import (
+from seatrial.models.recording.signals import (
     ABOVE_FLOOR,
     NEGLIGIBLE_NOISE,
     SEGMENT,

@@ -35,7 +35,7 @@ from seatrial.models.identification.model_error import ModelError
 from seatrial.models.identification.problem import Identified, Identifier, Problem
 from seatrial.models.identification.validation import Prediction, bounded_course, predicted_by
 from seatrial.models.recording.recording import Recording, attitude_of
-from seatrial.models.recording.smoothing import noise_floor
+from seatrial.models.recording.signals import noise_floor
 from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel

@@ -33,7 +33,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError, Reco
 from seatrial.models.identification.problem import Identified, Identifier, NoIdentifier, Problem
 from seatrial.models.identification.validation import prediction, restart_length
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.smoothing import smoothing_for
+from seatrial.models.recording.signals import smoothing_for
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 

@@ -40,7 +40,7 @@ from seatrial.models.identification.validation import bounded_course, restart_le
 from seatrial.models.notation import DOFS, velocities_of
 from seatrial.models.packs import WIDTH
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.smoothing import MAX_CUTOFF, noise_floor
+from seatrial.models.recording.signals import MAX_CUTOFF, noise_floor
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag

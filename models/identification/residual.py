@@ -44,7 +44,7 @@ from seatrial.models.identification.problem import (
 from seatrial.models.notation import DOFS, PLANAR, poses_of
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import DROP_S, Recording
-from seatrial.models.recording.smoothing import Smoothing, smoothing_for
+from seatrial.models.recording.signals import Smoothing, smoothing_for
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel

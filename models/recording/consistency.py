@@ -1,10 +1,8 @@
 """Whether pose and velocity of a recording belong together: eta_dot = J(eta) nu.
 
-The derivative of the pose in body axes is compared with the recorded velocity per axis.
-
-Velocities are R(attitude)' p_dot, angular ones those of the rotation, so that angles may jump. All
-signals are low-passed forward and backward, so that their phases stay, and the ends of each piece,
-where the filter lacks data, are left out.
+The derivative of the pose in body axes is compared with the recorded velocity per axis. Velocities
+are R(attitude)' p_dot, angular ones those of the rotation, so that angles may jump. All signals are
+low-passed forward and backward, so that their phases stay; the ends of each piece are left out.
 
 The correlation says whether two signals are of the same motion, the scale whether they are in the
 same unit. Both signals have errors, so the scale is that of total least squares on signals of equal
@@ -13,20 +11,19 @@ sigma_x and sigma_y / (rho sigma_x): Frisch (1934). A low-passed signal of T sec
 2 f_c T independent samples, which give the standard error of a correlation by Fisher's z.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
+from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
-from seatrial.models.recording.preprocessing import central_difference, in_body
-from seatrial.models.recording.recording import MIN_PIECE, Recording, attitude_of, piecewise
-from seatrial.models.recording.sampling import STRAIGHT_LINE
-from seatrial.models.recording.smoothing import lowpass, noise_floor
+from seatrial.models.recording import signals
+from seatrial.models.recording.recording import Recording, attitude_of, piecewise
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian, turned
 
@@ -55,7 +52,6 @@ class Agreement:
     dof: str
     correlation: float  # of the sign of the scale
     scale: float
-    steady: bool  # the means of both signals exceed their variation, and tell the scale
     moves: bool  # the recorded signal varies more than its noise
     excited: bool  # both signals do
     certain: bool  # so does their correlation, of either sign, more than of independent signals
@@ -82,11 +78,10 @@ class Consistency:
 
     axes: tuple[Agreement, ...]
     swaps: tuple[tuple[str, str], ...]
-    lag_s: float
-    shared_lag_s: float  # of all axes; what exceeds it is the delay of a filter
-    lag_error_s: float
-    band: float  # cut-off, of the Nyquist frequency
     cutoff_hz: float
+    lag_s: float
+    lag_error_s: float
+    shared: bool  # all axes are behind, or all ahead, as by a clock
 
     @property
     def quality(self) -> float:
@@ -101,85 +96,84 @@ class Consistency:
 
 
 def consistency(
-    recording: Recording, recorded: Sequence[str] | None = None, band: float | None = None
+    recording: Recording, recorded: Sequence[str] = DOFS, cutoff_hz: float | None = None
 ) -> Consistency:
     """Compare the pose and the velocity of a recording.
 
     Args:
         recording: the recording.
         recorded: axes whose velocity is recorded, not differentiated from the pose, with which it
-            would agree by construction; None: all.
-        band: cut-off of the low-pass, of the Nyquist frequency; None: where they agree best.
+            would agree by construction.
+        cutoff_hz: of the low-pass; None: where they agree best.
     """
-    dofs, signals, noise = _compared(recording, recorded)
+    both, noise = _compared(recording, recorded)
+    dofs, period = both.dofs, recording.period_s
     groups = [[i for i, dof in enumerate(dofs) if dof in DOFS[k : k + 3]] for k in (0, 3)]
-    groups, period = [group for group in groups if group], recording.period_s
-    band, observed, expected, joints = _filtered(
-        recording, signals, groups, (band,) if band else BANDS
-    )
-    cutoff = band * 0.5 / period
+    groups = [group for group in groups if group]
+    cutoffs = [cutoff_hz] if cutoff_hz else [band * 0.5 / period for band in BANDS]
+    cutoff, both = _filtered(both, groups, cutoffs)
+    observed, expected = both.nu, both.nu_dot
     count = 2.0 * cutoff * period * len(recording)  # independent samples of a signal below it
     rho = correlations(observed, expected)
     z = np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE))  # Fisher's, and its standard error
     error = float(1.0 / np.sqrt(max(count - 3.0, 1.0)))
     white = np.array([[1.0], [(2.0 * np.pi * cutoff) ** 2 / 3.0]]) * 2.0 * period * cutoff
     floor = np.maximum(EXCITED_VARIANCE * noise**2 * white, CONSTANT_VARIANCE)  # below the cut-off
-    moves, both = np.logical_and.accumulate(np.var([observed, expected], axis=1) > floor)
-    certain = both & (np.diag(z) > CERTAIN * error)
-    axes = [
-        Agreement(dof, float(rho[i, i]), *_scale(observed[:, i], expected[:, i], rho[i, i]),
-                  bool(moves[i]), bool(both[i]), bool(certain[i]))
-        for i, dof in enumerate(dofs)
-    ]  # fmt: skip
+    mean, deviation = (np.array([f(x, axis=0) for x in (observed, expected)])
+                       for f in (np.mean, np.std))  # fmt: skip
+    moves, excited = np.logical_and.accumulate(deviation**2 > floor)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scales = np.select(  # means tell it where they exceed the variation, as on a way
+            [np.all(np.abs(mean) > deviation, axis=0), np.all(deviation > 0.0, axis=0)],
+            [mean[1] / mean[0], np.copysign(deviation[1] / deviation[0], np.diag(rho))], 1.0,
+        )  # fmt: skip
+    certain = excited & (np.diag(z) > CERTAIN * error)
+    columns = (dofs, *(x.tolist() for x in (np.diag(rho), scales, moves, excited, certain)))
+    axes = tuple(Agreement(*values) for values in zip(*columns, strict=True))
     swaps = []  # pairs whose z rises by CERTAIN for each axis that moves, and falls for none
     for i, j in (pair for group in groups for pair in combinations(group, 2)):
-        better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if axes[a].moves]
+        better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if moves[a]]
         if better and min(better) > 0.0 and sum(better) > CERTAIN * error * len(better):
             swaps.append((dofs[i], dofs[j]))
-    used = [i for group in groups for i in group if axes[i].excited]
-    lags = _lags(observed[:, used], expected[:, used], joints, period, cutoff, count)
-    return Consistency(tuple(axes), tuple(swaps), *lags, band, cutoff)
+    used = [i for group in groups for i in group if excited[i]]
+    return Consistency(axes, tuple(swaps), cutoff, *_lags(both, used, cutoff, count))
 
 
-def _compared(
-    recording: Recording, recorded: Sequence[str] | None
-) -> tuple[list[str], Array, Array]:
-    """Axes; their velocities beside those of the pose (2, N, k); noise of either source (2, k).
+def _compared(recording: Recording, recorded: Sequence[str]) -> tuple[Recording, Array]:
+    """A recording with the velocities of the pose as `nu_dot`; noise of either source (2, k).
 
-    Linear ones are left out if the path cannot be turned into body axes.
+    Linear velocities are left out if the path cannot be turned into body axes.
     """
     dofs, turns = recording.dofs, set(PLANAR) <= set(recording.dofs)
-    path = piecewise(without_jumps, recording.edges, _path(recording, recording.attitude))
-    rate = _rates(recording, path, turns * recording.attitude)
-    noise = noise_floor(path, recording.piece_starts, recording.period_s).deviation
+    path, rates = _path_and_rates(recording, recording.attitude, without_jumps)
+    noise = signals.noise_floor(path, recording.piece_starts, recording.period_s).deviation
     noise[:3] = np.max(noise[:3])  # the axes are turned into each other
     level = turns or not np.any(recording.attitude)
-    used = [
-        i for i, dof in enumerate(dofs)
-        if (recorded is None or dof in recorded) and (level or dof not in DOFS[:3])
-    ]  # fmt: skip
+    used = [i for i, dof in enumerate(dofs) if dof in recorded and (level or dof not in DOFS[:3])]
     index = [DOFS.index(dofs[i]) for i in used]
-    signals = np.stack([recording.nu[:, used], rate[:, index]])
-    noise = np.stack([recording.noise.deviation[used], noise[index]])
-    return [dofs[i] for i in used], signals, noise
+    nu = recording.nu[:, used]
+    both = Recording(tuple(dofs[i] for i in used), recording.t, nu, nu, rates[:, index],
+                     np.zeros_like(nu), recording.attitude)  # fmt: skip
+    return both, np.stack([recording.noise.deviation[used], noise[index]])
 
 
-def _path(recording: Recording, attitude: Array) -> Array:
-    """The pose in all degrees of freedom, (N, 6); angles are those turned about axes of the body.
+def _path_and_rates(
+    recording: Recording, attitude: Array, change: Callable[[Array], Array] = np.asarray
+) -> tuple[Array, Array]:
+    """The pose in all degrees of freedom, (N, 6), and its derivative along the axes of the body.
 
-    Those of `attitude` (N, 3) [rad] begin each piece.
+    Angles are those turned about these axes; those of `attitude` (N, 3) [rad] begin each piece. The
+    path of each piece is changed before it is differentiated. In other sets than those with surge,
+    sway and yaw every axis is by itself.
     """
-    path = np.zeros((len(recording), 6))
+    path, edges = np.zeros((len(recording), 6)), recording.edges
     path[:, [DOFS.index(dof) for dof in recording.dofs]] = recording.eta
-    path[:, 3:] = piecewise(lambda angles: angles[0] + turned(angles), recording.edges, attitude)
-    return path
-
-
-def _rates(recording: Recording, path: Array, attitude: Array) -> Array:
-    """The derivative of a path (N, 6) along the axes of a body of some attitude (N, 3), (N, 6)."""
-    difference = partial(central_difference, period_s=recording.period_s)
-    rates = piecewise(difference, recording.edges, path)
-    return np.column_stack([in_body(attitude, rates[:, :3]), rates[:, 3:]])
+    path[:, 3:] = piecewise(lambda angles: angles[0] + turned(angles), edges, attitude)
+    path = piecewise(change, edges, path)
+    rates = piecewise(partial(signals.central_difference, period_s=recording.period_s), edges, path)
+    if set(PLANAR) <= set(recording.dofs):
+        rates[:, :3] = signals.in_body(attitude, rates[:, :3])
+    return path, rates
 
 
 class QualityCheck(NamedTuple):
@@ -211,74 +205,64 @@ def quality_checks(recording: Recording) -> list[QualityCheck]:
     """Both checks of every degree of freedom, piece by piece.
 
     Where surge, sway and yaw are there, velocities are turned by the attitude; axes that are not
-    there, such as heave, which pitch would turn, are taken as zero. In any other set every
-    axis is by itself. Angles are those turned about the axes of the body: no singularity.
+    there, such as heave, which pitch would turn, are taken as zero.
     """
     dofs, edges, nu = recording.dofs, recording.edges, np.zeros((len(recording), 6))
     nu[:, [DOFS.index(dof) for dof in dofs]] = recording.nu
-    angles = attitude_of(dofs, recording.eta)
-    pose, attitude = _path(recording, angles), (set(PLANAR) <= set(dofs)) * angles
-    along = np.einsum("nij,nj->ni", pose_jacobian(attitude)[:, :3, :3], nu[:, :3])
+    attitude, along = attitude_of(dofs, recording.eta), nu.copy()
+    pose, rates = _path_and_rates(recording, attitude)
+    if set(PLANAR) <= set(dofs):
+        along[:, :3] = np.einsum("nij,nj->ni", pose_jacobian(attitude)[:, :3, :3], nu[:, :3])
     way = partial(scipy.integrate.cumulative_trapezoid, dx=recording.period_s, axis=0, initial=0.0)
-    integral = piecewise(
-        lambda x, v: x[0] + way(v), edges, pose, np.column_stack([along, nu[:, 3:]])
-    )
-    rates, checks = _rates(recording, pose, attitude), []
-    for dof in dofs:
-        i, unit, rate_unit = DOFS.index(dof), POSE_UNIT[dof], VELOCITY_UNIT[dof]
-        checks += [
-            QualityCheck("integrated_velocity", dof, unit, pose[:, i], integral[:, i]),
-            QualityCheck("differentiated_position", dof, rate_unit, nu[:, i], rates[:, i]),
-        ]
-    return checks
+    integral = piecewise(lambda x, v: x[0] + way(v), edges, pose, along)
+    kinds = (("integrated_velocity", POSE_UNIT, pose, integral),
+             ("differentiated_position", VELOCITY_UNIT, nu, rates))  # fmt: skip
+    return [
+        QualityCheck(name, dof, unit[dof], *(x[:, DOFS.index(dof)] for x in (measured, calculated)))
+        for dof in dofs for name, unit, measured, calculated in kinds
+    ]  # fmt: skip
 
 
 def _filtered(
-    recording: Recording, signals: Array, groups: Sequence[Sequence[int]], bands: Sequence[float]
-) -> tuple[float, Array, Array, list[int]]:
-    """The widest band in which velocities and rates agree best; both; where pieces join.
+    both: Recording, groups: Sequence[Sequence[int]], cutoffs: Sequence[float]
+) -> tuple[float, Recording]:
+    """The widest band in which velocities and rates agree best, and the recording below it.
 
-    They begin and end half a period of its cut-off away from the ends of pieces. Bands with fewer
-    than `MIN_INDEPENDENT` independent samples are left out.
+    Pieces begin and end half a period of the cut-off away from their ends. Bands with fewer than
+    `MIN_INDEPENDENT` independent samples are left out.
     """
-    best, result, both = -1.0, None, np.hstack(list(signals))
-    for band in bands:
-        if result is not None and band * len(recording) < MIN_INDEPENDENT:
+    best, result = -1.0, (cutoffs[0], both)
+    for cutoff in cutoffs:
+        if best >= 0.0 and 2.0 * cutoff * both.period_s * len(both) < MIN_INDEPENDENT:
             break
-        cutoff = band * 0.5 / recording.period_s
-        drop = round(0.5 / cutoff / recording.period_s)
-        pieces = [
-            lowpass(both[a:b], cutoff, recording.period_s)[drop : b - a - drop]
-            for a, b in pairwise(recording.edges)
-            if b - a > 2 * drop + MIN_PIECE
-        ]
-        joints = [int(k) for k in np.cumsum([len(piece) for piece in pieces])[:-1]]
-        observed, expected = np.hsplit(np.concatenate(pieces) if pieces else both, 2)
-        rho = np.abs(correlations(observed, expected))
+        try:
+            smooth = both.lowpass(cutoff, 0.5 / cutoff)
+        except RecordingError:  # all pieces are too short
+            smooth = both
+        rho = np.abs(correlations(smooth.nu, smooth.nu_dot))
         score = sum(float(np.mean(np.max(rho[np.ix_(g, g)], axis=1))) for g in groups)
-        if result is None or score > best + AS_GOOD:
-            best, result = score, (band, observed, expected, joints)
-    assert result is not None
+        if best < 0.0 or score > best + AS_GOOD:
+            best, result = score, (cutoff, smooth)
     return result
 
 
 def _lags(
-    observed: Array, expected: Array, joints: Sequence[int], period: float, cutoff_hz: float,
-    count: float,
-) -> tuple[float, float, float]:  # fmt: skip
-    """By how much velocities are behind the pose, by how much all are, and the standard error [s].
+    both: Recording, used: Sequence[int], cutoff_hz: float, count: float
+) -> tuple[float, float, bool]:
+    """By how much velocities are behind the pose, its standard error [s], and whether all are.
 
     The peak of the sum of the normalised cross-correlations of the axes, which must agree in sign.
     The error of a delay between band-limited signals of correlation rho with n independent samples
     is sqrt((1 / rho^2 - 1) / n) / (2 pi f_rms); Carter (1987), Proc IEEE 75(2). A clock that is
-    apart delays all axes alike, a filter some more than others: all axes are behind by the lag of
-    the one that is nearest to the pose, 0 if axes are on both sides of it.
+    apart delays all axes alike, a filter some more than others.
     """
-    most = min(round(LONGEST_LAG_S / period), len(observed) // 4)
-    if not observed.shape[1] or not most:
-        return 0.0, 0.0, np.inf
-    apart = np.repeat(np.asarray(joints, dtype=np.int64), most)  # over which nothing is shifted
-    a, b = (np.insert(x - np.mean(x, axis=0), apart, 0.0, axis=0) for x in (observed, expected))
+    period = both.period_s
+    most = min(round(LONGEST_LAG_S / period), len(both) // 4)
+    if not used or not most:
+        return 0.0, np.inf, False
+    apart = np.repeat(np.array(both.edges[1:-1], dtype=np.int64), most)  # nothing shifts over gaps
+    a, b = (np.insert(x - np.mean(x, axis=0), apart, 0.0, axis=0)
+            for x in (both.nu[:, used], both.nu_dot[:, used]))  # fmt: skip
     middle = slice(len(a) - 1 - most, len(a) + most)
     curves = np.column_stack([
         scipy.signal.correlate(x, y, method="fft")[middle] / np.linalg.norm(x) / np.linalg.norm(y)
@@ -289,10 +273,10 @@ def _lags(
     first, rho = max(round(total) - near, 0), curves[round(total)]
     own = [first + _peak(np.sign(rho[i]) * curves[first : round(total) + near + 1, i]) - most
            for i in np.flatnonzero(np.abs(rho) > SURE)]  # fmt: skip
-    shared = min(own, key=abs) if own and not min(own) < 0.0 < max(own) else 0.0
     share = max(1.0 / max(float(np.max(np.abs(rho))), 0.01) ** 2 - 1.0, 1e-6)
     error = np.sqrt(share / count) / (2.0 * np.pi * cutoff_hz / np.sqrt(3.0))
-    return (total - most) * period, shared * period, float(error)
+    shared = bool(own) and (min(own) > 0.0 or max(own) < 0.0)
+    return (total - most) * period, float(error), shared
 
 
 def _peak(curve: Array) -> float:
@@ -310,21 +294,9 @@ def correlations(observed: Array, expected: Array) -> Array:
 
     Zero where a column is constant.
     """
-    a, b = (signals - np.mean(signals, axis=0) for signals in (observed, expected))
+    a, b = (x - np.mean(x, axis=0) for x in (observed, expected))
     size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
     return np.asarray(np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 0.0))
-
-
-def _scale(observed: Array, expected: Array, correlation: float) -> tuple[float, bool]:
-    """The factor on `observed` (N,) that gives `expected` (N,), both with errors; 1 if unknown.
-
-    Means count if they exceed the variation, as the forward speed of a ship on its way does.
-    """
-    (mean, size), (other, needed) = ((np.mean(x), np.std(x)) for x in (observed, expected))
-    if abs(mean) > size and abs(other) > needed:
-        return float(other / mean), True
-    known = size > 0.0 and needed > 0.0
-    return float(np.copysign(needed / size, correlation)) if known else 1.0, False
 
 
 def without_jumps(path: Array) -> Array:
@@ -332,22 +304,18 @@ def without_jumps(path: Array) -> Array:
 
     A jump is between two second differences that are `JUMP` times as large as the largest of the
     `REGULAR` smallest ones of their `BLOCK`. Where these are zero, as of values that are held or
-    interpolated, nothing is known of jumps.
+    signals.interpolated, nothing is known of jumps.
     """
     count = (len(path) - 2) // BLOCK
     if count < 1:
         return path
-    steps = np.diff(path, axis=0)
+    steps, rows, result = np.diff(path, axis=0), np.arange(1.0, len(path)), path.copy()
     bends = np.abs(np.diff(steps, axis=0))
     blocks = bends[: count * BLOCK].reshape(count, BLOCK, -1)
     usual = np.partition(blocks, REGULAR - 1, axis=1)[:, REGULAR - 1]
     usual = usual[np.minimum(np.arange(len(bends)) // BLOCK, count - 1)]
-    large = (bends > JUMP * usual) & (usual > STRAIGHT_LINE * np.std(steps, axis=0))
-    rows, result = np.arange(1, len(steps) - 1), path.copy()
-    for j in range(path.shape[1]):
-        jumps = rows[large[1:, j] & large[:-1, j]]
-        if len(jumps):
-            rest = np.delete(np.arange(len(steps)), jumps)
-            steps[jumps, j] = np.interp(jumps, rest, steps[rest, j])
-            result[1:, j] = path[0, j] + np.cumsum(steps[:, j])
+    large = (bends > JUMP * usual) & (usual > signals.STRAIGHT_LINE * np.std(steps, axis=0))
+    jumps = np.pad(large[1:] & large[:-1], ((1, 1), (0, 0)))
+    for j in np.flatnonzero(np.any(jumps, axis=0)):
+        result[1:, j] = path[0, j] + np.cumsum(signals.interpolated(rows, steps[:, j], jumps[:, j]))
     return result

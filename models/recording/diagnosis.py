@@ -10,28 +10,21 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.recording import consistency, reader
 from seatrial.models.recording.column_map import Column, ColumnMap
-from seatrial.models.recording.consistency import (
-    AS_GOOD,
-    CERTAIN,
-    SAME_SCALE,
-    SURE,
-    Agreement,
-    Consistency,
-    consistency,
-)  # fmt: skip
+from seatrial.models.recording.consistency import AS_GOOD, SAME_SCALE, SURE
 from seatrial.models.recording.quantities import quantity
-from seatrial.models.recording.reader import FAULTS, FLIPPED, SI_ASSUMED, clock_of, readings
+from seatrial.models.recording.reader import FAULTS, SI_ASSUMED, clock_of
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
-from seatrial.models.recording.sampling import original_rate, sampling
+from seatrial.models.recording.signals import original_rate, sampling
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import seconds
 from seatrial.models.recording.units import BEARINGS, factor, si_factor, targets_of, words_of
@@ -57,25 +50,20 @@ UNITS = {  # that people record, by that of SI
     "m": ("m", "mm", "cm", "ft", "km"), "rad": ("rad", "deg"),
     "s": ("s", "ms", "us", "ns", "min"),
 }  # fmt: skip
-# Readings that no correlation tells apart: kind of the problem, its axes, the options of the frames
-# or of the heading that read the file so, and what is wrong.
-TURNS: tuple[tuple[str, Sequence[str], dict[str, str], str], ...] = (
-    ("earth", LINEAR, {"velocity": "earth"}, "the velocities are along the axes of the earth"),
-    ("frame", LINEAR, {"position": "ENU"}, "the positions are east, north, up"),
-    ("frame", FLIPPED, {"body": "FLU"}, "the velocities are forward, left, up, not forward, right, "
-     "down, or the pose is of east, north, up"),
-    ("heading", YAW, {"attitude": "ENU"}, "the attitude is of ENU"),
-    ("frame", DOFS, {"attitude": "ENU", "body": "FLU"},
-     "the attitude is of ENU, and the velocities are forward, left, up"),
-    ("frame", DOFS, {"position": "ENU", "attitude": "ENU"}, "position and attitude are of ENU"),
-    ("earth", LINEAR, {"velocity": "earth", "position": "ENU"},
-     "the velocities are along the axes of the earth, and all is east, north, up"),
-    ("heading", YAW, {"positive": "anticlockwise"}, "the heading counts anticlockwise"),
-    ("heading", YAW, {"positive": "clockwise"}, "the heading counts clockwise"),
-    ("frame", YAW, {"position": "ENU", "positive": "anticlockwise"},
-     "the heading counts anticlockwise, and the positions are east, north, up"),
-    ("heading", YAW, {"zero": "east", "positive": "anticlockwise"},
-     "the heading counts from east, anticlockwise"),
+OTHER = {"body": "earth", "earth": "body", "NED": "ENU", "ENU": "NED", "FRD": "FLU", "FLU": "FRD",
+         "clockwise": "anticlockwise", "anticlockwise": "clockwise"}  # fmt: skip
+# Of the frames and the sense of a heading: the kind of a problem, its axes, what another one means.
+SENSES = {
+    "velocity": ("earth", LINEAR, "the velocities are along the axes of the {}"),
+    "position": ("frame", LINEAR, "the positions are {}"),
+    "body": ("frame", reader.FLIPPED, "the axes of the body are {}"),
+    "attitude": ("heading", YAW, "the attitude is of {}"),
+    "positive": ("heading", YAW, "the heading counts {}"),
+}
+# Those that may be the other ones, which no correlation of one axis tells.
+TURNS = (
+    ("velocity",), ("position",), ("body",), ("attitude",), ("body", "attitude"),
+    ("position", "attitude"), ("velocity", "position"), ("positive",), ("position", "positive"),
 )  # fmt: skip
 Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.surge, and values
 
@@ -115,7 +103,7 @@ class Examination:
     `questions` are what only the user knows, `not_compared` what is missing for a comparison.
     """
 
-    result: Consistency
+    result: consistency.Consistency
     problems: tuple[RecordingDefect, ...]
     recording: Recording
     questions: tuple[str, ...] = ()
@@ -148,23 +136,83 @@ def examine(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
         known = tuple(dof for dof in DOFS if dof in own)
         with suppress(*FAULTS):
             if known:
-                sources, recording = file.sources(), file.recording(known)
-                case, blocks = _Case(file, sources, known, recording, None), _blocks(sources, file)
-                if blocks is not None:
-                    rate = file.resample_hz or 1.0 / recording.period_s
+                whole, sources = file.recording(known), file.sources()
+                case, rate = _Case(file, whole, sources), file.resample_hz or 1.0 / whole.period_s
+                if (blocks := _blocks(sources, file.columns)) is not None:
                     part = replace(file, resample_hz=rate, at_gap="split")
                     with suppress(*FAULTS):
-                        return case._replace(file=part, blocks=blocks).examined()
-                return case.examined()
+                        case = _Case(part, part.recording(known, blocks), sources, blocks)
+                return _examined(case, whole)
     return None
 
 
-class _State(NamedTuple):
-    """How a recording agrees if it is read with some options."""
+def _examined(case: "_Case", whole: Recording) -> Examination:
+    """What is wrong with a recording, with the changes that were tried."""
+    plain = case.result
+    if (slower := case.slower()) is not None:
+        case = case.read(slower) or case
+    for _ in range(MOST_CHANGES):
+        told = list(case.told())
+        if (best := case.best(told)) is None:
+            break
+        case = replace(best, cutoff_hz=None)  # where it agrees best
+    axes, problems = case.result.axes, list(case.problems)
+    good = {axis.dof for axis in axes if axis.correlation > SURE and not axis.off}
+    sure = {f"position.{dof}" for dof in good | ({"yaw"} if good & set(LINEAR) else set())}
+    doubtful = doubts(case.sources, case.file.columns).items()
+    questions = [line for option, line in doubtful if option not in sure]
+    questions += [defect.message for defect in told if defect.kind == "question"]
+    delay = sum(problem.value or 0.0 for problem in problems if problem.kind == "clock")
+    result = replace(plain, lag_s=case.result.lag_s + delay)
+    problems += [replace(defect, change={}) for defect in told if defect.kind != "question"]
+    named = {dof for defect in problems if not defect.change for dof in defect.axes}
+    problems += [
+        RecordingDefect("unknown", (axis.dof,), "the velocity and the derivative have a "
+                        f"correlation of {axis.correlation:.2f}", value=axis.correlation)
+        for axis in case.result.untrusted if axis.dof not in named
+    ]  # fmt: skip
+    lacking = _not_compared(case.file.columns, whole.dofs)
+    return Examination(result, tuple(problems), whole, tuple(questions), lacking)
+
+
+@dataclass(frozen=True)
+class _Case:
+    """A recording, all of it or blocks of its sources, as it is read with some options."""
 
     file: RecordedFile
     recording: Recording
-    result: Consistency
+    sources: Mapping[str, Source]
+    blocks: Mapping[str, Source] | None = None
+    cutoff_hz: float | None = None  # below which it is compared; None: where it agrees best
+    problems: tuple[RecordingDefect, ...] = ()  # with which it is read
+
+    def read(self, defect: RecordingDefect, cutoff_hz: float | None = None) -> "_Case | None":
+        """The recording read with the change of a problem; None if it cannot be."""
+        with suppress(*FAULTS):
+            file, problems = changed(self.file, defect.change), (*self.problems, defect)
+            recording = file.recording(self.recording.dofs, self.blocks)
+            return replace(self, file=file, recording=recording, problems=problems,
+                           cutoff_hz=cutoff_hz)  # fmt: skip
+        return None
+
+    @cached_property
+    def result(self) -> consistency.Consistency:
+        """How pose and velocity agree."""
+        moving = self.file.columns.moving
+        return consistency.consistency(self.recording, moving, self.cutoff_hz)
+
+    @cached_property
+    def readings(self) -> Mapping[str, reader.ColumnReading]:
+        """How the columns of motion are read, by option."""
+        used = dict.fromkeys(reader.wanted(self.file.columns, DOFS), False)
+        known = reader.readings(self.sources, self.file.columns, used)
+        kinds = ("position.", "velocity.", "ground.", "wind.")
+        return {option: reading for option, reading in known.items() if option.startswith(kinds)}
+
+    @property
+    def specs(self) -> dict[str, Column]:
+        """Their columns as the map has them."""
+        return {option: self.file.columns.specs[option] for option in self.readings}
 
     @property
     def along(self) -> bool:
@@ -186,247 +234,162 @@ class _State(NamedTuple):
         agree = all(axis.correlation > SURE for axis in self.result.axes if axis.dof in LINEAR[:2])
         return agree and not self.along and self.ahead < ASIDE
 
-    def explained(self, axis: Agreement) -> bool:
-        """Whether a small angle between bow and heading explains the scale of an axis aside."""
-        surge = next((a for a in self.result.axes if a.dof == "surge"), None)
-        if surge is None or surge.off or not (surge.certain or surge.steady):
-            return False
-        ahead, aside = (self.recording.nu[:, self.recording.dofs.index(dof)]
-                        for dof in ("surge", axis.dof))  # fmt: skip
-        error = abs(abs(axis.scale) - 1.0) * np.std(aside)
-        return axis.dof in LINEAR[1:] and bool(error < SMALL_ANGLE * abs(np.mean(ahead)))
-
-    @property
-    def specs(self) -> dict[str, Column]:
-        """The columns of motion by option; without those that a quaternion or GNSS replaces."""
-        columns = self.file.columns
-        replaced = (LINEAR if columns.geodetic else (), ANGLES if columns.orientation else ())
-        options = {f"position.{dof}" for dofs in replaced for dof in dofs}
-        kinds = ("position", "velocity", "ground", "wind")
-        return {option: spec for option, spec in columns.specs.items()
-                if option.partition(".")[0] in kinds and option not in options}  # fmt: skip
-
-
-class _Case(NamedTuple):
-    """A recording that is read again and again, all of it or blocks of its sources."""
-
-    file: RecordedFile
-    sources: Mapping[str, Source]
-    known: tuple[str, ...]
-    recording: Recording
-    blocks: Mapping[str, Source] | None
-
-    def examined(self) -> Examination:
-        """What is wrong with the recording, with the changes that were tried."""
-        recording = self.file.recording(self.known, self.blocks)
-        state, problems = self._compared(self.file, recording), list[RecordingDefect]()
-        plain = state.result
-        if (slower := self._slower(state)) is not None:
-            after = self._tried(state, slower)
-            problems.append(slower if after else replace(slower, change={}))
-            state = after or state
-        for _ in range(MOST_CHANGES):
-            told = list(self._told(state))
-            turned = any(problem.kind in ("earth", "frame", "heading") for problem in problems)
-            if (best := self._best(state, [d for d in told if d.change], turned)) is None:
-                break
-            problems.append(best[0])
-            state = self._compared(*best[1][:2])  # where it agrees best
-        questions = [defect.message for defect in told if defect.kind == "question"]
-        told = [replace(defect, change={}) for defect in told if defect.kind != "question"]
-        named = {dof for defect in told for dof in defect.axes}
-        told += [
-            RecordingDefect("unknown", (axis.dof,), "the velocity and the derivative have a "
-                            f"correlation of {axis.correlation:.2f}", value=axis.correlation)
-            for axis in state.result.untrusted if axis.dof not in named
-        ]  # fmt: skip
-        delay = sum(p.value or 0.0 for p in problems if p.kind == "clock")
-        result = replace(plain, lag_s=state.result.lag_s + delay)
-        good = {a.dof for a in state.result.axes if a.correlation > SURE and not a.off}
-        sure = {f"position.{dof}" for dof in good}
-        sure |= {"position.yaw"} if good & set(LINEAR) else set()
-        doubtful = doubts(self.sources, state.file.columns).items()
-        questions = [*(line for option, line in doubtful if option not in sure), *questions]
-        found, missing = tuple(problems + told), tuple(self._not_compared())
-        return Examination(result, found, self.recording, tuple(questions), missing)
-
-    def _compared(
-        self, file: RecordedFile, recording: Recording, band: float | None = None
-    ) -> _State:
-        return _State(file, recording, consistency(recording, file.columns.moving, band))
-
-    def _tried(self, state: _State, defect: RecordingDefect) -> _State | None:
-        """The recording read with a change, compared in the same band; None if it cannot be."""
-        band = None if defect.kind == "resampled" else state.result.band
-        with suppress(*FAULTS):
-            file = changed(state.file, defect.change)
-            return self._compared(file, file.recording(self.known, self.blocks), band)
-        return None
-
-    def _best(
-        self, state: _State, told: Sequence[RecordingDefect], turned: bool
-    ) -> tuple[RecordingDefect, _State] | None:
+    def best(self, told: Sequence[RecordingDefect]) -> "_Case | None":
         """The first of the changes that are as good as the best one; None if none gains enough.
 
-        A vessel that hardly moves ahead gains what it moves ahead, also by two guesses together.
+        A vessel that hardly moves ahead gains what it moves ahead.
         """
-        fine = not state.result.axes or state.result.quality > 1.0 - AS_GOOD
-        settled, tried = fine and not state.aside, []
-        degrees = [] if settled else list(self._degrees(state))
-        guesses = [*(() if settled or turned else self._turns(state, state.aside)), *degrees]
-        if state.aside and degrees and (after := self._tried(state, degrees[0])):
-            guesses += [
-                replace(turn, message=f"{degrees[0].message}, and {turn.message}",
-                        change={**degrees[0].change, **turn.change})
-                for turn in self._turns(after, aside=True)
-            ]  # fmt: skip
-        for defect in (*told, *guesses):
-            if (after := self._tried(state, defect)) is None:
+        fine, tried = not self.result.axes or self.result.quality > 1.0 - AS_GOOD, []
+        guesses = [] if fine and not self.aside else list(self._guesses())
+        for defect in (*(defect for defect in told if defect.change), *guesses):
+            if (after := self.read(defect, self.result.cutoff_hz)) is None:
                 continue
-            ahead = after.ahead if state.aside and after.ahead > AHEAD else 0.0
-            gain = after.result.quality - state.result.quality + ahead
-            worse = defect in guesses and after.ahead < ASIDE and state.ahead > AHEAD
+            ahead = after.ahead if self.aside and after.ahead > AHEAD else 0.0
+            gain = after.result.quality - self.result.quality + ahead
+            worse = after.ahead < ASIDE and self.ahead > AHEAD
             worse |= any(
                 new.quality < old.quality - AS_GOOD and old.correlation > SURE
-                for old, new in zip(state.result.axes, after.result.axes, strict=True)
+                for old, new in zip(self.result.axes, after.result.axes, strict=True)
             )
             if gain > (defect in guesses) * AS_GOOD and not worse:
-                text = f"the vessel moves ahead in {100.0 * max(state.ahead, 0.0):.0f} % of its way"
-                said = f"{text}: {defect.message}" if ahead else defect.message
-                tried.append((gain, replace(defect, message=said), after))
-        most = max((gain for gain, *_ in tried), default=0.0)
-        return next(((d, after) for gain, d, after in tried if gain >= most - AS_GOOD), None)
+                tried.append((gain, after))
+        most = max((gain for gain, _ in tried), default=0.0)
+        return next((after for gain, after in tried if gain >= most - AS_GOOD), None)
 
-    def _turns(self, state: _State, aside: bool) -> Iterator[RecordingDefect]:
-        """Other axes and headings, of which no correlation of one axis tells."""
-        columns, specs, result = state.file.columns, state.specs, state.result
-        heading, x = specs.get("position.yaw"), specs.get("position.surge")
+    def _guesses(self) -> Iterator[RecordingDefect]:
+        """What no correlation of one axis tells; two guesses together where the bow tells it."""
+        degrees = list(self._degrees())
+        if not any(problem.kind in ("earth", "frame", "heading") for problem in self.problems):
+            yield from self._turns(self.file)
+        yield from degrees
+        for first in degrees[:1] if self.aside else ():
+            for turn in self._turns(changed(self.file, first.change)):
+                text, both = f"{first.message}, and {turn.message}", {**first.change, **turn.change}
+                yield replace(turn, message=text, change=both)
+
+    def _turns(self, file: RecordedFile) -> Iterator[RecordingDefect]:
+        """Other axes and headings than those with which a file is read."""
+        heading, x = (file.columns.specs[option] if (option := f"position.{dof}") in self.readings
+                      else None for dof in ("yaw", "surge"))  # fmt: skip
         titled = bool(x and {"n", "north", "northing"} & set(words_of(x.name)))
-        titled |= aside and bool(columns.geodetic)
-        compared = {axis.dof for axis in result.axes}
-        for kind, axes, options, text in TURNS if set(PLANAR) <= set(self.known) else ():
-            sense: dict[str, Any] = {k: v for k, v in options.items() if k in ("zero", "positive")}
-            change = {f"columns.frames.{k}": v for k, v in options.items() if k not in sense}
-            if sense and heading:
-                change |= _change({"position.yaw": replace(heading, **sense)})
-            # which only a velocity along the body tells, or the way
-            turns = (sense or "attitude" in options) and not (state.along or aside)
-            if ((sense and heading is None) or turns or (titled and "position" in options)
-                    or changed(state.file, change).columns == columns):  # fmt: skip
+        titled |= bool(file.columns.geodetic)
+        flat, tells = set(PLANAR) <= set(self.recording.dofs), self.along or self.aside
+        now = vars(file.columns.frames) | ({"positive": heading.positive} if heading else {})
+        for options in TURNS if flat else ():
+            if ((titled and "position" in options) or not set(options) <= set(now)
+                    or (not tells and {"positive", "attitude"} & set(options))):  # fmt: skip
                 continue
-            yield RecordingDefect(kind, tuple(d for d in axes if d in compared), text, change)
-        for off in (90.0, 180.0, -90.0) if state.along and set(PLANAR) <= set(self.known) else ():
-            degrees = (state.file.heading_deg - off + 179.0) % 360.0 - 179.0
+            new = {option: OTHER[now[option]] for option in options}
+            text = ", ".join(SENSES[option][2].format(value) for option, value in new.items())
+            change = {f"columns.frames.{k}": v for k, v in new.items() if k != "positive"}
+            if "positive" in new:
+                turned = with_option(heading, ["positive"], new["positive"])
+                change |= _change({"position.yaw": turned})
+            axes = (axis.dof for axis in self.result.axes
+                    if any(axis.dof in SENSES[option][1] for option in options))  # fmt: skip
+            yield RecordingDefect(SENSES[options[0]][0], tuple(axes), text, change)
+        for off in (90.0, 180.0, -90.0) if flat and self.along else ():
+            degrees = (file.heading_deg - off + 179.0) % 360.0 - 179.0
             text = f"the heading is {-off:g} degrees off the positions"
             yield RecordingDefect("heading", YAW, text, {"heading_deg": degrees}, off)
 
-    def _degrees(self, state: _State) -> Iterator[RecordingDefect]:
+    def _degrees(self) -> Iterator[RecordingDefect]:
         """Degrees of angles, and of rates beside them, whose unit is not stated."""
-        known = readings(self.sources, state.file.columns)
-        free = {o: spec for o, spec in state.specs.items() if spec.unit is None
-                and o in known and known[o].known_from == SI_ASSUMED}  # fmt: skip
+        free = {option: spec for option, spec in self.specs.items()
+                if self.readings[option].known_from == SI_ASSUMED}  # fmt: skip
         angles = [option for option in BEARINGS if option in free]
         yaw = [option for option in angles if option == "position.yaw"]
         rates = [option for dof in ANGLES if (option := f"velocity.{dof}") in free]
-        for group in (angles, [o for o in angles if o not in yaw], yaw, [*angles, *rates]):
+        groups = angles, [o for o in angles if o not in yaw], yaw, [*angles, *rates]
+        for group in filter(None, groups):
             new = {o: replace(free[o], unit="deg/s" if o in rates else "deg") for o in group}
             axes = tuple(dof for dof in ANGLES if f"position.{dof}" in group)
-            also = " and their rates" if set(rates) & set(group) else ""
+            also = " and their rates" if group[-1] in rates else ""
             text = f"the angles of the pose{also} are in degrees"
-            if group:
-                yield RecordingDefect("scale", axes, text, _change(new), 180.0 / np.pi)
+            yield RecordingDefect("scale", axes, text, _change(new), 180.0 / np.pi)
 
-    def _told(self, state: _State) -> Iterator[RecordingDefect]:
+    def told(self) -> Iterator[RecordingDefect]:
         """What correlations and scales tell, with changes that may mend it.
 
-        Axes in the same unit are named together; what is of no unit is a question. One factor on
-        all rates, of positions and of angles, is one on time.
+        One factor on all rates, of positions and of angles, is one on time.
         """
-        result, columns, specs = state.result, state.file.columns, state.specs
-        for group in result.swaps:
-            new = {f"velocity.{to}": specs[o] for dof, to in (group, group[::-1])
-                   if (o := f"velocity.{dof}") in specs}  # fmt: skip
-            change = _change(new) if len(new) == 2 else {}
-            yield RecordingDefect("swap", group, "the velocities are exchanged", change)
+        result, columns, specs = self.result, self.file.columns, self.specs
+        for pair in result.swaps:
+            a, b = (f"velocity.{dof}" for dof in pair)
+            change = _change({a: specs[b], b: specs[a]}) if {a, b} <= set(specs) else {}
+            yield RecordingDefect("swap", pair, "the velocities are exchanged", change)
         axes = [axis for axis in result.axes if axis.certain]
         for axis in (axis for axis in axes if axis.correlation < 0.0):
             option, text = f"velocity.{axis.dof}", "the velocity has the wrong sign"
             new = {o: replace(spec, column=f"-{spec.column}".removeprefix("--"))
                    for o, spec in specs.items() if o == option}  # fmt: skip
             yield RecordingDefect("sign", (axis.dof,), text, _change(new), -1.0)
-        lag, period = result.lag_s, state.recording.period_s
-        apart = abs(lag) >= max(SAMPLES_APART * period, CERTAIN * result.lag_error_s)
-        if apart and result.shared_lag_s != 0.0:
-            delay = float(f"{lag + columns.delay_s.get('velocity', 0.0):.3g}")
-            text = f"{abs(lag):.3g} s {'behind' if lag > 0.0 else 'ahead of'} the pose"
-            change = {"columns.delay_s.velocity": delay}
-            yield RecordingDefect("clock", (), f"the velocities are {text}", change, lag)
-        text, time = "the derivative of the pose is {:.3g} times the velocity", columns.clock
-        scale = float(np.median([abs(axis.scale) for axis in axes])) if axes else 1.0
+        lag, delay = result.lag_s, columns.delay_s.get("velocity", 0.0)
+        least = consistency.CERTAIN * result.lag_error_s
+        if result.shared and abs(lag) >= max(SAMPLES_APART * self.recording.period_s, least):
+            where = "behind" if lag > 0.0 else "ahead of"
+            text = f"the velocities are {abs(lag):.3g} s {where} the pose"
+            change = {"columns.delay_s.velocity": float(f"{lag + delay:.3g}")}
+            yield RecordingDefect("clock", (), text, change, lag)
+        time, scale = columns.clock, float(np.median([abs(axis.scale) for axis in axes] or [1.0]))
         same = all(1.0 / SAME_SCALE < abs(a.scale) / scale < SAME_SCALE and a.off for a in axes)
         unit, value = _unit(time.unit or "s", "time", scale)
         if unit and same and len({axis.dof in ANGLES for axis in axes}) == 2:
+            text = f"the derivative of the pose is {scale:.3g} times the velocity on every axis"
             change = {"columns.time": replace(time, unit=unit).written}
-            dofs, line = tuple(axis.dof for axis in axes), f"{text.format(scale)} on every axis"
-            yield RecordingDefect("time", dofs, line, change, value)
-            return
-        known = readings(self.sources, columns)
-        groups = defaultdict[tuple[str, float], dict[str, str]](dict)  # option by axis
-        for axis in (axis for axis in axes if axis.off):
+            yield RecordingDefect("time", tuple(axis.dof for axis in axes), text, change, value)
+        else:
+            yield from self._scales()
+
+    def _scales(self) -> Iterator[RecordingDefect]:
+        """Axes in another unit, those in the same one together; what is of no unit is a question.
+
+        A small angle between bow and heading explains the scale of an axis aside.
+        """
+        text, specs = "the derivative of the pose is {:.3g} times the velocity", self.specs
+        mean, deviation = (dict(zip(self.recording.dofs, f(self.recording.nu, axis=0), strict=True))
+                           for f in (np.mean, np.std))  # fmt: skip
+        ahead = any(axis.dof == "surge" and not axis.off for axis in self.result.axes)
+        units = defaultdict[tuple[str, float], dict[str, str]](dict)  # option by axis
+        for axis in (axis for axis in self.result.axes if axis.certain and axis.off):
             size, own = abs(axis.scale), f"velocity.{axis.dof}"
-            own = "ground.speed" if columns.ground and axis.dof in LINEAR[:2] else own
-            if state.explained(axis):
-                line = (f"{text.format(size)}, though surge agrees: a lever arm, or a heading that "
-                        "is late or turned, does that")  # fmt: skip
+            if self.file.columns.ground and axis.dof in LINEAR[:2]:
+                own = "ground.speed"
+            error = abs(size - 1.0) * deviation[axis.dof]
+            if ahead and axis.dof in LINEAR and error < SMALL_ANGLE * abs(mean["surge"]):
+                line = f"{text.format(size)}, as by a lever arm or a late or turned heading"
                 yield RecordingDefect("unknown", (axis.dof,), line, value=size)
                 continue
             for option, sense in ((own, 1), (f"position.{axis.dof}", -1)):
-                now = known[option].unit or targets_of(option)[0] if option in specs else ""
+                now = self.readings[option].unit or targets_of(option)[0] if option in specs else ""
                 unit, value = _unit(now, option, size**sense) if now else ("", 1.0)
                 if unit:
-                    groups[unit, value**sense][axis.dof] = option
+                    units[unit, value**sense][axis.dof] = option
                     break
             else:
                 if own in specs and not 1.0 / UNNAMED < size < UNNAMED:
                     pose = "attitude" if axis.dof in ANGLES else "position"
                     line = f"{specs[own].name} is {1.0 / size:.2f} of d({pose})/dt: which unit?"
                     yield RecordingDefect("question", (), line)
-        for (unit, value), options in groups.items():
+        for (unit, value), options in units.items():
             change = _change({o: replace(specs[o], unit=unit) for o in options.values()})
             yield RecordingDefect("scale", tuple(options), text.format(value), change, value)
 
-    def _not_compared(self) -> Iterator[str]:
-        """Which quantity is missing for a comparison, and where."""
-        poses, speeds = set(self.file.columns.posed), set(self.file.columns.moving)
-        linear = [dof for dof in self.known if dof in LINEAR and dof in speeds]
-        there = "pose and velocity cannot be compared there"
-        flat = (f"the path cannot be turned into body axes and compared in {' and '.join(linear)}"
-                if linear and poses & set(ANGLES) else "")  # fmt: skip
-        for what, lacking, why in (
-            ("velocity", [dof for dof in self.known if dof not in speeds], there),
-            ("pose", [dof for dof in DOFS if dof in speeds - poses], there),
-            ("pose or force", [d for d in PLANAR if d not in self.known] if flat else [], flat),
-        ):
-            if lacking:
-                yield f"no {what} in {' and '.join(lacking)} is recorded: {why}"
-
-    def _slower(self, state: _State) -> RecordingDefect | None:
-        """Whether all columns of motion of a source were interpolated from slower ones.
-
-        There is no problem if the recording is read at the original rate.
-        """
+    def slower(self) -> RecordingDefect | None:
+        """Whether all columns of motion of a source were interpolated from slower ones."""
         motion = defaultdict[str, dict[tuple[str, bool], list[Array]]](dict)
-        for option, reading in readings(self.sources, state.file.columns).items():
+        for option, reading in self.readings.items():
             kind, _, dof = option.partition(".")
-            if option in state.specs and kind in ("position", "velocity"):
+            if kind in ("position", "velocity"):
                 alike = motion[reading.source.name].setdefault((kind, dof in ANGLES), [])
                 alike.append(reading.values)
         for name, groups in motion.items():
             t = seconds(self.sources[name], clock_of(self.sources[name], self.file.columns))
             own = sampling(t).rate_hz
-            pieces = pairwise(piece_edges(t, 1.0 / own) if own else [0, len(t)])
-            a, b = max(pieces, key=lambda piece: piece[1] - piece[0])
-            rows = slice(a, min(b, a + MOST_SAMPLES))  # without a gap
+            edges = piece_edges(t, 1.0 / own) if own else [0, len(t)]
+            longest = int(np.argmax(np.diff(edges)))  # without a gap
+            first, last = edges[longest : longest + 2]
+            rows = slice(first, min(last, first + MOST_SAMPLES))
             rates = [original_rate(np.column_stack(x)[rows], own) for x in groups.values()]
             if None in rates:
                 continue
@@ -438,32 +401,43 @@ class _Case(NamedTuple):
         return None
 
 
-def _blocks(sources: Mapping[str, Source], file: RecordedFile) -> dict[str, Source] | None:
+def _not_compared(columns: ColumnMap, known: Sequence[str]) -> tuple[str, ...]:
+    """Which quantity is missing for a comparison, and where."""
+    poses, speeds = set(columns.posed), set(columns.moving)
+    turned = poses & set(ANGLES) and speeds & set(LINEAR) & set(known)
+    lacking = {
+        "velocity": [dof for dof in known if dof not in speeds],
+        "pose": [dof for dof in DOFS if dof in speeds - poses],
+        "pose or force": [dof for dof in PLANAR if turned and dof not in known],
+    }
+    needed = "is recorded, which comparing pose and velocity needs"
+    return tuple(f"no {what} in {' and '.join(x)} {needed}" for what, x in lacking.items() if x)
+
+
+def _blocks(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Source] | None:
     """Even blocks of the time of long sources; None if they are short."""
     clocks = dict[str, Array]()
     for name, source in sources.items():
         with suppress(*FAULTS):
-            clocks[name] = seconds(source, clock_of(source, file.columns))
+            clocks[name] = seconds(source, clock_of(source, columns))
     longest = max(map(len, clocks.values()), default=0)
     if longest <= MOST_SAMPLES:
         return None
-    start = min(float(np.nanmin(t)) for t in clocks.values())
-    length = max(float(np.nanmax(t)) for t in clocks.values()) - start
-    result = dict(sources)
+    every, cut = np.concatenate(list(clocks.values())), dict[str, Source]()
+    start, length = float(np.nanmin(every)), float(np.nanmax(every) - np.nanmin(every))
     for name, t in clocks.items():
         rows = (t - start) / length * BLOCKS % 1.0 < MOST_SAMPLES / longest  # not those of NaN
-        cells = {title: cells[rows] for title, cells in result[name].columns.items()}
-        result[name] = replace(result[name], columns=cells)
-    return result
+        cells = {title: cells[rows] for title, cells in sources[name].columns.items()}
+        cut[name] = replace(sources[name], columns=cells)
+    return {**sources, **cut}
 
 
 def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
     """Questions about columns without a stated unit whose values reach far, by option."""
     result, speed = dict[str, str](), columns.specs.get("ground.speed")
-    for option, reading in readings(sources, columns).items():
+    for option, reading in reader.readings(sources, columns).items():
         (kind, _, key), name = option.partition("."), reading.column.removeprefix("-")
-        named = quantity(reading.name) if kind == "inputs" else None
-        of = named.option if named else option
+        of = ((kind == "inputs" and quantity(reading.name)) or reading).option
         values = np.empty(0)
         with suppress(RecordingError):
             values = reading.values[~np.isnan(reading.values)]
@@ -471,22 +445,20 @@ def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
         if not len(values) or not (driven or reading.known_from == SI_ASSUMED):
             continue
         least, most = float(np.min(values)), float(np.max(values))
-        largest = max(abs(least), abs(most))
-        jumps = option in BEARINGS and np.any(np.abs(np.abs(np.diff(values)) - 360.0) < 36.0)
-        spans = f"{name} ranges from {least:.4g} to {most:.4g}"
+        largest, steps = max(-least, most), np.abs(np.diff(values))
+        jumps = option in BEARINGS and np.any(np.abs(steps - 360.0) < 36.0)
+        asked, answer = "in which unit?", ""
         if kind == "inputs" and PULSE_US[0] <= least and most <= PULSE_US[1]:
-            pulse = f"{{column: {name}, neutral: 1500, full: 1900}}"
-            line = f"is it the width of a pulse in us? inputs: {{{key}: {pulse}}}"
-            result[option] = f"{spans}: {line}"
+            asked, answer = "in which unit, or which value is full?", "neutral: 1500, full: 1900"
         elif option in ("water.speed", "wind.speed") and speed and speed.unit not in (None, "m/s"):
-            line = f"{kind}: {{{key}: {{column: {name}, unit: {speed.unit}}}}}"
-            result[option] = f"{speed.name} is in {speed.unit}, and {name}? {line}"
+            answer = f"unit: {speed.unit}"
         elif driven and largest * si_factor(option, reading.unit) > 1.0:
-            whole = f"{{column: {name}, neutral: 0, full: {largest:.3g}}}"
-            result[option] = f"{spans}: which value is full? inputs: {{{key}: {whole}}}"
+            asked, answer = "which value is full?", f"neutral: 0, full: {largest:.3g}"
         elif not driven and (largest > LARGE.get(of, np.inf) or jumps):
-            unit = f"{{column: {name}, unit: {'rpm' if of == 'inputs.n' else 'deg'}}}"
-            result[option] = f"{spans}: in which unit? {kind}: {{{key}: {unit}}}"
+            answer = f"unit: {'rpm' if of == 'inputs.n' else 'deg'}"
+        if answer:
+            line = f"{kind}: {{{key}: {{column: {name}, {answer}}}}}"
+            result[option] = f"{name} ranges from {least:.4g} to {most:.4g}: {asked} {line}"
     return result
 
 

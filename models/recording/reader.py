@@ -24,16 +24,17 @@ from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording import units
 from seatrial.models.recording.column_map import KINDS, QUATERNION, Column, ColumnMap, Frames
 from seatrial.models.recording.joining import AtGap, Channel, join_channels, left_in_gaps
-from seatrial.models.recording.preprocessing import (
+from seatrial.models.recording.recording import MIN_PIECE, UNIFORMITY, piece_edges, piecewise
+from seatrial.models.recording.recording import piece_starts as starts_of
+from seatrial.models.recording.signals import (
+    GAP,
     in_body,
     interpolated,
+    lowpass,
+    noise_floor,
     outliers,
     without_sign_flips,
 )  # fmt: skip
-from seatrial.models.recording.recording import MIN_PIECE, UNIFORMITY, piece_edges, piecewise
-from seatrial.models.recording.recording import piece_starts as starts_of
-from seatrial.models.recording.sampling import GAP
-from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, seconds
 from seatrial.models.vessel.basis import Array

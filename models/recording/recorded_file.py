@@ -16,9 +16,9 @@ from seatrial.models.notation import DOFS, OrderedManoeuvre
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
-from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.recording.reader import Reading, ReadSignals, Sources, clock_of, first_time
 from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
+from seatrial.models.recording.signals import central_difference
 from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
 from seatrial.models.recording.times import seconds
 from seatrial.models.vessel.basis import Array

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.sampling import GAP
-from seatrial.models.recording.smoothing import NoiseFloor, lowpass, noise_floor
+from seatrial.models.recording.signals import GAP, NoiseFloor, lowpass, noise_floor
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.thruster import SecondOrderLag, acting_force

@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.smoothing import MAX_CUTOFF, SIGNALS, lowpass, noise_floor
+from seatrial.models.recording.signals import MAX_CUTOFF, SIGNALS, lowpass, noise_floor
 from seatrial.models.vessel.basis import Array
 
 Measures = dict[str, float]

@@ -53,11 +53,10 @@ def check(file: File, map_file: MapFile = None, html: Html = None) -> None:
     """
     node = read_map(map_file) if map_file else own_map(file)
     known = report(reader_of(file, node or options_of(drafted(file).map)))
+    lines, tables, _ = known
     if html is not None:
-        write_page(recording_page(known), html)
-    tables = [f"{render(table, OutputFormat.RICH)}\n" for table in known.tables]
-    left_out = [f"left out: {line}" for line in known.left_out]
-    for text in (*known.verdict, "", *tables, *left_out, *(f"next: {a}" for a in known.advice)):
+        write_page(recording_page(str(file), known), html)
+    for text in (*lines, "", *(f"{render(table, OutputFormat.RICH)}\n" for table in tables)):
         typer.echo(text)
 
 

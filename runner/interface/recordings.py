@@ -10,10 +10,9 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, accelerations_of, poses_of, velocities_of
 from seatrial.models.recording import recording as recordings
-from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import UNIFORMITY, attitude_of, blocks, half
-from seatrial.models.recording.sampling import GAP
+from seatrial.models.recording.signals import GAP, central_difference
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.runner.compare.grid import grid_of

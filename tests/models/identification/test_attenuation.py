@@ -8,7 +8,7 @@ import scipy
 
 from seatrial.models.identification.attenuation import attenuations, noise_like, noticeable
 from seatrial.models.identification.residual import Samples
-from seatrial.models.recording.preprocessing import central_difference
+from seatrial.models.recording.signals import central_difference
 from seatrial.models.vessel.basis import terms
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.trials import trial as trials

@@ -11,9 +11,8 @@ from scipy.interpolate import CubicSpline
 
 from seatrial.models.recording.consistency import consistency
 from seatrial.models.recording.diagnosis import Examination, changed, examine
-from seatrial.models.recording.preprocessing import without_sign_flips
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.sampling import original_rate
+from seatrial.models.recording.signals import original_rate, without_sign_flips
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
 from seatrial.runner.configuration.recording_map import options_of, reader_of
 from tests.data import DATA

@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from seatrial.models.recording.consistency import quality_checks
-from seatrial.models.recording.preprocessing import (
+from seatrial.models.recording.recording import Recording, attitude_of
+from seatrial.models.recording.signals import (
     central_difference,
     interpolated,
     outliers,
     without_sign_flips,
 )
-from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import euler_zyx, pose_jacobian
 

@@ -91,7 +91,7 @@ def test_inputs_have_the_names_of_the_vessel() -> None:
         ("depth=z; roll=phi*572.9", "roll ranges from"),
         (f"psi=psi; rudder=delta*{DEG}", "rudder ranges from"),
         ("psi=psi; rpm_shaft=n; shaft=n*60", "shaft ranges from"),
-        ("psi=psi; pwm_1=pwm", "width of a pulse"),
+        ("psi=psi; pwm_1=pwm", "in which unit, or which value is full?"),
         ("heading_magnetic=psi", "magnetic heading"),
     ],
 )  # fmt: skip

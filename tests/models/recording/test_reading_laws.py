@@ -10,7 +10,7 @@ import pytest
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.reader import Reading, ReadSignals
-from seatrial.models.recording.sampling import sampling
+from seatrial.models.recording.signals import sampling
 from seatrial.models.recording.source import ReadOptions, Source, read_sources
 from seatrial.models.recording.times import disagreement, find_time, seconds
 from seatrial.models.recording.units import factor, unit_in_title

@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 from seatrial.models.identification.attenuation import derivative_response
-from seatrial.models.recording.smoothing import lowpass, noise_floor, smoothing_for
+from seatrial.models.recording.signals import lowpass, noise_floor, smoothing_for
 
 PERIOD_S = 0.1
 SAMPLES = 8000
