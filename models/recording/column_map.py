@@ -7,7 +7,6 @@ from typing import Literal
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
-from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.units import OWN, SI
 
 KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
@@ -97,8 +96,7 @@ class ColumnMap:
     `air` is the velocity of the air in surge and sway, instead of the wind. `inputs` and
     `commands` of a vessel are by their names. `lever_arm_m` is where the sensor of position and
     velocity is in body axes, `delay_s` by how much a source, or the columns of a kind, are behind.
-    `loads` are measured on devices [N], by names such as `propeller.thrust`. `froude_scale` is the
-    length of what was recorded over that of the vessel, to which all columns are scaled.
+    `loads` are measured on devices [N], by names such as `propeller.thrust`.
     """
 
     time: str | Column
@@ -115,14 +113,12 @@ class ColumnMap:
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     delay_s: dict[str, float] = field(default_factory=dict)
     loads: Columns = field(default_factory=dict)
-    froude_scale: Positive = 1.0
     wind: Columns | None = None
     air: Columns = field(default_factory=dict)
     ground: Columns = field(default_factory=dict)
     water: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_ranges(self)
         if (wind := self._group("wind").get("kind", "true")) not in ("true", "apparent"):
             raise ConfigurationError(f"columns.wind.kind: got {wind}, expected true or apparent")
         for kind, names in NAMES.items():

@@ -180,9 +180,8 @@ class Reading:
         """The columns in SI units on their clocks, by option."""
         if not read:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-        scale, clocks = self.columns.froude_scale, dict[str, Array]()
-        pace, start = units.froude_factor("s", scale), first_time(sources, self.columns)
-        channels = {}
+        clocks, channels = dict[str, Array](), dict[str, Channel]()
+        start = first_time(sources, self.columns)
         for option, reading in read.items():
             spec, source = self.columns.specs[option], reading.source
             if source.name not in clocks:
@@ -202,14 +201,14 @@ class Reading:
                     values = np.where(wrong, np.nan, values)
             if spec.full is not None:
                 values = (values - spec.neutral) / (spec.full - spec.neutral)
-            values = values * spec.sign * units.si_factor(option, reading.unit, scale)
+            values = values * spec.sign * units.si_factor(option, reading.unit)
             if units.targets_of(option) == ("rad",):  # without jumps
                 valid = ~np.isnan(values)
                 values[valid] = unroll(values[valid])
                 values = -values if spec.positive == "anticlockwise" else values
                 values = values + 0.5 * np.pi if spec.zero == "east" else values
             held, title = kind in HELD_SIGNALS, f"column {spec.name}"
-            channels[option] = Channel(pace * t, values, held, title)
+            channels[option] = Channel(t, values, held, title)
         return _unit_quaternions(channels)
 
 

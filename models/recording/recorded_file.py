@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from glob import glob, has_magic
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -17,23 +16,13 @@ from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.preprocessing import central_difference
-from seatrial.models.recording.reader import Reading, ReadSignals, Sources, clock_of, first_time
+from seatrial.models.recording.reader import Reading, ReadSignals, Sources
 from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
-from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
-from seatrial.models.recording.times import seconds
+from seatrial.models.recording.source import ReadOptions, Source, TextOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
 
-if TYPE_CHECKING:  # slow to import
-    import pandas as pd
-else:
-    import lazy_loader
-
-    pd = lazy_loader.load("pandas")
-
 LEAST_SAMPLES = 2  # of a window
-STATISTICS = {"count": "count", "mean": "mean", "std": "std", "50%": "median", "min": "minimum",
-              "max": "maximum"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -89,7 +78,6 @@ class RecordedFile(Reading):
     train_fraction: float
     trip_starts_s: tuple[float, ...]
     training_trips: tuple[int, ...]
-    statistics: tuple[str, ...]
     train: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
     initial_s: NotNegative = 0.0
@@ -282,23 +270,6 @@ class RecordedFile(Reading):
                     f"for testing of {path}, {np.ptp(t[rows]):g} s long; expected at least 2"
                 )
         return Split(train, test)
-
-    def describe(self) -> dict[str, dict[str, float]]:
-        """Descriptive statistics of the recorded columns `statistics` in the window; std by n - 1.
-
-        Missing values are ignored.
-        """
-        result: dict[str, dict[str, float]] = {}
-        for path, reader in self.readers.items() if self.statistics else ():
-            sources, columns = reader.sources(path), reader.columns
-            source = column(sources, columns.clock.name)[0]
-            t = seconds(source, clock_of(source, columns)) - first_time(sources, columns)
-            window = self._window(path, t)
-            for name in filter(source.find, self.statistics):
-                values = pd.Series(source.numbers(name, gaps=True)[window]).describe([0.5])
-                known = {new: float(values[old]) for old, new in STATISTICS.items()}
-                result[f"{path.stem}:{name}" if self.train else name] = known
-        return result
 
     def _window(self, path: Path, t: Array) -> Mask:
         """Mask (N,) of the samples strictly between `start_s` and `end_s`."""

@@ -84,40 +84,18 @@ def target_of(unit: str, targets: Sequence[str]) -> str | None:
     return None
 
 
-def si_factor(option: str, unit: str, scale: float = 1.0) -> float:
+def si_factor(option: str, unit: str) -> float:
     """The factor on an option such as `velocity.surge` in some unit that gives it in SI units.
 
-    Angles are in rad, speeds of shafts in 1/s. What was recorded of a ship that is `scale` times as
-    long as the vessel is of the size of the vessel by Froude's law. Raises ConfigurationError.
+    Angles are in rad, speeds of shafts in 1/s. Raises ConfigurationError.
     """
     targets = targets_of(option)
-    target = target_of(unit, targets) if unit else targets[0] if len(targets) == 1 else None
-    if targets and unit and target is None:
+    if not (targets and unit):
+        return 1.0
+    if (target := target_of(unit, targets)) is None:
         kinds = " or ".join(target or "a number" for target in targets)
         raise ConfigurationError(f"unit: got {unit!r}, expected a unit of the kind of {kinds}")
-    if scale != 1.0 and option.startswith("geodetic"):
-        raise ConfigurationError("columns.geodetic: froude_scale needs a position in metres")
-    if scale != 1.0 and targets and target is None:
-        raise ConfigurationError(
-            f"columns.{option}: got no unit, expected one, on which froude_scale={scale:g} depends"
-        )
-    if target is None:
-        return 1.0
-    return (factor(unit, target) if unit else 1.0) * froude_factor(target, scale)
-
-
-def froude_factor(unit: str, scale: float) -> float:
-    """The factor of a quantity in `unit` of a ship that gives that of a model, by Froude's law.
-
-    Lengths of the ship are `scale` times those of the model, times the root of it, and masses its
-    cube: the same water is taken for both.
-    """
-    if scale == 1.0:
-        return 1.0
-    amount = _registry().parse_units(SPELLINGS.get(unit, unit)).dimensionality
-    powers = {"[length]": 1.0, "[time]": 0.5, "[mass]": 3.0}
-    size = sum(power * float(str(amount.get(name, 0))) for name, power in powers.items())
-    return float(scale**-size)
+    return factor(unit, target)
 
 
 def words_of(title: str) -> list[str]:

@@ -21,7 +21,7 @@ from seatrial.runner.configuration.search_path import CONF, located
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
 MAP_COLUMNS = tuple(field.name for field in fields(ColumnMap))
-OTHERS: dict[str, object] = {"heading_deg": 0.0, "statistics": []}  # by default of other files
+OTHERS: dict[str, object] = {"heading_deg": 0.0}  # by default of other files
 KEY = "seatrial"  # of the metadata of a converted file
 
 

@@ -1,7 +1,6 @@
 """Measured files: what is read from them, and what is refused."""
 
 import csv
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -291,24 +290,3 @@ def test_quaternion_that_is_none(tmp_path: Path) -> None:
     columns["orientation_y"][3] = 2.5
     message = refusal(write(tmp_path / "a.csv", columns))
     assert "sample 4: got a quaternion of length 2.65, expected 1" in message
-
-
-def printed(path: Path) -> dict[str, list[str]]:
-    """Rows of a table of Hoyer's thesis: name -> N, mean, std, median, min, max as printed."""
-    rows = {}
-    for line in path.read_text().splitlines():
-        if re.match(r"\w[\w\\]* *&", line):
-            name, *cells = line.removesuffix("\\\\").replace("\\_", "_").split("&")
-            rows[name.strip()] = [cell.strip() for cell in cells]
-    return rows
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("name", ["surge-1", "sway-1", "heave-1", "random-1"])
-def test_statistics_equal_the_thesis_to_two_decimals(name: str) -> None:
-    table = printed(BELUGA / "thesis_stats_tex" / f"{name}.tex")
-    assert len(table) == 18
-    found = excitation(BELUGA / f"{name}.csv", statistics=list(table)).describe()
-    assert set(found) == set(table)
-    for column, values in found.items():
-        assert [f"{value:.2f}" for value in values.values()] == table[column], column
