@@ -152,7 +152,7 @@ def test_what_cannot_be_put_on_one_grid(tmp_path: Path) -> None:
     columns["force_x"] = [*["1"] * 5, *[""] * 15]
     columns["surge_vel"] = [*[""] * 15, *["1"] * 5]
     path = write(tmp_path / "a.csv", columns)
-    assert "overlap by fewer than two samples at 10 Hz" in refusal(path, resample_hz=10.0)
+    assert "got no 3 samples at 10 Hz that all columns cover" in refusal(path, resample_hz=10.0)
     columns = surge_columns()
     columns["Time"][4] = ""
     (signals,) = excitation(write(path, columns), resample_hz=10.0).account(("surge",))
