@@ -1,20 +1,67 @@
-"""Which columns of a recording are what: the map, as it is written in YAML."""
+"""Which columns of a recording are what, and in which units: the map, as it is written in YAML."""
 
+import re
+import unicodedata
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property
-from typing import Literal
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Literal
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS
-from seatrial.models.recording.units import OWN, SI
+from seatrial.models.notation import ACCELERATION_UNIT, DOFS, FORCE_UNIT, POSE_UNIT, VELOCITY_UNIT
 
-KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
+if TYPE_CHECKING:  # slow to import
+    import pint
+else:
+    import lazy_loader
+
+    pint = lazy_loader.load("pint")
+
+KINDS = ("position", "velocity", "acceleration", "force", "actual_force")  # by degree of freedom
 QUATERNION = ("w", "x", "y", "z")
-NAMES = {kind: tuple(names) for kind, names in SI.items() if kind != "current"}
-NAMES["orientation"] = QUATERNION
-NEEDED = {kind: NAMES[kind] for kind in ("orientation", "wind", "air", "ground")}
-NEEDED["geodetic"] = ("latitude", "longitude")
+TURNS = "revolution/s"  # in which the shaft speed of a vessel is given
+INPUTS = ("rad", TURNS, "N", "N*m", "m/s", "")  # of the inputs of a vessel
+OWN = {"inputs": INPUTS, "commands": INPUTS, "loads": ("N",)}  # kinds with names of the user
+SI = {
+    "position": POSE_UNIT, "velocity": VELOCITY_UNIT, "acceleration": ACCELERATION_UNIT,
+    "force": FORCE_UNIT, "actual_force": FORCE_UNIT, "wind": {"speed": "m/s", "direction": "rad"},
+    "ground": {"speed": "m/s", "course": "rad"}, "water": {"speed": "m/s"},
+    "current": {"north": "m/s", "east": "m/s"}, "air": {"surge": "m/s", "sway": "m/s"},
+    "geodetic": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
+}  # fmt: skip
+NAMES = {kind: tuple(names) for kind, names in SI.items()} | {"orientation": QUATERNION}
+NEEDED = {"orientation": 4, "geodetic": 2, "wind": 2, "air": 2, "ground": 2}  # of these names
+BEARINGS = tuple(f"{kind}.{name}" for kind in ("position", "ground", "wind")
+                 for name, unit in SI[kind].items() if unit == "rad")  # fmt: skip
+# As instruments write them, where pint means something else or nothing.
+SPELLINGS = {
+    "kn": "knot", "kt": "knot", "kts": "knot", "knots": "knot", "°": "deg", "°/s": "deg/s",
+    "rps": TURNS, "1/s": TURNS, "Hz": TURNS, "degrees": "deg", "deg/sec": "deg/s",
+    "m/sec": "m/s", "sec": "s", "Nm": "N*m", "kNm": "kN*m", "rad/s2": "rad/s^2", "m/s2": "m/s^2",
+    "-": "", "RPM": "rpm", "Deg": "deg", "Degrees": "deg", "Radians": "rad", "%": "percent",
+    "°/min": "deg/min", "meters": "m", "metres": "m", "epoch": "s", "timestamp": "s",
+    "decimal degrees": "deg", "1/min": "rpm", "U/min": "rpm", "tr/min": "rpm", "min-1": "rpm",
+}  # fmt: skip
+# The last words of a title, in lower case; of several units the first of the quantity counts.
+TITLES = defaultdict[str, list[str]](list)
+for _unit, _words in {
+    "deg": "deg degs degree degrees", "deg/min": "deg_min deg_per_min deg_p_min",
+    "deg/s": "deg_s dps deg_per_s deg_sec deg_p_s degps degs", "deg/s^2": "degs2",
+    "rad": "rad radians", "rad/s": "rad_s rad_per_s rad_sec rad_p_s radps",
+    "m": "m meter meters metre metres", "cm": "cm", "mm": "mm", "km": "km", "ft": "ft feet",
+    "knot": "kt kts knot knots kn", "km/h": "km_h kmh kph km_per_h",
+    "m/s": "m_s mps m_per_s m_sec m_p_s ms", "m/s^2": "m_s2 mps2 m_per_s2 ms2",
+    "s": "s sec secs second seconds", "ms": "msec msecs millis milliseconds ms",
+    "us": "us usec micros microseconds", "min": "min", "h": "hours", "day": "days",
+    "ns": "ns nsec nsecs nano nanos nanosec nanosecs nanoseconds",
+    "percent": "pct percent", "N": "n newton newtons",
+    "N*m": "nm n_m", "kN": "kn k_n", "kN*m": "knm k_nm", "rpm": "rpm", TURNS: "rps hz",
+}.items():  # fmt: skip
+    for _word in _words.split():
+        TITLES[_word].append(_unit)
+SHAFTS = {"rpm": "rpm", "rps": TURNS}  # that may stand anywhere in the title of an input
+WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[^A-Za-z0-9]+")  # between the words of a title
 
 
 @dataclass(frozen=True)
@@ -119,23 +166,7 @@ class ColumnMap:
     water: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if (wind := self._group("wind").get("kind", "true")) not in ("true", "apparent"):
-            raise ConfigurationError(f"columns.wind.kind: got {wind}, expected true or apparent")
-        for kind, names in NAMES.items():
-            given = self._group(kind).keys() - ({"kind"} if kind == "wind" else set())
-            if wrong := sorted(given - set(names)):
-                raise ConfigurationError(
-                    f"columns.{kind}: got {wrong[0]!r}, expected some of {', '.join(names)}"
-                )
-            if given and not given >= set(needed := NEEDED.get(kind, ())):
-                raise ConfigurationError(
-                    f"columns.{kind}: got {', '.join(sorted(given))}, expected {', '.join(needed)}"
-                )
-        len(self.specs)  # names that are empty are refused
-
-    def _group(self, kind: str) -> Mapping[str, str | Column]:
-        group = getattr(self, kind) or {}
-        return dict(zip(QUATERNION, group, strict=True)) if isinstance(group, tuple) else group
+        len(self.specs)  # names that are wrong, or empty, are refused
 
     @property
     def clock(self) -> Column:
@@ -161,9 +192,19 @@ class ColumnMap:
         """Every column by option, such as `velocity.surge` or `orientation.w`, but the time."""
         result = {}
         for kind in (*KINDS, *OWN, "air", "orientation", "geodetic", "wind", "ground", "water"):
-            for name, spec in self._group(kind).items():
-                if (option := f"{kind}.{name}") == "wind.kind":
-                    continue
+            own = getattr(self, kind) or {}
+            group = dict(zip(QUATERNION, own, strict=True) if isinstance(own, tuple) else own)
+            if kind == "wind" and (sort := group.pop("kind", "true")) not in ("true", "apparent"):
+                raise ConfigurationError(f"columns.wind.kind: got {sort}, expected true, apparent")
+            names = NAMES.get(kind, tuple(group))
+            needed = names[: NEEDED.get(kind, 0)] if group else ()
+            if not set(needed) <= set(group) <= set(names):
+                got = ", ".join(name for name in group if name not in names) or ", ".join(group)
+                some = f"{', '.join(needed)} of " if 0 < len(needed) < len(names) else ""
+                expected = f"expected {some}{', '.join(names)}"
+                raise ConfigurationError(f"columns.{kind}: got {got}, {expected}")
+            for name, spec in group.items():
+                option = f"{kind}.{name}"
                 try:
                     result[option] = spec if isinstance(spec, Column) else Column(spec)
                 except ConfigurationError as error:
@@ -185,3 +226,71 @@ class ColumnMap:
                         f"excitation.columns.{kind}: no column for {dof}, "
                         f"expected one for each of {', '.join(dofs)}"
                     )
+
+
+@lru_cache(maxsize=512)
+def factor(unit: str, target: str) -> float:
+    """The factor on a number in `unit` that gives it in `target`; raises ConfigurationError."""
+    amount, target = SPELLINGS.get(unit, unit) or "1", SPELLINGS.get(target, target)
+    try:
+        return float(_registry().Quantity(amount).to(target).magnitude)
+    except Exception as error:  # of many kinds: pint evaluates an expression
+        raise ConfigurationError(
+            f"unit: got {unit!r}, expected a unit of the kind of {target or 'a number'}"
+        ) from error
+
+
+def target_of(unit: str, targets: Sequence[str]) -> str | None:
+    """The first of some units of which `unit` is a kind; None: of none."""
+    for target in targets:
+        try:
+            factor(unit, target)
+        except ConfigurationError:
+            continue
+        return target
+    return None
+
+
+def si_factor(option: str, unit: str) -> float:
+    """The factor on an option such as `velocity.surge` in some unit that gives it in SI units.
+
+    Angles are in rad, speeds of shafts in 1/s. Raises ConfigurationError.
+    """
+    targets = targets_of(option)
+    if not (targets and unit):
+        return 1.0
+    if (target := target_of(unit, targets)) is None:
+        kinds = " or ".join(target or "a number" for target in targets)
+        raise ConfigurationError(f"unit: got {unit!r}, expected a unit of the kind of {kinds}")
+    return factor(unit, target)
+
+
+def words_of(title: str) -> list[str]:
+    """The words of a title in lower case: `TimeUS` is time, us; `yaw_rate (deg/s)` four of them."""
+    letters = unicodedata.normalize("NFKD", title.translate({216: "O", 248: "o"}))
+    plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
+    return [word.lower() for word in WORDS.split(plain) if word]
+
+
+def unit_in_title(title: str, targets: Sequence[str]) -> str | None:
+    """The unit that the last words of a title spell, if it is of the kind of one of `targets`."""
+    words = words_of(re.sub(r"\W*_\d+$", "", title))  # without the number of a device
+    for count in (3, 2, 1):
+        for unit in TITLES.get("_".join(words[-count:]), ()) if len(words) > count else ():
+            if target_of(unit, targets) is not None:
+                return unit
+    if TURNS in targets:
+        bare = (word.rstrip("0123456789") for word in words)
+        return next((SHAFTS[word] for word in bare if word in SHAFTS), None)
+    return None
+
+
+def targets_of(option: str) -> tuple[str, ...]:
+    """The units in which an option such as `velocity.surge` is kept, any of which may be meant."""
+    kind, _, name = option.partition(".")
+    return OWN.get(kind) or ((SI[kind][name],) if kind in SI else ())
+
+
+@lru_cache(maxsize=1)
+def _registry() -> "pint.UnitRegistry[float]":
+    return pint.UnitRegistry()

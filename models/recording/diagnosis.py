@@ -17,7 +17,15 @@ import numpy as np
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording.column_map import Column, ColumnMap
+from seatrial.models.recording.column_map import (
+    BEARINGS,
+    Column,
+    ColumnMap,
+    factor,
+    si_factor,
+    targets_of,
+    words_of,
+)
 from seatrial.models.recording.consistency import (
     AS_GOOD,
     CERTAIN,
@@ -34,7 +42,6 @@ from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.sampling import original_rate, sampling
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import seconds
-from seatrial.models.recording.units import BEARINGS, factor, si_factor, targets_of, words_of
 from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor

@@ -21,7 +21,8 @@ from annotated_types import Ge
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording import preprocessing, units
+from seatrial.models.recording import column_map as units
+from seatrial.models.recording import preprocessing
 from seatrial.models.recording.column_map import KINDS, QUATERNION, Column, ColumnMap, Frames
 from seatrial.models.recording.recording import MIN_PIECE, UNIFORMITY, piece_edges, piecewise
 from seatrial.models.recording.recording import piece_starts as starts_of

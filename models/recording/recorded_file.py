@@ -1,6 +1,6 @@
 """Measured recordings as excitation: files that are read by a map, checked, and cut."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from glob import glob, has_magic
@@ -17,7 +17,7 @@ from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.recording.reader import Reading, ReadSignals, Sources
-from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
+from seatrial.models.recording.recording import Recording, Split, end_to_end, half
 from seatrial.models.recording.source import ReadOptions, Source, TextOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
@@ -49,11 +49,9 @@ def file_set(train: Sequence[str], test: Sequence[str]) -> tuple[list[Path], lis
             got = f"got {pattern}, which matches no file"
             raise ConfigurationError(f"excitation.{option}: {got}, expected recordings")
         every[option] |= dict.fromkeys(map(Path, sorted(files)))
-    if both := set(every["train"]) & set(every["test"]):
-        raise ConfigurationError(
-            f"excitation.test: got {min(both)}, which excitation.train has too, "
-            "expected each file once"
-        )
+    if both := every["train"].keys() & every["test"].keys():
+        got = f"got {min(both)}, which excitation.train has too"
+        raise ConfigurationError(f"excitation.test: {got}, expected each file once")
     return [*every["train"]], [*every["test"]]
 
 
@@ -63,13 +61,9 @@ class RecordedFile(Reading):
 
     The samples strictly between `start_s` and `end_s` are used (null: all). The first
     `train_fraction` of them are for training, or the trips `training_trips` (counted from 1) if
-    `trip_starts_s` is set. Either the file is sampled uniformly, or every column has its own
-    samples with empty cells between them, and all columns are resampled on one grid with
-    `resample_hz`. `heading_deg` is the heading of the frame of the positions in the frame of the
-    orientation: 180 if both horizontal positions are reversed. `train` and `test` name several
-    files instead, which are read one by one; without `test`, `train_fraction` splits each of them.
-    The first `initial_s` of a file are not tested on. The files of `test` may have columns of their
-    own, `tested`.
+    `trip_starts_s` is set. `train` and `test` name several files instead, which are read one by
+    one; without `test`, `train_fraction` splits each of them. The first `initial_s` of a file are
+    not tested on. The files of `test` may have columns of their own, `tested`.
     """
 
     path: str | None
@@ -115,20 +109,32 @@ class RecordedFile(Reading):
         if starts := self.trip_starts_s:
             recordings.by_trips(np.array(starts), starts, self.training_trips)
 
-    @property
-    def file(self) -> Path:
-        """Path of the file, with `~` replaced by the home folder."""
-        return Path(self.path or "").expanduser()
+    @cached_property
+    def _sets(self) -> dict[str, list[Path]]:
+        """The files of `train` and of `test`, or the one of `path`."""
+        if not self.train:
+            return {"path": [Path(self.path or "").expanduser()]}
+        return dict(zip(("train", "test"), file_set(self.train, self.test), strict=True))
+
+    @cached_property
+    def readers(self) -> dict[Path, "RecordedFile"]:
+        """The files of the recording, each with what reads it: those of `test` as `tested`."""
+        tested = replace(self, **vars(self.tested)) if self.tested else self
+        return {path: tested if option == "test" else self
+                for option, files in self._sets.items() for path in files}  # fmt: skip
 
     def files(self) -> dict[str, Path]:
         """The files that are read, by option."""
-        own = {"path": self.file}
-        if self.train:
-            known = zip(("train", "test"), file_set(self.train, self.test), strict=True)
-            own = {f"{k}[{i}]": path for k, files in known for i, path in enumerate(files)}
+        own = {option if option == "path" else f"{option}[{i}]": path
+               for option, files in self._sets.items() for i, path in enumerate(files)}  # fmt: skip
         others = {"map": self.map, "test_map": self.test_map}
         others |= {f"messages[{i}]": path for i, path in enumerate(self.messages)}
         return own | {name: Path(path).expanduser() for name, path in others.items() if path}
+
+    def sources(self, path: Path | None = None) -> dict[str, Source]:
+        """The columns of a file as recorded, of the first one by default."""
+        options = ReadOptions(self.format, self.text, self.messages)
+        return read_sources(path or next(iter(self.readers)), options)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a column for the vessel is not mapped; does not read it."""
@@ -153,7 +159,7 @@ class RecordedFile(Reading):
         to act on the vessel.
         """
         if not self.train:
-            return self._of_file(self.file, dofs, sources)
+            return self._of_file(next(iter(self.readers)), dofs, sources)
         parts: list[Recording] = []
         for number, (path, reader) in enumerate(self.readers.items()):
             part = reader._of_file(path, dofs)
@@ -169,54 +175,54 @@ class RecordedFile(Reading):
         names = next(names for names in every if len(set(names)) == len(names))
         return replace(whole, file_names=names)  # with what tells them apart
 
-    @cached_property
-    def readers(self) -> dict[Path, "RecordedFile"]:
-        """The files of the recording, each with what reads it: those of `test` as `tested`."""
-        if not self.train:
-            return {self.file: self}
-        train, test = file_set(self.train, self.test)
-        tested = replace(self, **vars(self.tested)) if self.tested else self
-        return dict.fromkeys(train, self) | dict.fromkeys(test, tested)
-
-    def sources(self, path: Path | None = None) -> dict[str, Source]:
-        """The columns of a file as recorded, of the first one by default."""
-        options = ReadOptions(self.format, self.text, self.messages)
-        return read_sources(path or next(iter(self.readers)), options)
-
     def _of_file(
         self, path: Path, dofs: Sequence[str], sources: Sources | None = None
     ) -> Recording:
-        """The recording of one file, with accelerations where they are not recorded."""
+        """The recording of one file in its window, with what is missing derived from the rest.
+
+        These are accelerations, positions that are not needed (the way made good), and angles (0).
+        """
         signals = self._signals_of(path, dofs, sources)
-        rows = self._window(path, signals.t)
-        t, values = signals.t[rows], {o: x[rows] for o, x in signals.values.items()}
-
-        def of(kind: str, names: Sequence[str]) -> Array | None:
-            known = [values[o] for name in names if (o := f"{kind}.{name}") in values]
-            return np.column_stack(known) if known and len(known) == len(names) else None
-
-        if (nu := of("velocity", dofs)) is None:
-            missing = [dof for dof in dofs if f"velocity.{dof}" not in values]
+        t, known = signals.t, signals.values
+        if missing := [dof for dof in dofs if f"velocity.{dof}" not in known]:
             raise ConfigurationError(
                 f"excitation.columns.velocity: no column for {', '.join(missing)}, nor a position "
                 "to differentiate"
             )
-        period = recordings.sample_time(signals.t)
-        rate = recordings.piecewise(
-            partial(central_difference, period_s=period), recordings.piece_edges(signals.t, period),
-            np.column_stack([signals.values[f"velocity.{dof}"] for dof in dofs]),
-        )[rows]  # fmt: skip
-        rates = (values.get(f"acceleration.{d}", x) for d, x in zip(dofs, rate.T, strict=True))
-        attitude = np.column_stack([values.get(f"position.{dof}", 0.0 * t) for dof in DOFS[3:]])
-        attitude[:, 2] += wrap(attitude[0, 2]) - attitude[0, 2]
-        pose = values | dict(zip([f"position.{d}" for d in DOFS[3:]], attitude.T, strict=True))
-        way = scipy.integrate.cumulative_trapezoid(nu, t, axis=0, initial=0.0)  # made good
-        eta = (pose.get(f"position.{d}", x) for d, x in zip(dofs, way.T, strict=True))
-        tau = of("force", dofs)
-        inputs, loads = tuple(self.columns.inputs), tuple(self.columns.loads)
+        start = -np.inf if self.start_s is None else self.start_s
+        end = np.inf if self.end_s is None else self.end_s
+        rows = (start < t) & (t < end)
+        if (count := np.count_nonzero(rows)) < LEAST_SAMPLES:
+            raise RecordingError(
+                f"{path}: got {count} samples with {start:g} < t < {end:g} s, "
+                f"expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
+            )
+        period, nu = recordings.sample_time(t), _stack(known, "velocity", dofs)
+        difference = partial(central_difference, period_s=period)
+        nu_dot = recordings.piecewise(difference, recordings.piece_edges(t, period), nu)
+        level = {f"position.{dof}": 0.0 * t for dof in DOFS[3:]}
+        known = (
+            level | {f"acceleration.{d}": x for d, x in zip(dofs, nu_dot.T, strict=True)} | known
+        )
+        t, nu, known = t[rows], nu[rows], {option: x[rows] for option, x in known.items()}
+        psi = known["position.yaw"]
+        known["position.yaw"] = psi + (wrap(psi[0]) - psi[0])
+        way = scipy.integrate.cumulative_trapezoid(nu, t, axis=0, initial=0.0)
+        known = {f"position.{dof}": x for dof, x in zip(dofs, way.T, strict=True)} | known
+
+        def of(kind: str, names: Sequence[str]) -> Array | None:
+            there = names and all(f"{kind}.{name}" in known for name in names)
+            return _stack(known, kind, names) if there else None
+
+        tau, inputs, loads = (
+            of("force", dofs),
+            tuple(self.columns.inputs),
+            tuple(self.columns.loads),
+        )
+        nu_dot = _stack(known, "acceleration", dofs)
         return Recording(
-            tuple(dofs), t, np.column_stack([*eta]), nu, np.column_stack([*rates]),
-            np.zeros_like(nu) if tau is None else tau, attitude,
+            tuple(dofs), t, _stack(known, "position", dofs), nu, nu_dot,
+            np.zeros_like(nu) if tau is None else tau, _stack(known, "position", DOFS[3:]),
             tau_actual=of("actual_force", dofs), wind=of("air", ("surge", "sway")),
             inputs=of("inputs", inputs), commands=of("commands", tuple(self.columns.commands)),
             input_names=inputs, loads=of("loads", loads), load_names=loads,
@@ -239,46 +245,33 @@ class RecordedFile(Reading):
     def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:
         """Training and test samples of the recording that `read` returns.
 
-        A file for testing is not tested on in its first `initial_s` [s]: a free run starts from
-        the state that is measured then.
-
-        Args:
-            t: its times [s], (N,).
-            file: the number of the file of each sample, (N,), of several files.
-
-        Raises ConfigurationError if no trip, or too little of a file, is left for one of them.
+        Its times are t (N,) [s], `file` (N,) the number of the file of each sample, of several. A
+        file for testing is not tested on in its first `initial_s` [s]: a free run starts from the
+        state that is measured then. Raises ConfigurationError if no trip, or too little of a file,
+        is left for one of them.
         """
         if self.trip_starts_s:
             return recordings.by_trips(t, self.trip_starts_s, self.training_trips)
         if file is None:
             return half(len(t), self.train_fraction)
-        training = len(file_set(self.train, self.test)[0])
         train, test = np.zeros((2, len(t)), dtype=np.bool_)
         for number, path in enumerate(self.readers):
-            rows = np.flatnonzero(file == number)
-            if self.test and number < training:
-                train[rows] = True
-                continue
+            rows, tested = (
+                np.flatnonzero(file == number),
+                not self.test or path in self._sets["test"],
+            )
+            own = half(len(rows), self.train_fraction)
+            train[rows] = not tested if self.test else own.train
             late = t[rows] >= t[rows[0]] + self.initial_s
-            if not self.test:
-                train[rows], own = half(len(rows), self.train_fraction)
-                late &= own
-            test[rows] = late
-            if (left := np.count_nonzero(late)) < LEAST_SAMPLES:
+            test[rows] = late & (tested if self.test else own.test)
+            if tested and (left := np.count_nonzero(test[rows])) < LEAST_SAMPLES:
                 raise ConfigurationError(
                     f"excitation.initial_s: got {self.initial_s:g} s, which leaves {left} samples "
                     f"for testing of {path}, {np.ptp(t[rows]):g} s long; expected at least 2"
                 )
         return Split(train, test)
 
-    def _window(self, path: Path, t: Array) -> Mask:
-        """Mask (N,) of the samples strictly between `start_s` and `end_s`."""
-        start = -np.inf if self.start_s is None else self.start_s
-        end = np.inf if self.end_s is None else self.end_s
-        window = (start < t) & (t < end)
-        if (count := np.count_nonzero(window)) < LEAST_SAMPLES:
-            raise RecordingError(
-                f"{path}: got {count} samples with {start:g} < t < {end:g} s, "
-                f"expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
-            )
-        return window
+
+def _stack(known: Mapping[str, Array], kind: str, names: Sequence[str]) -> Array:
+    """The signals of a kind, by option, as columns (N, k)."""
+    return np.column_stack([known[f"{kind}.{name}"] for name in names])

@@ -21,8 +21,6 @@ UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative 
 BETWEEN = 10  # sample times between two recordings that are joined
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
 MIN_PIECE = 30  # samples of a piece that is low-passed, beside those that are dropped
-# by all parts of a recording
-SHARED = ("dofs", "without_lag", "input_names", "load_names", "file_names")
 SMOOTHED = ("nu", "nu_dot", "tau", "tau_filtered", "tau_actual", "wind", "inputs", "loads")
 Mask = NDArray[np.bool_]
 R = TypeVar("R", bound="Recording")
@@ -93,12 +91,13 @@ class Recording:
 
     def part(self, mask: Mask | slice) -> "Recording":
         """The recording restricted to the samples of a mask (N,) or slice."""
-        return self._changed(lambda values: values[mask], SAMPLED)
+        return replace(self, **{name: values[mask] for name, values in self.sampled.items()})
 
-    def _changed(self, change: Callable[[Any], Any], names: Sequence[str]) -> "Recording":
-        """The recording with what it has of some fields changed."""
-        known = ((name, getattr(self, name)) for name in names)
-        return replace(self, **{name: change(x) for name, x in known if x is not None})
+    @property
+    def sampled(self) -> dict[str, Any]:
+        """The arrays (N, ...) of the recording by their names, without those that it lacks."""
+        values = ((field.name, getattr(self, field.name)) for field in fields(self))
+        return {name: x for name, x in values if isinstance(x, np.ndarray)}
 
     def with_thruster(self, thruster: SecondOrderLag | None) -> "Recording":
         """The recording with `tau_filtered`, the command filtered by a known thruster lag."""
@@ -116,26 +115,20 @@ class Recording:
         forces = {"filtered": self.tau_filtered, "actual": self.tau_actual, "commanded": self.tau}
         kind = kind or next(name for name, force in forces.items() if force is not None)
         if (force := forces[kind]) is None:
-            missing = (
-                "the thruster lag is not known" if kind == "filtered" else "it is not recorded"
-            )
-            raise ConfigurationError(f"identifier.force: got {kind}, but {missing}")
+            why = "the thruster lag is not known" if kind == "filtered" else "it is not recorded"
+            raise ConfigurationError(f"identifier.force: got {kind}, but {why}")
         return force
 
     def held_force(self, kind: str | None) -> Array:
         """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
 
-        A command is constant over its sample. An acting force is known at the samples and linear
-        between them; after the last sample it is constant.
+        A command is constant over its sample, an acting force linear between the samples.
         """
         start = self.force(kind)
         return _held(start, start if start is self.tau else following(start))
 
     def held_inputs(self) -> Array:
-        """Inputs at the start, middle and end of each sample, shape (N, 3, n_inputs).
-
-        They are linear between the samples and constant after the last one.
-        """
+        """Inputs, linear between the samples, as `held_force` has forces, (N, 3, n_inputs)."""
         assert self.inputs is not None
         return _held(self.inputs, following(self.inputs))
 
@@ -158,12 +151,14 @@ class Recording:
             drop, pieces = round(drop_s / self.period_s), self.pieces()
             if (longest := max(map(len, pieces))) < (least := 2 * drop + MIN_PIECE):
                 raise RecordingError(f"got {longest} samples, too few for a low-pass filter")
-            smoothed = [
-                piece._changed(
-                    partial(lowpass, cutoff_hz=cutoff_hz, period_s=piece.period_s), SMOOTHED
-                ) for piece in pieces if len(piece) >= least
-            ]  # fmt: skip
-            inner = [piece.part(slice(drop, len(piece) - drop)) for piece in smoothed]
+            inner, smooth = [], dict[str, Any]()
+            for piece in (piece for piece in pieces if len(piece) >= least):
+                smooth = {
+                    name: lowpass(values, cutoff_hz, piece.period_s)
+                    for name, values in piece.sampled.items()
+                    if name in SMOOTHED
+                }
+                inner.append(replace(piece, **smooth).part(slice(drop, len(piece) - drop)))
             self._filtered[cutoff_hz, drop_s] = joined(inner)
         return self._filtered[cutoff_hz, drop_s]
 
@@ -238,18 +233,15 @@ def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
         )
 
 
-SAMPLED = tuple(field.name for field in fields(Recording) if field.name not in SHARED)
-
-
 def joined(pieces: Sequence[R]) -> R:
     """Concatenate pieces, each of which keeps its time; raises RecordingError if they differ."""
-    columns: dict[str, Any] = {}
-    for name in SAMPLED:
-        values = [getattr(piece, name) for piece in pieces]
-        if len({value is None for value in values}) > 1:
-            raise RecordingError(f"recordings: {name} is in some, expected it in all or none")
-        columns[name] = None if values[0] is None else np.concatenate(values)
-    return replace(pieces[0], **columns)
+    parts = [piece.sampled for piece in pieces]
+    if some := next(filter(None, (part.keys() ^ parts[0].keys() for part in parts)), None):
+        raise RecordingError(f"recordings: {min(some)} is in some, expected it in all or none")
+    together: dict[str, Any] = {
+        name: np.concatenate([part[name] for part in parts]) for name in parts[0]
+    }
+    return replace(pieces[0], **together)
 
 
 def end_to_end(parts: Sequence[R]) -> R:
@@ -259,11 +251,9 @@ def end_to_end(parts: Sequence[R]) -> R:
     freedom, sample time or what was measured.
     """
     names = next((part.load_names for part in parts if part.load_names), ())
-    parts = [
-        part if part.load_names == names
-        else replace(part, load_names=names, loads=np.full((len(part), len(names)), np.nan))
-        for part in parts
-    ]  # fmt: skip
+    parts = [part if part.load_names == names
+             else replace(part, load_names=names, loads=np.full((len(part), len(names)), np.nan))
+             for part in parts]  # fmt: skip
     first = parts[0]
     period, t, end = first.period_s, [first.t], float(first.t[-1])
     for part in parts[1:]:
@@ -291,15 +281,14 @@ def blocks(n: int, count: int, file: NDArray[np.int64] | None = None) -> list[sl
     If the samples are of several files (N,), a block is a file, or consecutive files where there
     are more than `count`.
     """
-    even = [int(edge) for edge in np.linspace(0, n, count + 1).round()]
-    if file is None or file[0] == file[-1]:
-        return [slice(a, b) for a, b in pairwise(even)]
-    starts = np.flatnonzero(np.diff(file, prepend=file[0] - 1))
-    if len(starts) > count:  # from file to file, as nearly even as they can be
+    starts = np.arange(n)
+    if file is not None and file[0] != file[-1]:
+        starts = np.flatnonzero(np.diff(file, prepend=file[0] - 1))
+    if len(starts) > count:  # as nearly even as they can be
         chosen = [0]
-        for i, edge in enumerate(even[1:-1], 1):
-            rest = len(starts) - np.arange(len(starts))
-            left = starts[(starts > chosen[-1]) & (rest >= count - i)]
+        for i, edge in enumerate(np.linspace(0, n, count + 1).round()[1:-1], 1):
+            left = starts[: len(starts) - count + i + 1]  # so that each block after it has one
+            left = left[left > chosen[-1]]
             chosen.append(int(left[np.argmin(np.abs(left - edge))]))
         starts = np.array(chosen)
     return [slice(int(a), int(b)) for a, b in pairwise([*starts, n])]

@@ -14,8 +14,8 @@ from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, accelerations_of, poses_of, velocities_of
+from seatrial.models.recording.column_map import targets_of
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.units import targets_of
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.configuration.recording_map import KEY, read_map, reader_of
 

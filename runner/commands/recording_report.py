@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seatrial.models.notation import DOFS, velocities_of
+from seatrial.models.recording.column_map import targets_of
 from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.preprocessing import outliers
@@ -18,7 +19,6 @@ from seatrial.models.recording.recording import Recording, piece_starts
 from seatrial.models.recording.sampling import Sampling, sampling
 from seatrial.models.recording.smoothing import noise_floor
 from seatrial.models.recording.times import seconds
-from seatrial.models.recording.units import targets_of
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.compare.blocks import bullets
 from seatrial.runner.compare.formats import html_table
