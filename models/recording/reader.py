@@ -181,16 +181,16 @@ class Reading:
         """The columns in SI units on their clocks, by option."""
         if not read:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-        clocks, channels = dict[str, Array](), dict[str, Channel]()
-        start, delays = first_time(sources, self.columns), self.columns.delay_s
+        times, channels = clocks(sources, self.columns), dict[str, Channel]()
+        delays, compared = self.columns.delay_s, set[str]()
         for option, reading in read.items():
             spec, source = self.columns.specs[option], reading.source
-            if source.name not in clocks:
-                clock = clock_of(source, self.columns)
-                clocks[source.name] = seconds(source, clock)
-                notes += [line] if (line := disagreement(source, clock)) else []
+            if source.name not in compared:
+                compared.add(source.name)
+                line = disagreement(source, clock_of(source, self.columns))
+                notes += [line] if line else []
             kind, values = option.partition(".")[0], reading.values
-            t = clocks[source.name] - start - delays.get(source.name, delays.get(kind, 0.0))
+            t = times[source.name] - delays.get(source.name, delays.get(kind, 0.0))
             missing = [(sign * size, 0.5 * size) for size in SENTINELS for sign in (1.0, -1.0)]
             missing += [(size, 0.5) for size in NO_FIX.get(option, ())]
             for size, near in missing:  # where nothing else is near
@@ -377,17 +377,18 @@ def clock_of(source: Source, columns: ColumnMap) -> Column:
     return known
 
 
-def first_time(sources: Sources, columns: ColumnMap) -> float:
-    """What is subtracted from all times [s]: the first date of any source, or 0.
+def clocks(sources: Sources, columns: ColumnMap) -> dict[str, Array]:
+    """The times [s] of the rows of each source that has some, (N,), less the first date of any.
 
-    It does not depend on the vessel; of dates only differences matter.
+    They do not depend on the vessel; of dates only differences matter.
     """
-    firsts = []
+    times, firsts = dict[str, Array](), [np.inf]
     for source in sources.values():
         with suppress(*FAULTS, ValueError):
-            firsts.append(float(np.nanmin(seconds(source, clock_of(source, columns)))))
-    start = min(firsts, default=0.0)
-    return start if start > EPOCH_S else 0.0
+            times[source.name] = seconds(source, clock_of(source, columns))
+            firsts.append(float(np.nanmin(times[source.name])))
+    start = min(firsts)
+    return {name: t - start if EPOCH_S < start < np.inf else t for name, t in times.items()}
 
 
 def readings(

@@ -83,7 +83,7 @@ class RecordedFile(Reading):
     manoeuvre: OrderedManoeuvre = field(default_factory=OrderedManoeuvre)
     map: str | None = None  # file of the columns; its content is in the other options
     test_map: str | None = None  # that of the files of `test`; its content is in `tested`
-    _read: dict[tuple[object, ...], ReadSignals] = field(
+    _read: dict[tuple[str, ...], list[ReadSignals]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
@@ -151,38 +151,37 @@ class RecordedFile(Reading):
         self.check(dofs)
         return self.recording(dofs)
 
+    def account(self, dofs: Sequence[str], sources: Sources | None = None) -> list[ReadSignals]:
+        """How each file is read: its signals, units with their origin, what is left out; once.
+
+        `sources` are the columns of the one file, if others than those in it.
+        """
+        if (key := tuple(dofs)) not in self._read:
+            self._read[key] = [reader.signals(path, sources or reader.sources(path), dofs)
+                               for path, reader in self.readers.items()]  # fmt: skip
+        return self._read[key]
+
     def recording(self, dofs: Sequence[str], sources: Sources | None = None) -> Recording:
         """The recording of all files, each read alone, end to end with gaps in time between them.
 
         Every sample keeps the number of its file, so nothing is differentiated or filtered over a
-        joint. `sources` are the columns of the one file, if others than those in it; nothing needs
-        to act on the vessel.
+        joint. `sources` is as in `account`; nothing needs to act on the vessel.
         """
+        read = zip(self.readers.items(), self.account(dofs, sources), strict=True)
+        parts = [reader._cut(path, signals, dofs) for (path, reader), signals in read]
         if not self.train:
-            return self._of_file(next(iter(self.readers)), dofs, sources)
-        parts: list[Recording] = []
-        for number, (path, reader) in enumerate(self.readers.items()):
-            part = reader._of_file(path, dofs)
-            parts.append(replace(part, file=np.full(len(part), number)))
-            try:
-                whole = end_to_end(parts)
-            except RecordingError as error:
-                raise RecordingError(
-                    f"{path}: {error}; excitation.resample_hz gives all files one sample time"
-                ) from error
+            return parts[0]
         depths = range(1, 1 + max(len(path.parts) for path in self.readers))
         every = (tuple("/".join(p.parts[-depth:]) for p in self.readers) for depth in depths)
-        names = next(names for names in every if len(set(names)) == len(names))
-        return replace(whole, file_names=names)  # with what tells them apart
+        names = next(names for names in every if len(set(names)) == len(names))  # tell them apart
+        return end_to_end([replace(part, file=np.full(len(part), number), file_names=names)
+                           for number, part in enumerate(parts)])  # fmt: skip
 
-    def _of_file(
-        self, path: Path, dofs: Sequence[str], sources: Sources | None = None
-    ) -> Recording:
+    def _cut(self, path: Path, signals: ReadSignals, dofs: Sequence[str]) -> Recording:
         """The recording of one file in its window, with what is missing derived from the rest.
 
         These are accelerations, positions that are not needed (the way made good), and angles (0).
         """
-        signals = self._signals_of(path, dofs, sources)
         t, known = signals.t, signals.values
         if missing := [dof for dof in dofs if f"velocity.{dof}" not in known]:
             raise ConfigurationError(
@@ -227,20 +226,6 @@ class RecordedFile(Reading):
             inputs=of("inputs", inputs), commands=of("commands", tuple(self.columns.commands)),
             input_names=inputs, loads=of("loads", loads), load_names=loads,
         )  # fmt: skip
-
-    def _signals_of(
-        self, path: Path, dofs: Sequence[str], sources: Sources | None = None
-    ) -> ReadSignals:
-        """The used columns of a file in SI units and our frames; read once."""
-        key = (path, *dofs)
-        if key not in self._read:
-            known = self.sources(path) if sources is None else sources
-            self._read[key] = self.signals(path, known, dofs)
-        return self._read[key]
-
-    def account(self, dofs: Sequence[str]) -> Sequence[ReadSignals]:
-        """How each file was read: units with their origin, and what was left out."""
-        return [reader._signals_of(path, dofs) for path, reader in self.readers.items()]
 
     def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:
         """Training and test samples of the recording that `read` returns.

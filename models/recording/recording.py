@@ -21,7 +21,7 @@ UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative 
 BETWEEN = 10  # sample times between two recordings that are joined
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
 MIN_PIECE = 30  # samples of a piece that is low-passed, beside those that are dropped
-SMOOTHED = ("nu", "nu_dot", "tau", "tau_filtered", "tau_actual", "wind", "inputs", "loads")
+SMOOTHED = {"nu", "nu_dot", "tau", "tau_filtered", "tau_actual", "wind", "inputs", "loads"}
 Mask = NDArray[np.bool_]
 R = TypeVar("R", bound="Recording")
 
@@ -66,6 +66,11 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def place(self) -> str:
+        """What messages call it: its file, if it is one of several."""
+        return "recordings" if self.file is None else self.file_names[int(self.file[0])]
 
     @cached_property
     def period_s(self) -> float:
@@ -151,13 +156,11 @@ class Recording:
             drop, pieces = round(drop_s / self.period_s), self.pieces()
             if (longest := max(map(len, pieces))) < (least := 2 * drop + MIN_PIECE):
                 raise RecordingError(f"got {longest} samples, too few for a low-pass filter")
-            inner, smooth = [], dict[str, Any]()
+            inner = []
             for piece in (piece for piece in pieces if len(piece) >= least):
-                smooth = {
-                    name: lowpass(values, cutoff_hz, piece.period_s)
-                    for name, values in piece.sampled.items()
-                    if name in SMOOTHED
-                }
+                smooth = piece.sampled
+                for name in SMOOTHED & smooth.keys():
+                    smooth[name] = lowpass(smooth[name], cutoff_hz, piece.period_s)
                 inner.append(replace(piece, **smooth).part(slice(drop, len(piece) - drop)))
             self._filtered[cutoff_hz, drop_s] = joined(inner)
         return self._filtered[cutoff_hz, drop_s]
@@ -236,12 +239,12 @@ def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
 def joined(pieces: Sequence[R]) -> R:
     """Concatenate pieces, each of which keeps its time; raises RecordingError if they differ."""
     parts = [piece.sampled for piece in pieces]
-    if some := next(filter(None, (part.keys() ^ parts[0].keys() for part in parts)), None):
-        raise RecordingError(f"recordings: {min(some)} is in some, expected it in all or none")
-    together: dict[str, Any] = {
-        name: np.concatenate([part[name] for part in parts]) for name in parts[0]
-    }
-    return replace(pieces[0], **together)
+    for piece, part in zip(pieces, parts, strict=True):
+        if some := part.keys() ^ parts[0].keys():
+            text = f"{min(some)} is in some, expected it in all or none"
+            raise RecordingError(f"{piece.place}: {text}")
+    every = ((name, np.concatenate([part[name] for part in parts])) for name in parts[0])
+    return replace(pieces[0], **dict[str, Any](every))
 
 
 def end_to_end(parts: Sequence[R]) -> R:
@@ -259,8 +262,8 @@ def end_to_end(parts: Sequence[R]) -> R:
     for part in parts[1:]:
         if part.dofs != first.dofs or abs(part.period_s - period) > UNIFORMITY * period:
             raise RecordingError(
-                f"recordings: got {', '.join(part.dofs)} every {part.period_s:g} s, "
-                f"expected {', '.join(first.dofs)} every {period:g} s as in the first"
+                f"{part.place}: got {', '.join(part.dofs)} every {part.period_s:g} s, expected "
+                f"{', '.join(first.dofs)} every {period:g} s as in the first; resample_hz sets one"
             )
         steps = (float(part.t[0]) - end) / period
         follows = steps > 0.5 and abs(steps - round(steps)) < UNIFORMITY
