@@ -8,8 +8,10 @@ written by `seatrial data convert` holds its map.
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -20,9 +22,8 @@ from seatrial.runner.configuration import options
 from seatrial.runner.configuration.search_path import CONF, located
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
-MAP_COLUMNS = tuple(field.name for field in fields(ColumnMap))
 OTHERS: dict[str, object] = {"heading_deg": 0.0}  # by default of other files
-KEY = "seatrial"  # of the metadata of a converted file
+KEY = b"seatrial"  # of the metadata of a converted file
 
 
 def with_map(node: object) -> object:
@@ -41,14 +42,10 @@ def own_map(path: Path) -> dict[str, object]:
     from pyarrow import parquet  # slow to import
 
     path = path.expanduser()
-    if path.suffix != ".parquet" or not path.is_file():
-        return {}
-    try:
-        content = (parquet.read_schema(path).metadata or {}).get(KEY.encode(), b"{}")
-        known = json.loads(content).get("map")
-    except (OSError, ValueError, AttributeError):  # which reading it says
-        return {}
-    return options_of(known) if isinstance(known, dict) else {}
+    if path.suffix == ".parquet" and path.is_file():
+        with suppress(OSError, ValueError, KeyError, TypeError):  # which reading it says
+            return options_of(json.loads(parquet.read_schema(path).metadata[KEY])["map"])
+    return {}
 
 
 def read_map(path: str | Path) -> dict[str, object]:
@@ -62,21 +59,18 @@ def read_map(path: str | Path) -> dict[str, object]:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         known = getattr(error, "strerror", None) or getattr(error, "problem", None)
         reason = known or str(error).splitlines()[0]
-        raise ConfigurationError(
-            f"excitation.map: {path}: {reason}, expected a YAML file of columns"
-        ) from error
+        raise ConfigurationError(f"excitation.map: {path}: {reason}, expected YAML") from error
     if not isinstance(content, dict) or "time" not in content:
-        raise ConfigurationError(
-            f"excitation.map: {path}: got no time, expected the columns of a recording, such as "
-            "time: t and velocity: {surge: u}"
-        )
+        expected = "expected the columns of a recording, such as time: t, velocity: {surge: u}"
+        raise ConfigurationError(f"excitation.map: {path}: got no time, {expected}")
     return options_of(content)
 
 
-def options_of(content: dict[str, object]) -> dict[str, object]:
+def options_of(content: dict[str, Any]) -> dict[str, object]:
     """Options of a recording from the content of a map."""
-    columns = {key: value for key, value in content.items() if key in MAP_COLUMNS}
-    others = {key: value for key, value in content.items() if key not in columns}
+    keys = {field.name for field in fields(ColumnMap)}
+    columns = {key: value for key, value in content.items() if key in keys}
+    others = {key: value for key, value in content.items() if key not in keys}
     if "heading" in others:
         position = columns.get("position")
         known = position if isinstance(position, Mapping) else {}
