@@ -90,9 +90,8 @@ class Column:
         if not self.name:
             raise ConfigurationError(f"got {self.column!r}, expected the name of a column")
         if self.full is not None and self.full == self.neutral:
-            raise ConfigurationError(
-                f"column {self.name}: neutral and full are {self.full:g}, expected two numbers"
-            )
+            text = f"neutral and full are {self.full:g}, expected two numbers"
+            raise ConfigurationError(f"column {self.name}: {text}")
 
     @property
     def name(self) -> str:
@@ -222,10 +221,8 @@ class ColumnMap:
             acting = bool(self.inputs) or dof in self.force
             for kind, there in (("position", free or dof in self.posed), ("force", acting)):
                 if not there:
-                    raise ConfigurationError(
-                        f"excitation.columns.{kind}: no column for {dof}, "
-                        f"expected one for each of {', '.join(dofs)}"
-                    )
+                    text = f"no column for {dof}, expected one for each of {', '.join(dofs)}"
+                    raise ConfigurationError(f"excitation.columns.{kind}: {text}")
 
 
 @lru_cache(maxsize=512)
@@ -235,9 +232,8 @@ def factor(unit: str, target: str) -> float:
     try:
         return float(_registry().Quantity(amount).to(target).magnitude)
     except Exception as error:  # of many kinds: pint evaluates an expression
-        raise ConfigurationError(
-            f"unit: got {unit!r}, expected a unit of the kind of {target or 'a number'}"
-        ) from error
+        expected = f"expected a unit of the kind of {target or 'a number'}"
+        raise ConfigurationError(f"unit: got {unit!r}, {expected}") from error
 
 
 def target_of(unit: str, targets: Sequence[str]) -> str | None:

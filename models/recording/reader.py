@@ -30,14 +30,8 @@ from seatrial.models.recording.sampling import GAP
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
 from seatrial.models.recording.times import EPOCH_S, disagreement, find_time, is_later, seconds
+from seatrial.models.vessel import kinematics
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import (
-    body_rates,
-    euler_zyx,
-    in_ned,
-    pose_jacobian,
-    unroll,
-)  # fmt: skip
 
 if TYPE_CHECKING:
     import pymap3d
@@ -65,6 +59,7 @@ MIN_STRETCH = 3  # samples of a stretch: a derivative of second order needs as m
 TIME_ROUNDING = 1e-6  # of a sample time
 AtGap = Literal["refuse", "split"]
 Sources = Mapping[str, Source]
+Signals = dict[str, Array]  # by option, such as velocity.surge; (N,) each
 
 
 @dataclass(frozen=True)
@@ -97,10 +92,10 @@ class ColumnReading(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ReadSignals:
-    """Signals by option, such as `velocity.surge`, on one clock, in SI units and our frames."""
+    """Signals on one clock, in SI units and our frames."""
 
     t: Array  # (N,) [s]
-    values: dict[str, Array]  # (N,) each
+    values: Signals
     readings: tuple[ColumnReading, ...]
     left_out: tuple[str, ...]
 
@@ -115,11 +110,9 @@ class Channel(NamedTuple):
 
     def gaps(self, t: Array, longest_s: float) -> Array:
         """The time [s] without a sample at times t (n,), where longer than `longest_s`; else 0."""
-        before = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, None)
-        after = np.minimum(before + 1, len(self.t) - 1)
-        on_sample = (t == self.t[before]) | (t == self.t[after])
-        length = np.where(on_sample, 0.0, self.t[after] - self.t[before])
-        length = t - self.t[before] if self.held else length
+        before = np.searchsorted(self.t, t, side="right") - 1  # the same as after on a sample
+        after = np.minimum(np.searchsorted(self.t, t), len(self.t) - 1)
+        length = (t if self.held else self.t[after]) - self.t[before]
         return np.asarray(np.where(length > longest_s * (1.0 + TIME_ROUNDING), length, 0.0))
 
     def at(self, t: Array, rate_hz: float) -> Array:
@@ -127,7 +120,7 @@ class Channel(NamedTuple):
         if not self.held:
             return np.interp(t, self.t, self.values)
         now = np.searchsorted(self.t, t + TIME_ROUNDING / rate_hz, side="right") - 1
-        return np.asarray(self.values[np.maximum(now, 0)])
+        return np.asarray(self.values[now])
 
     def cleaned(self, notes: list[str]) -> "Channel":
         """Without missing values, and samples that are not later than all before; `notes` tell."""
@@ -138,11 +131,13 @@ class Channel(NamedTuple):
         t, values = self.t[valid], self.values[valid]
         if not np.all(later := is_later(t)):
             back, same = np.sum(np.diff(t) < 0.0), np.sum(np.diff(t) == 0.0)
-            notes.append(
-                f"{self.name}: {np.sum(~later)} samples are not later than the one before "
-                f"({same} times repeat, {back} go back): left out"
-            )
+            text = f"not later than the one before ({same} times repeat, {back} go back): left out"
+            notes.append(f"{self.name}: {np.sum(~later)} samples are {text}")
         return self._replace(t=t[later], values=values[later])
+
+
+Channels = dict[str, Channel]  # by option
+Readings = dict[str, ColumnReading]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,8 +161,14 @@ class Reading:
         try:
             read = readings(sources, self.columns, wanted(self.columns, dofs))
             channels = self._channels(sources, read, notes)
-            if self.outliers.replace:
-                channels = self._without_outliers(channels, read, notes)
+            replaced, rule = list[str](), self.outliers
+            for option, channel in channels.items() if rule.replace else ():
+                valid, values = ~np.isnan(channel.values), channel.values.copy()
+                wrong = preprocessing.outliers(values[valid], rule.window, rule.deviations)
+                values[valid] = preprocessing.interpolated(channel.t[valid], values[valid], wrong)
+                channels[option] = channel._replace(values=values)
+                replaced += [f"{read[option].name} {np.sum(wrong)}"] if np.any(wrong) else []
+            notes += [f"outliers are replaced: {', '.join(replaced)}"] if replaced else []
             t, known = self._on_one_clock(channels, read, notes)
             known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
         except RecordingError as error:
@@ -175,22 +176,18 @@ class Reading:
             raise error if named else RecordingError(f"{path}: {error}") from error
         return ReadSignals(t, known, tuple(read.values()), tuple(_together(notes)))
 
-    def _channels(
-        self, sources: Sources, read: Mapping[str, ColumnReading], notes: list[str]
-    ) -> dict[str, Channel]:
+    def _channels(self, sources: Sources, read: Readings, notes: list[str]) -> Channels:
         """The columns in SI units on their clocks, by option."""
         if not read:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-        times, channels = clocks(sources, self.columns), dict[str, Channel]()
-        delays, compared = self.columns.delay_s, set[str]()
+        for source in {reading.source.name: reading.source for reading in read.values()}.values():
+            line = disagreement(source, clock_of(source, self.columns))
+            notes += [line] if line else []
+        times, channels = clocks(sources, self.columns), Channels()
         for option, reading in read.items():
-            spec, source = self.columns.specs[option], reading.source
-            if source.name not in compared:
-                compared.add(source.name)
-                line = disagreement(source, clock_of(source, self.columns))
-                notes += [line] if line else []
-            kind, values = option.partition(".")[0], reading.values
-            t = times[source.name] - delays.get(source.name, delays.get(kind, 0.0))
+            spec, delays = self.columns.specs[option], self.columns.delay_s
+            kind, name, values = option.partition(".")[0], reading.source.name, reading.values
+            t = times[name] - delays.get(name, delays.get(kind, 0.0))
             missing = [(sign * size, 0.5 * size) for size in SENTINELS for sign in (1.0, -1.0)]
             missing += [(size, 0.5) for size in NO_FIX.get(option, ())]
             for size, near in missing:  # where nothing else is near
@@ -204,30 +201,15 @@ class Reading:
             values = values * spec.sign * units.si_factor(option, reading.unit)
             if units.targets_of(option) == ("rad",):  # without jumps
                 valid = ~np.isnan(values)
-                values[valid] = unroll(values[valid])
+                values[valid] = kinematics.unroll(values[valid])
                 values = -values if spec.positive == "anticlockwise" else values
                 values = values + 0.5 * np.pi if spec.zero == "east" else values
             channels[option] = Channel(t, values, kind in HELD_SIGNALS, f"column {spec.name}")
         return channels | _unit_quaternions(channels)
 
-    def _without_outliers(
-        self, channels: Mapping[str, Channel], read: Mapping[str, ColumnReading], notes: list[str]
-    ) -> dict[str, Channel]:
-        """The channels with outliers replaced by interpolation."""
-        result, replaced = dict[str, Channel](), list[str]()
-        for option, channel in channels.items():
-            valid, values = ~np.isnan(channel.values), channel.values.copy()
-            rule, known = self.outliers, values[valid]
-            wrong = preprocessing.outliers(known, rule.window, rule.deviations)
-            values[valid] = preprocessing.interpolated(channel.t[valid], known, wrong)
-            result[option] = channel._replace(values=values)
-            replaced += [f"{read[option].name} {np.sum(wrong)}"] if np.any(wrong) else []
-        notes += [f"outliers are replaced: {', '.join(replaced)}"] if replaced else []
-        return result
-
     def _on_one_clock(
-        self, channels: Mapping[str, Channel], read: Mapping[str, ColumnReading], notes: list[str]
-    ) -> tuple[Array, dict[str, Array]]:
+        self, channels: Channels, read: Readings, notes: list[str]
+    ) -> tuple[Array, Signals]:
         """The times (N,) of all channels, and their values then: joined unless they share a clock.
 
         Without `resample_hz` the rate is that of the slowest velocity, or position, rounded.
@@ -257,9 +239,7 @@ class Reading:
             notes.append(f"{told}, {pieces} pieces remain")
         return t, known
 
-    def _shared_clock(
-        self, channels: Mapping[str, Channel], read: Mapping[str, ColumnReading]
-    ) -> Array | None:
+    def _shared_clock(self, channels: Channels, read: Readings) -> Array | None:
         """The times (N,) [s] of channels of one source, complete and rising by equal steps.
 
         `split` allows longer steps at gaps. If there are none such, the result is None for `split`,
@@ -289,8 +269,8 @@ class Reading:
 
 
 def join_channels(
-    channels: Mapping[str, Channel], rate_hz: float, max_gap_s: float, at_gap: AtGap = "refuse"
-) -> tuple[Array, dict[str, Array]]:
+    channels: Channels, rate_hz: float, max_gap_s: float, at_gap: AtGap = "refuse"
+) -> tuple[Array, Signals]:
     """Interpolate states linearly, and hold commands, on one uniform grid of times (n,) [s].
 
     The grid starts where the last channel starts and ends where the first one ends. A time longer
@@ -305,10 +285,8 @@ def join_channels(
     stop = min(end, max(float(c.t[-1]) for c in channels.values()))
     count = int(np.floor((stop - start) * rate_hz * (1.0 + 1e-12) + 1e-9)) + 1
     if count > MOST_SAMPLES * (most := max(len(channel.t) for channel in channels.values())):
-        raise RecordingError(
-            f"got {count:.3g} samples from the {most} recorded, at resample_hz={rate_hz:g}; "
-            f"expected at most {MOST_SAMPLES} times as many"
-        )
+        got = f"got {count:.3g} samples from the {most} recorded, at resample_hz={rate_hz:g}"
+        raise RecordingError(f"{got}; expected at most {MOST_SAMPLES} times as many")
     rows = np.arange(count)  # of the grid, without those in gaps of the channels before
     for channel in channels.values():
         t = start + rows / rate_hz
@@ -316,18 +294,18 @@ def join_channels(
         if at_gap == "refuse" and np.any(gaps):
             k = int(np.argmax(gaps > 0.0))
             before = channel.t[channel.t <= t[k]][-1]
-            raise RecordingError(
-                f"{channel.name}: got no sample for {gaps[k]:.6g} s after {before:.6g} s, expected "
-                f"at most {max_gap_s:g} s; excitation.at_gap=split leaves gaps out"
-            )
+            got = f"got no sample for {gaps[k]:.6g} s after {before:.6g} s"
+            expected = f"expected at most {max_gap_s:g} s; excitation.at_gap=split leaves gaps out"
+            raise RecordingError(f"{channel.name}: {got}, {expected}")
         rows = rows[gaps == 0.0]
     stretches = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     rows = np.concatenate([part if len(part) >= MIN_STRETCH else part[:0] for part in stretches])
     if not len(rows):
-        raise RecordingError(
-            f"got no {MIN_STRETCH} samples at {rate_hz:g} Hz that all columns cover: {last} begins "
-            f"at {start:g} s, {first} ends at {stop:g} s, and a gap is one of {max_gap_s:g} s"
+        got = (
+            f"{last} begins at {start:g} s, {first} ends at {stop:g} s, gaps exceed {max_gap_s:g} s"
         )
+        text = f"got no {MIN_STRETCH} samples at {rate_hz:g} Hz that all columns cover"
+        raise RecordingError(f"{text}: {got}")
     t = start + rows / rate_hz
     return t, {key: channel.at(t, rate_hz) for key, channel in channels.items()}
 
@@ -393,7 +371,7 @@ def clocks(sources: Sources, columns: ColumnMap) -> dict[str, Array]:
 
 def readings(
     sources: Sources, columns: ColumnMap, used: Mapping[str, bool] | None = None
-) -> dict[str, ColumnReading]:
+) -> Readings:
     """How each mapped column is read, by option; the first that tells its unit counts.
 
     `used` are the options that are read, and whether each is needed; None: those that are there.
@@ -410,10 +388,9 @@ def readings(
             if needed:
                 raise
             continue
-        unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
-        if spec.unit is not None or spec.full is not None or not targets:
-            unit, origin = spec.unit or "", "the map"
-        else:
+        unit, origin = spec.unit or "", "the map"
+        if spec.unit is None and spec.full is None and targets:
+            unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
             beside = [  # columns of the same quantity, in the same source
                 other.name for o, other in columns.specs.items()
                 if kind in KINDS and o.startswith(f"{kind}.") and units.targets_of(o) == targets
@@ -436,11 +413,11 @@ def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str,
     return (titled, "the title") if titled else None
 
 
-def _unit_quaternions(channels: Mapping[str, Channel]) -> dict[str, Channel]:
+def _unit_quaternions(channels: Channels) -> Channels:
     """The channels of a quaternion, if there is one, of length one and without sign flips."""
     parts = {name: c for name, c in channels.items() if name.startswith("orientation.")}
-    if not parts:
-        return parts
+    if len(parts) < len(QUATERNION):
+        return {}
     quaternions = np.column_stack([channel.values for channel in parts.values()])
     lengths = np.linalg.norm(quaternions, axis=1)
     if len(wrong := np.flatnonzero(np.abs(lengths - 1.0) > QUATERNION_ERROR)):
@@ -453,9 +430,7 @@ def _unit_quaternions(channels: Mapping[str, Channel]) -> dict[str, Channel]:
     return {name: parts[name]._replace(values=values) for name, values in new}
 
 
-def _in_our_frames(
-    t: Array, known: Mapping[str, Array], columns: ColumnMap, heading: float
-) -> dict[str, Array]:
+def _in_our_frames(t: Array, known: Signals, columns: ColumnMap, heading: float) -> Signals:
     """Signals by option in NED and forward, right, down axes at the origin of the vessel.
 
     `heading` [rad] is that of the frame of the positions in the frame of the attitude.
@@ -464,7 +439,9 @@ def _in_our_frames(
     pose, nu = (np.column_stack([known.get(f"{kind}.{dof}", absent) for dof in DOFS])
                 for kind in MOTION)  # fmt: skip
     if "orientation.w" in known:
-        pose[:, 3:] = euler_zyx(np.column_stack([known[f"orientation.{p}"] for p in QUATERNION]))
+        pose[:, 3:] = kinematics.euler_zyx(
+            np.column_stack([known[f"orientation.{p}"] for p in QUATERNION])
+        )
     if frames.attitude == "ENU":
         pose[:, 3:] = pose[:, 3:] * [1.0, -1.0, -1.0] + [0.0, 0.0, 0.5 * np.pi]
     if columns.geodetic:  # from the first sample, on WGS 84
@@ -481,13 +458,11 @@ def _in_our_frames(
     posed, moving = ~np.isnan(pose[0]), ~np.isnan(nu[0])
     pose[:, ~posed], nu[:, ~moving] = 0.0, 0.0
     pose[:, 5] -= heading * posed[5]
-    attitude = pose[:, 3:] = unroll(pose[:, 3:])
+    attitude = pose[:, 3:] = kinematics.unroll(pose[:, 3:])
     if frames.velocity == "earth":  # angular velocities are of the body
         if moving[0] != moving[1]:
-            raise RecordingError(
-                "columns.velocity: got one of surge and sway along the axes of the earth, expected "
-                "both, which are turned into the axes of the body"
-            )
+            got = "got one of surge and sway along the axes of the earth, expected both"
+            raise RecordingError(f"columns.velocity: {got}")
         nu[:, :3] = preprocessing.in_body(attitude, nu[:, :3])
     elif frames.body == "FLU":
         nu[:, [DOFS.index(dof) for dof in FLIPPED]] *= -1.0
@@ -499,7 +474,7 @@ def _in_our_frames(
     if any(columns.lever_arm_m):  # p_o = p_s - R r, v_o = v_s - omega x r
         arm = np.array(columns.lever_arm_m)
         nu[:, :3] -= np.cross(nu[:, 3:], arm)
-        pose[:, :3] -= pose_jacobian(attitude)[:, :3, :3] @ arm
+        pose[:, :3] -= kinematics.pose_jacobian(attitude)[:, :3, :3] @ arm
     result = {o: x for o, x in known.items() if o.partition(".")[0] not in (*MOTION, *COMPOSED)}
     for kind, values, there in zip(MOTION, (pose, nu), (posed, posed | moving), strict=True):
         result |= {f"{kind}.{DOFS[i]}": values[:, i] for i in np.flatnonzero(there)}
@@ -511,7 +486,7 @@ def _in_our_frames(
     if "water.speed" in known and {"velocity.surge", "velocity.sway"} <= result.keys():
         # The log shows the speed along the bow: what is left of that over ground is the current.
         along = np.column_stack([nu[:, 0] - known["water.speed"], nu[:, 1]])
-        result["current.north"], result["current.east"] = in_ned(along, attitude[:, 2]).T
+        result["current.north"], result["current.east"] = kinematics.in_ned(along, attitude[:, 2]).T
     return result
 
 
@@ -536,7 +511,7 @@ def _differentiated(t: Array, pose: Array) -> Array:
         if len(pose) < 2:
             return np.zeros_like(pose)
         rate = np.gradient(pose, period, axis=0)
-        rate[:, 3:] = body_rates(pose[:, 3:], period)
+        rate[:, 3:] = kinematics.body_rates(pose[:, 3:], period)
         for columns, cutoff in groups.items():
             if cutoff is not None and cutoff < 0.45 / period and len(pose) > MIN_PIECE:
                 rate[:, columns] = lowpass(rate[:, columns], cutoff, period)

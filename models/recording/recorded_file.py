@@ -184,18 +184,14 @@ class RecordedFile(Reading):
         """
         t, known = signals.t, signals.values
         if missing := [dof for dof in dofs if f"velocity.{dof}" not in known]:
-            raise ConfigurationError(
-                f"excitation.columns.velocity: no column for {', '.join(missing)}, nor a position "
-                "to differentiate"
-            )
+            text = f"no column for {', '.join(missing)}, nor a position to differentiate"
+            raise ConfigurationError(f"excitation.columns.velocity: {text}")
         start = -np.inf if self.start_s is None else self.start_s
         end = np.inf if self.end_s is None else self.end_s
         rows = (start < t) & (t < end)
         if (count := np.count_nonzero(rows)) < LEAST_SAMPLES:
-            raise RecordingError(
-                f"{path}: got {count} samples with {start:g} < t < {end:g} s, "
-                f"expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
-            )
+            got = f"{path}: got {count} samples with {start:g} < t < {end:g} s, expected at least 2"
+            raise RecordingError(f"{got}; the file holds {t[0]:g} to {t[-1]:g} s")
         period, nu = recordings.sample_time(t), _stack(known, "velocity", dofs)
         difference = partial(central_difference, period_s=period)
         nu_dot = recordings.piecewise(difference, recordings.piece_edges(t, period), nu)
@@ -250,10 +246,9 @@ class RecordedFile(Reading):
             late = t[rows] >= t[rows[0]] + self.initial_s
             test[rows] = late & (tested if self.test else own.test)
             if tested and (left := np.count_nonzero(test[rows])) < LEAST_SAMPLES:
-                raise ConfigurationError(
-                    f"excitation.initial_s: got {self.initial_s:g} s, which leaves {left} samples "
-                    f"for testing of {path}, {np.ptp(t[rows]):g} s long; expected at least 2"
-                )
+                got = f"got {self.initial_s:g} s, which leaves {left} samples for testing of {path}"
+                length = f"{np.ptp(t[rows]):g} s long; expected at least {LEAST_SAMPLES}"
+                raise ConfigurationError(f"excitation.initial_s: {got}, {length}")
         return Split(train, test)
 
 

@@ -85,9 +85,7 @@ class Recording:
     @cached_property
     def piece_starts(self) -> Mask:
         """True (N,) at the first sample and at each that follows a gap in time."""
-        starts = piece_starts(self.t, self.period_s)
-        starts.flags.writeable = False  # all who ask share it
-        return starts
+        return piece_starts(self.t, self.period_s)
 
     @cached_property
     def noise(self) -> NoiseFloor:
@@ -231,9 +229,8 @@ def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
     """Raise ConfigurationError unless the cut-off is below half the sample rate; period [s]."""
     highest = 0.5 / period_s
     if cutoff_hz is not None and not 0.0 < cutoff_hz < highest:
-        raise ConfigurationError(
-            f"identifier.lowpass_hz must lie between 0 and {highest:g}, got {cutoff_hz:g}"
-        )
+        text = f"must lie between 0 and {highest:g}, got {cutoff_hz:g}"
+        raise ConfigurationError(f"identifier.lowpass_hz {text}")
 
 
 def joined(pieces: Sequence[R]) -> R:
@@ -261,10 +258,11 @@ def end_to_end(parts: Sequence[R]) -> R:
     period, t, end = first.period_s, [first.t], float(first.t[-1])
     for part in parts[1:]:
         if part.dofs != first.dofs or abs(part.period_s - period) > UNIFORMITY * period:
-            raise RecordingError(
-                f"{part.place}: got {', '.join(part.dofs)} every {part.period_s:g} s, expected "
-                f"{', '.join(first.dofs)} every {period:g} s as in the first; resample_hz sets one"
+            got, expected = (
+                f"{', '.join(one.dofs)} every {one.period_s:g} s" for one in (part, first)
             )
+            text = f"got {got}, expected {expected} as in the first; resample_hz sets one"
+            raise RecordingError(f"{part.place}: {text}")
         steps = (float(part.t[0]) - end) / period
         follows = steps > 0.5 and abs(steps - round(steps)) < UNIFORMITY
         t.append(part.t if follows else part.t + (end + BETWEEN * period - float(part.t[0])))
@@ -331,10 +329,8 @@ def by_trips(t: Array, starts_s: Sequence[float], training: Collection[int]) -> 
     selected = np.isin(trip, list(training))
     split = Split(selected & (trip > 0), ~selected & (trip > 0))
     if not np.any(split.train) or not np.any(split.test):
-        raise ConfigurationError(
-            f"training_trips must leave trips for training and for testing, got {list(training)} "
-            f"of trips {np.unique(trip[trip > 0]).tolist()}"
-        )
+        got = f"got {list(training)} of trips {np.unique(trip[trip > 0]).tolist()}"
+        raise ConfigurationError(f"training_trips must leave trips for training and testing, {got}")
     return split
 
 
@@ -344,9 +340,8 @@ def blocked_k_fold(n: int, count: int, file: NDArray[np.int64] | None = None) ->
     Raises ConfigurationError for fewer than two blocks, or fewer samples than blocks.
     """
     if count < 2 or n < count:
-        raise ConfigurationError(
-            f"cannot cut {n} samples into {count} blocks, expected at least 2 blocks, none empty"
-        )
+        got = f"cannot cut {n} samples into {count} blocks"
+        raise ConfigurationError(f"{got}, expected at least 2 blocks, none empty")
     k = np.arange(n)
     inside = ((block.start <= k) & (k < block.stop) for block in blocks(n, count, file))
     return tuple(Split(~test, test) for test in inside)
