@@ -36,12 +36,10 @@ BEARINGS = tuple(f"{kind}.{name}" for kind in ("position", "ground", "wind")
                  for name, unit in SI[kind].items() if unit == "rad")  # fmt: skip
 # As instruments write them, where pint means something else or nothing.
 SPELLINGS = {
-    "kn": "knot", "kt": "knot", "kts": "knot", "knots": "knot", "°": "deg", "°/s": "deg/s",
-    "rps": TURNS, "1/s": TURNS, "Hz": TURNS, "degrees": "deg", "deg/sec": "deg/s",
-    "m/sec": "m/s", "sec": "s", "Nm": "N*m", "kNm": "kN*m", "rad/s2": "rad/s^2", "m/s2": "m/s^2",
-    "-": "", "RPM": "rpm", "Deg": "deg", "Degrees": "deg", "Radians": "rad", "%": "percent",
-    "°/min": "deg/min", "meters": "m", "metres": "m", "epoch": "s", "timestamp": "s",
-    "decimal degrees": "deg", "1/min": "rpm", "U/min": "rpm", "tr/min": "rpm", "min-1": "rpm",
+    "1/s": TURNS, "Hz": TURNS, "Nm": "N*m", "kNm": "kN*m", "rad/s2": "rad/s^2", "m/s2": "m/s^2",
+    "-": "", "RPM": "rpm", "Deg": "deg", "Degrees": "deg", "Radians": "rad", "epoch": "s",
+    "timestamp": "s", "decimal degrees": "deg", "1/min": "rpm", "U/min": "rpm", "tr/min": "rpm",
+    "min-1": "rpm",
 }  # fmt: skip
 # The last words of a title, in lower case; of several units the first of the quantity counts.
 TITLES = defaultdict[str, list[str]](list)
@@ -131,18 +129,16 @@ class Frames:
 class ColumnMap:
     """Names of a file's columns, by degree of freedom; a leading minus changes the sign.
 
-    Positions [m] (and angles [rad] if there is no `orientation`), body velocities [m/s, rad/s],
-    body accelerations [m/s^2, rad/s^2] if recorded, commanded forces [N, Nm], acting forces
-    if recorded, time [s], orientation as the quaternion (w, x, y, z) of the body, also by part.
-    A `Column` states another unit or sense. Velocities that are not mapped are differentiated from
+    Positions [m] (and angles [rad] if there is no `orientation`), body velocities [m/s, rad/s] and
+    accelerations [m/s^2, rad/s^2], commanded and acting forces [N, Nm], time [s], orientation as
+    the quaternion (w, x, y, z) of the body. Velocities that are not mapped are differentiated from
     the pose, those in surge and sway may come from the speed and course over `ground`; the speed
     through the `water` beside them gives the current. `geodetic` are latitude, longitude [deg] and
     altitude [m] on WGS 84 instead of a position. The `wind` has a speed and the direction from
-    which it comes, clockwise from north; of the `kind` apparent, as seen on board, from the bow.
-    `air` is the velocity of the air in surge and sway, instead of the wind. `inputs` and
-    `commands` of a vessel are by their names. `lever_arm_m` is where the sensor of position and
-    velocity is in body axes, `delay_s` by how much a source, or the columns of a kind, are behind.
-    `loads` are measured on devices [N], by names such as `propeller.thrust`.
+    which it comes, clockwise from north; of the `kind` apparent, as seen on board, from the bow;
+    `air` is its velocity in surge and sway. `inputs` and `commands` of a vessel are by their names,
+    `loads` [N] of devices by names such as `propeller.thrust`. `lever_arm_m` is where the sensor of
+    position and velocity is in body axes, `delay_s` by how much a source or a kind is behind.
     """
 
     time: str | Column
@@ -230,7 +226,7 @@ def factor(unit: str, target: str) -> float:
     """The factor on a number in `unit` that gives it in `target`; raises ConfigurationError."""
     amount, target = SPELLINGS.get(unit, unit) or "1", SPELLINGS.get(target, target)
     try:
-        return float(_registry().Quantity(amount).to(target).magnitude)
+        return float(pint.Quantity(amount).to(target).magnitude)
     except Exception as error:  # of many kinds: pint evaluates an expression
         expected = f"expected a unit of the kind of {target or 'a number'}"
         raise ConfigurationError(f"unit: got {unit!r}, {expected}") from error
@@ -252,13 +248,8 @@ def si_factor(option: str, unit: str) -> float:
 
     Angles are in rad, speeds of shafts in 1/s. Raises ConfigurationError.
     """
-    targets = targets_of(option)
-    if not (targets and unit):
-        return 1.0
-    if (target := target_of(unit, targets)) is None:
-        kinds = " or ".join(target or "a number" for target in targets)
-        raise ConfigurationError(f"unit: got {unit!r}, expected a unit of the kind of {kinds}")
-    return factor(unit, target)
+    targets = targets_of(option) if unit else ()
+    return factor(unit, target_of(unit, targets) or targets[0]) if targets else 1.0
 
 
 def words_of(title: str) -> list[str]:
@@ -285,8 +276,3 @@ def targets_of(option: str) -> tuple[str, ...]:
     """The units in which an option such as `velocity.surge` is kept, any of which may be meant."""
     kind, _, name = option.partition(".")
     return OWN.get(kind) or ((SI[kind][name],) if kind in SI else ())
-
-
-@lru_cache(maxsize=1)
-def _registry() -> "pint.UnitRegistry[float]":
-    return pint.UnitRegistry()

@@ -205,7 +205,18 @@ class Reading:
                 values = -values if spec.positive == "anticlockwise" else values
                 values = values + 0.5 * np.pi if spec.zero == "east" else values
             channels[option] = Channel(t, values, kind in HELD_SIGNALS, f"column {spec.name}")
-        return channels | _unit_quaternions(channels)
+        if (parts := {f"orientation.{part}" for part in QUATERNION}) <= channels.keys():
+            quaternions = np.column_stack([channels[name].values for name in sorted(parts)])
+            lengths = np.linalg.norm(quaternions, axis=1)
+            if len(wrong := np.flatnonzero(np.abs(lengths - 1.0) > QUATERNION_ERROR)):
+                got = f"got a quaternion of length {lengths[wrong[0]]:.3g}, expected 1"
+                raise RecordingError(f"columns.orientation, sample {wrong[0] + 1}: {got}")
+            quaternions /= lengths[:, None]  # all four are NaN where one is
+            valid = ~np.isnan(lengths)
+            quaternions[valid] = preprocessing.without_sign_flips(quaternions[valid])
+            for name, part in zip(sorted(parts), quaternions.T, strict=True):
+                channels[name] = channels[name]._replace(values=part)
+        return channels
 
     def _on_one_clock(
         self, channels: Channels, read: Readings, notes: list[str]
@@ -214,8 +225,8 @@ class Reading:
 
         Without `resample_hz` the rate is that of the slowest velocity, or position, rounded.
         """
-        alone = len({reading.source.name for reading in read.values()}) == 1
         t, rate, longest = None, self.resample_hz, self.max_gap_s
+        alone = len({reading.source.name for reading in read.values()}) == 1
         if alone and rate is None and not self.columns.delay_s:
             t = self._shared_clock(channels, read)
         if t is None:
@@ -252,19 +263,18 @@ class Reading:
         period = float(np.median(steps))
         even = np.abs(steps - period) <= UNIFORMITY * abs(period)
         even |= (self.at_gap == "split") & (steps > GAP * period)
-        grid = "; excitation.resample_hz=RATE puts the columns on a uniform grid"
         # rows that are wrong, the column that is, and what it should hold
         for wrong, name, expected in (
-            *((np.isnan(c.values), read[o].name, f"a finite number{grid}")
-              for o, c in channels.items()),
+            *((np.isnan(c.values), read[o].name, "a finite number") for o, c in channels.items()),
             (np.isnan(t), clock, "a finite number"),
-            (np.append(False, steps <= 0.0), clock, f"time to increase{grid}"),
-            (np.append(False, ~even), clock, f"steps of {period:.6g} s{grid}"),
-        ):  # fmt: skip
+            (np.append(False, steps <= 0.0), clock, "time to increase"),
+            (np.append(False, ~even), clock, f"steps of {period:.6g} s"),
+        ):
             if np.any(wrong):
                 if self.at_gap == "split":
                     return None
-                raise source.refused(int(np.argmax(wrong)), name, expected)
+                grid = "excitation.resample_hz=RATE puts the columns on a uniform grid"
+                raise source.refused(int(np.argmax(wrong)), name, f"{expected}; {grid}")
         return t
 
 
@@ -349,8 +359,7 @@ def clock_of(source: Source, columns: ColumnMap) -> Column:
     for name in (time.name, time.name.rpartition(":")[2]):
         if source.find(name) is not None:
             return replace(time, column=name)
-    known = find_time(source)
-    if known is None:
+    if (known := find_time(source)) is None:
         raise source.absent(time.name)
     return known
 
@@ -413,23 +422,6 @@ def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str,
     return (titled, "the title") if titled else None
 
 
-def _unit_quaternions(channels: Channels) -> Channels:
-    """The channels of a quaternion, if there is one, of length one and without sign flips."""
-    parts = {name: c for name, c in channels.items() if name.startswith("orientation.")}
-    if len(parts) < len(QUATERNION):
-        return {}
-    quaternions = np.column_stack([channel.values for channel in parts.values()])
-    lengths = np.linalg.norm(quaternions, axis=1)
-    if len(wrong := np.flatnonzero(np.abs(lengths - 1.0) > QUATERNION_ERROR)):
-        got = f"got a quaternion of length {lengths[wrong[0]]:.3g}, expected 1"
-        raise RecordingError(f"columns.orientation, sample {wrong[0] + 1}: {got}")
-    quaternions /= lengths[:, None]  # all four are NaN where one is
-    valid = ~np.isnan(lengths)
-    quaternions[valid] = preprocessing.without_sign_flips(quaternions[valid])
-    new = zip(parts, quaternions.T, strict=True)
-    return {name: parts[name]._replace(values=values) for name, values in new}
-
-
 def _in_our_frames(t: Array, known: Signals, columns: ColumnMap, heading: float) -> Signals:
     """Signals by option in NED and forward, right, down axes at the origin of the vessel.
 
@@ -439,9 +431,8 @@ def _in_our_frames(t: Array, known: Signals, columns: ColumnMap, heading: float)
     pose, nu = (np.column_stack([known.get(f"{kind}.{dof}", absent) for dof in DOFS])
                 for kind in MOTION)  # fmt: skip
     if "orientation.w" in known:
-        pose[:, 3:] = kinematics.euler_zyx(
-            np.column_stack([known[f"orientation.{p}"] for p in QUATERNION])
-        )
+        parts = [known[f"orientation.{part}"] for part in QUATERNION]
+        pose[:, 3:] = kinematics.euler_zyx(np.column_stack(parts))
     if frames.attitude == "ENU":
         pose[:, 3:] = pose[:, 3:] * [1.0, -1.0, -1.0] + [0.0, 0.0, 0.5 * np.pi]
     if columns.geodetic:  # from the first sample, on WGS 84
@@ -452,9 +443,9 @@ def _in_our_frames(t: Array, known: Signals, columns: ColumnMap, heading: float)
         ned = np.column_stack(pymap3d.geodetic2ned(*way, *(x[0] for x in way)))
         pose[:, : len(columns.geodetic)] = ned[:, : len(columns.geodetic)]
     elif frames.position == "ENU":
-        pose[:, :3] = _from_enu(pose[:, :3])
+        pose[:, :3] = pose[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
     if frames.velocity == "earth" and frames.position == "ENU":
-        nu[:, :3] = _from_enu(nu[:, :3])
+        nu[:, :3] = nu[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
     posed, moving = ~np.isnan(pose[0]), ~np.isnan(nu[0])
     pose[:, ~posed], nu[:, ~moving] = 0.0, 0.0
     pose[:, 5] -= heading * posed[5]
@@ -490,11 +481,6 @@ def _in_our_frames(t: Array, known: Signals, columns: ColumnMap, heading: float)
     return result
 
 
-def _from_enu(values: Array) -> Array:
-    """North, east, down of vectors (N, 3) that are east, north, up."""
-    return np.asarray(values[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
-
-
 def _differentiated(t: Array, pose: Array) -> Array:
     """Body velocities (N, 6) from the pose (N, 6) in NED, piece by piece.
 
@@ -503,8 +489,7 @@ def _differentiated(t: Array, pose: Array) -> Array:
     Angular velocities are those of the rotation, not of its Euler angles.
     """
     period = float(np.median(np.diff(t)))
-    starts = starts_of(t, period)
-    groups = {columns: noise_floor(pose[:, columns], starts, period).cutoff_hz
+    groups = {columns: noise_floor(pose[:, columns], starts_of(t, period), period).cutoff_hz
               for columns in ((0, 1, 2), (3,), (4,), (5,))}  # fmt: skip
 
     def rates(pose: Array) -> Array:

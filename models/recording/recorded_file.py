@@ -1,10 +1,11 @@
 """Measured recordings as excitation: files that are read by a map, checked, and cut."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from glob import glob, has_magic
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -91,17 +92,14 @@ class RecordedFile(Reading):
         check_ranges(self)
         start, end = self.start_s, self.end_s
         problems = {
-            "excitation.path and excitation.train name files, expected one of them to be null":
-                self.path and (self.train or self.test),
+            "excitation.path: expected null beside train": self.path and (self.train or self.test),
             "excitation.test requires excitation.train, got none": self.test and not self.train,
-            "excitation.test_map is of files of excitation.test, got none":
-                self.tested is not None and not self.test,
+            "excitation.test_map requires excitation.test": self.tested and not self.test,
             "trip_starts_s is of one file, got excitation.train": self.train and self.trip_starts_s,
             "excitation.path: expected a recording, got none": not self.path and not self.train,
             f"start_s must lie before end_s = {end or 0.0:g}, got {start or 0.0:g}":
                 start is not None and end is not None and start >= end,
-            "training_trips requires trip_starts_s, got none":
-                self.training_trips and not self.trip_starts_s,
+            "training_trips requires trip_starts_s": self.training_trips and not self.trip_starts_s,
         }  # fmt: skip
         if problem := next((text for text, there in problems.items() if there), None):
             raise ConfigurationError(problem)
@@ -127,8 +125,8 @@ class RecordedFile(Reading):
         """The files that are read, by option."""
         own = {option if option == "path" else f"{option}[{i}]": path
                for option, files in self._sets.items() for i, path in enumerate(files)}  # fmt: skip
-        others = {"map": self.map, "test_map": self.test_map}
-        others |= {f"messages[{i}]": path for i, path in enumerate(self.messages)}
+        messages = {f"messages[{i}]": path for i, path in enumerate(self.messages)}
+        others = {"map": self.map, "test_map": self.test_map} | messages
         return own | {name: Path(path).expanduser() for name, path in others.items() if path}
 
     def sources(self, path: Path | None = None) -> dict[str, Source]:
@@ -183,6 +181,10 @@ class RecordedFile(Reading):
         These are accelerations, positions that are not needed (the way made good), and angles (0).
         """
         t, known = signals.t, signals.values
+
+        def stack(kind: str, names: Sequence[str]) -> Array:
+            return np.column_stack([known[f"{kind}.{name}"] for name in names])
+
         if missing := [dof for dof in dofs if f"velocity.{dof}" not in known]:
             text = f"no column for {', '.join(missing)}, nor a position to differentiate"
             raise ConfigurationError(f"excitation.columns.velocity: {text}")
@@ -192,35 +194,29 @@ class RecordedFile(Reading):
         if (count := np.count_nonzero(rows)) < LEAST_SAMPLES:
             got = f"{path}: got {count} samples with {start:g} < t < {end:g} s, expected at least 2"
             raise RecordingError(f"{got}; the file holds {t[0]:g} to {t[-1]:g} s")
-        period, nu = recordings.sample_time(t), _stack(known, "velocity", dofs)
+        period, nu = recordings.sample_time(t), stack("velocity", dofs)
         difference = partial(central_difference, period_s=period)
         nu_dot = recordings.piecewise(difference, recordings.piece_edges(t, period), nu)
-        level = {f"position.{dof}": 0.0 * t for dof in DOFS[3:]}
-        known = (
-            level | {f"acceleration.{d}": x for d, x in zip(dofs, nu_dot.T, strict=True)} | known
-        )
-        t, nu, known = t[rows], nu[rows], {option: x[rows] for option, x in known.items()}
+        level = dict.fromkeys((f"position.{dof}" for dof in DOFS[3:]), 0.0 * t)
+        rates = {f"acceleration.{d}": x for d, x in zip(dofs, nu_dot.T, strict=True)}
+        t, nu, known = t[rows], nu[rows], {o: x[rows] for o, x in (level | rates | known).items()}
         psi = known["position.yaw"]
         known["position.yaw"] = psi + (wrap(psi[0]) - psi[0])
         way = scipy.integrate.cumulative_trapezoid(nu, t, axis=0, initial=0.0)
         known = {f"position.{dof}": x for dof, x in zip(dofs, way.T, strict=True)} | known
-
-        def of(kind: str, names: Sequence[str]) -> Array | None:
-            there = names and all(f"{kind}.{name}" in known for name in names)
-            return _stack(known, kind, names) if there else None
-
-        tau, inputs, loads = (
-            of("force", dofs),
-            tuple(self.columns.inputs),
-            tuple(self.columns.loads),
-        )
-        nu_dot = _stack(known, "acceleration", dofs)
+        inputs, loads = tuple(self.columns.inputs), tuple(self.columns.loads)
+        commands = tuple(self.columns.commands)
+        measured: dict[str, Any] = {"tau": np.zeros_like(nu)} | {
+            field: stack(kind, names) for field, kind, names in (
+                ("tau", "force", dofs), ("tau_actual", "actual_force", dofs),
+                ("wind", "air", DOFS[:2]), ("inputs", "inputs", inputs),
+                ("commands", "commands", commands), ("loads", "loads", loads))
+            if names and all(f"{kind}.{name}" in known for name in names)
+        }  # fmt: skip
         return Recording(
-            tuple(dofs), t, _stack(known, "position", dofs), nu, nu_dot,
-            np.zeros_like(nu) if tau is None else tau, _stack(known, "position", DOFS[3:]),
-            tau_actual=of("actual_force", dofs), wind=of("air", ("surge", "sway")),
-            inputs=of("inputs", inputs), commands=of("commands", tuple(self.columns.commands)),
-            input_names=inputs, loads=of("loads", loads), load_names=loads,
+            tuple(dofs), t, stack("position", dofs), nu, stack("acceleration", dofs),
+            attitude=stack("position", DOFS[3:]), input_names=inputs, load_names=loads,
+            **measured,
         )  # fmt: skip
 
     def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:
@@ -250,8 +246,3 @@ class RecordedFile(Reading):
                 length = f"{np.ptp(t[rows]):g} s long; expected at least {LEAST_SAMPLES}"
                 raise ConfigurationError(f"excitation.initial_s: {got}, {length}")
         return Split(train, test)
-
-
-def _stack(known: Mapping[str, Array], kind: str, names: Sequence[str]) -> Array:
-    """The signals of a kind, by option, as columns (N, k)."""
-    return np.column_stack([known[f"{kind}.{name}"] for name in names])

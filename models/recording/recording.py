@@ -298,9 +298,7 @@ def blocks(n: int, count: int, file: NDArray[np.int64] | None = None) -> list[sl
 class Split(NamedTuple):
     """Disjoint masks of the training and test samples, shape (N,); they need not cover all samples.
 
-    Neighbouring samples of a motion are similar, so a random split would test on data close to the
-    training data. All splits are therefore blocks in time, and those for cross-validation can
-    leave a gap.
+    They are blocks in time: a random split would test on data close to the training data.
     """
 
     train: Mask
@@ -319,9 +317,7 @@ def by_trips(t: Array, starts_s: Sequence[float], training: Collection[int]) -> 
     """The `training` trips, counted from 1, and the others for testing.
 
     A trip begins at its start [s] and lasts until the next one; samples before the first are in
-    neither set. Jervan (2020), section 5.3, uses trips 1 and 3 for training, 2 and 4 for testing,
-    so that both contain the changing weather. Raises ConfigurationError if starts do not increase,
-    or one of the sets is empty.
+    neither set. Jervan (2020), section 5.3, uses trips 1 and 3 for training, 2 and 4 for testing.
     """
     if np.any(np.diff(starts_s) <= 0.0):
         raise ConfigurationError(f"trip_starts_s must increase, got {list(starts_s)}")

@@ -119,7 +119,7 @@ def refusal(expected: type[Exception], **options: Any) -> str:
 def test_sets_of_files_that_are_refused(runs: Path) -> None:
     one = files(runs, "run0")
     assert "excitation.test requires excitation.train" in refusal(ConfigurationError, test=one)
-    assert "expected one of them to be null" in refusal(ConfigurationError, path=one[0], train=one)
+    assert "path: expected null beside train" in refusal(ConfigurationError, path=one[0], train=one)
     assert "which excitation.train has too" in refusal(ConfigurationError, train=one, test=one)
     message = refusal(ConfigurationError, train=[str(runs / "turn*.csv")])
     assert "turn*.csv, which matches no file, expected recordings" in message

@@ -81,7 +81,7 @@ def test_files_that_are_tested_on_have_a_map_of_their_own(tmp_path: Path) -> Non
     assert np.all(np.isnan(recording.loads[60:]))
     with pytest.raises(RecordingError, match="no column 'T'"):
         reader(**options).read(DOFS)
-    with pytest.raises(ConfigurationError, match=r"test_map is of files of excitation\.test"):
+    with pytest.raises(ConfigurationError, match=r"test_map requires excitation\.test"):
         reader(path=str(first), map=str(maps[0]), test_map=str(maps[1]))
 
 

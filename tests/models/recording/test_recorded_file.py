@@ -185,7 +185,7 @@ def test_splits_of_a_file(tmp_path: Path) -> None:
         ({"train_fraction": 0.0}, ": train_fraction must lie between 0 and 1, got 0"),
         ({"train_fraction": 1.0}, ": train_fraction must lie between 0 and 1, got 1"),
         ({"columns": {"ground": {"speed": "v"}}}, "ground: got speed, expected speed, course"),
-        ({"training_trips": [1]}, ": training_trips requires trip_starts_s, got none"),
+        ({"training_trips": [1]}, ": training_trips requires trip_starts_s"),
         ({"trip_starts_s": [0, 10], "training_trips": []}, "testing, got [] of trips [1, 2]"),
         ({"trip_starts_s": [0, 9], "training_trips": [1, 2]}, "got [1, 2] of trips [1, 2]"),
         ({"trip_starts_s": [10, 0], "training_trips": [1]}, "must increase, got [10.0, 0.0]"),
