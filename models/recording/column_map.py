@@ -4,6 +4,7 @@ import re
 import unicodedata
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal
@@ -115,13 +116,12 @@ Columns = dict[str, str | Column]  # by name: a degree of freedom, an input, a p
 class Frames:
     """Axes of a recording; the defaults are those of this project.
 
-    `attitude` ENU is the attitude of forward, left, up axes in east, north, up. `velocity` tells
-    along which axes the velocities are, those of the body or of the earth.
+    `attitude` ENU is the attitude of forward, left, up axes in east, north, up.
     """
 
     position: Literal["NED", "ENU"] = "NED"
     attitude: Literal["NED", "ENU"] = "NED"
-    velocity: Literal["body", "earth"] = "body"
+    velocity: Literal["body", "earth"] = "body"  # along whose axes
     body: Literal["FRD", "FLU"] = "FRD"
 
 
@@ -171,16 +171,15 @@ class ColumnMap:
     @property
     def posed(self) -> tuple[str, ...]:
         """Degrees of freedom whose position or angle is mapped."""
-        known = set(self.position) | (set(DOFS[3:]) if self.orientation else set())
-        if self.geodetic:
-            known |= set(DOFS[: len(self.geodetic)])
+        known = {*self.position, *DOFS[: len(self.geodetic or ())]}
+        known |= set(DOFS[3:]) if self.orientation else set()
         return tuple(dof for dof in DOFS if dof in known)
 
     @property
     def moving(self) -> tuple[str, ...]:
         """Degrees of freedom whose velocity is recorded, in body axes or over ground."""
-        over_ground = ("surge", "sway") if self.ground else ()
-        return tuple(dof for dof in DOFS if dof in self.velocity or dof in over_ground)
+        known = {*self.velocity, *(DOFS[:2] if self.ground else ())}
+        return tuple(dof for dof in DOFS if dof in known)
 
     @cached_property
     def specs(self) -> Mapping[str, Column]:
@@ -198,8 +197,7 @@ class ColumnMap:
                 some = f"{', '.join(needed)} of " if 0 < len(needed) < len(names) else ""
                 expected = f"expected {some}{', '.join(names)}"
                 raise ConfigurationError(f"columns.{kind}: got {got}, {expected}")
-            for name, spec in group.items():
-                option = f"{kind}.{name}"
+            for option, spec in ((f"{kind}.{name}", spec) for name, spec in group.items()):
                 try:
                     result[option] = spec if isinstance(spec, Column) else Column(spec)
                 except ConfigurationError as error:
@@ -214,11 +212,10 @@ class ColumnMap:
         """
         for dof in dofs:
             free = dof == "surge" and "sway" not in dofs and dof in self.moving
-            acting = bool(self.inputs) or dof in self.force
-            for kind, there in (("position", free or dof in self.posed), ("force", acting)):
-                if not there:
-                    text = f"no column for {dof}, expected one for each of {', '.join(dofs)}"
-                    raise ConfigurationError(f"excitation.columns.{kind}: {text}")
+            kind = "force" if free or dof in self.posed else "position"
+            if kind == "position" or not (self.inputs or dof in self.force):
+                text = f"no column for {dof}, expected one for each of {', '.join(dofs)}"
+                raise ConfigurationError(f"excitation.columns.{kind}: {text}")
 
 
 @lru_cache(maxsize=512)
@@ -235,11 +232,9 @@ def factor(unit: str, target: str) -> float:
 def target_of(unit: str, targets: Sequence[str]) -> str | None:
     """The first of some units of which `unit` is a kind; None: of none."""
     for target in targets:
-        try:
+        with suppress(ConfigurationError):
             factor(unit, target)
-        except ConfigurationError:
-            continue
-        return target
+            return target
     return None
 
 
@@ -262,14 +257,11 @@ def words_of(title: str) -> list[str]:
 def unit_in_title(title: str, targets: Sequence[str]) -> str | None:
     """The unit that the last words of a title spell, if it is of the kind of one of `targets`."""
     words = words_of(re.sub(r"\W*_\d+$", "", title))  # without the number of a device
-    for count in (3, 2, 1):
-        for unit in TITLES.get("_".join(words[-count:]), ()) if len(words) > count else ():
-            if target_of(unit, targets) is not None:
-                return unit
-    if TURNS in targets:
-        bare = (word.rstrip("0123456789") for word in words)
-        return next((SHAFTS[word] for word in bare if word in SHAFTS), None)
-    return None
+    last = ("_".join(words[-count:]) for count in (3, 2, 1) if len(words) > count)
+    known = (unit for text in last for unit in TITLES.get(text, ())
+             if target_of(unit, targets) is not None)  # fmt: skip
+    bare = (word.rstrip("0123456789") for word in words if TURNS in targets)
+    return next(known, None) or next((SHAFTS[word] for word in bare if word in SHAFTS), None)
 
 
 def targets_of(option: str) -> tuple[str, ...]:

@@ -23,9 +23,8 @@ from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording import column_map as units
 from seatrial.models.recording import preprocessing
+from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import KINDS, QUATERNION, Column, ColumnMap, Frames
-from seatrial.models.recording.recording import MIN_PIECE, UNIFORMITY, piece_edges, piecewise
-from seatrial.models.recording.recording import piece_starts as starts_of
 from seatrial.models.recording.sampling import GAP
 from seatrial.models.recording.smoothing import lowpass, noise_floor
 from seatrial.models.recording.source import Source, column
@@ -60,6 +59,7 @@ TIME_ROUNDING = 1e-6  # of a sample time
 AtGap = Literal["refuse", "split"]
 Sources = Mapping[str, Source]
 Signals = dict[str, Array]  # by option, such as velocity.surge; (N,) each
+Joined = tuple[Array, Signals]  # at times (N,) [s]
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,7 @@ class ColumnReading(NamedTuple):
         return self.source.numbers(self.name, gaps=True)
 
 
-@dataclass(frozen=True, eq=False)
-class ReadSignals:
+class ReadSignals(NamedTuple):
     """Signals on one clock, in SI units and our frames."""
 
     t: Array  # (N,) [s]
@@ -188,9 +187,9 @@ class Reading:
             spec, delays = self.columns.specs[option], self.columns.delay_s
             kind, name, values = option.partition(".")[0], reading.source.name, reading.values
             t = times[name] - delays.get(name, delays.get(kind, 0.0))
-            missing = [(sign * size, 0.5 * size) for size in SENTINELS for sign in (1.0, -1.0)]
-            missing += [(size, 0.5) for size in NO_FIX.get(option, ())]
-            for size, near in missing:  # where nothing else is near
+            missing = {sign * size: 0.5 * size for size in SENTINELS for sign in (1.0, -1.0)}
+            missing |= dict.fromkeys(NO_FIX.get(option, ()), 0.5)
+            for size, near in missing.items():  # where nothing else is near
                 wrong = values == size
                 if np.any(wrong) and not np.any(np.abs(values[~wrong] - size) < near):
                     cells = f"{np.count_nonzero(wrong)} cells are {size:g}"
@@ -218,9 +217,7 @@ class Reading:
                 channels[name] = channels[name]._replace(values=part)
         return channels
 
-    def _on_one_clock(
-        self, channels: Channels, read: Readings, notes: list[str]
-    ) -> tuple[Array, Signals]:
+    def _on_one_clock(self, channels: Channels, read: Readings, notes: list[str]) -> Joined:
         """The times (N,) of all channels, and their values then: joined unless they share a clock.
 
         Without `resample_hz` the rate is that of the slowest velocity, or position, rounded.
@@ -244,7 +241,7 @@ class Reading:
         whole = min(float(c.t[-1]) for c in channels.values())
         whole -= max(float(c.t[0]) for c in channels.values())
         period = float(np.median(np.diff(t)))
-        lost, pieces = whole - len(t) * period, len(piece_edges(t, period)) - 1
+        lost, pieces = whole - len(t) * period, len(recordings.piece_edges(t, period)) - 1
         if pieces > 1 or lost >= 2.0 * period:
             told = f"{lost:.3g} of {whole:.4g} s are in gaps of more than {longest:g} s: left out"
             notes.append(f"{told}, {pieces} pieces remain")
@@ -253,15 +250,15 @@ class Reading:
     def _shared_clock(self, channels: Channels, read: Readings) -> Array | None:
         """The times (N,) [s] of channels of one source, complete and rising by equal steps.
 
-        `split` allows longer steps at gaps. If there are none such, the result is None for `split`,
-        as the channels can be joined; `refuse` raises RecordingError, with line and column.
+        `split` allows longer steps at gaps, and gives None for others, as channels can be joined;
+        `refuse` raises RecordingError, with line and column.
         """
         t, source = next(iter(channels.values())).t, next(iter(read.values())).source
         if len(t) < 2:
             return None
         steps, clock = np.diff(t), clock_of(source, self.columns).name
         period = float(np.median(steps))
-        even = np.abs(steps - period) <= UNIFORMITY * abs(period)
+        even = np.abs(steps - period) <= recordings.UNIFORMITY * abs(period)
         even |= (self.at_gap == "split") & (steps > GAP * period)
         # rows that are wrong, the column that is, and what it should hold
         for wrong, name, expected in (
@@ -280,7 +277,7 @@ class Reading:
 
 def join_channels(
     channels: Channels, rate_hz: float, max_gap_s: float, at_gap: AtGap = "refuse"
-) -> tuple[Array, Signals]:
+) -> Joined:
     """Interpolate states linearly, and hold commands, on one uniform grid of times (n,) [s].
 
     The grid starts where the last channel starts and ends where the first one ends. A time longer
@@ -489,7 +486,8 @@ def _differentiated(t: Array, pose: Array) -> Array:
     Angular velocities are those of the rotation, not of its Euler angles.
     """
     period = float(np.median(np.diff(t)))
-    groups = {columns: noise_floor(pose[:, columns], starts_of(t, period), period).cutoff_hz
+    starts = recordings.piece_starts(t, period)
+    groups = {columns: noise_floor(pose[:, columns], starts, period).cutoff_hz
               for columns in ((0, 1, 2), (3,), (4,), (5,))}  # fmt: skip
 
     def rates(pose: Array) -> Array:
@@ -498,10 +496,10 @@ def _differentiated(t: Array, pose: Array) -> Array:
         rate = np.gradient(pose, period, axis=0)
         rate[:, 3:] = kinematics.body_rates(pose[:, 3:], period)
         for columns, cutoff in groups.items():
-            if cutoff is not None and cutoff < 0.45 / period and len(pose) > MIN_PIECE:
+            if cutoff is not None and cutoff < 0.45 / period and len(pose) > recordings.MIN_PIECE:
                 rate[:, columns] = lowpass(rate[:, columns], cutoff, period)
         return rate
 
-    nu = piecewise(rates, piece_edges(t, period), pose)
+    nu = recordings.piecewise(rates, recordings.piece_edges(t, period), pose)
     nu[:, :3] = preprocessing.in_body(pose[:, 3:], nu[:, :3])
     return nu

@@ -18,7 +18,7 @@ from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
 from seatrial.models.recording.preprocessing import central_difference
 from seatrial.models.recording.reader import Reading, ReadSignals, Sources
-from seatrial.models.recording.recording import Recording, Split, end_to_end, half
+from seatrial.models.recording.recording import Recording, Split, half
 from seatrial.models.recording.source import ReadOptions, Source, TextOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
@@ -84,9 +84,7 @@ class RecordedFile(Reading):
     manoeuvre: OrderedManoeuvre = field(default_factory=OrderedManoeuvre)
     map: str | None = None  # file of the columns; its content is in the other options
     test_map: str | None = None  # that of the files of `test`; its content is in `tested`
-    _read: dict[tuple[str, ...], list[ReadSignals]] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
+    _read: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -141,29 +139,25 @@ class RecordedFile(Reading):
             self.tested.columns.check(dofs)
 
     def read(self, dofs: Sequence[str]) -> Recording:
-        """Read the recording of a vessel with these degrees of freedom.
+        """The recording of a vessel with these degrees of freedom.
 
-        Raises RecordingError, which names file, line and column. The low-pass filter of an
-        identifier is applied later: it is linear, so it commutes with the differentiation.
+        Raises RecordingError, which names file, line and column.
         """
         self.check(dofs)
         return self.recording(dofs)
 
     def account(self, dofs: Sequence[str], sources: Sources | None = None) -> list[ReadSignals]:
-        """How each file is read: its signals, units with their origin, what is left out; once.
-
-        `sources` are the columns of the one file, if others than those in it.
-        """
-        if (key := tuple(dofs)) not in self._read:
-            self._read[key] = [reader.signals(path, sources or reader.sources(path), dofs)
-                               for path, reader in self.readers.items()]  # fmt: skip
-        return self._read[key]
+        """How each file is read, once; `sources` are the columns of one file, if not its own."""
+        read: list[ReadSignals] = self._read.setdefault(tuple(dofs), [])
+        for path, reader in [*self.readers.items()][len(read) :]:
+            read.append(reader.signals(path, sources or reader.sources(path), dofs))
+        return read
 
     def recording(self, dofs: Sequence[str], sources: Sources | None = None) -> Recording:
         """The recording of all files, each read alone, end to end with gaps in time between them.
 
-        Every sample keeps the number of its file, so nothing is differentiated or filtered over a
-        joint. `sources` is as in `account`; nothing needs to act on the vessel.
+        Nothing is differentiated or filtered over a joint. `sources` is as in `account`; nothing
+        needs to act on the vessel.
         """
         read = zip(self.readers.items(), self.account(dofs, sources), strict=True)
         parts = [reader._cut(path, signals, dofs) for (path, reader), signals in read]
@@ -172,8 +166,9 @@ class RecordedFile(Reading):
         depths = range(1, 1 + max(len(path.parts) for path in self.readers))
         every = (tuple("/".join(p.parts[-depth:]) for p in self.readers) for depth in depths)
         names = next(names for names in every if len(set(names)) == len(names))  # tell them apart
-        return end_to_end([replace(part, file=np.full(len(part), number), file_names=names)
-                           for number, part in enumerate(parts)])  # fmt: skip
+        parts = [replace(part, file=np.full(len(part), number), file_names=names)
+                 for number, part in enumerate(parts)]  # fmt: skip
+        return recordings.end_to_end(parts)
 
     def _cut(self, path: Path, signals: ReadSignals, dofs: Sequence[str]) -> Recording:
         """The recording of one file in its window, with what is missing derived from the rest.
@@ -223,9 +218,8 @@ class RecordedFile(Reading):
         """Training and test samples of the recording that `read` returns.
 
         Its times are t (N,) [s], `file` (N,) the number of the file of each sample, of several. A
-        file for testing is not tested on in its first `initial_s` [s]: a free run starts from the
-        state that is measured then. Raises ConfigurationError if no trip, or too little of a file,
-        is left for one of them.
+        file is not tested on in its first `initial_s` [s]: a free run starts from what is measured
+        then. Raises ConfigurationError if too little is left for one of them.
         """
         if self.trip_starts_s:
             return recordings.by_trips(t, self.trip_starts_s, self.training_trips)

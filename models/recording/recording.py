@@ -109,11 +109,10 @@ class Recording:
         return replace(self, tau_filtered=acting_force(thruster, self.tau, self.period_s))
 
     def force(self, kind: str | None) -> Array:
-        """The force [N, Nm] used to compute a residual, shape (N, n_dof).
+        """The force [N, Nm] used to compute a residual, (N, n_dof); `commanded` in the thesis.
 
-        `commanded` is the choice of the thesis. If `kind` is None, the force is `filtered` if the
-        lag is known, else `actual` if it is recorded, else `commanded`. Raises ConfigurationError
-        if the force of the kind is not available.
+        If `kind` is None, it is `filtered` if the lag is known, else `actual` if it is recorded,
+        else `commanded`. Raises ConfigurationError if the force of the kind is not available.
         """
         forces = {"filtered": self.tau_filtered, "actual": self.tau_actual, "commanded": self.tau}
         kind = kind or next(name for name, force in forces.items() if force is not None)
@@ -331,10 +330,7 @@ def by_trips(t: Array, starts_s: Sequence[float], training: Collection[int]) -> 
 
 
 def blocked_k_fold(n: int, count: int, file: NDArray[np.int64] | None = None) -> tuple[Split, ...]:
-    """`count` splits that test on one block each and train on the others; see `blocks` for files.
-
-    Raises ConfigurationError for fewer than two blocks, or fewer samples than blocks.
-    """
+    """`count` splits that test on one of the `blocks` each and train on the others."""
     if count < 2 or n < count:
         got = f"cannot cut {n} samples into {count} blocks"
         raise ConfigurationError(f"{got}, expected at least 2 blocks, none empty")

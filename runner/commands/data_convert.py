@@ -52,10 +52,8 @@ def convert(file: File, target: Target, map_file: MapFile = None, dofs: Axes = N
     files = filter(Path.is_file, sorted((path, *path.rglob("*"))))
     digests = {str(each): hashlib.sha256(each.read_bytes()).hexdigest() for each in files}
     write_recording(recording, target, {"read_by": node, "sha256": digests})
-    typer.echo(
-        f"wrote {target}: {len(recording)} samples of {recording.period_s:g} s in "
-        f"{len(recording.pieces())} pieces, {', '.join(axes)}"
-    )
+    size = f"{len(recording)} samples of {recording.period_s:g} s"
+    typer.echo(f"wrote {target}: {size} in {len(recording.pieces())} pieces, {', '.join(axes)}")
 
 
 def write_recording(recording: Recording, path: Path, metadata: dict[str, object]) -> None:

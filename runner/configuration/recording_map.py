@@ -1,9 +1,7 @@
-"""Maps of recordings: YAML files that say which column is what.
+"""Maps of recordings: YAML files with the keys of `excitation.columns`, which they replace.
 
-The keys of a map are those of `excitation.columns`; other options of `excitation=recording`, such
-as `resample_hz`, may stand beside them. A map replaces the columns of the configuration. Files for
-testing may have a map of their own, with `format` and `text` beside the columns. A file that was
-written by `seatrial data convert` holds its map.
+Other options of `excitation=recording`, such as `resample_hz`, may stand beside them. A map of the
+files for testing has `format` and `text` beside the columns. A converted file holds its map.
 """
 
 import json
@@ -57,8 +55,7 @@ def read_map(path: str | Path) -> dict[str, object]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        known = getattr(error, "strerror", None) or getattr(error, "problem", None)
-        reason = known or str(error).splitlines()[0]
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise ConfigurationError(f"excitation.map: {path}: {reason}, expected YAML") from error
     if not isinstance(content, dict) or "time" not in content:
         expected = "expected the columns of a recording, such as time: t, velocity: {surge: u}"
