@@ -1,21 +1,66 @@
-"""Which columns of a recording are what: the map, as it is written in YAML."""
+"""Which columns of a recording are what, and in which units: the map, as it is written in YAML."""
 
+import re
+import unicodedata
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
-from functools import cached_property
-from typing import Literal
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Literal
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS
-from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.units import OWN, SI
+from seatrial.models.notation import ACCELERATION_UNIT, DOFS, FORCE_UNIT, POSE_UNIT, VELOCITY_UNIT
 
-KINDS = ("position", "velocity", "acceleration", "force", "actual_force")
+if TYPE_CHECKING:  # slow to import
+    import pint
+else:
+    import lazy_loader
+
+    pint = lazy_loader.load("pint")
+
+KINDS = ("position", "velocity", "acceleration", "force", "actual_force")  # by degree of freedom
 QUATERNION = ("w", "x", "y", "z")
-NAMES = {kind: tuple(names) for kind, names in SI.items() if kind != "current"}
-NAMES["orientation"] = QUATERNION
-NEEDED = {kind: NAMES[kind] for kind in ("orientation", "wind", "air", "ground")}
-NEEDED["geodetic"] = ("latitude", "longitude")
+TURNS = "revolution/s"  # in which the shaft speed of a vessel is given
+INPUTS = ("rad", TURNS, "N", "N*m", "m/s", "")  # of the inputs of a vessel
+OWN = {"inputs": INPUTS, "commands": INPUTS, "loads": ("N",)}  # kinds with names of the user
+SI = {
+    "position": POSE_UNIT, "velocity": VELOCITY_UNIT, "acceleration": ACCELERATION_UNIT,
+    "force": FORCE_UNIT, "actual_force": FORCE_UNIT, "wind": {"speed": "m/s", "direction": "rad"},
+    "ground": {"speed": "m/s", "course": "rad"}, "water": {"speed": "m/s"},
+    "current": {"north": "m/s", "east": "m/s"}, "air": {"surge": "m/s", "sway": "m/s"},
+    "geodetic": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
+}  # fmt: skip
+NAMES = {kind: tuple(names) for kind, names in SI.items()} | {"orientation": QUATERNION}
+NEEDED = {"orientation": 4, "geodetic": 2, "wind": 2, "air": 2, "ground": 2}  # of these names
+BEARINGS = tuple(f"{kind}.{name}" for kind in ("position", "ground", "wind")
+                 for name, unit in SI[kind].items() if unit == "rad")  # fmt: skip
+# As instruments write them, where pint means something else or nothing.
+SPELLINGS = {
+    "1/s": TURNS, "Hz": TURNS, "Nm": "N*m", "kNm": "kN*m", "rad/s2": "rad/s^2", "m/s2": "m/s^2",
+    "-": "", "RPM": "rpm", "Deg": "deg", "Degrees": "deg", "Radians": "rad", "epoch": "s",
+    "timestamp": "s", "decimal degrees": "deg", "1/min": "rpm", "U/min": "rpm", "tr/min": "rpm",
+    "min-1": "rpm",
+}  # fmt: skip
+# The last words of a title, in lower case; of several units the first of the quantity counts.
+TITLES = defaultdict[str, list[str]](list)
+for _unit, _words in {
+    "deg": "deg degs degree degrees", "deg/min": "deg_min deg_per_min deg_p_min",
+    "deg/s": "deg_s dps deg_per_s deg_sec deg_p_s degps degs", "deg/s^2": "degs2",
+    "rad": "rad radians", "rad/s": "rad_s rad_per_s rad_sec rad_p_s radps",
+    "m": "m meter meters metre metres", "cm": "cm", "mm": "mm", "km": "km", "ft": "ft feet",
+    "knot": "kt kts knot knots kn", "km/h": "km_h kmh kph km_per_h",
+    "m/s": "m_s mps m_per_s m_sec m_p_s ms", "m/s^2": "m_s2 mps2 m_per_s2 ms2",
+    "s": "s sec secs second seconds", "ms": "msec msecs millis milliseconds ms",
+    "us": "us usec micros microseconds", "min": "min", "h": "hours", "day": "days",
+    "ns": "ns nsec nsecs nano nanos nanosec nanosecs nanoseconds",
+    "percent": "pct percent", "N": "n newton newtons",
+    "N*m": "nm n_m", "kN": "kn k_n", "kN*m": "knm k_nm", "rpm": "rpm", TURNS: "rps hz",
+}.items():  # fmt: skip
+    for _word in _words.split():
+        TITLES[_word].append(_unit)
+SHAFTS = {"rpm": "rpm", "rps": TURNS}  # that may stand anywhere in the title of an input
+WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[^A-Za-z0-9]+")  # between the words of a title
 
 
 @dataclass(frozen=True)
@@ -44,9 +89,8 @@ class Column:
         if not self.name:
             raise ConfigurationError(f"got {self.column!r}, expected the name of a column")
         if self.full is not None and self.full == self.neutral:
-            raise ConfigurationError(
-                f"column {self.name}: neutral and full are {self.full:g}, expected two numbers"
-            )
+            text = f"neutral and full are {self.full:g}, expected two numbers"
+            raise ConfigurationError(f"column {self.name}: {text}")
 
     @property
     def name(self) -> str:
@@ -72,13 +116,12 @@ Columns = dict[str, str | Column]  # by name: a degree of freedom, an input, a p
 class Frames:
     """Axes of a recording; the defaults are those of this project.
 
-    `attitude` ENU is the attitude of forward, left, up axes in east, north, up. `velocity` tells
-    along which axes the velocities are, those of the body or of the earth.
+    `attitude` ENU is the attitude of forward, left, up axes in east, north, up.
     """
 
     position: Literal["NED", "ENU"] = "NED"
     attitude: Literal["NED", "ENU"] = "NED"
-    velocity: Literal["body", "earth"] = "body"
+    velocity: Literal["body", "earth"] = "body"  # along whose axes
     body: Literal["FRD", "FLU"] = "FRD"
 
 
@@ -86,19 +129,16 @@ class Frames:
 class ColumnMap:
     """Names of a file's columns, by degree of freedom; a leading minus changes the sign.
 
-    Positions [m] (and angles [rad] if there is no `orientation`), body velocities [m/s, rad/s],
-    body accelerations [m/s^2, rad/s^2] if recorded, commanded forces [N, Nm], acting forces
-    if recorded, time [s], orientation as the quaternion (w, x, y, z) of the body, also by part.
-    A `Column` states another unit or sense. Velocities that are not mapped are differentiated from
+    Positions [m] (and angles [rad] if there is no `orientation`), body velocities [m/s, rad/s] and
+    accelerations [m/s^2, rad/s^2], commanded and acting forces [N, Nm], time [s], orientation as
+    the quaternion (w, x, y, z) of the body. Velocities that are not mapped are differentiated from
     the pose, those in surge and sway may come from the speed and course over `ground`; the speed
     through the `water` beside them gives the current. `geodetic` are latitude, longitude [deg] and
     altitude [m] on WGS 84 instead of a position. The `wind` has a speed and the direction from
-    which it comes, clockwise from north; of the `kind` apparent, as seen on board, from the bow.
-    `air` is the velocity of the air in surge and sway, instead of the wind. `inputs` and
-    `commands` of a vessel are by their names. `lever_arm_m` is where the sensor of position and
-    velocity is in body axes, `delay_s` by how much a source, or the columns of a kind, are behind.
-    `loads` are measured on devices [N], by names such as `propeller.thrust`. `froude_scale` is the
-    length of what was recorded over that of the vessel, to which all columns are scaled.
+    which it comes, clockwise from north; of the `kind` apparent, as seen on board, from the bow;
+    `air` is its velocity in surge and sway. `inputs` and `commands` of a vessel are by their names,
+    `loads` [N] of devices by names such as `propeller.thrust`. `lever_arm_m` is where the sensor of
+    position and velocity is in body axes, `delay_s` by how much a source or a kind is behind.
     """
 
     time: str | Column
@@ -115,31 +155,13 @@ class ColumnMap:
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     delay_s: dict[str, float] = field(default_factory=dict)
     loads: Columns = field(default_factory=dict)
-    froude_scale: Positive = 1.0
     wind: Columns | None = None
     air: Columns = field(default_factory=dict)
     ground: Columns = field(default_factory=dict)
     water: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_ranges(self)
-        if (wind := self._group("wind").get("kind", "true")) not in ("true", "apparent"):
-            raise ConfigurationError(f"columns.wind.kind: got {wind}, expected true or apparent")
-        for kind, names in NAMES.items():
-            given = self._group(kind).keys() - ({"kind"} if kind == "wind" else set())
-            if wrong := sorted(given - set(names)):
-                raise ConfigurationError(
-                    f"columns.{kind}: got {wrong[0]!r}, expected some of {', '.join(names)}"
-                )
-            if given and not given >= set(needed := NEEDED.get(kind, ())):
-                raise ConfigurationError(
-                    f"columns.{kind}: got {', '.join(sorted(given))}, expected {', '.join(needed)}"
-                )
-        len(self.specs)  # names that are empty are refused
-
-    def _group(self, kind: str) -> Mapping[str, str | Column]:
-        group = getattr(self, kind) or {}
-        return dict(zip(QUATERNION, group, strict=True)) if isinstance(group, tuple) else group
+        len(self.specs)  # names that are wrong, or empty, are refused
 
     @property
     def clock(self) -> Column:
@@ -149,25 +171,33 @@ class ColumnMap:
     @property
     def posed(self) -> tuple[str, ...]:
         """Degrees of freedom whose position or angle is mapped."""
-        known = set(self.position) | (set(DOFS[3:]) if self.orientation else set())
-        if self.geodetic:
-            known |= set(DOFS[: len(self.geodetic)])
+        known = {*self.position, *DOFS[: len(self.geodetic or ())]}
+        known |= set(DOFS[3:]) if self.orientation else set()
         return tuple(dof for dof in DOFS if dof in known)
 
     @property
     def moving(self) -> tuple[str, ...]:
         """Degrees of freedom whose velocity is recorded, in body axes or over ground."""
-        over_ground = ("surge", "sway") if self.ground else ()
-        return tuple(dof for dof in DOFS if dof in self.velocity or dof in over_ground)
+        known = {*self.velocity, *(DOFS[:2] if self.ground else ())}
+        return tuple(dof for dof in DOFS if dof in known)
 
     @cached_property
     def specs(self) -> Mapping[str, Column]:
         """Every column by option, such as `velocity.surge` or `orientation.w`, but the time."""
         result = {}
         for kind in (*KINDS, *OWN, "air", "orientation", "geodetic", "wind", "ground", "water"):
-            for name, spec in self._group(kind).items():
-                if (option := f"{kind}.{name}") == "wind.kind":
-                    continue
+            own = getattr(self, kind) or {}
+            group = dict(zip(QUATERNION, own, strict=True) if isinstance(own, tuple) else own)
+            if kind == "wind" and (sort := group.pop("kind", "true")) not in ("true", "apparent"):
+                raise ConfigurationError(f"columns.wind.kind: got {sort}, expected true, apparent")
+            names = NAMES.get(kind, tuple(group))
+            needed = names[: NEEDED.get(kind, 0)] if group else ()
+            if not set(needed) <= set(group) <= set(names):
+                got = ", ".join(name for name in group if name not in names) or ", ".join(group)
+                some = f"{', '.join(needed)} of " if 0 < len(needed) < len(names) else ""
+                expected = f"expected {some}{', '.join(names)}"
+                raise ConfigurationError(f"columns.{kind}: got {got}, {expected}")
+            for option, spec in ((f"{kind}.{name}", spec) for name, spec in group.items()):
                 try:
                     result[option] = spec if isinstance(spec, Column) else Column(spec)
                 except ConfigurationError as error:
@@ -182,10 +212,59 @@ class ColumnMap:
         """
         for dof in dofs:
             free = dof == "surge" and "sway" not in dofs and dof in self.moving
-            acting = bool(self.inputs) or dof in self.force
-            for kind, there in (("position", free or dof in self.posed), ("force", acting)):
-                if not there:
-                    raise ConfigurationError(
-                        f"excitation.columns.{kind}: no column for {dof}, "
-                        f"expected one for each of {', '.join(dofs)}"
-                    )
+            kind = "force" if free or dof in self.posed else "position"
+            if kind == "position" or not (self.inputs or dof in self.force):
+                text = f"no column for {dof}, expected one for each of {', '.join(dofs)}"
+                raise ConfigurationError(f"excitation.columns.{kind}: {text}")
+
+
+@lru_cache(maxsize=512)
+def factor(unit: str, target: str) -> float:
+    """The factor on a number in `unit` that gives it in `target`; raises ConfigurationError."""
+    amount, target = SPELLINGS.get(unit, unit) or "1", SPELLINGS.get(target, target)
+    try:
+        return float(pint.Quantity(amount).to(target).magnitude)
+    except Exception as error:  # of many kinds: pint evaluates an expression
+        expected = f"expected a unit of the kind of {target or 'a number'}"
+        raise ConfigurationError(f"unit: got {unit!r}, {expected}") from error
+
+
+def target_of(unit: str, targets: Sequence[str]) -> str | None:
+    """The first of some units of which `unit` is a kind; None: of none."""
+    for target in targets:
+        with suppress(ConfigurationError):
+            factor(unit, target)
+            return target
+    return None
+
+
+def si_factor(option: str, unit: str) -> float:
+    """The factor on an option such as `velocity.surge` in some unit that gives it in SI units.
+
+    Angles are in rad, speeds of shafts in 1/s. Raises ConfigurationError.
+    """
+    targets = targets_of(option) if unit else ()
+    return factor(unit, target_of(unit, targets) or targets[0]) if targets else 1.0
+
+
+def words_of(title: str) -> list[str]:
+    """The words of a title in lower case: `TimeUS` is time, us; `yaw_rate (deg/s)` four of them."""
+    letters = unicodedata.normalize("NFKD", title.translate({216: "O", 248: "o"}))
+    plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
+    return [word.lower() for word in WORDS.split(plain) if word]
+
+
+def unit_in_title(title: str, targets: Sequence[str]) -> str | None:
+    """The unit that the last words of a title spell, if it is of the kind of one of `targets`."""
+    words = words_of(re.sub(r"\W*_\d+$", "", title))  # without the number of a device
+    last = ("_".join(words[-count:]) for count in (3, 2, 1) if len(words) > count)
+    known = (unit for text in last for unit in TITLES.get(text, ())
+             if target_of(unit, targets) is not None)  # fmt: skip
+    bare = (word.rstrip("0123456789") for word in words if TURNS in targets)
+    return next(known, None) or next((SHAFTS[word] for word in bare if word in SHAFTS), None)
+
+
+def targets_of(option: str) -> tuple[str, ...]:
+    """The units in which an option such as `velocity.surge` is kept, any of which may be meant."""
+    kind, _, name = option.partition(".")
+    return OWN.get(kind) or ((SI[kind][name],) if kind in SI else ())

@@ -18,7 +18,15 @@ import numpy as np
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording import consistency, reader
-from seatrial.models.recording.column_map import Column, ColumnMap
+from seatrial.models.recording.column_map import (
+    BEARINGS,
+    Column,
+    ColumnMap,
+    factor,
+    si_factor,
+    targets_of,
+    words_of,
+)
 from seatrial.models.recording.consistency import AS_GOOD, SAME_SCALE, SURE
 from seatrial.models.recording.quantities import quantity
 from seatrial.models.recording.reader import FAULTS, SI_ASSUMED, clock_of
@@ -27,7 +35,6 @@ from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.signals import original_rate, sampling
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import seconds
-from seatrial.models.recording.units import BEARINGS, factor, si_factor, targets_of, words_of
 from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor

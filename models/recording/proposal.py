@@ -13,19 +13,20 @@ import numpy as np
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording.column_map import QUATERNION, Column
-from seatrial.models.recording.quantities import WORDS, Quantity, kinds_of, quantity
-from seatrial.models.recording.reader import stated_unit
-from seatrial.models.recording.source import Source
-from seatrial.models.recording.times import clocks, find_time
-from seatrial.models.recording.units import (
+from seatrial.models.recording.column_map import (
     BEARINGS,
+    QUATERNION,
+    Column,
     factor,
     target_of,
     targets_of,
     unit_in_title,
     words_of,
 )  # fmt: skip
+from seatrial.models.recording.quantities import WORDS, Quantity, kinds_of, quantity
+from seatrial.models.recording.reader import stated_unit
+from seatrial.models.recording.source import Source
+from seatrial.models.recording.times import clocks, find_time
 from seatrial.models.vessel.basis import INPUTS, Array
 
 SYMBOLS = {"eta": "x y z phi theta psi", "nu": "u v w p q r", "tau": "x y z k m n"}  # of matrices

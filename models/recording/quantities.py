@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from seatrial.models.notation import DOFS
-from seatrial.models.recording.units import TITLES, target_of, targets_of, words_of
+from seatrial.models.recording.column_map import TITLES, target_of, targets_of, words_of
 
 
 class Quantity(NamedTuple):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from glob import glob, has_magic
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import scipy
@@ -16,24 +16,14 @@ from seatrial.models.notation import DOFS, OrderedManoeuvre
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording import recording as recordings
 from seatrial.models.recording.column_map import ColumnMap
-from seatrial.models.recording.reader import Reading, ReadSignals, Sources, clock_of, first_time
-from seatrial.models.recording.recording import Mask, Recording, Split, end_to_end, half
+from seatrial.models.recording.reader import Reading, ReadSignals, Sources
+from seatrial.models.recording.recording import Recording, Split, half
 from seatrial.models.recording.signals import central_difference
-from seatrial.models.recording.source import ReadOptions, Source, TextOptions, column, read_sources
-from seatrial.models.recording.times import seconds
+from seatrial.models.recording.source import ReadOptions, Source, TextOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
 
-if TYPE_CHECKING:  # slow to import
-    import pandas as pd
-else:
-    import lazy_loader
-
-    pd = lazy_loader.load("pandas")
-
 LEAST_SAMPLES = 2  # of a window
-STATISTICS = {"count": "count", "mean": "mean", "std": "std", "50%": "median", "min": "minimum",
-              "max": "maximum"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -60,11 +50,9 @@ def file_set(train: Sequence[str], test: Sequence[str]) -> tuple[list[Path], lis
             got = f"got {pattern}, which matches no file"
             raise ConfigurationError(f"excitation.{option}: {got}, expected recordings")
         every[option] |= dict.fromkeys(map(Path, sorted(files)))
-    if both := set(every["train"]) & set(every["test"]):
-        raise ConfigurationError(
-            f"excitation.test: got {min(both)}, which excitation.train has too, "
-            "expected each file once"
-        )
+    if both := every["train"].keys() & every["test"].keys():
+        got = f"got {min(both)}, which excitation.train has too"
+        raise ConfigurationError(f"excitation.test: {got}, expected each file once")
     return [*every["train"]], [*every["test"]]
 
 
@@ -74,13 +62,9 @@ class RecordedFile(Reading):
 
     The samples strictly between `start_s` and `end_s` are used (null: all). The first
     `train_fraction` of them are for training, or the trips `training_trips` (counted from 1) if
-    `trip_starts_s` is set. Either the file is sampled uniformly, or every column has its own
-    samples with empty cells between them, and all columns are resampled on one grid with
-    `resample_hz`. `heading_deg` is the heading of the frame of the positions in the frame of the
-    orientation: 180 if both horizontal positions are reversed. `train` and `test` name several
-    files instead, which are read one by one; without `test`, `train_fraction` splits each of them.
-    The first `initial_s` of a file are not tested on. The files of `test` may have columns of their
-    own, `tested`.
+    `trip_starts_s` is set. `train` and `test` name several files instead, which are read one by
+    one; without `test`, `train_fraction` splits each of them. The first `initial_s` of a file are
+    not tested on. The files of `test` may have columns of their own, `tested`.
     """
 
     path: str | None
@@ -89,7 +73,6 @@ class RecordedFile(Reading):
     train_fraction: float
     trip_starts_s: tuple[float, ...]
     training_trips: tuple[int, ...]
-    statistics: tuple[str, ...]
     train: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
     initial_s: NotNegative = 0.0
@@ -101,25 +84,20 @@ class RecordedFile(Reading):
     manoeuvre: OrderedManoeuvre = field(default_factory=OrderedManoeuvre)
     map: str | None = None  # file of the columns; its content is in the other options
     test_map: str | None = None  # that of the files of `test`; its content is in `tested`
-    _read: dict[tuple[object, ...], ReadSignals] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
+    _read: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_ranges(self)
         start, end = self.start_s, self.end_s
         problems = {
-            "excitation.path and excitation.train name files, expected one of them to be null":
-                self.path and (self.train or self.test),
+            "excitation.path: expected null beside train": self.path and (self.train or self.test),
             "excitation.test requires excitation.train, got none": self.test and not self.train,
-            "excitation.test_map is of files of excitation.test, got none":
-                self.tested is not None and not self.test,
+            "excitation.test_map requires excitation.test": self.tested and not self.test,
             "trip_starts_s is of one file, got excitation.train": self.train and self.trip_starts_s,
             "excitation.path: expected a recording, got none": not self.path and not self.train,
             f"start_s must lie before end_s = {end or 0.0:g}, got {start or 0.0:g}":
                 start is not None and end is not None and start >= end,
-            "training_trips requires trip_starts_s, got none":
-                self.training_trips and not self.trip_starts_s,
+            "training_trips requires trip_starts_s": self.training_trips and not self.trip_starts_s,
         }  # fmt: skip
         if problem := next((text for text, there in problems.items() if there), None):
             raise ConfigurationError(problem)
@@ -127,20 +105,32 @@ class RecordedFile(Reading):
         if starts := self.trip_starts_s:
             recordings.by_trips(np.array(starts), starts, self.training_trips)
 
-    @property
-    def file(self) -> Path:
-        """Path of the file, with `~` replaced by the home folder."""
-        return Path(self.path or "").expanduser()
+    @cached_property
+    def _sets(self) -> dict[str, list[Path]]:
+        """The files of `train` and of `test`, or the one of `path`."""
+        if not self.train:
+            return {"path": [Path(self.path or "").expanduser()]}
+        return dict(zip(("train", "test"), file_set(self.train, self.test), strict=True))
+
+    @cached_property
+    def readers(self) -> dict[Path, "RecordedFile"]:
+        """The files of the recording, each with what reads it: those of `test` as `tested`."""
+        tested = replace(self, **vars(self.tested)) if self.tested else self
+        return {path: tested if option == "test" else self
+                for option, files in self._sets.items() for path in files}  # fmt: skip
 
     def files(self) -> dict[str, Path]:
         """The files that are read, by option."""
-        own = {"path": self.file}
-        if self.train:
-            known = zip(("train", "test"), file_set(self.train, self.test), strict=True)
-            own = {f"{k}[{i}]": path for k, files in known for i, path in enumerate(files)}
-        others = {"map": self.map, "test_map": self.test_map}
-        others |= {f"messages[{i}]": path for i, path in enumerate(self.messages)}
+        own = {option if option == "path" else f"{option}[{i}]": path
+               for option, files in self._sets.items() for i, path in enumerate(files)}  # fmt: skip
+        messages = {f"messages[{i}]": path for i, path in enumerate(self.messages)}
+        others = {"map": self.map, "test_map": self.test_map} | messages
         return own | {name: Path(path).expanduser() for name, path in others.items() if path}
+
+    def sources(self, path: Path | None = None) -> dict[str, Source]:
+        """The columns of a file as recorded, of the first one by default."""
+        options = ReadOptions(self.format, self.text, self.messages)
+        return read_sources(path or next(iter(self.readers)), options)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError if a column for the vessel is not mapped; does not read it."""
@@ -149,165 +139,104 @@ class RecordedFile(Reading):
             self.tested.columns.check(dofs)
 
     def read(self, dofs: Sequence[str]) -> Recording:
-        """Read the recording of a vessel with these degrees of freedom.
+        """The recording of a vessel with these degrees of freedom.
 
-        Raises RecordingError, which names file, line and column. The low-pass filter of an
-        identifier is applied later: it is linear, so it commutes with the differentiation.
+        Raises RecordingError, which names file, line and column.
         """
         self.check(dofs)
         return self.recording(dofs)
 
+    def account(self, dofs: Sequence[str], sources: Sources | None = None) -> list[ReadSignals]:
+        """How each file is read, once; `sources` are the columns of one file, if not its own."""
+        read: list[ReadSignals] = self._read.setdefault(tuple(dofs), [])
+        for path, reader in [*self.readers.items()][len(read) :]:
+            read.append(reader.signals(path, sources or reader.sources(path), dofs))
+        return read
+
     def recording(self, dofs: Sequence[str], sources: Sources | None = None) -> Recording:
         """The recording of all files, each read alone, end to end with gaps in time between them.
 
-        Every sample keeps the number of its file, so nothing is differentiated or filtered over a
-        joint. `sources` are the columns of the one file, if others than those in it; nothing needs
-        to act on the vessel.
+        Nothing is differentiated or filtered over a joint. `sources` is as in `account`; nothing
+        needs to act on the vessel.
         """
+        read = zip(self.readers.items(), self.account(dofs, sources), strict=True)
+        parts = [reader._cut(path, signals, dofs) for (path, reader), signals in read]
         if not self.train:
-            return self._of_file(self.file, dofs, sources)
-        parts: list[Recording] = []
-        for number, (path, reader) in enumerate(self.readers.items()):
-            part = reader._of_file(path, dofs)
-            parts.append(replace(part, file=np.full(len(part), number)))
-            try:
-                whole = end_to_end(parts)
-            except RecordingError as error:
-                raise RecordingError(
-                    f"{path}: {error}; excitation.resample_hz gives all files one sample time"
-                ) from error
+            return parts[0]
         depths = range(1, 1 + max(len(path.parts) for path in self.readers))
         every = (tuple("/".join(p.parts[-depth:]) for p in self.readers) for depth in depths)
-        names = next(names for names in every if len(set(names)) == len(names))
-        return replace(whole, file_names=names)  # with what tells them apart
+        names = next(names for names in every if len(set(names)) == len(names))  # tell them apart
+        parts = [replace(part, file=np.full(len(part), number), file_names=names)
+                 for number, part in enumerate(parts)]  # fmt: skip
+        return recordings.end_to_end(parts)
 
-    @cached_property
-    def readers(self) -> dict[Path, "RecordedFile"]:
-        """The files of the recording, each with what reads it: those of `test` as `tested`."""
-        if not self.train:
-            return {self.file: self}
-        train, test = file_set(self.train, self.test)
-        tested = replace(self, **vars(self.tested)) if self.tested else self
-        return dict.fromkeys(train, self) | dict.fromkeys(test, tested)
+    def _cut(self, path: Path, signals: ReadSignals, dofs: Sequence[str]) -> Recording:
+        """The recording of one file in its window, with what is missing derived from the rest.
 
-    def sources(self, path: Path | None = None) -> dict[str, Source]:
-        """The columns of a file as recorded, of the first one by default."""
-        options = ReadOptions(self.format, self.text, self.messages)
-        return read_sources(path or next(iter(self.readers)), options)
+        These are accelerations, positions that are not needed (the way made good), and angles (0).
+        """
+        t, known = signals.t, signals.values
 
-    def _of_file(
-        self, path: Path, dofs: Sequence[str], sources: Sources | None = None
-    ) -> Recording:
-        """The recording of one file, with accelerations where they are not recorded."""
-        signals = self._signals_of(path, dofs, sources)
-        rows = self._window(path, signals.t)
-        t, values = signals.t[rows], {o: x[rows] for o, x in signals.values.items()}
+        def stack(kind: str, names: Sequence[str]) -> Array:
+            return np.column_stack([known[f"{kind}.{name}"] for name in names])
 
-        def of(kind: str, names: Sequence[str]) -> Array | None:
-            known = [values[o] for name in names if (o := f"{kind}.{name}") in values]
-            return np.column_stack(known) if known and len(known) == len(names) else None
-
-        if (nu := of("velocity", dofs)) is None:
-            missing = [dof for dof in dofs if f"velocity.{dof}" not in values]
-            raise ConfigurationError(
-                f"excitation.columns.velocity: no column for {', '.join(missing)}, nor a position "
-                "to differentiate"
-            )
-        period = recordings.sample_time(signals.t)
-        rate = recordings.piecewise(
-            partial(central_difference, period_s=period), recordings.piece_edges(signals.t, period),
-            np.column_stack([signals.values[f"velocity.{dof}"] for dof in dofs]),
-        )[rows]  # fmt: skip
-        rates = (values.get(f"acceleration.{d}", x) for d, x in zip(dofs, rate.T, strict=True))
-        attitude = np.column_stack([values.get(f"position.{dof}", 0.0 * t) for dof in DOFS[3:]])
-        attitude[:, 2] += wrap(attitude[0, 2]) - attitude[0, 2]
-        pose = values | dict(zip([f"position.{d}" for d in DOFS[3:]], attitude.T, strict=True))
-        way = scipy.integrate.cumulative_trapezoid(nu, t, axis=0, initial=0.0)  # made good
-        eta = (pose.get(f"position.{d}", x) for d, x in zip(dofs, way.T, strict=True))
-        tau = of("force", dofs)
+        if missing := [dof for dof in dofs if f"velocity.{dof}" not in known]:
+            text = f"no column for {', '.join(missing)}, nor a position to differentiate"
+            raise ConfigurationError(f"excitation.columns.velocity: {text}")
+        start = -np.inf if self.start_s is None else self.start_s
+        end = np.inf if self.end_s is None else self.end_s
+        rows = (start < t) & (t < end)
+        if (count := np.count_nonzero(rows)) < LEAST_SAMPLES:
+            got = f"{path}: got {count} samples with {start:g} < t < {end:g} s, expected at least 2"
+            raise RecordingError(f"{got}; the file holds {t[0]:g} to {t[-1]:g} s")
+        period, nu = recordings.sample_time(t), stack("velocity", dofs)
+        difference = partial(central_difference, period_s=period)
+        nu_dot = recordings.piecewise(difference, recordings.piece_edges(t, period), nu)
+        level = dict.fromkeys((f"position.{dof}" for dof in DOFS[3:]), 0.0 * t)
+        rates = {f"acceleration.{d}": x for d, x in zip(dofs, nu_dot.T, strict=True)}
+        t, nu, known = t[rows], nu[rows], {o: x[rows] for o, x in (level | rates | known).items()}
+        psi = known["position.yaw"]
+        known["position.yaw"] = psi + (wrap(psi[0]) - psi[0])
+        way = scipy.integrate.cumulative_trapezoid(nu, t, axis=0, initial=0.0)
+        known = {f"position.{dof}": x for dof, x in zip(dofs, way.T, strict=True)} | known
         inputs, loads = tuple(self.columns.inputs), tuple(self.columns.loads)
+        commands = tuple(self.columns.commands)
+        measured: dict[str, Any] = {"tau": np.zeros_like(nu)} | {
+            field: stack(kind, names) for field, kind, names in (
+                ("tau", "force", dofs), ("tau_actual", "actual_force", dofs),
+                ("wind", "air", DOFS[:2]), ("inputs", "inputs", inputs),
+                ("commands", "commands", commands), ("loads", "loads", loads))
+            if names and all(f"{kind}.{name}" in known for name in names)
+        }  # fmt: skip
         return Recording(
-            tuple(dofs), t, np.column_stack([*eta]), nu, np.column_stack([*rates]),
-            np.zeros_like(nu) if tau is None else tau, attitude,
-            tau_actual=of("actual_force", dofs), wind=of("air", ("surge", "sway")),
-            inputs=of("inputs", inputs), commands=of("commands", tuple(self.columns.commands)),
-            input_names=inputs, loads=of("loads", loads), load_names=loads,
+            tuple(dofs), t, stack("position", dofs), nu, stack("acceleration", dofs),
+            attitude=stack("position", DOFS[3:]), input_names=inputs, load_names=loads,
+            **measured,
         )  # fmt: skip
-
-    def _signals_of(
-        self, path: Path, dofs: Sequence[str], sources: Sources | None = None
-    ) -> ReadSignals:
-        """The used columns of a file in SI units and our frames; read once."""
-        key = (path, *dofs)
-        if key not in self._read:
-            known = self.sources(path) if sources is None else sources
-            self._read[key] = self.signals(path, known, dofs)
-        return self._read[key]
-
-    def account(self, dofs: Sequence[str]) -> Sequence[ReadSignals]:
-        """How each file was read: units with their origin, and what was left out."""
-        return [reader._signals_of(path, dofs) for path, reader in self.readers.items()]
 
     def split(self, t: Array, file: NDArray[np.int64] | None = None) -> Split:
         """Training and test samples of the recording that `read` returns.
 
-        A file for testing is not tested on in its first `initial_s` [s]: a free run starts from
-        the state that is measured then.
-
-        Args:
-            t: its times [s], (N,).
-            file: the number of the file of each sample, (N,), of several files.
-
-        Raises ConfigurationError if no trip, or too little of a file, is left for one of them.
+        Its times are t (N,) [s], `file` (N,) the number of the file of each sample, of several. A
+        file is not tested on in its first `initial_s` [s]: a free run starts from what is measured
+        then. Raises ConfigurationError if too little is left for one of them.
         """
         if self.trip_starts_s:
             return recordings.by_trips(t, self.trip_starts_s, self.training_trips)
         if file is None:
             return half(len(t), self.train_fraction)
-        training = len(file_set(self.train, self.test)[0])
         train, test = np.zeros((2, len(t)), dtype=np.bool_)
         for number, path in enumerate(self.readers):
-            rows = np.flatnonzero(file == number)
-            if self.test and number < training:
-                train[rows] = True
-                continue
-            late = t[rows] >= t[rows[0]] + self.initial_s
-            if not self.test:
-                train[rows], own = half(len(rows), self.train_fraction)
-                late &= own
-            test[rows] = late
-            if (left := np.count_nonzero(late)) < LEAST_SAMPLES:
-                raise ConfigurationError(
-                    f"excitation.initial_s: got {self.initial_s:g} s, which leaves {left} samples "
-                    f"for testing of {path}, {np.ptp(t[rows]):g} s long; expected at least 2"
-                )
-        return Split(train, test)
-
-    def describe(self) -> dict[str, dict[str, float]]:
-        """Descriptive statistics of the recorded columns `statistics` in the window; std by n - 1.
-
-        Missing values are ignored.
-        """
-        result: dict[str, dict[str, float]] = {}
-        for path, reader in self.readers.items() if self.statistics else ():
-            sources, columns = reader.sources(path), reader.columns
-            source = column(sources, columns.clock.name)[0]
-            t = seconds(source, clock_of(source, columns)) - first_time(sources, columns)
-            window = self._window(path, t)
-            for name in filter(source.find, self.statistics):
-                values = pd.Series(source.numbers(name, gaps=True)[window]).describe([0.5])
-                known = {new: float(values[old]) for old, new in STATISTICS.items()}
-                result[f"{path.stem}:{name}" if self.train else name] = known
-        return result
-
-    def _window(self, path: Path, t: Array) -> Mask:
-        """Mask (N,) of the samples strictly between `start_s` and `end_s`."""
-        start = -np.inf if self.start_s is None else self.start_s
-        end = np.inf if self.end_s is None else self.end_s
-        window = (start < t) & (t < end)
-        if (count := np.count_nonzero(window)) < LEAST_SAMPLES:
-            raise RecordingError(
-                f"{path}: got {count} samples with {start:g} < t < {end:g} s, "
-                f"expected at least 2; the file holds {t[0]:g} to {t[-1]:g} s"
+            rows, tested = (
+                np.flatnonzero(file == number),
+                not self.test or path in self._sets["test"],
             )
-        return window
+            own = half(len(rows), self.train_fraction)
+            train[rows] = not tested if self.test else own.train
+            late = t[rows] >= t[rows[0]] + self.initial_s
+            test[rows] = late & (tested if self.test else own.test)
+            if tested and (left := np.count_nonzero(test[rows])) < LEAST_SAMPLES:
+                got = f"got {self.initial_s:g} s, which leaves {left} samples for testing of {path}"
+                length = f"{np.ptp(t[rows]):g} s long; expected at least {LEAST_SAMPLES}"
+                raise ConfigurationError(f"excitation.initial_s: {got}, {length}")
+        return Split(train, test)

@@ -20,9 +20,7 @@ UNIFORMITY = 0.01  # largest deviation of a step from the sample time, relative 
 BETWEEN = 10  # sample times between two recordings that are joined
 DROP_S = 2.0  # [s] at each end, where a zero-phase filter lacks data on one side
 MIN_PIECE = 30  # samples of a piece that is low-passed, beside those that are dropped
-# by all parts of a recording
-SHARED = ("dofs", "without_lag", "input_names", "load_names", "file_names")
-SMOOTHED = ("nu", "nu_dot", "tau", "tau_filtered", "tau_actual", "wind", "inputs", "loads")
+SMOOTHED = {"nu", "nu_dot", "tau", "tau_filtered", "tau_actual", "wind", "inputs", "loads"}
 Mask = NDArray[np.bool_]
 R = TypeVar("R", bound="Recording")
 
@@ -68,6 +66,11 @@ class Recording:
     def __len__(self) -> int:
         return len(self.t)
 
+    @property
+    def place(self) -> str:
+        """What messages call it: its file, if it is one of several."""
+        return "recordings" if self.file is None else self.file_names[int(self.file[0])]
+
     @cached_property
     def period_s(self) -> float:
         """Sample time [s], also if parts of the recording are missing."""
@@ -81,9 +84,7 @@ class Recording:
     @cached_property
     def piece_starts(self) -> Mask:
         """True (N,) at the first sample and at each that follows a gap in time."""
-        starts = piece_starts(self.t, self.period_s)
-        starts.flags.writeable = False  # all who ask share it
-        return starts
+        return piece_starts(self.t, self.period_s)
 
     @cached_property
     def noise(self) -> NoiseFloor:
@@ -92,12 +93,13 @@ class Recording:
 
     def part(self, mask: Mask | slice) -> "Recording":
         """The recording restricted to the samples of a mask (N,) or slice."""
-        return self._changed(lambda values: values[mask], SAMPLED)
+        return replace(self, **{name: values[mask] for name, values in self.sampled.items()})
 
-    def _changed(self, change: Callable[[Any], Any], names: Sequence[str]) -> "Recording":
-        """The recording with what it has of some fields changed."""
-        known = ((name, getattr(self, name)) for name in names)
-        return replace(self, **{name: change(x) for name, x in known if x is not None})
+    @property
+    def sampled(self) -> dict[str, Any]:
+        """The arrays (N, ...) of the recording by their names, without those that it lacks."""
+        values = ((field.name, getattr(self, field.name)) for field in fields(self))
+        return {name: x for name, x in values if isinstance(x, np.ndarray)}
 
     def with_thruster(self, thruster: SecondOrderLag | None) -> "Recording":
         """The recording with `tau_filtered`, the command filtered by a known thruster lag."""
@@ -106,35 +108,28 @@ class Recording:
         return replace(self, tau_filtered=acting_force(thruster, self.tau, self.period_s))
 
     def force(self, kind: str | None) -> Array:
-        """The force [N, Nm] used to compute a residual, shape (N, n_dof).
+        """The force [N, Nm] used to compute a residual, (N, n_dof); `commanded` in the thesis.
 
-        `commanded` is the choice of the thesis. If `kind` is None, the force is `filtered` if the
-        lag is known, else `actual` if it is recorded, else `commanded`. Raises ConfigurationError
-        if the force of the kind is not available.
+        If `kind` is None, it is `filtered` if the lag is known, else `actual` if it is recorded,
+        else `commanded`. Raises ConfigurationError if the force of the kind is not available.
         """
         forces = {"filtered": self.tau_filtered, "actual": self.tau_actual, "commanded": self.tau}
         kind = kind or next(name for name, force in forces.items() if force is not None)
         if (force := forces[kind]) is None:
-            missing = (
-                "the thruster lag is not known" if kind == "filtered" else "it is not recorded"
-            )
-            raise ConfigurationError(f"identifier.force: got {kind}, but {missing}")
+            why = "the thruster lag is not known" if kind == "filtered" else "it is not recorded"
+            raise ConfigurationError(f"identifier.force: got {kind}, but {why}")
         return force
 
     def held_force(self, kind: str | None) -> Array:
         """Force [N, Nm] at the start, middle and end of each sample, shape (N, 3, n_dof).
 
-        A command is constant over its sample. An acting force is known at the samples and linear
-        between them; after the last sample it is constant.
+        A command is constant over its sample, an acting force linear between the samples.
         """
         start = self.force(kind)
         return _held(start, start if start is self.tau else following(start))
 
     def held_inputs(self) -> Array:
-        """Inputs at the start, middle and end of each sample, shape (N, 3, n_inputs).
-
-        They are linear between the samples and constant after the last one.
-        """
+        """Inputs, linear between the samples, as `held_force` has forces, (N, 3, n_inputs)."""
         assert self.inputs is not None
         return _held(self.inputs, following(self.inputs))
 
@@ -157,12 +152,12 @@ class Recording:
             drop, pieces = round(drop_s / self.period_s), self.pieces()
             if (longest := max(map(len, pieces))) < (least := 2 * drop + MIN_PIECE):
                 raise RecordingError(f"got {longest} samples, too few for a low-pass filter")
-            smoothed = [
-                piece._changed(
-                    partial(lowpass, cutoff_hz=cutoff_hz, period_s=piece.period_s), SMOOTHED
-                ) for piece in pieces if len(piece) >= least
-            ]  # fmt: skip
-            inner = [piece.part(slice(drop, len(piece) - drop)) for piece in smoothed]
+            inner = []
+            for piece in (piece for piece in pieces if len(piece) >= least):
+                smooth = piece.sampled
+                for name in SMOOTHED & smooth.keys():
+                    smooth[name] = lowpass(smooth[name], cutoff_hz, piece.period_s)
+                inner.append(replace(piece, **smooth).part(slice(drop, len(piece) - drop)))
             self._filtered[cutoff_hz, drop_s] = joined(inner)
         return self._filtered[cutoff_hz, drop_s]
 
@@ -232,23 +227,19 @@ def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
     """Raise ConfigurationError unless the cut-off is below half the sample rate; period [s]."""
     highest = 0.5 / period_s
     if cutoff_hz is not None and not 0.0 < cutoff_hz < highest:
-        raise ConfigurationError(
-            f"identifier.lowpass_hz must lie between 0 and {highest:g}, got {cutoff_hz:g}"
-        )
-
-
-SAMPLED = tuple(field.name for field in fields(Recording) if field.name not in SHARED)
+        text = f"must lie between 0 and {highest:g}, got {cutoff_hz:g}"
+        raise ConfigurationError(f"identifier.lowpass_hz {text}")
 
 
 def joined(pieces: Sequence[R]) -> R:
     """Concatenate pieces, each of which keeps its time; raises RecordingError if they differ."""
-    columns: dict[str, Any] = {}
-    for name in SAMPLED:
-        values = [getattr(piece, name) for piece in pieces]
-        if len({value is None for value in values}) > 1:
-            raise RecordingError(f"recordings: {name} is in some, expected it in all or none")
-        columns[name] = None if values[0] is None else np.concatenate(values)
-    return replace(pieces[0], **columns)
+    parts = [piece.sampled for piece in pieces]
+    for piece, part in zip(pieces, parts, strict=True):
+        if some := part.keys() ^ parts[0].keys():
+            text = f"{min(some)} is in some, expected it in all or none"
+            raise RecordingError(f"{piece.place}: {text}")
+    every = ((name, np.concatenate([part[name] for part in parts])) for name in parts[0])
+    return replace(pieces[0], **dict[str, Any](every))
 
 
 def end_to_end(parts: Sequence[R]) -> R:
@@ -258,19 +249,18 @@ def end_to_end(parts: Sequence[R]) -> R:
     freedom, sample time or what was measured.
     """
     names = next((part.load_names for part in parts if part.load_names), ())
-    parts = [
-        part if part.load_names == names
-        else replace(part, load_names=names, loads=np.full((len(part), len(names)), np.nan))
-        for part in parts
-    ]  # fmt: skip
+    parts = [part if part.load_names == names
+             else replace(part, load_names=names, loads=np.full((len(part), len(names)), np.nan))
+             for part in parts]  # fmt: skip
     first = parts[0]
     period, t, end = first.period_s, [first.t], float(first.t[-1])
     for part in parts[1:]:
         if part.dofs != first.dofs or abs(part.period_s - period) > UNIFORMITY * period:
-            raise RecordingError(
-                f"recordings: got {', '.join(part.dofs)} every {part.period_s:g} s, "
-                f"expected {', '.join(first.dofs)} every {period:g} s as in the first"
+            got, expected = (
+                f"{', '.join(one.dofs)} every {one.period_s:g} s" for one in (part, first)
             )
+            text = f"got {got}, expected {expected} as in the first; resample_hz sets one"
+            raise RecordingError(f"{part.place}: {text}")
         steps = (float(part.t[0]) - end) / period
         follows = steps > 0.5 and abs(steps - round(steps)) < UNIFORMITY
         t.append(part.t if follows else part.t + (end + BETWEEN * period - float(part.t[0])))
@@ -290,15 +280,14 @@ def blocks(n: int, count: int, file: NDArray[np.int64] | None = None) -> list[sl
     If the samples are of several files (N,), a block is a file, or consecutive files where there
     are more than `count`.
     """
-    even = [int(edge) for edge in np.linspace(0, n, count + 1).round()]
-    if file is None or file[0] == file[-1]:
-        return [slice(a, b) for a, b in pairwise(even)]
-    starts = np.flatnonzero(np.diff(file, prepend=file[0] - 1))
-    if len(starts) > count:  # from file to file, as nearly even as they can be
+    starts = np.arange(n)
+    if file is not None and file[0] != file[-1]:
+        starts = np.flatnonzero(np.diff(file, prepend=file[0] - 1))
+    if len(starts) > count:  # as nearly even as they can be
         chosen = [0]
-        for i, edge in enumerate(even[1:-1], 1):
-            rest = len(starts) - np.arange(len(starts))
-            left = starts[(starts > chosen[-1]) & (rest >= count - i)]
+        for i, edge in enumerate(np.linspace(0, n, count + 1).round()[1:-1], 1):
+            left = starts[: len(starts) - count + i + 1]  # so that each block after it has one
+            left = left[left > chosen[-1]]
             chosen.append(int(left[np.argmin(np.abs(left - edge))]))
         starts = np.array(chosen)
     return [slice(int(a), int(b)) for a, b in pairwise([*starts, n])]
@@ -307,9 +296,7 @@ def blocks(n: int, count: int, file: NDArray[np.int64] | None = None) -> list[sl
 class Split(NamedTuple):
     """Disjoint masks of the training and test samples, shape (N,); they need not cover all samples.
 
-    Neighbouring samples of a motion are similar, so a random split would test on data close to the
-    training data. All splits are therefore blocks in time, and those for cross-validation can
-    leave a gap.
+    They are blocks in time: a random split would test on data close to the training data.
     """
 
     train: Mask
@@ -328,9 +315,7 @@ def by_trips(t: Array, starts_s: Sequence[float], training: Collection[int]) -> 
     """The `training` trips, counted from 1, and the others for testing.
 
     A trip begins at its start [s] and lasts until the next one; samples before the first are in
-    neither set. Jervan (2020), section 5.3, uses trips 1 and 3 for training, 2 and 4 for testing,
-    so that both contain the changing weather. Raises ConfigurationError if starts do not increase,
-    or one of the sets is empty.
+    neither set. Jervan (2020), section 5.3, uses trips 1 and 3 for training, 2 and 4 for testing.
     """
     if np.any(np.diff(starts_s) <= 0.0):
         raise ConfigurationError(f"trip_starts_s must increase, got {list(starts_s)}")
@@ -338,22 +323,16 @@ def by_trips(t: Array, starts_s: Sequence[float], training: Collection[int]) -> 
     selected = np.isin(trip, list(training))
     split = Split(selected & (trip > 0), ~selected & (trip > 0))
     if not np.any(split.train) or not np.any(split.test):
-        raise ConfigurationError(
-            f"training_trips must leave trips for training and for testing, got {list(training)} "
-            f"of trips {np.unique(trip[trip > 0]).tolist()}"
-        )
+        got = f"got {list(training)} of trips {np.unique(trip[trip > 0]).tolist()}"
+        raise ConfigurationError(f"training_trips must leave trips for training and testing, {got}")
     return split
 
 
 def blocked_k_fold(n: int, count: int, file: NDArray[np.int64] | None = None) -> tuple[Split, ...]:
-    """`count` splits that test on one block each and train on the others; see `blocks` for files.
-
-    Raises ConfigurationError for fewer than two blocks, or fewer samples than blocks.
-    """
+    """`count` splits that test on one of the `blocks` each and train on the others."""
     if count < 2 or n < count:
-        raise ConfigurationError(
-            f"cannot cut {n} samples into {count} blocks, expected at least 2 blocks, none empty"
-        )
+        got = f"cannot cut {n} samples into {count} blocks"
+        raise ConfigurationError(f"{got}, expected at least 2 blocks, none empty")
     k = np.arange(n)
     inside = ((block.start <= k) & (k < block.stop) for block in blocks(n, count, file))
     return tuple(Split(~test, test) for test in inside)

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.column_map import Column
+from seatrial.models.recording.column_map import TITLES as UNIT_TITLES
+from seatrial.models.recording.column_map import Column, factor, unit_in_title, words_of
 from seatrial.models.recording.source import MISSING, Source
-from seatrial.models.recording.units import TITLES as UNIT_TITLES
-from seatrial.models.recording.units import factor, unit_in_title, words_of
 from seatrial.models.vessel.basis import Array
 
 if TYPE_CHECKING:  # slow to import

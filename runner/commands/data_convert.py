@@ -2,9 +2,9 @@
 
 import hashlib
 import json
-import os
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,9 +14,8 @@ from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, accelerations_of, poses_of, velocities_of
+from seatrial.models.recording.column_map import targets_of
 from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.units import targets_of
-from seatrial.models.vessel.basis import Array
 from seatrial.runner.configuration.recording_map import KEY, read_map, reader_of
 
 File = Annotated[Path, typer.Argument(help="A file, or a folder with one file per topic.")]
@@ -50,13 +49,11 @@ def convert(file: File, target: Target, map_file: MapFile = None, dofs: Axes = N
     if not axes:
         raise ConfigurationError("data convert: got a map of no degree of freedom, expected --map")
     recording, path = reader.read(axes), file.expanduser()
-    files = (each for each in sorted((path, *path.rglob("*"))) if each.is_file())
+    files = filter(Path.is_file, sorted((path, *path.rglob("*"))))
     digests = {str(each): hashlib.sha256(each.read_bytes()).hexdigest() for each in files}
     write_recording(recording, target, {"read_by": node, "sha256": digests})
-    typer.echo(
-        f"wrote {target}: {len(recording)} samples of {recording.period_s:g} s in "
-        f"{len(recording.pieces())} pieces, {', '.join(axes)}"
-    )
+    size = f"{len(recording)} samples of {recording.period_s:g} s"
+    typer.echo(f"wrote {target}: {size} in {len(recording.pieces())} pieces, {', '.join(axes)}")
 
 
 def write_recording(recording: Recording, path: Path, metadata: dict[str, object]) -> None:
@@ -64,37 +61,34 @@ def write_recording(recording: Recording, path: Path, metadata: dict[str, object
 
     The file appears when it is complete. Raises RecordingError if it cannot be written.
     """
-    dofs, attitude = recording.dofs, DOFS[3:]
-    columns: dict[str, tuple[Array, str]] = {"t": (recording.t, "s")}
+    r, dofs, angles, air = recording, recording.dofs, DOFS[3:], DOFS[:2]
+    fields, arrays = {"t": pa.field("t", pa.float64(), metadata={"unit": "s"})}, {"t": r.t}
     read_by: dict[str, Any] = {"time": "t", "at_gap": "split"}
-    inputs, loads = recording.input_names, recording.load_names
-    forces = recording.tau if np.any(recording.tau) or not inputs else None
+    forces = r.tau if np.any(r.tau) or not r.input_names else None
     for kind, values, keys, names in (
-        ("position", recording.eta, dofs, poses_of(dofs)),
-        ("position", recording.attitude, attitude, poses_of(attitude)),
-        ("velocity", recording.nu, dofs, velocities_of(dofs)),
-        ("acceleration", recording.nu_dot, dofs, accelerations_of(dofs)),
+        ("position", r.eta, dofs, poses_of(dofs)),
+        ("position", r.attitude, angles, poses_of(angles)),
+        ("velocity", r.nu, dofs, velocities_of(dofs)),
+        ("acceleration", r.nu_dot, dofs, accelerations_of(dofs)),
         ("force", forces, dofs, [f"tau_{dof}" for dof in dofs]),
-        ("actual_force", recording.tau_actual, dofs, [f"acting_{dof}" for dof in dofs]),
-        ("air", recording.wind, DOFS[:2], ["air_u", "air_v"]),
-        ("inputs", recording.inputs, inputs, [f"inputs.{name}" for name in inputs]),
-        ("commands", recording.commands, inputs, [f"commands.{name}" for name in inputs]),
-        ("loads", recording.loads, loads, [f"loads.{name}" for name in loads]),
-    ):
+        ("actual_force", r.tau_actual, dofs, [f"acting_{dof}" for dof in dofs]),
+        ("air", r.wind, air, [f"air_{letter}" for letter in velocities_of(air)]),
+        *((kind, values, names, [f"{kind}.{name}" for name in names]) for kind, values, names in (
+            ("inputs", r.inputs, r.input_names), ("commands", r.commands, r.input_names),
+            ("loads", r.loads, r.load_names))),
+    ):  # fmt: skip
         for key, name, column in zip(keys, names, () if values is None else values.T, strict=False):
-            targets = targets_of(f"{kind}.{key}")
-            unit = targets[0] if len(targets) == 1 else ""
-            columns[name] = column, unit
+            unit, *others = targets_of(f"{kind}.{key}")
+            unit = "" if others else unit
+            fields[name] = pa.field(name, pa.float64(), metadata={"unit": unit})
+            arrays[name] = np.ascontiguousarray(column)
             read_by.setdefault(kind, {})[key] = name if unit else {"column": name, "unit": ""}
-    arrays = [pa.array(np.ascontiguousarray(values)) for values, _ in columns.values()]
-    fields = [pa.field(n, pa.float64(), metadata={"unit": u}) for n, (_, u) in columns.items()]
     known = {KEY: json.dumps({**metadata, "map": read_by}, default=str)}
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    schema = pa.schema([*fields.values()], metadata=known)
+    table = pa.Table.from_arrays([*map(pa.array, arrays.values())], schema=schema)
     try:
-        schema = pa.schema(fields, metadata=known)
-        parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), part)
-        part.replace(path)
+        with TemporaryDirectory(dir=path.parent) as folder:
+            parquet.write_table(table, part := Path(folder) / path.name)
+            part.replace(path)
     except OSError as error:
-        part.unlink(missing_ok=True)
-        reason = error.strerror or str(error)
-        raise RecordingError(f"{path}: cannot be written ({reason})") from error
+        raise RecordingError(f"{path}: cannot be written ({error.strerror or error})") from error

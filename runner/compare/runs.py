@@ -9,7 +9,6 @@ from datetime import datetime
 from decimal import Decimal
 from pathlib import Path
 
-from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import Queries, flat
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line, unit_text
@@ -42,8 +41,6 @@ SHOWN = (  # diagnostics of the uncertainty, and of what the excitation can tell
     *("model_error", "no_model_error", "no_band", "tracking_", "no_tracking"),
     *("regressor_", "spectral_lines", "inseparable_terms"),
 )
-STATISTIC = "statistic_"  # of a column of a recording
-STATISTICS = ("count", "mean", "std", "median", "minimum", "maximum")
 DATABASE = re.compile(r"[+~]*database(\.url)?=")
 SHOWN_BYTES = 16
 
@@ -154,25 +151,11 @@ def run_details(results: Queries, run_id: int) -> list[TextTable]:
         _stored("metrics", reader.metrics(run_id), 4),
         _stored("coefficients", reader.coefficients(run_id), 3),
         _stored("diagnostics", [row for row in diagnostics if row.name.startswith(SHOWN)], 2),
-        _recording(diagnostics),
         grid_of("configuration", ("key", "value"), configuration, labels=2),
         grid_of(f"run {run_id}", ("property", "value"), _properties(results, run_id), labels=2),
         _stored("series", reader.series_files(run_id), 2),
     ]
     return [grid for grid in grids if grid.rows]
-
-
-def _recording(rows: Sequence[Diagnostic]) -> TextTable:
-    """Return the statistics of the columns of a measured recording, in the order of its file."""
-    stored = {
-        (row.i or 0, row.label or "", row.name.removeprefix(STATISTIC)): row.value
-        for row in rows
-        if row.name.startswith(STATISTIC)
-    }
-    columns = sorted({(i, label) for i, label, _ in stored})
-    lines = [[label, *(stored.get((i, label, n)) for n in STATISTICS)] for i, label in columns]
-    headers = ("column", "N", "mean", "std", "median", "min", "max")
-    return grid_of("recording, as measured", headers, lines)
 
 
 def _stored(title: str, records: Sequence[object], labels: int) -> TextTable:

@@ -1,15 +1,15 @@
-"""Maps of recordings: YAML files that say which column is what.
+"""Maps of recordings: YAML files with the keys of `excitation.columns`, which they replace.
 
-The keys of a map are those of `excitation.columns`; other options of `excitation=recording`, such
-as `resample_hz`, may stand beside them. A map replaces the columns of the configuration. Files for
-testing may have a map of their own, with `format` and `text` beside the columns. A file that was
-written by `seatrial data convert` holds its map.
+Other options of `excitation=recording`, such as `resample_hz`, may stand beside them. A map of the
+files for testing has `format` and `text` beside the columns. A converted file holds its map.
 """
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -20,9 +20,8 @@ from seatrial.runner.configuration import options
 from seatrial.runner.configuration.search_path import CONF, located
 
 DEFAULT = CONF / "excitation" / "recording.yaml"
-MAP_COLUMNS = tuple(field.name for field in fields(ColumnMap))
-OTHERS: dict[str, object] = {"heading_deg": 0.0, "statistics": []}  # by default of other files
-KEY = "seatrial"  # of the metadata of a converted file
+OTHERS: dict[str, object] = {"heading_deg": 0.0}  # by default of other files
+KEY = b"seatrial"  # of the metadata of a converted file
 
 
 def with_map(node: object) -> object:
@@ -41,14 +40,10 @@ def own_map(path: Path) -> dict[str, object]:
     from pyarrow import parquet  # slow to import
 
     path = path.expanduser()
-    if path.suffix != ".parquet" or not path.is_file():
-        return {}
-    try:
-        content = (parquet.read_schema(path).metadata or {}).get(KEY.encode(), b"{}")
-        known = json.loads(content).get("map")
-    except (OSError, ValueError, AttributeError):  # which reading it says
-        return {}
-    return options_of(known) if isinstance(known, dict) else {}
+    if path.suffix == ".parquet" and path.is_file():
+        with suppress(OSError, ValueError, KeyError, TypeError):  # which reading it says
+            return options_of(json.loads(parquet.read_schema(path).metadata[KEY])["map"])
+    return {}
 
 
 def read_map(path: str | Path) -> dict[str, object]:
@@ -60,23 +55,19 @@ def read_map(path: str | Path) -> dict[str, object]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        known = getattr(error, "strerror", None) or getattr(error, "problem", None)
-        reason = known or str(error).splitlines()[0]
-        raise ConfigurationError(
-            f"excitation.map: {path}: {reason}, expected a YAML file of columns"
-        ) from error
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        raise ConfigurationError(f"excitation.map: {path}: {reason}, expected YAML") from error
     if not isinstance(content, dict) or "time" not in content:
-        raise ConfigurationError(
-            f"excitation.map: {path}: got no time, expected the columns of a recording, such as "
-            "time: t and velocity: {surge: u}"
-        )
+        expected = "expected the columns of a recording, such as time: t, velocity: {surge: u}"
+        raise ConfigurationError(f"excitation.map: {path}: got no time, {expected}")
     return options_of(content)
 
 
-def options_of(content: dict[str, object]) -> dict[str, object]:
+def options_of(content: dict[str, Any]) -> dict[str, object]:
     """Options of a recording from the content of a map."""
-    columns = {key: value for key, value in content.items() if key in MAP_COLUMNS}
-    others = {key: value for key, value in content.items() if key not in columns}
+    keys = {field.name for field in fields(ColumnMap)}
+    columns = {key: value for key, value in content.items() if key in keys}
+    others = {key: value for key, value in content.items() if key not in keys}
     if "heading" in others:
         position = columns.get("position")
         known = position if isinstance(position, Mapping) else {}

@@ -1,7 +1,7 @@
 """Results of the excitation of a trial.
 
-They are the identifiability of the terms from the recording, the statistics and quality of a
-measured file, and the counts and the plan of a mix of manoeuvres.
+They are the identifiability of the terms from the recording, the quality of a measured
+file, and the counts and the plan of a mix of manoeuvres.
 """
 
 from collections.abc import Iterable
@@ -25,22 +25,16 @@ if TYPE_CHECKING:
 
 
 def of_file(file: RecordedFile, recording: Recording) -> Results:
-    """The statistics of a measured file's columns, its quality, and its problems.
+    """The quality of a measured file, and its problems.
 
-    The index `i` of a diagnostic is the column. The quality are the largest errors of the velocity
-    integrated, and of the position differentiated.
+    The quality are the largest errors of the velocity integrated, and of the position
+    differentiated.
     """
-    statistics = [
-        Diagnostic(f"statistic_{name}", "all", value, i=i, label=column)
-        for i, (column, values) in enumerate(file.describe().items())
-        for name, value in values.items()
-    ]
     quality = [
         metric(f"{check.check}_error_max", "identification", "plant", check.dof, check.maximum)
         for check in quality_checks(recording)
     ]
-    problems = recording_checks.diagnostics(file, recording.dofs)
-    return Results(quality, diagnostics=[*statistics, *problems])
+    return Results(quality, diagnostics=recording_checks.diagnostics(file, recording.dofs))
 
 
 PASSAGE = -1.0  # in the column `manoeuvre` of the series `plan`

@@ -1,5 +1,7 @@
 """Hoyer (2021): the surge models."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from docs.published.grid import local_minima
 from seatrial.models.identification.problem import Problem
 from seatrial.runner.trials import closed_loop
 from seatrial.runner.trials import trial as trials
+from tests.data import DATA
 from tests.published.conftest import Run
 from tests.trials import composed
 
@@ -105,3 +108,20 @@ def test_every_number_of_predictions_is_timed_in_every_way(run: Run) -> None:
     assert len(times) == 2 * (1 + 2 + 2)
     for _, way, n in times:
         assert times["prediction_time", way, n] >= times["prediction_time_compiled", way, n] > 0.0
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("table", "name"),
+    [("7_2", "surge-1"), ("7_3", "sway-1"), ("7_4", "heave-1"), ("a_4", "random-1")],
+)
+def test_statistics_equal_the_thesis_to_two_decimals(run: Run, table: str, name: str) -> None:
+    found: dict[str, list[str]] = {}  # N, mean, std, median, min, max as printed
+    for row in run(f"experiment=hoyer_table_{table}").diagnostics:
+        if row.name.startswith("statistic_"):
+            found.setdefault(row.label or "", []).append(f"{row.value:.2f}")
+    text = (DATA / "beluga" / "thesis_stats_tex" / f"{name}.tex").read_text().replace("\\_", "_")
+    printed = re.findall(r"^(\w+) *&(.*)\\\\$", text, re.M)
+    assert len(printed) == 18
+    for column, cells in printed:
+        assert [cell.strip() for cell in cells.split("&")] == found[column], column

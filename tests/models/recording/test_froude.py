@@ -1,4 +1,4 @@
-"""A recording of a ship as one of its model, by Froude's law, and files of other columns."""
+"""A recording of a ship as one of its model, by its units, and files of other columns."""
 
 from pathlib import Path
 from typing import Any
@@ -8,13 +8,12 @@ import pytest
 import yaml
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.recording.units import froude_factor
 from seatrial.runner.commands.data_convert import write_recording
 from seatrial.runner.configuration import recording_map
 from tests.models.recording.test_file_set import reader
 
 DOFS = ("surge", "sway", "yaw")
-MAP = {
+MAP: dict[str, Any] = {
     "time": "t",
     "position": {"surge": "x", "sway": "y"},
     "heading": {"column": "psi", "unit": "deg"},
@@ -44,24 +43,22 @@ def mapped(path: Path, content: dict[str, Any]) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("unit", "power"),
-    [
-        ("m", -1.0), ("s", -0.5), ("m/s", -0.5), ("rad", 0.0), ("deg/s", 0.5), ("rpm", 0.5),
-        ("m/s^2", 0.0), ("rad/s^2", 1.0), ("kg", -3.0), ("N", -3.0), ("Nm", -4.0), ("kn", -0.5),
-    ],
-)  # fmt: skip
-def test_equal_froude_numbers(unit: str, power: float) -> None:
-    """U^2 / (g L) is the same at both scales, as are rho and g: ITTC 7.5-02-05-04, section 2."""
-    assert froude_factor(unit, 45.7) == pytest.approx(45.7**power, rel=1e-12)
-
-
 def test_a_ship_is_read_as_its_model(tmp_path: Path) -> None:
-    scale = 25.0
-    slow = 5.0
-    ship = (slow, scale, scale, 1.0, slow, slow, 1 / slow, 1.0, 1 / slow, scale**3)
+    """Units are expressions: U^2 / (g L), rho and g are the same at scale 1:25 (ITTC 7.5-02-05)."""
+    ship = (5.0, 25.0, 25.0, 1.0, 5.0, 5.0, 1 / 5.0, 1.0, 1 / 5.0, 25.0**3)
+    scaled = {
+        "time": {"column": "t", "unit": "s/25**0.5"},
+        "position": {dof: {"column": x, "unit": "m/25"} for dof, x in MAP["position"].items()},
+        "velocity": {
+            "surge": {"column": "u", "unit": "m/s/25**0.5"},
+            "sway": {"column": "v", "unit": "m/s/25**0.5"},
+            "yaw": {"column": "r", "unit": "deg/s*25**0.5"},
+        },
+        "inputs": {**MAP["inputs"], "n": {"column": "shaft", "unit": "rpm*25**0.5"}},
+        "loads": {"propeller.thrust": {"column": "T", "unit": "kN/25**3"}},
+    }  # fmt: skip
     content = mapped(tmp_path / "m.yaml", MAP)
-    of_ship = mapped(tmp_path / "s.yaml", {**MAP, "froude_scale": scale})
+    of_ship = mapped(tmp_path / "s.yaml", {**MAP, **scaled})
     model = reader(path=str(written(tmp_path / "m.csv", MODEL)), map=str(content)).read(DOFS)
     read = reader(path=str(written(tmp_path / "s.csv", ship)), map=str(of_ship)).read(DOFS)
     for name in ("t", "eta", "nu", "nu_dot", "inputs", "loads"):
@@ -69,17 +66,9 @@ def test_a_ship_is_read_as_its_model(tmp_path: Path) -> None:
     assert model.loads[10, 0] == pytest.approx(1000.0)
 
 
-def test_a_shaft_speed_without_a_unit_cannot_be_scaled(tmp_path: Path) -> None:
-    inputs = {**MAP["inputs"], "n": "shaft"}  # type: ignore[dict-item]
-    own = mapped(tmp_path / "s.yaml", {**MAP, "inputs": inputs, "froude_scale": 25.0})
-    file = written(tmp_path / "s.csv", MODEL)
-    with pytest.raises(ConfigurationError, match=r"columns\.inputs\.n: got no unit"):
-        reader(path=str(file), map=str(own)).read(DOFS)
-
-
 def test_files_that_are_tested_on_have_a_map_of_their_own(tmp_path: Path) -> None:
     """The file without thrust has no number there, the other columns are read by their own map."""
-    turned = {**MAP, "inputs": {**MAP["inputs"], "delta": {"column": "-rudder", "unit": "deg"}}}  # type: ignore[dict-item]
+    turned = {**MAP, "inputs": {**MAP["inputs"], "delta": {"column": "-rudder", "unit": "deg"}}}
     del turned["loads"]
     maps = mapped(tmp_path / "a.yaml", MAP), mapped(tmp_path / "b.yaml", turned)
     first = written(tmp_path / "a.csv", MODEL)
@@ -92,7 +81,7 @@ def test_files_that_are_tested_on_have_a_map_of_their_own(tmp_path: Path) -> Non
     assert np.all(np.isnan(recording.loads[60:]))
     with pytest.raises(RecordingError, match="no column 'T'"):
         reader(**options).read(DOFS)
-    with pytest.raises(ConfigurationError, match=r"test_map is of files of excitation\.test"):
+    with pytest.raises(ConfigurationError, match=r"test_map requires excitation\.test"):
         reader(path=str(first), map=str(maps[0]), test_map=str(maps[1]))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.joining import Channel, join_channels
+from seatrial.models.recording.reader import Channel, join_channels
 
 
 def test_straight_lines_are_joined_exactly_and_within_all_channels() -> None:
@@ -62,15 +62,12 @@ def test_an_old_command_is_a_gap() -> None:
     assert np.count_nonzero(np.diff(grid_t) > 0.15) == 1
 
 
-@pytest.mark.parametrize(
-    ("t", "message"),
-    [
-        ([0.0], "x: got 1 samples, expected at least 2"),
-        ([0.0, 1.0, 1.0], "x: got 3 samples, expected time to increase"),
-        ([0.0, np.nan, 1.0], "x: got 3 samples, expected time to increase"),
-    ],
-)
-def test_clocks_that_cannot_be_joined(t: list[float], message: str) -> None:
-    with pytest.raises(RecordingError) as caught:
-        join_channels({"x": Channel(np.array(t), np.zeros(len(t)))}, 1.0, 1.0)
-    assert str(caught.value) == message
+def test_times_that_do_not_rise_are_left_out() -> None:
+    """What is left of two samples cannot be joined."""
+    t, notes = np.array([0.0, 1.0, 1.0, 0.5, np.nan]), list[str]()
+    channel = Channel(t, np.array([5.0, 6.0, 7.0, 8.0, 9.0]), name="x").cleaned(notes)
+    np.testing.assert_array_equal(channel.values, [5.0, 6.0])
+    repeated = "2 samples are not later than the one before (1 times repeat, 1 go back): left out"
+    assert notes == ["1 rows have no time: left out", f"x: {repeated}"]
+    with pytest.raises(RecordingError, match="x: got 1 samples, expected at least 2"):
+        join_channels({"x": Channel(t[:1], t[:1], name="x")}, 1.0, 1.0)

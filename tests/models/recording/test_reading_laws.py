@@ -8,12 +8,11 @@ import pandas as pd
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.column_map import Column, ColumnMap
+from seatrial.models.recording.column_map import Column, ColumnMap, factor, unit_in_title
 from seatrial.models.recording.reader import Reading, ReadSignals
 from seatrial.models.recording.signals import sampling
 from seatrial.models.recording.source import ReadOptions, Source, read_sources
 from seatrial.models.recording.times import disagreement, find_time, seconds
-from seatrial.models.recording.units import factor, unit_in_title
 
 T = np.arange(0.0, 120.0, 0.2)
 PSI = 0.3 + 0.4 * np.sin(0.1 * T)

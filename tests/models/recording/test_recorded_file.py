@@ -1,7 +1,6 @@
 """Measured files: what is read from them, and what is refused."""
 
 import csv
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -153,7 +152,7 @@ def test_what_cannot_be_put_on_one_grid(tmp_path: Path) -> None:
     columns["force_x"] = [*["1"] * 5, *[""] * 15]
     columns["surge_vel"] = [*[""] * 15, *["1"] * 5]
     path = write(tmp_path / "a.csv", columns)
-    assert "overlap by fewer than two samples at 10 Hz" in refusal(path, resample_hz=10.0)
+    assert "got no 3 samples at 10 Hz that all columns cover" in refusal(path, resample_hz=10.0)
     columns = surge_columns()
     columns["Time"][4] = ""
     (signals,) = excitation(write(path, columns), resample_hz=10.0).account(("surge",))
@@ -186,12 +185,12 @@ def test_splits_of_a_file(tmp_path: Path) -> None:
         ({"train_fraction": 0.0}, ": train_fraction must lie between 0 and 1, got 0"),
         ({"train_fraction": 1.0}, ": train_fraction must lie between 0 and 1, got 1"),
         ({"columns": {"ground": {"speed": "v"}}}, "ground: got speed, expected speed, course"),
-        ({"training_trips": [1]}, ": training_trips requires trip_starts_s, got none"),
+        ({"training_trips": [1]}, ": training_trips requires trip_starts_s"),
         ({"trip_starts_s": [0, 10], "training_trips": []}, "testing, got [] of trips [1, 2]"),
         ({"trip_starts_s": [0, 9], "training_trips": [1, 2]}, "got [1, 2] of trips [1, 2]"),
         ({"trip_starts_s": [10, 0], "training_trips": [1]}, "must increase, got [10.0, 0.0]"),
         ({"trip_starts_s": [9, 9], "training_trips": [1]}, "must increase, got [9.0, 9.0]"),
-        ({"columns": {"velocity": {"sideways": "v"}}}, "got 'sideways', expected some of surge"),
+        ({"columns": {"velocity": {"sideways": "v"}}}, "got sideways, expected surge, sway"),
         ({"columns": {"force": {"surge": "-"}}}, "force.surge: got '-', expected the name of a"),
     ],
 )  # fmt: skip
@@ -291,24 +290,3 @@ def test_quaternion_that_is_none(tmp_path: Path) -> None:
     columns["orientation_y"][3] = 2.5
     message = refusal(write(tmp_path / "a.csv", columns))
     assert "sample 4: got a quaternion of length 2.65, expected 1" in message
-
-
-def printed(path: Path) -> dict[str, list[str]]:
-    """Rows of a table of Hoyer's thesis: name -> N, mean, std, median, min, max as printed."""
-    rows = {}
-    for line in path.read_text().splitlines():
-        if re.match(r"\w[\w\\]* *&", line):
-            name, *cells = line.removesuffix("\\\\").replace("\\_", "_").split("&")
-            rows[name.strip()] = [cell.strip() for cell in cells]
-    return rows
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("name", ["surge-1", "sway-1", "heave-1", "random-1"])
-def test_statistics_equal_the_thesis_to_two_decimals(name: str) -> None:
-    table = printed(BELUGA / "thesis_stats_tex" / f"{name}.tex")
-    assert len(table) == 18
-    found = excitation(BELUGA / f"{name}.csv", statistics=list(table)).describe()
-    assert set(found) == set(table)
-    for column, values in found.items():
-        assert [f"{value:.2f}" for value in values.values()] == table[column], column

@@ -230,32 +230,6 @@ def test_show_says_how_uncertain_predictions_are_or_why_it_is_not_known(
     assert "condition_number" not in shown
 
 
-def test_show_has_the_columns_of_a_measured_file_in_their_order(
-    program: Program, logbook: LogbookWriter, folder: Path
-) -> None:
-    """A simulated run has none."""
-    names = ("count", "mean", "std", "median", "minimum", "maximum")
-    values = {
-        "surge_vel": (7961.0, 0.04, 0.11, 0.02, -0.31, 0.27),
-        "force_x": (7961.0, 3.0, 9.0, 2.0, -30.0, 29.0),
-    }
-    found = [
-        Diagnostic(f"statistic_{name}", "all", value, i=i, label=column)
-        for i, (column, figures) in enumerate(values.items())
-        for name, value in zip(names, figures, strict=True)
-    ]
-    stored.finish(logbook, stored.start(), diagnostics=found)
-    stored.finish(logbook, stored.start(seed=1))
-    tables = json.loads(program("show", "1", *database(folder), "--format", "json")[1])
-    (rows,) = (table for table in tables if table and "median" in table[0])
-    assert [row["column"] for row in rows] == ["surge_vel", "force_x"]
-    assert rows[0] == {
-        "column": "surge_vel", "N": 7961, "mean": 0.04, "std": 0.11, "median": 0.02, "min": -0.31,
-        "max": 0.27,
-    }  # fmt: skip
-    assert "as measured" not in program("show", "2", *database(folder))[1]
-
-
 def test_version_is_that_of_the_project(seatrial: Command, program: Program) -> None:
     version = f"{__version__} (checkout)\n"
     answer = seatrial("--version")
