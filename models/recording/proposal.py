@@ -14,7 +14,7 @@ import numpy as np
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.column_map import QUATERNION, Column
-from seatrial.models.recording.quantities import WORDS, Quantity, kinds_of, quantity
+from seatrial.models.recording.quantities import KIND_OF, WORDS, Quantity, quantity
 from seatrial.models.recording.reader import stated_unit
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import clocks, find_time
@@ -90,7 +90,7 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     acting = {f"force.{dof}" for dof in PLANAR}  # also where they are zero
     candidates = [c for c in every if c.moves or c.option in acting]
     chosen = _motion([c for c in candidates if not (wanted and c.option.startswith("force."))])
-    asked = _actions(every, wanted, chosen)
+    asked = [*_actions(every, wanted, chosen)]
     clock, line = _clock(chosen, times, sources)
     sure, columns = [line], defaultdict[str, dict[str, object]](dict)
     stated = {o: stated_unit(c.source, c.name, targets_of(o)) for o, c in chosen.items()}
@@ -200,7 +200,7 @@ def _titles(source: Source) -> dict[str, str]:
         last = (words or words_of(source.name) or [""])[-1]
         axes = SYMBOLS.get(last, "x y z").split()
         axes = axes if len(names) == len(axes) else [*axes[:2], axes[-1]]
-        if len(names) == len(axes) and (last in (*SYMBOLS, "xyz") or kinds_of(last)):
+        if len(names) == len(axes) and (last in (*SYMBOLS, "xyz") or last in KIND_OF):
             stem = last if not words and last in SYMBOLS else stem
             result |= {n: f"{stem} {axis}" for n, axis in zip(names, axes, strict=True)}
     return result
@@ -228,16 +228,14 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
     """The columns of pose, velocities, wind and forces, of one source each as far as possible."""
     chosen = Chosen()
 
-    def all_of(*options: str) -> list[_Candidate]:
-        return [c for c in candidates if c.option in options]
+    def all_of(option: str) -> list[_Candidate]:
+        return [c for c in candidates if c.option == option]
 
-    def first(*options: str) -> _Candidate | None:
-        return next(iter(all_of(*options)), None)
+    def first(option: str) -> _Candidate | None:
+        return next(iter(all_of(option)), None)
 
-    def take(
-        kind: str, names: Sequence[str], near: _Candidate | None, *, only: bool = False
-    ) -> None:  # of the source of a column, else of any
-        for option in (f"{kind}.{name}" for name in names):
+    def take(kind: str, names: Sequence[str], near: _Candidate | None, only: bool = True) -> None:
+        for option in (f"{kind}.{name}" for name in names):  # of the source of a column, else any
             own = [c for c in all_of(option) if near is None or c.source is near.source]
             if best := own or ([] if only else all_of(option)):
                 chosen[option] = best[0]
@@ -249,85 +247,79 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
               if c.source in across or not (across or latitude)), None)  # fmt: skip
     order = [c.source.name for c in candidates]
     if latitude and not (x and order.index(x.source.name) <= order.index(latitude.source.name)):
-        take("geodetic", ("latitude", "longitude", "altitude"), latitude, only=True)
+        take("geodetic", ("latitude", "longitude", "altitude"), latitude)
     else:
-        take("position", DOFS[:3] if x else DOFS[2:3], x, only=True)
+        take("position", DOFS[:3] if x else DOFS[2:3], x)
     if whole and whole.rank < 3 and (yaw is None or whole.rank <= yaw.rank):
         yaw = whole
-        take("orientation", QUATERNION, whole, only=True)
+        take("orientation", QUATERNION, whole)
     elif yaw:
         near = x or latitude or yaw
-        take("position", ("yaw",), near if near.rank <= yaw.rank else yaw)
+        take("position", ("yaw",), near if near.rank <= yaw.rank else yaw, only=False)
         yaw = chosen["position.yaw"]
     if "orientation.w" not in chosen:
-        take("position", ("roll", "pitch"), yaw)
-    along = all_of("velocity.surge", "velocity.sway")
-    moving = min(
-        along, key=lambda c: (c.source is not along[0].source, c.frame == "earth"), default=None
-    )
+        take("position", ("roll", "pitch"), yaw, only=False)
+    linear = [f"velocity.{dof}" for dof in DOFS[:3]]
+    along = [c for c in candidates if c.option in linear[:2]]
+    along = [c for c in along if c.source is along[0].source]
+    moving = min(along, key=lambda c: c.frame == "earth", default=None)
     if moving:
-        linear, earth = [f"velocity.{dof}" for dof in DOFS[:3]], moving.frame == "earth"
-        candidates = [c for c in candidates
-                      if c.option not in linear or (c.frame == "earth") == earth]  # fmt: skip
-        take("velocity", DOFS[:3], moving, only=True)
+        candidates = [c for c in candidates if c.option not in linear
+                      or (c.frame == "earth") == (moving.frame == "earth")]  # fmt: skip
+        take("velocity", DOFS[:3], moving)
     elif yaw and first("ground.speed") and first("ground.course"):
-        take("ground", ("speed", "course"), first("ground.speed"))
-    take("velocity", DOFS[3:], moving or yaw)
+        take("ground", ("speed", "course"), first("ground.speed"), only=False)
+    take("velocity", DOFS[3:], moving or yaw, only=False)
     if moving or "ground.speed" in chosen:
         take("water", ("speed",), None)
-    winds = product(all_of("wind.speed"), all_of("wind.direction"))
-    pairs = [(v, a) for v, a in winds if v.frame == a.frame or v.source is a.source]
-    pairs.sort(key=lambda pair: (pair[0].frame != pair[1].frame, pair[1].frame != "true"))
-    for pair in pairs[:1]:  # of one kind, or at least of one source; rather true than apparent
-        chosen |= zip(("wind.speed", "wind.direction"), pair, strict=True)
-    acting = first(*(f"force.{dof}" for dof in DOFS))
+    winds = [(v, a) for v, a in product(all_of("wind.speed"), all_of("wind.direction"))
+             if v.frame == a.frame or v.source is a.source]  # fmt: skip
+    winds.sort(key=lambda pair: (pair[0].frame != pair[1].frame, pair[1].frame != "true"))
+    for v, a in winds[:1]:  # of one kind, or at least of one source; rather true than apparent
+        chosen |= {"wind.speed": v, "wind.direction": a}
+    acting = next((c for c in candidates if c.option.startswith("force.")), None)
     if acting and acting.moves:
-        take("force", DOFS, acting, only=True)
+        take("force", DOFS, acting)
     return chosen
 
 
-def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen) -> list[str]:
+def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen) -> Iterator[str]:
     """Choose what acts, by the names of the vessel, or by those that one can have; asks the rest.
 
     Shafts are n, or n_1, n_2 ... from port to starboard, other devices pwm_1, angles alpha_1 ...
     """
-    asked, forces = list[str](), any(option.startswith("force.") for option in chosen)
-
-    def side(name: str) -> str:
-        return next((SIDES.get(w, w) for w in words_of(name) if w in SIDES or w.isdigit()), "")
-
-    def measured(candidates: list[_Candidate]) -> list[_Candidate]:
-        return [c for c in candidates if not c.commanded] or candidates
-
-    groups: dict[str, list[_Candidate]] = {"delta": [], "n": [], "pwm": [], "alpha": []}
-    for c in every if not wanted and not forces else ():
-        if c.moves and c.option.startswith("inputs."):
+    kinds: dict[str, list[_Candidate]] = {"delta": [], "n": [], "pwm": [], "alpha": []}
+    for c in every:
+        if c.option.startswith("inputs.") and (c.moves or wanted):
             other = "alpha" if stated_unit(c.source, c.name, ("rad",)) else "pwm"
-            groups[c.option.removeprefix("inputs.") or other].append(c)
-    for kind, same in groups.items():
-        same = sorted(measured(same), key=lambda c: side(c.name))
-        for i, c in enumerate(same, 1):
+            kinds[c.option.removeprefix("inputs.") or other].append(c)
+    for kind, same in kinds.items():
+        best = min(((not c.moves, c.commanded) for c in same), default=())
+        same = [c for c in same if (not c.moves, c.commanded) == best]
+        kinds[kind] = same = sorted(same, key=lambda c: _side(c.name))
+        forces = any(option.startswith("force.") for option in chosen)
+        for i, c in enumerate(same if not wanted and not forces else (), 1):
             name = kind if len(same) == 1 and kind in INPUTS else f"{kind}_{i}"
             chosen[f"inputs.{name if name in INPUTS else c.full}"] = c
-    free = {c.full: c for c in every if c not in chosen.values()}
     for name in wanted:
-        title, known = "_".join(words_of(name)), quantity(name)
-        titles = [("_".join(words_of(c.name)), c) for c in free.values()]
-        same = [c for c in free.values() if known and c.option == known.option]
-        same = [c for c in same if c.moves] or same
-        fitting = measured(
-            [c for text, c in titles if text == title][:1]
-            or [c for text, c in titles if text.startswith(f"{title}_")]
-            or [c for c in same if side(c.name) == side(name)]
-            or (same if not side(name) else [])
+        used = {c.full for c in chosen.values()}
+        same = [c for c in kinds.get(name.partition("_")[0], []) if c.full not in used]
+        fitting = (
+            [c for c in every if words_of(c.name) == words_of(name) and c.full not in used]
+            or [c for c in same if _side(c.name) == _side(name)]
+            or (same if not _side(name) else [])
         )
         if len(fitting) == 1:
-            chosen[f"inputs.{name}"] = free.pop(fitting[0].full)
+            chosen[f"inputs.{name}"] = fitting[0]
         else:
             some = ", ".join(c.full for c in fitting or same) or "no column looks like it"
-            asked.append(f"which column is the input {name} of the vessel? ({some}): "
-                         f"inputs: {{{name}: COLUMN}}")  # fmt: skip
-    return asked
+            yield (f"which column is the input {name} of the vessel? ({some}): "
+                   f"inputs: {{{name}: COLUMN}}")  # fmt: skip
+
+
+def _side(name: str) -> str:
+    """The number of a device in a name, from port to starboard; "" without any."""
+    return next((SIDES.get(w, w) for w in words_of(name) if w in SIDES or w.isdigit()), "")
 
 
 def _clock(

@@ -245,17 +245,17 @@ def _clock(source: Source, name: str, titles: dict[str, str]) -> tuple[Column, A
 
 def disagreement(source: Source, used: Column) -> str | None:
     """What is said of another clock of a source that does not run like the one in use."""
-    t = seconds(source, used)
-    for other, own in clocks(source):
-        if other.name == source.find(used.name) or len(t) < 3 or not _alike(own, t):
+    t, name = seconds(source, used), source.find(used.name)
+    for other, own in clocks(source) if len(t) > 2 else ():
+        if other.name == name or not _alike(own, t):
             continue
-        apart = own - t - np.nanmedian(own - t)
+        apart = np.abs(own - t - np.nanmedian(own - t))
         period = float(np.nanmedian(np.abs(np.diff(t))))
-        if count := int(np.sum(np.abs(apart) > APART * max(period, 1e-3))):
+        if count := int(np.sum(apart > APART * max(period, 1e-3))):
             written = str(other.written).replace("'", "")
             return (
                 f"{source.name}: the clocks {used.name} and {other.name} disagree in {count} of "
-                f"{len(t)} rows, by up to {np.nanmax(np.abs(apart)):.2g} s; "
+                f"{len(t)} rows, by up to {np.nanmax(apart):.2g} s; "
                 f"columns.time: {written} reads the other"
             )
     return None
