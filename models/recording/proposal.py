@@ -66,11 +66,7 @@ Chosen = dict[str, _Candidate]  # by option of a map
 
 
 def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Proposal:
-    """A map of the columns of a recording.
-
-    Args:
-        sources: tables and topics of the recording, by name
-        wanted: names of the inputs of the vessel, if one is named
+    """A map of the columns of a recording; `wanted` are the inputs of the vessel, if one is named.
 
     Raises RecordingError if no source has a column of time.
     """
@@ -108,6 +104,8 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
         group, key, frame = AXES_OF.get(option, ("", "", "any"))
         if c.frame == frame:
             columns[group][key] = frame
+        if c.frame == "magnetic":
+            asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
     left = [("no column of time", name) for name in sources if name not in times]
     left += [("of the same columns as another", name) for name in times if name not in used]
     left += [("not numbers", name) for name in texts]
@@ -126,9 +124,6 @@ def _doubts(every: Sequence[_Candidate], chosen: Chosen) -> Iterator[str]:
     placed = {"geodetic.latitude", "position.surge"} & set(chosen)
     if placed and not {"position.yaw", "orientation.w"} & set(chosen):
         yield "which column is the heading (a course is none)? position: {yaw: COLUMN}"
-    for c in chosen.values():
-        if c.frame == "magnetic":
-            yield f"{c.full} is a magnetic heading: is its variation to be ignored?"
 
 
 def _left_out(
@@ -169,8 +164,7 @@ def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate]
             known_as = [titles[name]] if name in titles else [name, source.title(name)]
             results = (quantity(t, source.name, source.units.get(name)) for t in known_as)
             result = next(filter(None, results), Quantity("", strange=99))
-            if name in quaternion:
-                result = Quantity(f"orientation.{quaternion[name]}")
+            result = quaternion.get(name, result)
             moves = name in quaternion or bool(np.any(np.diff(values[~np.isnan(values)])))
             every.append(_Candidate(source, name, full, *result, rank, values, moves))
     motion = ("position", "velocity", "geodetic", "orientation")
@@ -206,7 +200,7 @@ def _titles(source: Source) -> dict[str, str]:
     return result
 
 
-def _quaternion(source: Source) -> dict[str, str]:
+def _quaternion(source: Source) -> dict[str, Quantity]:
     """Four columns that differ in w, x, y, z, or a number, and are of length one together."""
     groups = defaultdict[str, dict[str, str]](dict)
     for name in source.columns:
@@ -219,8 +213,8 @@ def _quaternion(source: Source) -> dict[str, str]:
             if np.any(apart < UNIT_LENGTH) and not np.any(apart > UNIT_LENGTH):
                 size = np.nansum(values**2, axis=1)  # x and y are small, z is not
                 last = order != "wxyz" and size[0] < size[2]
-                order = order[3] + order[:3] if last else order
-                return {parts[part]: q for part, q in zip(order, QUATERNION, strict=True)}
+                named = zip("xyzw" if last else "wxyz", order, strict=True)
+                return {parts[part]: Quantity(f"orientation.{q}") for q, part in named}
     return {}
 
 

@@ -94,12 +94,9 @@ FIRST = {"v": "velocity", "p": "position", "f": "force", "m": "moment", "w": "om
 
 
 def quantity(title: str, source: str = "", unit: str | None = None) -> Quantity | None:
-    """The quantity that a title names; None: none that is known.
+    """The quantity that a title names in the source of some name; None: none that is known.
 
-    Args:
-        title: the title of a column, with or without a unit at its end
-        source: the name of the table or topic that it is in
-        unit: the unit by the metadata of the file: `heave` in m is a position
+    The title may end in a unit. `unit` is that of the file: `heave` in m is a position.
     """
     words, around, results = words_of(title), set(words_of(source)), list[Quantity]()
     if any(word.isdigit() for word in words):  # of several thrusters, not of the vessel
