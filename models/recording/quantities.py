@@ -153,7 +153,8 @@ def _matched(words: Sequence[str], around: set[str]) -> Quantity | None:
         devices |= {""} if "force" in kinds and len(core) > 1 else set()
     change = "delta" in core and (kinds - {"angle"} or {*axes} & {"x", "y", "z"})
     if devices and not (change or core == ["azimuth"] or everything & WORDS["wind"]):
-        result = Quantity(f"inputs.{max(devices)}", "", max(len(core) - 1, 0), ordered)
+        device = max(devices)  # a shaft rather than a rudder, and that than others
+        result = Quantity(f"inputs.{device}", "", max(len(core) - 1, 0), ordered)
         return None if everything & WORDS["load"] else result
     if not ordered and (named := _named(core, known, everything)):
         return named if named.option else None
