@@ -151,7 +151,10 @@ def _of_dates(source: Source, name: str, texts: "pd.Series[str]") -> Array:
     year = r"\4" if len(last) == 4 else r"20\4"
     orders = [r"\1-\3-\4"] if len(first) == 4 else [rf"{year}-\3-\1", rf"{year}-\1-\3"]
     written = [texts.str.replace(DATE, order, n=1, regex=True) for order in orders]
-    times = [_since_1970(each, "mixed") for each in written]
+    begun = [pd.to_datetime(each.dropna().iloc[:1], format="ISO8601", utc=True, errors="coerce")
+              for each in written]  # fmt: skip
+    form = "ISO8601" if any(each.notna().all() for each in begun) else "mixed"  # which is slow
+    times = [_since_1970(each, form) for each in written]
     lost = [int(np.sum(np.isnan(each))) for each in times]
     if len(times) == 2 and sign != "." and lost[0] == lost[1] < len(texts):
         known = DATE.sub(r"25\g<2>12\g<2>2024", text, count=1)
