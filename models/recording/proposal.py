@@ -20,10 +20,10 @@ from seatrial.models.recording.column_map import (
     factor,
     target_of,
     targets_of,
-    unit_in_title,
     words_of,
 )  # fmt: skip
-from seatrial.models.recording.quantities import WORDS, Quantity, kinds_of, quantity
+from seatrial.models.recording.column_map import INPUTS as UNITS_OF_INPUTS
+from seatrial.models.recording.quantities import KIND_OF, WORDS, Quantity, quantity
 from seatrial.models.recording.reader import stated_unit
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import clocks, find_time
@@ -38,7 +38,6 @@ SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
 RANKS = {"reference": 3, "estimate": 0, "raw": 2}  # of sources by their names, others between
 MIN_SAMPLES = 30  # of a record that is preferred to others
 UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
-UNKNOWN = Quantity("", strange=99)
 AXES_OF = {  # where a map states the axes or reference of a column
     **dict.fromkeys(("velocity.surge", "velocity.sway"), ("frames", "velocity", "earth")),
     "position.surge": ("frames", "position", "ENU"), "wind.direction": ("wind", "kind", "apparent"),
@@ -74,51 +73,37 @@ Chosen = dict[str, _Candidate]  # by option of a map
 
 
 def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Proposal:
-    """A map of the columns of a recording.
-
-    Args:
-        sources: tables and topics of the recording, by name
-        wanted: names of the inputs of the vessel, if one is named
+    """A map of the columns of a recording; `wanted` are the inputs of the vessel, if one is named.
 
     Raises RecordingError if no source has a column of time.
     """
     times = {name: time for name, source in sources.items() if (time := find_time(source))}
-    groups = defaultdict[tuple[str, ...], list[str]](list)  # runs, or sensors, by their columns
-    for name in times:
-        number = RUN.fullmatch(name)
-        groups[(number[1], *sources[name].columns) if number else (name,)].append(name)
-    longest = {max(names, key=lambda name: len(sources[name])) for names in groups.values()}
     if not times:
         names = ", ".join(name for source in sources.values() for name in source.columns)
         raise RecordingError(
             f"{next(iter(sources.values())).path}: no column of time among {names[:300]}, expected "
             "one such as t or time, or a map with text: {names: [t, ...]} or time: COLUMN"
         )
-    every, texts = _candidates([sources[n] for n in times if n in longest], len(sources) > 1)
+    longest = dict[tuple[str, ...], str]()  # of runs, or sensors, that have the same columns
+    for name in sorted(times, key=lambda name: -len(sources[name])):
+        number = RUN.fullmatch(name)
+        longest.setdefault((number[1], *sources[name].columns) if number else (name,), name)
+    used = [name for name in times if name in longest.values()]
+    every, texts = _candidates([sources[name] for name in used], len(sources) > 1)
     acting = {f"force.{dof}" for dof in PLANAR}  # also where they are zero
-    chosen = _motion([c for c in every if c.moves or c.option in acting])
-    asked = _actions(every, wanted, chosen)
-    speed, course = (next((c.full for c in every if c.option == o and c.moves), None)
-                     for o in ("speed", "ground.course"))  # fmt: skip
-    if speed and course and not {"velocity.surge", "velocity.sway", "ground.speed"} & set(chosen):
-        asked.append(f"is {speed} over ground (ground: {{speed: {speed}, course: {course}}}) or "
-                     f"through the water (water: {{speed: {speed}}})?")  # fmt: skip
-    if {"geodetic.latitude", "position.surge"} & set(chosen) and not (
-        {"position.yaw", "orientation.w"} & set(chosen)
-    ):
-        asked.append("which column is the heading (a course is none)? position: {yaw: COLUMN}")
+    candidates = [c for c in every if c.moves or c.option in acting]
+    chosen = _motion([c for c in candidates if not (wanted and c.option.startswith("force."))])
+    asked = [*_actions(every, wanted, chosen)]
     clock, line = _clock(chosen, times, sources)
     sure, columns = [line], defaultdict[str, dict[str, object]](dict)
     stated = {o: stated_unit(c.source, c.name, targets_of(o)) for o, c in chosen.items()}
     for option, c in chosen.items():
         kind, _, name = option.partition(".")
-        unit, origin = stated[option] or ("", "")
-        for other, told in () if unit or kind == "inputs" else stated.items():  # beside it
-            bearings = option in BEARINGS and other in BEARINGS
-            alike = targets_of(other) == targets_of(option) and other.startswith(f"{kind}.")
-            if told and chosen[other].source is c.source and (bearings or alike):
-                unit, origin = told[0], f"as {chosen[other].name}"
-                break
+        beside = ((told[0], f"as {chosen[o].name}") for o, told in stated.items()
+                  if told and chosen[o].source is c.source
+                  and targets_of(o) == targets_of(option) != UNITS_OF_INPUTS
+                  and (o.startswith(f"{kind}.") or {o, option} <= {*BEARINGS}))  # fmt: skip
+        unit, origin = stated[option] or next(beside, ("", ""))
         sure.append(f"{option}: {c.full}" + (f" in {unit} ({origin})" if unit else ""))
         target = target_of(unit, targets_of(option)) or ""
         written = unit and origin != "the file" and factor(unit, target) != 1.0
@@ -128,28 +113,41 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
             columns[group][key] = frame
         if c.frame == "magnetic":
             asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
-    left = {"no column of time": [name for name in sources if name not in times],
-            "of the same columns as another": [n for n in times if n not in longest]}  # fmt: skip
-    left |= {"not numbers": texts, "do not move": [], "look like inputs, not mapped": []}
+    left = [("no column of time", name) for name in sources if name not in times]
+    left += [("of the same columns as another", name) for name in times if name not in used]
+    left += [("not numbers", name) for name in texts]
     lines = _left_out(left, every, {c.full for c in chosen.values()})
+    asked += _doubts(every, chosen)
     return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), tuple(lines))
 
 
+def _doubts(every: Sequence[_Candidate], chosen: Chosen) -> Iterator[str]:
+    """What is asked of the motion: the meaning of a speed, and of the heading."""
+    speed, course = (next((c.full for c in every if c.option == o and c.moves), None)
+                     for o in ("speed", "ground.course"))  # fmt: skip
+    if speed and course and not {"velocity.surge", "velocity.sway", "ground.speed"} & set(chosen):
+        yield (f"is {speed} over ground (ground: {{speed: {speed}, course: {course}}}) or "
+               f"through the water (water: {{speed: {speed}}})?")  # fmt: skip
+    placed = {"geodetic.latitude", "position.surge"} & set(chosen)
+    if placed and not {"position.yaw", "orientation.w"} & set(chosen):
+        yield "which column is the heading (a course is none)? position: {yaw: COLUMN}"
+
+
 def _left_out(
-    left: dict[str, list[str]], every: Sequence[_Candidate], used: set[str]
+    left: list[tuple[str, str]], every: Sequence[_Candidate], used: set[str]
 ) -> Iterator[str]:
     """Lines of what is not in the map, by reason; those of `left` are known."""
     for c in every:
         reason = "look like inputs, not mapped" if c.option.startswith("inputs") else "not used"
-        if c.full not in used:
-            left.setdefault(reason if c.moves else "do not move", []).append(c.full)
+        if c.full not in used:  # the elements of an array as one
+            name = re.sub(r"\[\d+\]$", "[...]", c.full)
+            left.append((reason if c.moves else "do not move", name))
         elif missing := np.isnan(c.values).sum():
-            reason = "without a value in some rows, though mapped"
-            left.setdefault(reason, []).append(f"{c.full} ({missing} of {len(c.values)})")
-    for why, columns_left in left.items():  # the elements of an array as one
-        text = ", ".join(dict.fromkeys(re.sub(r"\[\d+\]$", "[...]", n) for n in columns_left))
-        if columns_left:
-            yield shorten(f"{why}: {text}", 600, placeholder=" ...")
+            name = f"{c.full} ({missing} of {len(c.values)})"
+            left.append(("without a value in some rows, though mapped", name))
+    for why in dict.fromkeys(why for why, _ in left):
+        names = dict.fromkeys(name for reason, name in left if reason == why)
+        yield shorten(f"{why}: {', '.join(names)}", 600, placeholder=" ...")
 
 
 def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate], list[str]]:
@@ -162,7 +160,7 @@ def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate]
         words = {word.rstrip("0123456789") for word in words_of(source.name)}
         rank = next((rank for kind, rank in RANKS.items() if words & WORDS[kind]), 1)
         titles, quaternion = _titles(source), _quaternion(source)
-        used = {name for c in clocks(source) for name in (c.name, c.nanoseconds, c.date)}
+        used = {name for c, _ in clocks(source) for name in (c.name, c.nanoseconds, c.date)}
         for name in (name for name in source.columns if name not in used):
             full = f"{source.name}:{name}" if many else name
             try:
@@ -172,13 +170,10 @@ def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate]
                 continue
             known_as = [titles[name]] if name in titles else [name, source.titles.get(name, name)]
             results = (quantity(t, source.name, source.units.get(name)) for t in known_as)
-            result = next(filter(None, results), None)
-            if name in quaternion:
-                result = Quantity(f"orientation.{quaternion[name]}")
-            known = values[~np.isnan(values)]
-            moves = name in quaternion or (len(known) > 0 and bool(np.ptp(known) > 0.0))
-            row = (source, name, full, *(result or UNKNOWN), rank, values, moves)
-            every.append(_Candidate(*row))
+            result = next(filter(None, results), Quantity("", strange=99))
+            result = quaternion.get(name, result)
+            moves = name in quaternion or bool(np.any(np.diff(values[~np.isnan(values)])))
+            every.append(_Candidate(source, name, full, *result, rank, values, moves))
     motion = ("position", "velocity", "geodetic", "orientation")
     covered = Counter(c.source.name for c in every if c.moves and c.option.startswith(motion))
     every.sort(key=lambda c: (not c.moves, len(c.values) < MIN_SAMPLES, c.commanded, c.rank,
@@ -206,28 +201,27 @@ def _titles(source: Source) -> dict[str, str]:
         last = (words or words_of(source.name) or [""])[-1]
         axes = SYMBOLS.get(last, "x y z").split()
         axes = axes if len(names) == len(axes) else [*axes[:2], axes[-1]]
-        if len(names) == len(axes) and (last in (*SYMBOLS, "xyz") or kinds_of(last)):
+        if len(names) == len(axes) and (last in (*SYMBOLS, "xyz") or last in KIND_OF):
             stem = last if not words and last in SYMBOLS else stem
             result |= {n: f"{stem} {axis}" for n, axis in zip(names, axes, strict=True)}
     return result
 
 
-def _quaternion(source: Source) -> dict[str, str]:
+def _quaternion(source: Source) -> dict[str, Quantity]:
     """Four columns that differ in w, x, y, z, or a number, and are of length one together."""
     groups = defaultdict[str, dict[str, str]](dict)
     for name in source.columns:
         if (match := PART.fullmatch(name)) and not set(words_of(name)) & WORDS["reference"]:
             groups[match[1]][match[2]] = name
     for parts, order in product(groups.values(), ("wxyz", "0123", "1234")):
-        if set(order) <= set(parts):
-            with suppress(RecordingError):
-                values = np.array([source.numbers(parts[part], gaps=True) for part in order])
-                apart = np.abs(np.linalg.norm(values, axis=0) - 1.0)
-                if np.any(apart < UNIT_LENGTH) and not np.any(apart > UNIT_LENGTH):
-                    size = np.nansum(values**2, axis=1)  # x and y are small, z is not
-                    last = order != "wxyz" and size[0] < size[2]
-                    order = order[3] + order[:3] if last else order
-                    return {parts[part]: q for part, q in zip(order, QUATERNION, strict=True)}
+        with suppress(KeyError, RecordingError):
+            values = np.array([source.numbers(parts[part], gaps=True) for part in order])
+            apart = np.abs(np.linalg.norm(values, axis=0) - 1.0)
+            if np.any(apart < UNIT_LENGTH) and not np.any(apart > UNIT_LENGTH):
+                size = np.nansum(values**2, axis=1)  # x and y are small, z is not
+                last = order != "wxyz" and size[0] < size[2]
+                named = zip("xyzw" if last else "wxyz", order, strict=True)
+                return {parts[part]: Quantity(f"orientation.{q}") for q, part in named}
     return {}
 
 
@@ -235,109 +229,100 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
     """The columns of pose, velocities, wind and forces, of one source each as far as possible."""
     chosen = Chosen()
 
-    def first(*options: str) -> _Candidate | None:
-        return next((c for c in candidates if c.option in options), None)
+    def all_of(option: str) -> list[_Candidate]:
+        return [c for c in candidates if c.option == option]
 
-    def take(
-        kind: str, names: Sequence[str], near: _Candidate | None, *, only: bool = False
-    ) -> None:  # of the source of a column, else of any
-        for option in (f"{kind}.{name}" for name in names):
-            fitting = [c for c in candidates if c.option == option]
-            own = [c for c in fitting if near is None or c.source is near.source]
-            if best := own or (fitting if not only else []):
+    def first(option: str) -> _Candidate | None:
+        return next(iter(all_of(option)), None)
+
+    def take(kind: str, names: Sequence[str], near: _Candidate | None, only: bool = True) -> None:
+        for option in (f"{kind}.{name}" for name in names):  # of the source of a column, else any
+            own = [c for c in all_of(option) if near is None or c.source is near.source]
+            if best := own or ([] if only else all_of(option)):
                 chosen[option] = best[0]
 
-    x, latitude, yaw = first("position.surge"), first("geodetic.latitude"), first("position.yaw")
+    latitude, yaw, whole = map(first, ("geodetic.latitude", "position.yaw", "orientation.w"))
+    across = [c.source for c in all_of("position.sway")]
+    # a path has two coordinates, of one instrument
+    x = next((c for c in all_of("position.surge")
+              if c.source in across or not (across or latitude)), None)  # fmt: skip
     order = [c.source.name for c in candidates]
-    across = [c.source for c in candidates if c.option == "position.sway"]
-    if across or latitude:  # a path has two coordinates, of one instrument
-        ahead = (c for c in candidates if c.option == "position.surge")
-        x = next((c for c in ahead if c.source in across), None)
     if latitude and not (x and order.index(x.source.name) <= order.index(latitude.source.name)):
-        take("geodetic", ("latitude", "longitude", "altitude"), latitude, only=True)
+        take("geodetic", ("latitude", "longitude", "altitude"), latitude)
     else:
-        take("position", DOFS[:3] if x else DOFS[2:3], x, only=x is not None)
-    whole = first("orientation.w")
+        take("position", DOFS[:3] if x else DOFS[2:3], x)
     if whole and whole.rank < 3 and (yaw is None or whole.rank <= yaw.rank):
         yaw = whole
-        take("orientation", QUATERNION, whole, only=True)
-    else:
-        near = x or latitude
-        take("position", ("yaw",), near if near and yaw and near.rank <= yaw.rank else yaw)
-        yaw = chosen.get("position.yaw")
-        take("position", ("roll", "pitch"), yaw)
-    along = [c for c in candidates if c.option in ("velocity.surge", "velocity.sway")]
+        take("orientation", QUATERNION, whole)
+    elif yaw:
+        near = x or latitude or yaw
+        take("position", ("yaw",), near if near.rank <= yaw.rank else yaw, only=False)
+        yaw = chosen["position.yaw"]
+    if "orientation.w" not in chosen:
+        take("position", ("roll", "pitch"), yaw, only=False)
+    linear = [f"velocity.{dof}" for dof in DOFS[:3]]
+    along = [c for c in candidates if c.option in linear[:2]]
     along = [c for c in along if c.source is along[0].source]
-    moving = next((c for c in along if c.frame != "earth"), along[0] if along else None)
+    moving = min(along, key=lambda c: c.frame == "earth", default=None)
     if moving:
-        linear, earth = [f"velocity.{dof}" for dof in DOFS[:3]], moving.frame == "earth"
-        candidates = [c for c in candidates
-                      if c.option not in linear or (c.frame == "earth") == earth]  # fmt: skip
-        take("velocity", DOFS[:3], moving, only=True)
+        candidates = [c for c in candidates if c.option not in linear
+                      or (c.frame == "earth") == (moving.frame == "earth")]  # fmt: skip
+        take("velocity", DOFS[:3], moving)
     elif yaw and first("ground.speed") and first("ground.course"):
-        take("ground", ("speed", "course"), first("ground.speed"))
-    take("velocity", DOFS[3:], moving or yaw)
+        take("ground", ("speed", "course"), first("ground.speed"), only=False)
+    take("velocity", DOFS[3:], moving or yaw, only=False)
     if moving or "ground.speed" in chosen:
         take("water", ("speed",), None)
-    winds = [  # of one kind, or at least of one source; the true one rather than the apparent one
-        ((v.frame != a.frame, a.frame != "true"), v, a)
-        for v, a in product(*([c for c in candidates if c.option == f"wind.{name}"]
-                              for name in ("speed", "direction")))
-        if v.frame == a.frame or v.source is a.source
-    ]  # fmt: skip
-    for _, *pair in sorted(winds, key=lambda row: row[0])[:1]:
-        chosen |= zip(("wind.speed", "wind.direction"), pair, strict=True)
-    if (acting := first(*(f"force.{dof}" for dof in DOFS))) and acting.moves:
-        take("force", DOFS, acting, only=True)
+    winds = [(v, a) for v, a in product(all_of("wind.speed"), all_of("wind.direction"))
+             if v.frame == a.frame or v.source is a.source]  # fmt: skip
+    winds.sort(key=lambda pair: (pair[0].frame != pair[1].frame, pair[1].frame != "true"))
+    for v, a in winds[:1]:  # of one kind, or at least of one source; rather true than apparent
+        chosen |= {"wind.speed": v, "wind.direction": a}
+    acting = next((c for c in candidates if c.option.startswith("force.")), None)
+    if acting and acting.moves:
+        take("force", DOFS, acting)
     return chosen
 
 
-def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen) -> list[str]:
+def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen) -> Iterator[str]:
     """Choose what acts, by the names of the vessel, or by those that one can have; asks the rest.
 
     Shafts are n, or n_1, n_2 ... from port to starboard, other devices pwm_1, angles alpha_1 ...
     """
-    forces, asked = [option for option in chosen if option.startswith("force.")], list[str]()
-
-    def side(name: str) -> str:
-        return next((SIDES.get(w, w) for w in words_of(name) if w in SIDES or w.isdigit()), "")
-
-    if not wanted:
-        groups = defaultdict[str, list[_Candidate]](list)
-        for c in every if not forces else ():
-            if c.moves and c.option.startswith("inputs."):
-                kind = c.option.removeprefix("inputs.")
-                angle = stated_unit(c.source, c.name, ("rad",))
-                groups[kind or ("alpha" if angle else "pwm")].append(c)
-        for kind in sorted(groups, key=("delta", "n", "pwm", "alpha").index):
-            same = [c for c in groups[kind] if not c.commanded] or groups[kind]
-            single = len(same) == 1 and kind in INPUTS
-            for i, c in enumerate(sorted(same, key=lambda c: side(c.name)), 1):
-                name = kind if single else f"{kind}_{i}"
-                chosen[f"inputs.{name if name in INPUTS else c.full}"] = c
-        return asked
-    for option in forces:
-        del chosen[option]
-    free = {c.full: c for c in every if c not in chosen.values()}
+    kinds: dict[str, list[_Candidate]] = {"delta": [], "n": [], "pwm": [], "alpha": []}
+    for c in every:
+        if c.option.startswith("inputs.") and (c.moves or wanted):
+            other = "alpha" if stated_unit(c.source, c.name, ("rad",)) else "pwm"
+            kinds[c.option.removeprefix("inputs.") or other].append(c)
+    for kind, same in kinds.items():
+        best = min(((not c.moves, c.commanded) for c in same), default=())
+        same = [c for c in same if (not c.moves, c.commanded) == best]
+        kinds[kind] = same = sorted(same, key=lambda c: _side(c.name))
+        forces = any(option.startswith("force.") for option in chosen)
+        for i, c in enumerate(same if not wanted and not forces else (), 1):
+            name = kind if len(same) == 1 and kind in INPUTS else f"{kind}_{i}"
+            chosen[f"inputs.{name if name in INPUTS else c.full}"] = c
     for name in wanted:
-        title, known = "_".join(words_of(name)), quantity(name)
-        titles = [("_".join(words_of(c.name)), c) for c in free.values()]
-        same = [c for c in free.values() if known and c.option == known.option]
-        same = [c for c in same if c.moves] or same
+        used, words = {c.full for c in chosen.values()}, words_of(name)
+        same = [c for c in kinds.get(words[0], []) if c.full not in used]
+        titled = [c for c in every if words_of(c.name)[: len(words)] == words]
         fitting = (
-            [c for text, c in titles if text == title][:1]
-            or [c for text, c in titles if text.startswith(f"{title}_")]
-            or [c for c in same if side(c.name) == side(name)]
-            or (same if not side(name) else [])
+            [c for c in titled if words_of(c.name) == words and c.full not in used][:1]
+            or [c for c in same if _side(c.name) == _side(name)]
+            or (same if not _side(name) else [])
+            or [c for c in titled if words[0] not in kinds and c.full not in used]
         )
-        fitting = [c for c in fitting if not c.commanded] or fitting
         if len(fitting) == 1:
-            chosen[f"inputs.{name}"] = free.pop(fitting[0].full)
+            chosen[f"inputs.{name}"] = fitting[0]
         else:
             some = ", ".join(c.full for c in fitting or same) or "no column looks like it"
-            asked.append(f"which column is the input {name} of the vessel? ({some}): "
-                         f"inputs: {{{name}: COLUMN}}")  # fmt: skip
-    return asked
+            yield (f"which column is the input {name} of the vessel? ({some}): "
+                   f"inputs: {{{name}: COLUMN}}")  # fmt: skip
+
+
+def _side(name: str) -> str:
+    """The number of a device in a name, from port to starboard; "" without any."""
+    return next((SIDES.get(w, w) for w in words_of(name) if w in SIDES or w.isdigit()), "")
 
 
 def _clock(
@@ -345,13 +330,11 @@ def _clock(
 ) -> tuple[object, str]:
     """The clock that most of the sources in use have, as in a map, and where it is known from."""
     used = dict.fromkeys(c.source.name for c in chosen.values()) or times
-    shared = Counter(clock.name for name in used for clock in clocks(sources[name]))
+    shared = Counter(clock.name for name in used for clock, _ in clocks(sources[name]))
     holder = sources[max(used, key=lambda name: shared[times[name].name])]
     clock = times[holder.name]
-    stated, titled = holder.units.get(clock.name), unit_in_title(clock.name, ("s",))
-    origins = ((stated, "the file"), (titled, "the title"), (clock.unit, "by its numbers"),
-               ("s", "no unit is stated"))  # fmt: skip
-    unit, origin = next((unit, origin) for unit, origin in origins if unit)
+    guessed = (clock.unit, "by its numbers") if clock.unit else ("s", "no unit is stated")
+    unit, origin = stated_unit(holder, clock.name, ("s",)) or guessed
     text = holder.columns[clock.name].dtype == np.object_
     how = "dates or times of day" if text else f"in {unit} ({origin})"
     return clock.written, f"time: {clock.name} {how}"

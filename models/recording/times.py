@@ -1,8 +1,7 @@
 """Times of a recording: numbers of any unit, seconds with nanoseconds, dates and times of day."""
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -30,18 +29,18 @@ DAY_S, WEEK_S, WORD = 86400.0, 604800.0, 2.0**32  # at which clocks start again
 PLAUSIBLE_S = (0.005, 15.0)  # [s] of a sample time
 LONGEST_STEP = 1e3  # of an epoch in s: numbers with longer steps count us or ns since the start
 RISING = 0.9  # share of steps of a time that rise
-NUMBERED = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4}|\d{2})\b")  # a date, the year last
-ISO = re.compile(r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}")
+DATE = re.compile(r"(\d{4}|\d\d?)([./-])(\d\d?)\2(\d{4}|\d\d?)(?!\d)")  # the year first or last
 ZONE = r"(?<=\d) ?(?:(?![AaPp][Mm])[A-Za-z]{2,5}|[Zz])$"  # only differences matter
-CLOCK = re.compile(r"-?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?")
-# Words of the title of a time, most telling first.
-TITLES = (
-    r"time|timestamp|time_stamp|utc|date_?time|stamp|time_utc|utc_time|date|zeit|temps|heure|tid",
-    r"(original|elapsed|unix|gps|system|local|log|ros|rec|present|m_present|record)_?(date)?_?time(_?stamp)?",
-    r"t|ts|(time_)?(sec|secs|second|seconds)|epoch|utime|tout|index",
-    r".*_stamp(_sec|_secs)?|(.*_)?time(stamp)?(_.*)?|(.*_)?utc(_.*)?|(gps_|i_?)?tow",
-    r"(.*_)?(sec|secs|seconds)(_of_.*)?",
-)
+CLOCK = re.compile(r"-?\d{1,2}:\d{2}")
+# Titles of times, most telling first, with or without a unit.
+TITLES = re.compile("(?:" + "|".join((
+    r"(time|timestamp|time_stamp|utc|date_?time|stamp|time_utc|utc_time|date|zeit|temps|heure|tid)",
+    r"((?:original|elapsed|unix|gps|system|local|log|ros|rec|present|m_present|record)"
+    r"_?(?:date)?_?time(?:_?stamp)?)",
+    r"(t|ts|(?:time_)?(?:sec|secs|second|seconds)|epoch|utime|tout|index)",
+    r"(.*_stamp(?:_sec|_secs)?|(?:.*_)?time(?:stamp)?(?:_.*)?|(?:.*_)?utc(?:_.*)?|(?:gps_|i_?)?tow)",
+    r"((?:.*_)?(?:sec|secs|seconds)(?:_of_.*)?)",
+)) + ")(?:_(?:s|sec|secs|ms|us|ns|usec|msec))?")  # fmt: skip
 APART = 0.5  # of a sample time: two clocks that disagree by more are named
 
 
@@ -53,7 +52,7 @@ def seconds(source: Source, column: Column) -> Array:
     """
     name = source.find(column.name) or column.name
     text = _first_text(source, name)
-    if column.format or any(form.match(text) for form in (CLOCK, ISO, NUMBERED)):
+    if column.format or any(form.match(text) for form in (CLOCK, DATE)):
         if (name, column) not in source.times:
             source.times[name, column] = _of_texts(source, name, column)
         times = source.times[name, column]
@@ -86,20 +85,17 @@ def _packed(values: Array) -> Array | None:
     """Numbers such as 235959.5 or 20240507235959 as seconds, (N,); None if they are none."""
     known = values[np.isfinite(values)]
     day, clock = np.divmod(values, 1e6)
-    hour, rest = np.divmod(clock, 1e4)
-    minute, second = np.divmod(rest, 100.0)
+    parts = np.array([clock // 1e4, clock // 100.0 % 100.0, clock % 100.0])
     if not len(known) or np.ptp(known) <= 40.0 or np.min(known) < 0.0:
         return None
-    if np.nanmax(hour) >= 24.0 or np.nanmax(minute) >= 60.0 or np.nanmax(second) >= 60.0:
+    if np.any(np.nanmax(parts, axis=1) >= (24.0, 60.0, 60.0)):
         return None
     start = np.zeros(len(values))
     if np.nanmin(day) > 0.0:
-        written = pd.Series(day).map("{:.0f}".format)
-        days = pd.to_datetime(written, format="%Y%m%d", errors="coerce")
-        if days.isna().all():
-            return None
-        start = days.astype("datetime64[s]").astype(np.int64).to_numpy().astype(np.float64)
-    return _unrolled(start + 3600.0 * hour + 60.0 * minute + second, (DAY_S,), 0.5)
+        start = _since_1970(pd.Series(day).map("{:.0f}".format), "%Y%m%d")
+    if np.all(np.isnan(start)):
+        return None
+    return _unrolled(start + np.array([3600.0, 60.0, 1.0]) @ parts, (DAY_S,), 0.5)
 
 
 def _rest(source: Source, name: str) -> Array:
@@ -128,25 +124,17 @@ def _of_texts(source: Source, name: str, column: Column) -> Array:
     """Dates, or times of day with midnight passed, as seconds."""
     cells = pd.Series([str(cell).strip() for cell in source.columns[name]])
     texts = cells.mask(cells.str.lower().isin(MISSING))
-    first = _first_text(source, name)
-    if column.format is None:
-        texts = texts.str.replace(ZONE, "", regex=True)
-    if column.format is None and CLOCK.fullmatch(re.sub(ZONE, "", first)):
-        whole = texts.str.replace(",", ".")
+    if column.format is not None:
+        whole = _since_1970(texts, column.format.removesuffix(".%f"))  # without a fraction
+        times = _since_1970(texts, column.format)
+        times = np.where(np.isnan(times), whole, times)
+    elif CLOCK.match(_first_text(source, name)):
+        whole = texts.str.replace(ZONE, "", regex=True).str.replace(",", ".")
         whole = whole.where(whole.str.count(":") != 1, whole + ":00")
         times = pd.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy(copy=True)
         times = _unrolled(times, (DAY_S,), 0.5)
     else:
-        form = column.format or (
-            _format(source, name, texts) if NUMBERED.match(first) else "ISO8601"
-        )
-        written = texts.str.replace("/", "-") if form == "ISO8601" else texts
-        stamps = pd.to_datetime(written, format=form, utc=True, errors="coerce")
-        if form.endswith(".%f"):  # some may be without a fraction
-            whole = form.removesuffix(".%f")
-            stamps = stamps.fillna(pd.to_datetime(texts, format=whole, utc=True, errors="coerce"))
-        times = stamps.astype("datetime64[ns, UTC]").astype(np.int64).to_numpy() * 1e-9
-        times[stamps.isna().to_numpy()] = np.nan
+        times = _of_dates(source, name, texts.str.replace(ZONE, "", regex=True))
     wrong = np.isnan(times) & texts.notna().to_numpy()
     if np.sum(wrong) >= 0.5 * np.sum(texts.notna()):  # few others stand for no time
         row = int(np.argmax(wrong))
@@ -155,23 +143,34 @@ def _of_texts(source: Source, name: str, column: Column) -> Array:
     return np.asarray(times, dtype=np.float64)
 
 
-def _format(source: Source, name: str, texts: "pd.Series[str]") -> str:
-    """How dates with the year last are written: the one order of day and month that fits all."""
-    text = str(texts.dropna().iloc[0])
-    clock = re.sub(r"\d{1,2}:\d{2}:\d{2}\.\d+", "%H:%M:%S.%f", NUMBERED.sub("", text, count=1))
-    clock = re.sub(r"\d{1,2}:\d{2}", "%H:%M", re.sub(r"\d{1,2}:\d{2}:\d{2}", "%H:%M:%S", clock))
-    if clock[-2:].upper() in ("AM", "PM"):
-        clock = clock[:-2].replace("%H", "%I") + "%p"
-    parts = texts.dropna().str.extract(NUMBERED)
-    sign, year = str(parts[1].iloc[0]), "%Y" if len(str(parts[3].iloc[0])) == 4 else "%y"
-    first, second = (parts[k].astype(float).max() for k in (0, 2))
-    if first <= 12 and second <= 12 and sign != ".":
+def _of_dates(source: Source, name: str, texts: "pd.Series[str]") -> Array:
+    """Dates as seconds; of those with the year last, the one order of day and month that fits."""
+    text = _first_text(source, name)
+    first, sign, _, last = DATE.findall(text)[0]
+    year = r"\4" if len(last) == 4 else r"20\4"
+    orders = [r"\1-\3-\4"] if len(first) == 4 else [rf"{year}-\3-\1", rf"{year}-\1-\3"]
+    written = [texts.str.replace(DATE, order, n=1, regex=True) for order in orders]
+    begun = [pd.to_datetime(each.dropna().iloc[:1], format="ISO8601", utc=True, errors="coerce")
+              for each in written]  # fmt: skip
+    form = "ISO8601" if any(each.notna().all() for each in begun) else "mixed"  # which is slow
+    times = [_since_1970(each, form) for each in written]
+    lost = [int(np.sum(np.isnan(each))) for each in times]
+    if len(times) == 2 and sign != "." and lost[0] == lost[1] < len(texts):
+        known = DATE.sub(r"25\g<2>12\g<2>2024", text, count=1)
+        form = pd.tseries.api.guess_datetime_format(known, dayfirst=True)
+        form = form or f"%d{sign}%m{sign}%Y %I:%M:%S %p"
+        form = form if len(last) == 4 else form.replace("%Y", "%y")
         raise RecordingError(
             f"{source.path}, column {name}: got {text!r}, is the day or the month first? "
-            f"columns.time: {{column: {name}, format: '%d{sign}%m{sign}{year}{clock}'}}"
+            f"columns.time: {{column: {name}, format: '{form}'}}"
         )
-    day_first = first > 12 or (sign == "." and second <= 12)
-    return sign.join(("%d", "%m", year) if day_first else ("%m", "%d", year)) + clock
+    return times[int(np.argmin(lost))]
+
+
+def _since_1970(texts: "pd.Series[str]", form: str) -> Array:
+    stamps = pd.to_datetime(texts, format=form, utc=True, errors="coerce")
+    times = stamps.astype("datetime64[ns, UTC]").astype(np.int64).to_numpy() * 1e-9
+    return np.where(stamps.isna(), np.nan, times)
 
 
 def is_later(t: Array) -> NDArray[np.bool_]:
@@ -187,14 +186,13 @@ def find_time(source: Source) -> Column | None:
     One that never goes back is preferred to one that does, and to one of which a tenth of the times
     repeat, as whole seconds do, another that runs like it and repeats fewer.
     """
-    known = [(column, seconds(source, column)) for column in clocks(source)]
-    steady = [(column, t) for column, t in known if not np.any(np.diff(t) < 0.0)]
-    if not steady:
-        return known[0][0] if known else None
-    (first, t), repeats = steady[0], [float(np.mean(np.diff(t) == 0.0)) for _, t in steady]
-    finer = (column for (column, other), own in zip(steady, repeats, strict=True)
-             if own < 0.5 * repeats[0] > 0.5 * (1.0 - RISING) and _alike(other, t))  # fmt: skip
-    return next(finer, first)
+    known = clocks(source)
+    steady = [(column, t) for column, t in known if not np.any(np.diff(t) < 0.0)] or known[:1]
+    repeats = [float(np.mean(np.diff(t) == 0.0)) for _, t in steady]
+    for (column, t), share in zip(steady, repeats, strict=True):
+        if share < 0.5 * repeats[0] > 0.5 * (1.0 - RISING) and _alike(t, steady[0][1]):
+            return column
+    return steady[0][0] if steady else None
 
 
 def _alike(t: Array, other: Array) -> bool:
@@ -203,70 +201,63 @@ def _alike(t: Array, other: Array) -> bool:
     return bool(0.9 * beside < own < 1.1 * beside)
 
 
-def clocks(source: Source) -> Iterator[Column]:
-    """All columns of a source that are times by their titles, the most telling first."""
-    titles, ranks = {name: "_".join(words_of(name)) for name in source.columns}, dict[str, int]()
+def clocks(source: Source) -> list[tuple[Column, Array]]:
+    """The columns of a source that are times by their titles, most telling first, in s (N,)."""
+    titles = {name: "_".join(words_of(name)) for name in source.columns}
+    ranks = dict[str, int]()
     for name, title in titles.items():
-        bare = re.sub(r"_(s|sec|secs|ms|us|ns|usec|msec)$", "", title)
-        telling = (i for i, words in enumerate(TITLES)
-                   if re.fullmatch(words, title) or re.fullmatch(words, bare))  # fmt: skip
-        dated = any(form.match(_first_text(source, name)) for form in (ISO, NUMBERED))
-        if (rank := next(telling, len(TITLES) if dated else None)) is not None:
-            ranks[name] = rank
-    columns = (_clock(source, name, titles) for name in sorted(ranks, key=lambda n: ranks[n]))
-    return filter(None, columns)
+        match = TITLES.fullmatch(title)
+        if match or DATE.match(_first_text(source, name)):
+            ranks[name] = (match.lastindex if match else None) or TITLES.groups + 1
+    known = (_clock(source, name, titles) for name in sorted(ranks, key=lambda name: ranks[name]))
+    return [clock for clock in known if clock]
 
 
-def _clock(source: Source, name: str, titles: dict[str, str]) -> Column | None:
+def _clock(source: Source, name: str, titles: dict[str, str]) -> tuple[Column, Array] | None:
     """A column as a time, with what else is needed to read it; None if it does not rise."""
-    title, siblings = titles[name], {title: other for other, title in titles.items()}
-    stem, text = re.sub(r"(secs?|time|date)$", "", title), _first_text(source, name)
-    beside = [other for each, other in siblings.items()
-              if each.startswith(stem) and each[len(stem) :].strip("_") in RESTS]  # fmt: skip
-    column = Column(name)
-    day = next((siblings[d] for d in (f"{stem}date", "date", "day") if d in siblings), None)
-    if CLOCK.match(text) and day and day != name:
-        column = Column(name, date=day)
-    elif text and not any(ch in text for ch in ":T") and siblings.get("time", name) != name:
-        return None  # the day alone, which a time of day stands beside
+    named, text = {title: other for other, title in titles.items()}, _first_text(source, name)
+    stem = re.sub(r"(secs?|time|date)$", "", titles[name])
+    days = (named.get(title, name) for title in (f"{stem}date", "date", "day"))
+    day = next((other for other in days if other != name), None)
+    column = Column(name, date=day if CLOCK.match(text) else None)
+    if text and not set(text) & set(":T"):
+        return None  # a day without its time
     try:
         t = seconds(source, column)
+        for other, title in titles.items():
+            rest = title.startswith(stem) and title[len(stem) :].strip("_") in RESTS
+            if rest and np.all(t[np.isfinite(t)] % 1.0 == 0.0):
+                part = np.nanmax(np.abs(_rest(source, other)), initial=0.0)
+                column = replace(column, nanoseconds=other) if 0.0 < part < 1.0 else column
+                t = seconds(source, column)
     except (ConfigurationError, RecordingError):
         return None
-    for other in beside if np.all(t[np.isfinite(t)] % 1.0 == 0.0) else ():
-        with suppress(RecordingError):
-            if 0.0 < np.nanmax(np.abs(_rest(source, other)), initial=0.0) < 1.0:
-                column = replace(column, nanoseconds=other)
-                t = seconds(source, column)
     steps = np.diff(t[np.isfinite(t)])
     if not len(steps) or not np.mean(steps >= 0.0) >= RISING or not np.any(steps > 0.0):
         return None
-    if text or source.units.get(name):
-        return column
-    step, (least, most) = float(np.median(steps[steps > 0.0])), PLAUSIBLE_S
-    each = ("s", "ms", "us", "ns", "day")
-    likely = (unit for unit in each if least <= step * factor(unit, "s") <= most)
-    known = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
-    unit = known or next(likely, None)
-    return replace(column, unit=None if unit == "s" else unit)
+    if not text and not source.units.get(name):
+        step, (least, most) = float(np.median(steps[steps > 0.0])), PLAUSIBLE_S
+        each = ("s", "ms", "us", "ns", "day")
+        likely = (unit for unit in each if least <= step * factor(unit, "s") <= most)
+        known = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
+        unit = known or next(likely, None)
+        column = replace(column, unit=None if unit == "s" else unit)
+    return column, seconds(source, column)
 
 
 def disagreement(source: Source, used: Column) -> str | None:
     """What is said of another clock of a source that does not run like the one in use."""
-    t = seconds(source, used)
-    for other in clocks(source):
-        if other.name == source.find(used.name) or len(t) < 3:
+    t, name = seconds(source, used), source.find(used.name)
+    for other, own in clocks(source) if len(t) > 2 else ():
+        if other.name == name or not _alike(own, t):
             continue
-        own = seconds(source, other)
-        if not _alike(own, t):
-            continue
-        apart = own - t - np.nanmedian(own - t)
+        apart = np.abs(own - t - np.nanmedian(own - t))
         period = float(np.nanmedian(np.abs(np.diff(t))))
-        if count := int(np.sum(np.abs(apart) > APART * max(period, 1e-3))):
+        if count := int(np.sum(apart > APART * max(period, 1e-3))):
             written = str(other.written).replace("'", "")
             return (
                 f"{source.name}: the clocks {used.name} and {other.name} disagree in {count} of "
-                f"{len(t)} rows, by up to {np.nanmax(np.abs(apart)):.2g} s; "
+                f"{len(t)} rows, by up to {np.nanmax(apart):.2g} s; "
                 f"columns.time: {written} reads the other"
             )
     return None

@@ -26,15 +26,9 @@ app = typer.Typer(
     name="seatrial data", no_args_is_help=True, pretty_exceptions_enable=False,
     add_completion=False, help="Examine and convert recordings, and propose maps of their columns.",
 )  # fmt: skip
-Html = Annotated[
-    Path | None, typer.Option("--html", metavar="OUT", help="Also write a page with figures.")
-]
-Out = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", help="Write the map to a file.")
-]
-VesselName = Annotated[
-    str | None, typer.Option("--vessel", metavar="NAME", help="Vessel whose inputs are mapped.")
-]
+Html = Annotated[Path | None, typer.Option("--html", metavar="OUT", help="A page with figures.")]
+Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", help="File to write.")]
+VesselName = Annotated[str | None, typer.Option("--vessel", help="Vessel whose inputs are mapped.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 app.command()(convert)
 app.command()(get)
@@ -67,15 +61,11 @@ def map_columns(
     """Propose a map from titles, units and motion, as YAML; says what is sure, asked, left out."""
     if out is not None and out.exists() and not force:
         raise ConfigurationError(f"{out}: exists already, expected a new file or --force")
-    wanted: tuple[str, ...] = ()
-    if vessel is not None:
-        node: Any = in_process.composed([f"vessel={vessel}"]).config["vessel"]
-        wanted = tuple(node.get("inputs") or ())
-    draft = drafted(file, wanted)
+    node: Any = in_process.composed([f"vessel={vessel}"]).config["vessel"] if vessel else {}
+    draft = drafted(file, tuple(node.get("inputs") or ()))
     kinds = {"sure": draft.sure, "question": draft.questions, "left out": draft.left_out}
-    for kind, lines in kinds.items():
-        for line in lines:
-            typer.echo(f"{kind}: {line}", err=True)
+    for kind, line in ((kind, line) for kind, lines in kinds.items() for line in lines):
+        typer.echo(f"{kind}: {line}", err=True)
     text = yaml.safe_dump(draft.map, sort_keys=False, default_flow_style=None, width=100)
     if out is None:
         typer.echo(text, nl=False)
@@ -94,19 +84,21 @@ def drafted(file: Path, wanted: Sequence[str] = ()) -> Proposal:
     `wanted` are the names of the inputs of the vessel, if one is named.
     """
     sources = read_sources(file.expanduser(), ReadOptions())
-    draft, left_out = propose(sources, wanted), [x for s in sources.values() for x in s.left_out]
-    node, sure = {**draft.map, "at_gap": "split"}, list(draft.sure)
+    draft = propose(sources, wanted)
+    node, sure, asked = {**draft.map, "at_gap": "split"}, [*draft.sure], [*draft.questions]
+    left_out = [line for source in sources.values() for line in source.left_out]
     try:
         reader = reader_of(file, options_of(deepcopy(node)))
         known = examine(reader, reader.columns.moving)
-        asked = [*(known.questions if known else doubts(sources, reader.columns).values())]
-        if known is not None:
-            left_out = [*reader.account(known.recording.dofs)[0].left_out]
+        if known is None:
+            asked += doubts(sources, reader.columns).values()
+        else:
+            left_out = [*reader.account(known.recording.dofs)[0].left_out, *known.not_compared]
+            asked += known.questions
     except FAULTS as error:
-        known, asked = None, [str(error)]
+        known, asked = None, [*asked, str(error)]
     for problem in known.problems if known else ():
         for path, value in problem.change.items():
             node = with_option(node, path.removeprefix("columns.").split("."), value)
         (sure if problem.change else asked).append(f"{problem}{'' if problem.change else '?'}")
-    left_out += [*(known.not_compared if known else ()), *draft.left_out]
-    return Proposal(node, tuple(sure), (*draft.questions, *asked), tuple(left_out))
+    return Proposal(node, tuple(sure), tuple(asked), (*left_out, *draft.left_out))

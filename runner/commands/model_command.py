@@ -1,5 +1,6 @@
 """`seatrial model LOG`: from a boat's log to a model that sails, in one command."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -43,8 +44,7 @@ def model(
     The run is stored as any other. seatrial-results model RUN writes the model of a stored run,
     also for other programs.
     """
-    name = "".join(c if c.isalnum() and c.isascii() else "_" for c in log.stem) or "log"
-    name = name if name[0].isalpha() else f"log_{name}"
+    name = re.sub(r"^(?![A-Za-z])", "log_", re.sub(r"\W", "_", log.stem, flags=re.ASCII))
     output = Path(f"{name}_model.yaml")
     if output.exists() and not force:
         raise ConfigurationError(f"{output}: exists already, expected a new name or --force")
@@ -59,17 +59,14 @@ def model(
             )
     reader = reader_of(log, read_map(map_file))
     columns = reader.columns
-    if not (columns.inputs or columns.force or columns.actual_force):
+    foreign = [key for key in columns.inputs if vessel is None and key not in INPUTS]
+    if foreign or not (columns.inputs or columns.force or columns.actual_force):
+        got = f"inputs: got {foreign[0]!r}" if foreign else "got neither forces nor inputs"
         raise ConfigurationError(
-            f"{map_file}: got neither forces nor inputs, expected what moved the boat: "
-            "force: {surge: COLUMN, ...}, or inputs: {delta: COLUMN, n: COLUMN}"
+            f"{map_file}: {got}, expected what moved the boat: force: {{surge: COLUMN, ...}}, or "
+            f"inputs, some of {', '.join(INPUTS)}"
         )
-    if unknown := [name for name in columns.inputs if vessel is None and name not in INPUTS]:
-        raise ConfigurationError(
-            f"{map_file}: inputs: got {unknown[0]!r}, expected some of {', '.join(INPUTS)}"
-        )
-    if vessel is None:
-        assert length is not None
+    if vessel is None and length is not None:
         vessel = _drafted_vessel(name, length, mass, reader.account(PLANAR)[0].values, force)
     words = [
         f"vessel={vessel}", "excitation=recording", f"excitation.path={log}",
@@ -91,59 +88,44 @@ def model(
 def _drafted_vessel(
     name: str, length: float, mass: float | None, signals: Mapping[str, Array], force: bool
 ) -> str:
-    """Write a vessel of some dimensions, with the inputs that the log holds; returns its path."""
+    """Write a vessel of some dimensions, with the inputs that the log holds; returns its path.
+
+    The thrust of the shafts holds the mean speed. A rudder turns the way it did in the log, with
+    the lift of the area of DNV, L T / 100 (1 + 50 (B / L)^2).
+    """
     path = Path("conf", "vessel", f"{name}.yaml")
     if path.exists() and not force:
         return path.as_posix()  # of a run before, and perhaps corrected since
     (text,) = init.draft_vessel(name, {"length": length, "mass": mass}).files.values()
     inputs = {key.partition(".")[2]: signals[key] for key in signals if key.startswith("inputs.")}
-    if inputs:
-        terms, ranges = _input_terms(scales.hull(length, mass_kg=mass), inputs, signals)
-        text = text.replace("derivatives:\n", f"derivatives:\n{terms}", 1) + ranges
+    hull, terms = scales.hull(length, mass_kg=mass), dict[str, float]()
+    drag, shafts = scales.derivatives(hull), [n for n in inputs if n[0] in "np"]  # and pulses
+    for key in shafts:
+        u = float(np.nanmean(np.abs(signals["velocity.surge"])))
+        square = float(np.nanmean(np.abs(inputs[key]) * inputs[key])) or 1.0
+        terms[f"X_|{key}|{key}"] = -(drag["X_u"] + drag["X_|u|u"] * u) * u / square / len(shafts)
+    if "delta" in inputs and "velocity.yaw" in signals:
+        area = length * hull.draught_m / 100.0 * (1.0 + 50.0 * (hull.beam_m / length) ** 2)
+        turning = float(np.sign(np.cov(inputs["delta"], signals["velocity.yaw"])[0, 1])) or 1.0
+        lift = turning * 0.5 * scales.WATER * area * 2.5  # N over u^2 and rad, aspect ratio 1.5
+        terms |= {"N_u^2delta": 0.5 * lift * length, "Y_u^2delta": -lift}
+    lines = "".join(f"  {key}: {value:.6f}\n" for key, value in terms.items())
+    ranges = {key: {"low": float(min(x.min(), 0.0)), "high": float(max(x.max(), 1e-6)),
+                    "start": float(np.median(x))} for key, x in inputs.items()}  # fmt: skip
+    text = text.replace("derivatives:\n", f"derivatives:\n{lines}", 1)
+    text += yaml.safe_dump({"inputs": ranges}, sort_keys=False) if inputs else ""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     typer.echo(f"wrote {path}: a first guess from the dimensions")
     return path.as_posix()
 
 
-def _input_terms(
-    hull: scales.Hull, inputs: Mapping[str, Array], signals: Mapping[str, Array]
-) -> tuple[str, str]:
-    """Terms of inputs, and their ranges: thrust that holds the mean speed, a rudder's lift.
-
-    A rudder turns the way it did in the log; the area is that of DNV, L T / 100 (1 + 50 (B / L)^2).
-    """
-    drag = scales.derivatives(hull)
-    u = float(np.nanmean(np.abs(signals["velocity.surge"])))
-    resistance = -(drag["X_u"] + drag["X_|u|u"] * u) * u
-    shafts = {key: x for key, x in inputs.items() if not key.startswith(("delta", "alpha"))}
-    terms = {
-        f"X_|{key}|{key}": resistance / (float(np.nanmean(np.abs(x) * x)) or 1.0) / len(shafts)
-        for key, x in shafts.items()
-    }
-    if "delta" in inputs and "velocity.yaw" in signals:
-        ratio = hull.beam_m / hull.length_m
-        area = hull.length_m * hull.draught_m / 100.0 * (1.0 + 50.0 * ratio**2)
-        lift = 0.5 * scales.WATER * area * 2.5  # N over u^2 and rad, aspect ratio about 1.5
-        turning = np.cov(inputs["delta"], signals["velocity.yaw"])[0, 1]
-        sign = float(np.sign(turning)) or 1.0
-        terms["N_u^2delta"] = 0.5 * sign * lift * hull.length_m
-        terms["Y_u^2delta"] = -sign * lift
-    ranges = {
-        key: {"low": float(min(x.min(), 0.0)), "high": float(max(x.max(), 1e-6)),
-              "start": float(np.clip(np.median(x), min(x.min(), 0.0), max(x.max(), 1e-6)))}
-        for key, x in inputs.items()
-    }  # fmt: skip
-    lines = "".join(f"  {key}: {value:.6f}\n" for key, value in terms.items())
-    return lines, yaml.safe_dump({"inputs": ranges}, sort_keys=False)
-
-
 def _report(reader: Any, run: int) -> None:
     """Print the errors of predicting the mean motion, which a useful model must beat."""
     rows = [row for row in reader.metrics(run) if row.name == METRIC and row.stage == "validation"]
     errors = {(row.dof, row.model): row.value for row in rows if row.value is not None}
-    for (dof, model), error in errors.items():
-        if model == "mean_motion":
-            better = errors.get((dof, "identified"), np.inf) < error
-            skill = "" if better else ": the model is no better than the mean motion"
-            typer.echo(f"mean motion, {dof}: {error:.4g} {VELOCITY_UNIT[dof]}{skill}")
+    for dof in (dof for dof, model in errors if model == "mean_motion"):
+        error = errors[dof, "mean_motion"]
+        better = errors.get((dof, "identified"), np.inf) < error
+        skill = "" if better else ": the model is no better than the mean motion"
+        typer.echo(f"mean motion, {dof}: {error:.4g} {VELOCITY_UNIT[dof]}{skill}")

@@ -70,12 +70,14 @@ def test_inputs_have_the_names_of_the_vessel() -> None:
         (acting, {"pwm_1": "thr_left", "pwm_2": "thr_right"}),
         (named, {"n": "n_prop", "delta": "delta_rudder"}),
         (numbered, {"n_1": "n_1", "n_2": "n_2"}),
+        ("psi=psi; sail_winch=delta; sail_load=T", {"sail_winch": "sail_winch"}),
+        ("psi=psi; flap_angle=delta", {"flap": "flap_angle"}),
     ):
         found = _said(titles, tuple(inputs)).map
         assert found["inputs"] == inputs
         assert "force" not in found
     for titles, wanted, columns in (
-        (numbered, ("n",), "n_2, n_1"),
+        (numbered, ("n",), "n_1, n_2"),
         ("psi=psi; delta=delta", ("delta", "n"), "no column looks like it"),
     ):
         (question,) = _said(titles, wanted).questions

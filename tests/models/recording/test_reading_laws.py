@@ -50,6 +50,7 @@ def source_of(folder: Path, table: dict[str, Any]) -> Source:
         ("UTC", STAMPS.strftime("%H:%M:%S.%f")),
         ("Date", STAMPS.strftime("%d.%m.%Y %H:%M:%S.%f")),
         ("Date", STAMPS.strftime("%d.%m.%y %H:%M:%S.%f")),
+        ("Date", (STAMPS + pd.Timedelta(days=10)).strftime("%d/%m/%yT%H:%M:%S.%f")),
         ("Date", (STAMPS + pd.Timedelta(days=10)).strftime("%m/%d/%Y %I:%M:%S.%f %p")),
         ("datetime", STAMPS.strftime("%Y-%m-%dT%H:%M:%S.%fZ")),
         ("_time", STAMPS.strftime("%Y/%m/%d %H:%M:%S.%f")),
