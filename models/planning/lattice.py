@@ -133,12 +133,12 @@ QUARTER = 16  # sides of the polygon in a quarter of a circle
 OUTSIDE = 1.0 / np.cos(np.pi / (4.0 * QUARTER))  # relative radius of a polygon around the circle
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Waters:
     """An area and the obstacles in it, each a polygon of (north, east) [m]."""
 
-    area: Corners
-    obstacles: tuple[Corners, ...]
+    area: Corners | Array
+    obstacles: Sequence[Corners | Array]
     clearance_m: NotNegative
 
     def __post_init__(self) -> None:
@@ -152,36 +152,37 @@ class Waters:
                 raise ConfigurationError(f"{name}: the polygon crosses or touches itself")
 
     @property
-    def named(self) -> dict[str, Corners]:
+    def named(self) -> dict[str, Corners | Array]:
         """Every polygon by the name of its option."""
-        return {"area": self.area} | {
-            f"obstacles[{i}]": corners for i, corners in enumerate(self.obstacles)
-        }
+        solid = {f"obstacles[{i}]": corners for i, corners in enumerate(self.obstacles)}
+        return {"area": self.area, **solid}
 
     def free(self, margin_m: float = 0.0) -> "shapely.Geometry":
         """The positions with the clearance and a margin [m], as a shapely geometry."""
         distance = (self.clearance_m + margin_m) * OUTSIDE
-        area = shapely.buffer(shapely.Polygon(self.area), -distance, quad_segs=QUARTER)
-        solid = [*map(shapely.Polygon, self.obstacles)]
+        area, *solid = map(shapely.Polygon, self.named.values())
         occupied = shapely.union_all(shapely.buffer(solid, distance, quad_segs=QUARTER))
+        area = shapely.buffer(area, -distance, quad_segs=QUARTER)
         free = shapely.difference(area, occupied)
         shapely.prepare(free)
         return free
 
-    def in_the_way(self, point: Sequence[float]) -> str | None:
+    def in_the_way(self, point: Array) -> str | None:
         """Why a vessel cannot be at a point (north, east) [m], in words; None if it can."""
-        at, (area, *solid) = shapely.Point(point), map(shapely.Polygon, self.named.values())
+        if inside(self.free(), point):
+            return None
+        at, area = shapely.Point(point), shapely.Polygon(self.area)
         if not area.contains(at):
             return "it lies outside area"
-        if self.free().covers(at):
-            return None
-        gaps = [area.exterior.distance(at), *(obstacle.distance(at) for obstacle in solid)]
-        nearest = int(np.argmin(gaps))
-        name = ["the edge of area", *self.named][nearest + (nearest > 0)]
-        if gaps[nearest] <= 0.0:
+        gaps = {"the edge of area": area.exterior.distance(at)} | {
+            name: shapely.Polygon(corners).distance(at) for name, corners in self.named.items()
+            if name != "area"
+        }  # fmt: skip
+        name = min(gaps, key=lambda each: gaps[each])
+        if gaps[name] <= 0.0:
             return f"it lies inside {name}"
         return (
-            f"it is {gaps[nearest]:.3g} m from {name}, expected at least the clearance_m of "
+            f"it is {gaps[name]:.3g} m from {name}, expected at least the clearance_m of "
             f"{self.clearance_m:g}"
         )
 

@@ -131,7 +131,7 @@ def set_up(task: PlanningTask) -> Setting:
     """
     waters = task.waters
     for name, pose in (("start", task.start), ("goal", task.goal)):
-        obstacle = waters.in_the_way(pose[:2].tolist())
+        obstacle = waters.in_the_way(pose[:2])
         if obstacle is not None:
             raise ConfigurationError(f"{name} at ({pose[0]:g}, {pose[1]:g}) m: {obstacle}")
     edges = in_body(np.array(waters.area) - task.start[:2], task.start[2]) / task.cell_m

@@ -64,7 +64,7 @@ class SteeredPlanner:
         waters = self.sea.waters
         if waters is None:
             return
-        if (reason := waters.in_the_way(self.sea.start[:2].tolist())) is not None:
+        if (reason := waters.in_the_way(self.sea.start[:2])) is not None:
             raise ConfigurationError(f"next: the start: {reason}")
         radius, speed = self.circle
         if waters.free(radius).is_empty:

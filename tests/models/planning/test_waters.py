@@ -68,7 +68,7 @@ def test_distances_and_points() -> None:
     ],
 )
 def test_what_is_in_the_way_of_a_point_is_named(point, said) -> None:
-    assert Waters(AREA, (QUAY,), 1.0).in_the_way(point) == said
+    assert Waters(AREA, (QUAY,), 1.0).in_the_way(np.array(point)) == said
 
 
 @pytest.mark.parametrize(
