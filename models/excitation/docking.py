@@ -24,8 +24,7 @@ from seatrial.models.planning.harbour import (
     harbour_of,
     hull_outline,
 )
-from seatrial.models.planning.lattice import Pace, Waters
-from seatrial.models.planning.planner import PlanningTask, plan
+from seatrial.models.planning.planner import Pace, PlanningTask, Waters, plan
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Outlook
@@ -67,8 +66,8 @@ class Docking(Mission):
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.harbour or (unknown := [n for n in self.harbour if n not in self.charts]):
-            got = unknown[0] if self.harbour else "none"
+        if not self.harbour or not {*self.harbour} <= {*self.charts}:
+            got = [*self.harbour]
             raise ConfigurationError(f"harbour: got {got}, expected some of {[*self.charts]}")
         _ = self.harbours
         if len(self.speed) != len(self.vessel.dofs):
@@ -95,7 +94,7 @@ class Docking(Mission):
         for name, text in self.charts.items():
             try:
                 found[name] = harbour_of(text, self.length_m)
-            except ConfigurationError as error:
+            except (ConfigurationError, ValueError, TypeError) as error:
                 raise ConfigurationError(f"harbour: {name}: {error}") from error
         return found
 
@@ -132,10 +131,6 @@ class Docking(Mission):
                 f"a berth needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
             )
 
-    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """There is none before the draw."""
-        raise TypeError("a docking is simulated as the mission that `drawn` returns")
-
     def drawn(self, rng: np.random.Generator) -> "DrawnDocking":
         """The docking in one of the harbours from one start; the same for a stream.
 
@@ -149,36 +144,31 @@ class Docking(Mission):
             raise ConfigurationError(f"harbour: {name}: {error}") from error
 
     def _in_harbour(self, name: str, rng: np.random.Generator) -> "DrawnDocking":
-        """Draw the start in a harbour and plan the set-points."""
-        harbour = self.harbours[name]
-        target, parts = self._target(harbour), convex_parts(harbour.land)
-        waters = Waters(harbour.area, parts, self.clearance * self.length_m)
-        approach = self._approach(harbour, waters)
-        way = self._way(waters, harbour.start_pose(waters.free(), rng), approach)
-        before, after = np.round(self.rest_s / self.period_s).astype(int)
-        straight = replace(self.pace, speed_m_s=self.berthing * self.speed[1]).line(
-            approach, target
-        )
-        poses = np.vstack([way, np.tile(approach, (before, 1)), straight])
-        rest = np.tile(target, (after, 1))
-        return DrawnDocking(self, name, harbour, parts, np.vstack([poses, rest]), len(poses))
+        """Draw the start in a harbour and plan the set-points.
 
-    def _target(self, harbour: Harbour) -> Array:
-        """The berthed pose (3,); raises ConfigurationError where the hull does not fit."""
-        hull = self.hull
-        beam, gap = float(np.ptp(hull[:, 1])), self.gap * self.length_m
-        if (width := harbour.width()) < beam + gap:
-            raise ConfigurationError(
-                f"the hull is wider than the basin: got {width:.3g} m of water at the berth, "
-                f"expected at least the beam of {beam:.3g} m and a gap of {gap:.3g} m"
-            )
-        target = harbour.berth(0.5 * beam + gap)
+        The planner's lattice lies along the berth, so that a narrow basin can be entered: the plan
+        leaves the berth with the bow where the stern is, and is sailed in reverse.
+        """
+        harbour, length, hull = self.harbours[name], self.length_m, self.hull
+        beam = float(np.ptp(hull[:, 1]))
+        target = harbour.berth(0.5 * beam + self.gap * length)
         if distances(harbour.land, hull, target[None, :])[0] <= 0.0:
             raise ConfigurationError(
-                f"it does not contain the target: the hull, {self.length_m:.3g} m by {beam:.3g} m, "
-                f"meets the land at ({target[0]:.3g}, {target[1]:.3g}) m"
+                f"it does not contain the target: the hull, {length:.3g} m by {beam:.3g} m, meets "
+                f"the land at ({target[0]:.3g}, {target[1]:.3g}) m, or is wider than the basin"
             )
-        return target
+        turned = np.array([0.0, 0.0, np.pi])
+        waters = Waters(harbour.area, convex_parts(harbour.land), self.clearance * length)
+        approach = self._approach(harbour, waters)
+        start = harbour.start_pose(waters.free(), rng)
+        path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
+                                 self.cell * length, self.pace))  # fmt: skip
+        across = replace(self.pace, speed_m_s=self.berthing * self.speed[1])
+        before, after = np.round(self.rest_s / self.period_s).astype(int)
+        still = np.tile(approach, (before, 1))
+        poses = np.vstack([path.poses[::-1] - turned, still, across.line(approach, target)])
+        rest = np.tile(target, (after, 1))
+        return DrawnDocking(self, name, harbour, np.vstack([poses, rest]), len(poses))
 
     def _approach(self, harbour: Harbour, waters: Waters) -> Array:
         """The pose beside the berth (3,) from which it is entered, clear of the land."""
@@ -194,17 +184,6 @@ class Docking(Mission):
         near = free[away[free] <= away[free[0]] + ROOM * self.length_m]
         return np.asarray(poses[near[np.argmax(room[near])]])
 
-    def _way(self, waters: Waters, start: Array, approach: Array) -> Array:
-        """Poses (N, 3) from the start to the approach pose.
-
-        The lattice lies along the berth, so that a narrow basin can be entered: the plan leaves
-        the berth with the bow where the stern is, and is sailed in reverse.
-        """
-        turned = np.array([0.0, 0.0, np.pi])
-        path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
-                                 self.cell * self.length_m, self.pace))  # fmt: skip
-        return np.asarray(path.poses[::-1] - turned)
-
 
 @dataclass(frozen=True, eq=False)
 class DrawnDocking(Mission):
@@ -213,7 +192,6 @@ class DrawnDocking(Mission):
     options: Docking
     name: str  # of the harbour
     harbour: Harbour
-    obstacles: Any  # convex parts of the land, arrays (n, 2)
     poses: Any  # set-points at the control instants, an array (N, 3)
     berthed: int  # instant at which the set-point reaches the berth
 
@@ -226,6 +204,11 @@ class DrawnDocking(Mission):
     def reference_filter(self) -> ReferenceFilter:
         """The reference model of the options."""
         return self.options.reference_filter
+
+    @cached_property
+    def obstacles(self) -> tuple[Array, ...]:
+        """Convex parts of the land, (n, 2) each."""
+        return convex_parts(self.harbour.land)
 
     @property
     def start(self) -> Array:

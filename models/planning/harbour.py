@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
@@ -87,14 +88,6 @@ class Harbour(NamedTuple):
     def berth(self, distance_m: float) -> Array:
         """The pose along the quay, so far from its face, (3,) [m, m, rad]."""
         return np.array([*(self.face + distance_m * self.away), self.heading])
-
-    def width(self) -> float:
-        """Distance [m] from the face of the quay to what is opposite; infinite for open water."""
-        reach = float(np.ptp(self.area))
-        ray = shapely.LineString([self.face + 1e-6 * reach * self.away,
-                                  self.face + reach * self.away])  # fmt: skip
-        met = shapely.intersection(ray, self.land)
-        return float("inf") if met.is_empty else float(shapely.Point(*self.face).distance(met))
 
     def start_pose(self, free: "shapely.Geometry", rng: np.random.Generator) -> Array:
         """A pose (3,) drawn evenly over the start and its headings, at a free position.
@@ -249,6 +242,22 @@ def _convex(shape: "shapely.Geometry") -> bool:
     return shape.geom_type == "Polygon" and missing <= FLAT * float(shape.area)
 
 
+@kernel
+def _separate(axes: Array, hulls: Array, polygon: Array, best: Array) -> None:
+    """Write (n, max n' q, separation) (N, 4) of the best of axes (N, A, 2) for hulls (N, m, 2)."""
+    for k in range(len(axes)):
+        best[k, 3] = -np.inf
+        for north, east in axes[k]:
+            size, near, far = np.sqrt(north * north + east * east), np.inf, -np.inf
+            for p in hulls[k]:
+                near = min(near, north * p[0] + east * p[1])
+            for q in polygon:
+                far = max(far, north * q[0] + east * q[1])
+            if size > TINY and (near - far) / size > best[k, 3]:  # else corners that touch
+                best[k, 0], best[k, 1] = north / size, east / size
+                best[k, 2], best[k, 3] = far / size, (near - far) / size
+
+
 def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], count: int) -> Array:
     """Lines (n, max n' q) between a hull and the nearest obstacles, nearest first.
 
@@ -257,31 +266,20 @@ def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], coun
     distance, or if they overlap minus the depth; the lines bound a convex free space. Martinsen et
     al. (2019); Ericson (2005), section 5.2.1.
 
-    Args:
-        hull: corners of a convex polygon in body axes [m], (m, 2).
-        poses: north, east [m] and heading [rad], (N, 3).
-        obstacles: corners of convex polygons [m], (n, 2) each.
-        count: number of lines.
-
-    Returns:
-        Shape (N, count, 3); rows without an obstacle are (0, 0, -inf).
+    The hull (m, 2) is in body axes [m], at poses (N, 3) [m, m, rad]; obstacles are (n, 2) each [m].
+    Returns shape (N, count, 3); rows without an obstacle are (0, 0, -inf).
     """
-    turned, every = placed(hull, poses), np.arange(len(poses))
+    turned = placed(hull, poses)
     lines = np.zeros((len(poses), max(count, len(obstacles)), 4))  # (n, max n' q, separation)
     lines[:, :, 2:] = -np.inf, np.inf
     for k, polygon in enumerate(obstacles):
-        along = np.diff(turned, axis=1, append=turned[:, :1])
-        edges = np.diff(polygon, axis=0, append=polygon[:1])
         between = (turned[:, :, None] - polygon).reshape(len(poses), -1, 2)
-        sides = np.concatenate([along, np.tile(edges, (len(poses), 1, 1))], axis=1)
-        normals = np.stack([-sides[:, :, 1], sides[:, :, 0]], axis=-1)
-        axes = np.concatenate([between, normals, -normals], axis=1)
-        size = np.linalg.norm(axes, axis=2)
-        axes /= np.maximum(size, TINY)[:, :, None]
-        far = np.max(axes @ polygon.T, axis=2)
-        apart = np.min(axes @ turned.transpose(0, 2, 1), axis=2) - far
-        apart[size < TINY] = -np.inf  # corners that touch
-        best = np.argmax(apart, axis=1)
-        lines[:, k] = np.column_stack([axes[every, best], far[every, best], apart[every, best]])
+        sides = np.roll(polygon, -1, axis=0) - polygon
+        same = np.broadcast_to(sides, (len(poses), *sides.shape))
+        sides = np.concatenate([np.roll(turned, -1, axis=1) - turned, same], axis=1)
+        normals = sides[:, :, ::-1] * (-1.0, 1.0)
+        _separate(
+            np.concatenate([between, normals, -normals], axis=1), turned, polygon, lines[:, k]
+        )
     nearest = np.argsort(lines[:, :, 3], axis=1, kind="stable")[:, :count]
     return np.asarray(np.take_along_axis(lines, nearest[:, :, None], axis=1)[:, :, :3])

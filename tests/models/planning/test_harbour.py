@@ -132,7 +132,6 @@ def test_a_chart_in_lengths_is_scaled_by_the_vessel() -> None:
 def test_land_is_all_around_water() -> None:
     water, quay = shapely.box(0.0, 0.0, 10.0, 6.0), shapely.LineString([(3.0, 0.0), (5.0, 0.0)])
     pond = harbour_of(chart("metres", shapely.Point(1.0, 1.0), quay, "port", water=water), 2.0)
-    assert pond.width() == pytest.approx(6.0)
     inside, outside = ([4.0, 3.0, 0.5], [4.0, 6.5, 0.5])
     found = distances(pond.land, HULL, np.array([inside, outside]))
     assert found[0] > 0.0 == found[1]
