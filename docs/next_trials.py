@@ -22,22 +22,31 @@ from scipy.stats import binomtest
 from seatrial.models.errors import SeatrialError
 from seatrial.models.excitation.helm_sequence import HelmSequence
 from seatrial.models.excitation.next_experiment import (
+    SPARE,
     Belief,
     Purpose,
     acceleration,
     doubted,
     half_widths,
+    parameters,
     ranked,
 )
 from seatrial.models.identification.uncertainty import long_run_share
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.devices.device import with_parameters
 from seatrial.models.vessel.table import Vessel
-from seatrial.runner.commands.next import _calm as trial_of
+from seatrial.runner.commands.next import trial_of
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.trials import next_experiment
 from seatrial.runner.trials.closed_loop import Streams, prepare
+from seatrial.runner.trials.next_experiment import (
+    Candidate,
+    ForcePlanner,
+    SteeredPlanner,
+    planner_of,
+)
 
 FILE = Path(__file__).parent / "next_trials.json"
 TASKS = {  # vessel: purpose, target [%]
@@ -46,8 +55,24 @@ TASKS = {  # vessel: purpose, target [%]
     "otter": ("tactical_diameter", 15.0),
 }
 ARMS = ("next", "D-optimal", "IMO")
+SHARES = 8  # of the helm, of conf/excitation/helm_sequence.yaml
 DOUBT, MOST, STEPS, MEMORY_S = 0.2, 8, 3, 10.0
 State = tuple[Array, Array]  # u (m,) and its information (m, m)
+
+
+def about(belief: Belief, u: Array) -> Belief:
+    """Draws with the same deviations about other coordinates u (m,); some may not be sailed."""
+
+    def at(u: Array) -> Vessel:
+        terms, values = belief.draws[0].terms, belief.values + belief.basis @ u
+        theta, devices = np.split(values, [len(terms) * len(belief.model.dofs)])
+        table = belief.model.on(terms)
+        theta = theta.reshape(table.theta.shape)
+        own = with_parameters(belief.model.devices, devices.tolist())
+        return replace(table, theta=theta, devices=own)
+
+    near = belief.u[: 2 * (SPARE + belief.u.shape[1])]
+    return Belief(at(u), [at(u + each) for each in near], near, belief.basis)
 
 
 def updated(belief: Belief, state: State, data: Recording) -> State:
@@ -55,7 +80,7 @@ def updated(belief: Belief, state: State, data: Recording) -> State:
     first, known = state
     u, H = state
     for _ in range(STEPS):
-        near = belief.about(u)
+        near = about(belief, u)
         J, _ = near.sensitivity(data, len(data))
         rest = data.nu_dot - acceleration(near.model, data)
         left = without_steady(rest[None], data)[0]
@@ -82,8 +107,8 @@ def imo(names: list[str], steered: bool) -> list[int]:
         return [names.index(name) for name in wanted]
     turns = [i for i, name in enumerate(names) if name.startswith("turn")]
     zigzags = [i for i, name in enumerate(names) if name.startswith("zig-zag")]
-    per = len(zigzags) // len(next_experiment.SHARES)
-    by_share = [zigzags[k * per : (k + 1) * per] for k in range(len(next_experiment.SHARES))]
+    per = len(zigzags) // SHARES
+    by_share = [zigzags[k * per : (k + 1) * per] for k in range(SHARES)]
     small = [by_share[k][2] for k in (4, 3)]  # a quarter of the helm, 10 deg, the longest
     large = [by_share[k][5] for k in (5, 2)]  # half of it, 20 deg
     return [turns[-1], turns[2], *small, *large]
@@ -95,7 +120,8 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
     noisy, windy = trial_of(task, "noise"), trial_of(task, "[wind,noise]")
     calm = replace(noisy, disturbance=type(noisy.disturbance)())
     known = next_experiment.nominal(calm, noisy, DOUBT)
-    belief, candidates = known.belief, next_experiment.candidates_of(known)
+    planner = planner_of(known, None, np.zeros(3), np.inf)
+    belief, candidates = known.belief, planner.candidates
     told = np.array([known.information(each.motion) for each in candidates])
     seconds = np.array([each.seconds for each in candidates])
     value = _value(known, name)
@@ -106,7 +132,7 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
         "D-optimal": lambda k, purpose, H: fixed[k % len(fixed)],
         "IMO": lambda k, purpose, H: standard[k % len(standard)],
     }
-    m = belief.coordinates.shape[1]
+    m = belief.u.shape[1]
     for seed in range(seeds):
         truth = doubted(belief.model, DOUBT, np.random.default_rng(1000 + seed), 1.0)
         real = float(value(truth)[0])
@@ -115,7 +141,7 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
             purpose, centre = _purpose(belief, value, state, name)
             for k in range(MOST):
                 number = orders[arm](k, purpose, state[1] - np.eye(m))
-                data = _sailed(known, windy, candidates[number], truth, 100 * seed + k)
+                data = _sailed(planner, windy, candidates[number], truth, 100 * seed + k)
                 spent += float(seconds[number])
                 try:
                     state = updated(belief, state, data)
@@ -134,9 +160,9 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
 def _value(known: next_experiment.Known, name: str) -> Callable[[Vessel], Array]:
     """What is predicted, of a model: a measure or a coefficient."""
     if name not in known.belief.labels:
-        return next_experiment._value(known, name, None)[0]
+        return next_experiment.value_of(known, name)[0]
     place = known.belief.labels.index(name)
-    return lambda model: known.belief.parameters(model)[place : place + 1]
+    return lambda model: parameters(model, known.belief.draws[0])[place : place + 1]
 
 
 def d_optimal(told: Array, seconds: Array) -> list[int]:
@@ -153,16 +179,16 @@ def _purpose(
     belief: Belief, value: Callable[[Vessel], Array], state: State, name: str
 ) -> tuple[Purpose, float]:
     """The purpose in percent about the present estimate, and what is predicted."""
-    near = belief.about(state[0])
+    near = about(belief, state[0])
     own = value(near.model)
     gradient = near.gradient(np.array([value(each) for each in near.draws]), own)
-    return Purpose(name, "%", 100.0 * gradient / own, lambda w: float(w[0])), float(own[0])
+    return Purpose(name, "%", 100.0 * gradient / own), float(own[0])
 
 
 def _sailed(
-    known: next_experiment.Known,
+    planner: SteeredPlanner | ForcePlanner,
     windy: Trial,
-    candidate: next_experiment.Candidate,
+    candidate: Candidate,
     truth: Vessel,
     seed: int,
 ) -> Recording:
@@ -171,8 +197,8 @@ def _sailed(
     if isinstance(family, HelmSequence):
         mission = replace(family, steps=candidate.steps)
     else:
-        assert candidate.node is not None
-        mission = next_experiment.chosen_design(known, {candidate.name: candidate.node})  # type: ignore[assignment]
+        assert candidate.node is not None and isinstance(planner, ForcePlanner)  # noqa: PT018
+        mission = planner.design({candidate.name: candidate.node})  # type: ignore[assignment]
     setup = prepare(windy, Streams(seed), windy.vessel.nominal(), mission, true=truth)
     voyage = setup.sail().voyage
     return replace(recording_of(voyage, voyage.weather), wind=None)

@@ -8,7 +8,8 @@ same timetable, so the times to berth can be compared; a controller that knows t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, NamedTuple
+from functools import cached_property
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -18,14 +19,12 @@ from seatrial.models.excitation.missions import Length, Mission
 from seatrial.models.notation import PLANAR
 from seatrial.models.planning.harbour import (
     Harbour,
-    HarbourChart,
     convex_parts,
     distances,
+    harbour_of,
     hull_outline,
-    start_pose,
 )
-from seatrial.models.planning.lattice import Pace, Waters
-from seatrial.models.planning.planner import PlanningTask, plan
+from seatrial.models.planning.planner import Pace, PlanningTask, Waters, plan
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Outlook
@@ -39,22 +38,11 @@ APPROACHES = 100  # distances from the quay at which an approach is looked for
 ROOM = 0.2  # [L] beyond the nearest free approach, to keep away from what surrounds it
 
 
-class Berthing(NamedTuple):
-    """A drawn docking: SI units, NED."""
-
-    name: str  # of the harbour
-    harbour: Harbour
-    obstacles: tuple[Array, ...]  # convex parts of the land, (n, 2) each [m]
-    hull: Array  # corners in body axes, (m, 2) [m]
-    poses: Array  # set-points at the control instants, (N, 3) [m, m, rad]
-    berthed: int  # instant at which the set-point reaches the berth
-
-
 @dataclass(frozen=True)
 class Docking(Mission):
     """Docking in one of several harbours, drawn for each seed like the start.
 
-    `harbour` names supplied harbours or GeoJSON files, whose content is in `charts`. Passages are
+    `harbour` names supplied harbours or GeoJSON files, whose texts are in `charts`. Passages are
     sailed at the shares `passage` and `berthing` of the speeds ahead and across in `speed`
     [m/s, m/s, rad/s], with turns at the third. `rests` are the times at the approach pose and in
     the berth, in units of the time constant of the reference filter. A vessel is berthed
@@ -74,13 +62,14 @@ class Docking(Mission):
     vessel: VesselParameters
     reference_filter: ReferenceFilter
     period_s: Positive
-    charts: dict[str, HarbourChart]
+    charts: dict[str, str]
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.harbour or (unknown := [n for n in self.harbour if n not in self.charts]):
-            got = unknown[0] if self.harbour else "none"
+        if not self.harbour or not {*self.harbour} <= {*self.charts}:
+            got = [*self.harbour]
             raise ConfigurationError(f"harbour: got {got}, expected some of {[*self.charts]}")
+        _ = self.harbours
         if len(self.speed) != len(self.vessel.dofs):
             raise ConfigurationError(
                 f"speed: got {len(self.speed)} numbers, expected {len(self.vessel.dofs)}"
@@ -98,6 +87,17 @@ class Docking(Mission):
         """Length of the hull [m]."""
         return self.vessel.scales.length_m
 
+    @cached_property
+    def harbours(self) -> dict[str, Harbour]:
+        """The harbours by name."""
+        found = {}
+        for name, text in self.charts.items():
+            try:
+                found[name] = harbour_of(text, self.length_m)
+            except (ConfigurationError, ValueError, TypeError) as error:
+                raise ConfigurationError(f"harbour: {name}: {error}") from error
+        return found
+
     @property
     def hull(self) -> Array:
         """Corners of the hull, (5, 2) [m], body axes."""
@@ -109,21 +109,16 @@ class Docking(Mission):
         return Pace(self.passage * self.speed[0], self.speed[-1], self.period_s)
 
     @property
-    def rest_s(self) -> tuple[float, float]:
-        """Times at the approach pose and in the berth [s]."""
-        before, after = self.rests
-        return before / self.reference_filter.bandwidth_rad_s, (
-            after / self.reference_filter.bandwidth_rad_s
-        )
+    def rest_s(self) -> Array:
+        """Times at the approach pose and in the berth [s], (2,)."""
+        return np.array(self.rests) / self.reference_filter.bandwidth_rad_s
 
     @property
     def duration_s(self) -> float:
         """An upper bound of the length [s], before the draw: of a passage around the harbour."""
-        harbours = [chart.scaled(self.length_m) for chart in self.charts.values()]
-        way = WAY * max(float(np.sum(np.ptp(one.area, axis=0))) for one in harbours)
-        return (
-            way / self.pace.speed_m_s + 2.0 * np.pi / self.pace.turn_rate_rad_s + sum(self.rest_s)
-        )
+        way = WAY * max(float(np.sum(np.ptp(one.area, axis=0))) for one in self.harbours.values())
+        turn = 2.0 * np.pi / self.pace.turn_rate_rad_s
+        return float(way / self.pace.speed_m_s + turn + np.sum(self.rest_s))
 
     def length(self) -> Length:
         """The upper bound of the length, which the speed ahead decides on."""
@@ -136,10 +131,6 @@ class Docking(Mission):
                 f"a berth needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
             )
 
-    def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
-        """There is none before the draw."""
-        raise TypeError("a docking is simulated as the mission that `drawn` returns")
-
     def drawn(self, rng: np.random.Generator) -> "DrawnDocking":
         """The docking in one of the harbours from one start; the same for a stream.
 
@@ -148,44 +139,36 @@ class Docking(Mission):
         self.check(self.vessel.dofs)
         name = self.harbour[int(rng.integers(len(self.harbour)))]
         try:
-            return DrawnDocking(self, self._berthing(name, rng))
+            return self._in_harbour(name, rng)
         except ConfigurationError as error:
-            raise ConfigurationError(f"harbour {name}: {error}") from error
+            raise ConfigurationError(f"harbour: {name}: {error}") from error
 
-    def _berthing(self, name: str, rng: np.random.Generator) -> Berthing:
-        """Draw the start in a harbour and plan the set-points."""
-        harbour, hull = self.charts[name].scaled(self.length_m), self.hull
-        target = self._target(harbour, hull)
-        parts = convex_parts(harbour.land)
-        corners = tuple(tuple(map(tuple, part.tolist())) for part in (harbour.area, *parts))
-        waters = Waters(corners[0], corners[1:], self.clearance * self.length_m)
-        approach = self._approach(harbour, waters)
-        start = start_pose(harbour, waters.free(), rng)
-        way = self._way(waters, start, approach)
-        rests = [round(rest / self.period_s) for rest in self.rest_s]
-        straight = replace(self.pace, speed_m_s=self.berthing * self.speed[1]).line(
-            approach, target
-        )
-        poses = [way, np.tile(approach, (rests[0], 1)), straight]
-        berthed = sum(map(len, poses))
-        poses.append(np.tile(target, (rests[1], 1)))
-        return Berthing(name, harbour, parts, hull, np.vstack(poses), berthed)
+    def _in_harbour(self, name: str, rng: np.random.Generator) -> "DrawnDocking":
+        """Draw the start in a harbour and plan the set-points.
 
-    def _target(self, harbour: Harbour, hull: Array) -> Array:
-        """The berthed pose (3,); raises ConfigurationError where the hull does not fit."""
-        beam, gap = float(np.ptp(hull[:, 1])), self.gap * self.length_m
-        if (width := harbour.width()) < beam + gap:
-            raise ConfigurationError(
-                f"the hull is wider than the basin: got {width:.3g} m of water at the berth, "
-                f"expected at least the beam of {beam:.3g} m and a gap of {gap:.3g} m"
-            )
-        target = harbour.berth(0.5 * beam + gap)
+        The planner's lattice lies along the berth, so that a narrow basin can be entered: the plan
+        leaves the berth with the bow where the stern is, and is sailed in reverse.
+        """
+        harbour, length, hull = self.harbours[name], self.length_m, self.hull
+        beam = float(np.ptp(hull[:, 1]))
+        target = harbour.berth(0.5 * beam + self.gap * length)
         if distances(harbour.land, hull, target[None, :])[0] <= 0.0:
             raise ConfigurationError(
-                f"it does not contain the target: the hull, {self.length_m:.3g} m by {beam:.3g} m, "
-                f"meets the land at ({target[0]:.3g}, {target[1]:.3g}) m"
+                f"it does not contain the target: the hull, {length:.3g} m by {beam:.3g} m, meets "
+                f"the land at ({target[0]:.3g}, {target[1]:.3g}) m, or is wider than the basin"
             )
-        return target
+        turned = np.array([0.0, 0.0, np.pi])
+        waters = Waters(harbour.area, convex_parts(harbour.land), self.clearance * length)
+        approach = self._approach(harbour, waters)
+        start = harbour.start_pose(waters.free(), rng)
+        path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
+                                 self.cell * length, self.pace))  # fmt: skip
+        across = replace(self.pace, speed_m_s=self.berthing * self.speed[1])
+        before, after = np.round(self.rest_s / self.period_s).astype(int)
+        still = np.tile(approach, (before, 1))
+        poses = np.vstack([path.poses[::-1] - turned, still, across.line(approach, target)])
+        rest = np.tile(target, (after, 1))
+        return DrawnDocking(self, name, harbour, np.vstack([poses, rest]), len(poses))
 
     def _approach(self, harbour: Harbour, waters: Waters) -> Array:
         """The pose beside the berth (3,) from which it is entered, clear of the land."""
@@ -201,44 +184,41 @@ class Docking(Mission):
         near = free[away[free] <= away[free[0]] + ROOM * self.length_m]
         return np.asarray(poses[near[np.argmax(room[near])]])
 
-    def _way(self, waters: Waters, start: Array, approach: Array) -> Array:
-        """Poses (N, 3) from the start to the approach pose.
-
-        The lattice lies along the berth, so that a narrow basin can be entered: the plan leaves
-        the berth with the bow where the stern is, and is sailed in reverse.
-        """
-        turned = np.array([0.0, 0.0, np.pi])
-        path = plan(PlanningTask(waters, {}, {}, approach + turned, start + turned,
-                                 self.cell * self.length_m, self.pace))  # fmt: skip
-        return np.asarray(path.poses[::-1] - turned)
-
 
 @dataclass(frozen=True, eq=False)
 class DrawnDocking(Mission):
-    """A docking in its harbour from its start."""
+    """A docking in its harbour from its start; SI units, NED."""
 
     options: Docking
-    berthing: Berthing
+    name: str  # of the harbour
+    harbour: Harbour
+    poses: Any  # set-points at the control instants, an array (N, 3)
+    berthed: int  # instant at which the set-point reaches the berth
 
     @property
     def duration_s(self) -> float:
         """Length of the passage, the berthing and the rest [s]."""
-        return len(self.berthing.poses) * self.options.period_s
+        return len(self.poses) * self.options.period_s
 
     @property
     def reference_filter(self) -> ReferenceFilter:
         """The reference model of the options."""
         return self.options.reference_filter
 
+    @cached_property
+    def obstacles(self) -> tuple[Array, ...]:
+        """Convex parts of the land, (n, 2) each."""
+        return convex_parts(self.harbour.land)
+
     @property
     def start(self) -> Array:
         """The drawn pose (3,) [m, m, rad]."""
-        return np.asarray(self.berthing.poses[0])
+        return np.asarray(self.poses[0])
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The set-points as a timetable."""
-        return Timetable(np.ascontiguousarray(self.berthing.poses[: len(t)])), np.zeros(1)
+        return Timetable(np.ascontiguousarray(self.poses[: len(t)])), np.zeros(1)
 
     def foreseen(self, outlook: Outlook) -> Outlook:
         """The preview with the land and the hull."""
-        return outlook._replace(obstacles=self.berthing.obstacles, hull=self.berthing.hull)
+        return outlook._replace(obstacles=self.obstacles, hull=self.options.hull)

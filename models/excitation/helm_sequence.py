@@ -4,20 +4,23 @@ It is sailed from a sheet: every step lasts a time that is known before. Joins b
 are paths of Dubins, an arc at a helm until the heading has changed, then the new course.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Literal
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.commands import HEADING, HOLD, Piece, zigzag
-from seatrial.models.excitation.helm import HelmsmanMission
+from seatrial.models.excitation.helm import HelmsmanMission, register
 from seatrial.models.planning.dubins import Arc
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Mask, Split, half
 from seatrial.models.vessel.basis import Array
+
+ONES = 5  # at the beginning of a binary sequence, which are left out
 
 
 @dataclass(frozen=True)
@@ -40,16 +43,33 @@ class HelmStep:
         check_ranges(self)
 
 
+@dataclass(frozen=True)
+class HelmGrid:
+    """Manoeuvres of one kind, all combinations: candidates of `seatrial next`.
+
+    `shares` of the way from the start of the helm to its limits, `lengths` of a manoeuvre [L / U];
+    of a zig-zag also `turns_deg`, of a binary sequence the time `holds` of an order [L / U].
+    """
+
+    kind: Literal["turn", "zig-zag", "binary"]
+    shares: tuple[float, ...]
+    lengths: tuple[Positive, ...]
+    turns_deg: tuple[Positive, ...] = (0.0,)
+    holds: tuple[Positive, ...] = (0.0,)
+
+
 @dataclass(frozen=True, kw_only=True)
 class HelmSequence(HelmsmanMission):
     """Steps in turn, from `start_pose` (north [m], east [m], heading [deg]) at approach speed.
 
-    `expected` is what was expected of it: half the 90 % interval by purpose.
+    `expected` is what was expected of it: half the 90 % interval by purpose. `candidates` are what
+    `seatrial next` chooses the steps from.
     """
 
     steps: tuple[HelmStep, ...]
     start_pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
     expected: Mapping[str, float] | None = None
+    candidates: tuple[HelmGrid, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.steps:
@@ -70,6 +90,31 @@ class HelmSequence(HelmsmanMission):
     def edges_s(self) -> Array:
         """Beginning of every step and the end [s]."""
         return np.concatenate([[0.0], np.cumsum([step.seconds for step in self.steps])])
+
+    def order(self, share: float) -> float:
+        """The helm at a share of the way from its start to the upper limit, or the lower one."""
+        every = self.input_low, self.input_start, self.input_high
+        low, start, high = (values[self.index] for values in every)
+        return float(start + share * (high - start if share > 0.0 else start - low))
+
+    def manoeuvres(self) -> Iterator[tuple[str, tuple[HelmStep, ...]]]:
+        """Names and steps of the candidates."""
+        for grid in self.candidates:
+            of_kind = grid.shares, grid.turns_deg, grid.holds, grid.lengths
+            for share, turn, hold, length in product(*of_kind):
+                order, seconds = self.order(share), round((hold or length) * self.unit_s, 1)
+                said = f"{np.degrees(order):.0f} deg" if self.helm == "delta" else f"{order:.3g}"
+                steps: tuple[HelmStep, ...] = (HelmStep("hold", seconds, order),)
+                if grid.kind == "binary":
+                    signs = 2.0 * np.roll(register(6), -ONES)[: round(length / hold)] - 1.0
+                    steps = tuple(HelmStep("hold", seconds, self.order(share * n)) for n in signs)
+                    said += f" for {seconds:g} s, {len(steps)} times"
+                elif grid.kind == "zig-zag":
+                    steps = (HelmStep("zigzag", seconds, order, turn),)
+                    said += f" / {turn:g} deg, {seconds:g} s"
+                else:
+                    said += f", {seconds:g} s"
+                yield f"{grid.kind}, {said}", steps
 
     def pieces(self, period_s: float) -> Sequence[Piece]:
         """The orders and the courses."""

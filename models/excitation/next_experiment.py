@@ -18,7 +18,7 @@ other, so samples count by a scale, which is that of the recordings from which t
 identified (`scale_of`).
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,26 +37,17 @@ MOST_SAMPLES = 100  # of a motion, of which J is computed
 DRAWS = 400  # of which the whitened coordinates are found
 SIMULATED = 120  # of them that carry a manoeuvre out
 SPARE = 10  # draws beside those that the unknowns of a linear function take
+KNOWN_UNITS = ("m", "m^2", "kg/m^3")  # of parameters of devices that nobody doubts
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What is known of a model: it and draws that deviate by `share` of their deviations.
-
-    `known` are the coordinates of the draws and B, if they are known already.
-    """
+    """What is known of a model: it, and draws at coordinates u (S, m) with B (n, m)."""
 
     model: Vessel
-    draws: tuple[Vessel, ...]
-    share: float
-    known: tuple[Array, Array] | None = None
-
-    def __post_init__(self) -> None:
-        if len(self.draws) < 2 or not self.coordinates.shape[1]:
-            raise ConfigurationError(
-                f"{self.model.name}: nothing of the model is uncertain, expected a model with a "
-                "distribution"
-            )
+    draws: Sequence[Vessel]
+    u: Array
+    basis: Array
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
@@ -67,71 +58,14 @@ class Belief:
     @cached_property
     def values(self) -> Array:
         """p_hat, shape (n,), SI units."""
-        return self.parameters(self.model)
-
-    @cached_property
-    def _decomposed(self) -> tuple[Array, Array]:
-        if self.known is not None:
-            return self.known
-        change = np.array([self.parameters(each) - self.values for each in self.draws])
-        change /= self.share
-        size = np.sqrt(np.mean(change**2, axis=0))
-        scaled = np.divide(change, size, out=np.zeros_like(change), where=size > 0.0)
-        left, deviation, right = np.linalg.svd(scaled, full_matrices=False)
-        kept = deviation > LEAST_DEVIATION * deviation[0]
-        root = np.sqrt(len(change))
-        return left[:, kept] * root, size[:, None] * (right[kept].T * deviation[kept] / root)
-
-    @property
-    def coordinates(self) -> Array:
-        """u of every draw at its whole deviation, shape (S, m)."""
-        return self._decomposed[0]
-
-    @property
-    def basis(self) -> Array:
-        """B, shape (n, m)."""
-        return self._decomposed[1]
-
-    def parameters(self, model: Vessel) -> Array:
-        """p of a model, shape (n,)."""
-        table = model.on(self.draws[0].terms).theta.ravel()
-        return np.concatenate([table, model.installed.parameters])
-
-    def at(self, u: Array) -> Vessel:
-        """The model with coordinates u (m,)."""
-        values, terms = self.values + self.basis @ u, self.draws[0].terms
-        count = len(terms) * len(self.model.dofs)
-        table = replace(
-            self.model.on(terms), theta=values[:count].reshape(-1, len(self.model.dofs))
-        )
-        return replace(table, devices=with_parameters(self.model.devices, values[count:].tolist()))
-
-    def about(self, u: Array) -> "Belief":
-        """Draws with the same deviations about other coordinates u (m,)."""
-        near = self.coordinates[: 2 * self.few]  # some may not reach what is asked for
-        draws = tuple(self.at(u + self.share * each) for each in near)
-        return Belief(self.at(u), draws, self.share, (near, self.basis))
-
-    @property
-    def few(self) -> int:
-        """Draws that a linear function needs."""
-        return min(len(self.draws), SPARE + int(self.coordinates.shape[1]))
+        return parameters(self.model, self.draws[0])
 
     def gradient(self, values: Array, own: Array) -> Array:
-        """G by regression of values over draws.
+        """G = dz/du (k, m) by regression of z of the first S draws (S, k) and of the model (k,).
 
-        Args:
-            values: z of the first S draws, shape (S, k); draws with NaN are left out.
-            own: z of the model itself, shape (k,).
-
-        Returns:
-            dz/du, shape (k, m).
-
-        Raises:
-            ConfigurationError: too few draws have values to find it.
+        Draws with NaN are left out; raises ConfigurationError if too few are left.
         """
-        u = self.share * self.coordinates[: len(values)]
-        known = np.all(np.isfinite(values), axis=1)
+        u, known = self.u[: len(values)], np.all(np.isfinite(values), axis=1)
         if np.sum(known) < u.shape[1] + 1 or not np.all(np.isfinite(own)):
             raise ConfigurationError(
                 f"{np.sum(known)} of {len(values)} models near {self.model.name} reach what is "
@@ -146,10 +80,9 @@ class Belief:
         """
         stride = max(1, -(-len(motion) // most))
         part = motion.part(np.arange(len(motion)) % stride == 0)
-        used = self.draws[: self.few]
-        own = acceleration(self.model, part)
-        change = np.array([(acceleration(each, part) - own).ravel() for each in used])
-        found = np.linalg.pinv(self.share * self.coordinates[: len(used)]) @ change
+        own, few = acceleration(self.model, part), SPARE + self.u.shape[1]  # draws that it takes
+        change = np.array([(acceleration(m, part) - own).ravel() for m in self.draws[:few]])
+        found = np.linalg.pinv(self.u[:few]) @ change
         return found.reshape(-1, *own.shape), len(motion) / len(part)
 
     def information(self, motion: Recording, deviation: Array) -> Array:
@@ -157,6 +90,30 @@ class Belief:
         J, count = self.sensitivity(motion)
         weighted = (J / deviation).reshape(len(J), -1)
         return np.asarray(count * weighted @ weighted.T)
+
+
+def parameters(model: Vessel, like: Vessel) -> Array:
+    """p of a model, shape (n,), with the terms of another one."""
+    return np.concatenate([model.on(like.terms).theta.ravel(), model.installed.parameters])
+
+
+def believed(model: Vessel, draws: Sequence[Vessel], share: float) -> Belief:
+    """What draws tell that deviate by `share` of their deviations.
+
+    Raises ConfigurationError if nothing is uncertain.
+    """
+    values = [parameters(each, draws[0]) for each in (model, *draws)]
+    change = (np.array(values[1:]) - values[0]) / share
+    size = np.sqrt(np.mean(change**2, axis=0))
+    if not np.any(size):
+        raise ConfigurationError(
+            f"{model.name}: nothing of the model is uncertain, expected a model with a distribution"
+        )
+    scaled = np.divide(change, size, out=np.zeros_like(change), where=size > 0.0)
+    left, deviation, right = np.linalg.svd(scaled, full_matrices=False)
+    kept, root = deviation > LEAST_DEVIATION * deviation[0], np.sqrt(len(change))
+    basis = size[:, None] * (right[kept].T * deviation[kept] / root)
+    return Belief(model, draws, share * root * left[:, kept], basis)
 
 
 def acceleration(model: Vessel, motion: Recording) -> Array:
@@ -180,12 +137,6 @@ def scale_of(information: Array) -> float:
     return 1.0 / float(np.quantile(np.linalg.eigvalsh(information), 0.75))
 
 
-def covariance(informations: Array) -> Array:
-    """P (m, m) after candidates with information (q, m, m)."""
-    m = informations.shape[-1]
-    return np.asarray(np.linalg.inv(np.eye(m) + np.sum(informations, axis=0)))
-
-
 def half_widths(gradient: Array, posterior: Array) -> Array:
     """Half of the 90 % intervals of predictions with G (k, m) after P (m, m), shape (k,)."""
     variance = np.einsum("ki,ij,kj->k", gradient, posterior, gradient)
@@ -194,50 +145,37 @@ def half_widths(gradient: Array, posterior: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Purpose:
-    """What is to be predicted: G (k, m) in the unit of the target, and one number of k widths."""
+    """What is to be predicted: G (k, m) in the unit of the target.
+
+    The width of k predictions is their root mean square, or the `median` of parameters of which
+    some cannot be told at all.
+    """
 
     name: str
     unit: str
     gradient: Array
-    whole: Callable[[Array], float]  # of the half widths (k,)
     text: str = ""  # the value that is predicted, if it is one
+    median: bool = False
 
-    def width(self, informations: Array) -> float:
-        """Half of the 90 % interval expected after candidates with information (q, m, m)."""
-        return self.whole(half_widths(self.gradient, covariance(informations)))
-
-
-def root_mean_square(widths: Array) -> float:
-    """Of a prediction along a motion."""
-    return float(np.sqrt(np.mean(widths**2)))
-
-
-def middle(widths: Array) -> float:
-    """The median, of coefficients of which some cannot be told at all."""
-    return float(np.median(widths))
+    def width(self, *informations: Array) -> float:
+        """Half of the 90 % interval expected after candidates with information (m, m) each."""
+        told = np.eye(self.gradient.shape[1]) + sum(informations)
+        widths = half_widths(self.gradient, np.asarray(np.linalg.inv(told)))
+        return float(np.median(widths) if self.median else np.sqrt(np.mean(widths**2)))
 
 
 def ranked(
     purpose: Purpose, known: Array, informations: Array, seconds: Array
 ) -> tuple["np.ndarray[tuple[int], np.dtype[np.int64]]", Array]:
-    """Order of candidates by the logarithm of the width that they save in a second, and widths.
+    """Order of candidates by the logarithm of the width that they save in a second, the best first.
 
-    Args:
-        purpose: what is predicted.
-        known: information (m, m) of what is chosen already.
-        informations: those of the candidates, shape (q, m, m).
-        seconds: their time, shape (q,).
-
-    Returns:
-        Numbers of the candidates, the best first, and the width after each of them, shape (q,).
+    `known` is the information (m, m) of what is chosen already, `informations` (q, m, m) those of
+    the candidates, `seconds` their time (q,). Also returns the width after each of them, (q,).
     """
-    widths = np.array([purpose.width(np.array([known, each])) for each in informations])
-    now = purpose.width(known[None])
+    widths = np.array([purpose.width(known, each) for each in informations])
+    now = purpose.width(known)
     gain = np.log(now / np.maximum(widths, 1e-12 * now)) / seconds
     return np.argsort(-gain, kind="stable"), widths
-
-
-KNOWN_UNITS = ("m", "m^2", "kg/m^3")  # of parameters of devices that nobody doubts
 
 
 def doubted(model: Vessel, doubt: float, rng: np.random.Generator, share: float) -> Vessel:

@@ -35,8 +35,7 @@ from seatrial.models.excitation.information import (
 from seatrial.models.excitation.missions import Length, Mission
 from seatrial.models.excitation.schedule import Gains, Phase, Role, Schedule
 from seatrial.models.notation import PLANAR
-from seatrial.models.planning.lattice import Corners, Pace, Waters
-from seatrial.models.planning.planner import PlannedPath, PlanningTask, plan
+from seatrial.models.planning.planner import Corners, Pace, PlannedPath, PlanningTask, Waters, plan
 from seatrial.models.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Split
 from seatrial.models.simulation.loop import sail
@@ -140,7 +139,7 @@ class OptimalDesign(Mission):
     velocity feedback bring the vessel to rest after each. `held_out` are sailed last, for testing;
     without them what lies between manoeuvres is for testing. In the area of `route` the order and
     what lies between follow from a plan. `expected` is what was expected of the mix: half
-    the 90 % interval by purpose.
+    the 90 % interval by purpose. `variants` are factors by which `seatrial next` varies candidates.
     """
 
     candidates: dict[str, Mission]
@@ -159,6 +158,7 @@ class OptimalDesign(Mission):
     reference_filter: Reference
     period_s: Positive
     expected: Mapping[str, float] | None = None
+    variants: Mapping[str, tuple[float, ...]] | None = None
 
     open_loop = True  # the vessel is stopped by feedback of the mission's own
 

@@ -1,8 +1,12 @@
 """Shortest paths of a vessel that turns on circles of one radius and sails ahead only.
 
-Dubins (1957), On curves of minimal length with a constraint on average curvature; the six words by
-Shkel and Lumelsky (2001), Classification of the Dubins set, eqs. (5) to (12). Positions are (north,
-east) [m], a heading grows to starboard, so S is a turn to starboard and P one to port.
+Dubins (1957), On curves of minimal length with a constraint on average curvature. Positions are
+(north, east) [m], a heading grows to starboard. As complex numbers, a turn to the side s (1 to
+starboard, -1 to port) at heading psi is about c = p + i s R exp(i psi), and the six words follow
+from the centres of the first and the last turn, D = c_2 - c_1 apart:
+
+    arc s, line, arc e    D = (L + i (e - s) R) exp(i theta)
+    arc s, arc -s, arc s  |D| = 4 R cos a,  tangents at theta = arg D +- a + s pi / 2
 """
 
 from typing import NamedTuple
@@ -12,6 +16,7 @@ import numpy as np
 from seatrial.models.vessel.basis import Array
 
 TURN = 2.0 * np.pi
+ROUNDING = 1e-9  # [rad] by which a turn may fall short of none
 
 
 class Arc(NamedTuple):
@@ -23,10 +28,29 @@ class Arc(NamedTuple):
 
 def dubins(start: Array, end: Array, radius_m: float) -> tuple[Arc, ...]:
     """The shortest path between two poses (3,) [m, m, rad], of three arcs."""
-    paths = [
-        tuple(Arc(side, radius_m * n) for side, n in zip(sides, lengths, strict=True))
-        for sides, lengths in _words(*_normalised(start, end, radius_m))
-    ]
+    paths, (first, last), R = [], (float(start[2]), float(end[2])), radius_m
+
+    def arc(side: int, angle: float) -> Arc:
+        turned = (side * angle + ROUNDING) % TURN - ROUNDING
+        return Arc(side, R * max(float(turned), 0.0))
+
+    def centre(pose: Array, side: int) -> complex:
+        return complex(complex(*pose[:2]) + 1j * side * R * np.exp(1j * pose[2]))
+
+    for s in (1, -1):
+        for e in (1, -1):
+            D, aside = centre(end, e) - centre(start, s), (e - s) * R
+            if (square := abs(D) ** 2 - aside**2) >= 0.0:
+                theta = float(np.angle(D) - np.arctan2(aside, np.sqrt(square)))
+                line = Arc(0, float(np.sqrt(square)))
+                paths.append((arc(s, theta - first), line, arc(e, last - theta)))
+            if e == s and abs(D) <= 4.0 * R:
+                a = float(np.arccos(abs(D) / (4.0 * R)))
+                for lean in (a, -a):
+                    theta = float(np.angle(D)) + lean + 0.5 * s * np.pi
+                    then = theta - 2.0 * lean + np.pi
+                    turns = arc(s, theta - first), arc(-s, then - theta), arc(s, last - then)
+                    paths.append(turns)
     return min(paths, key=length_of)
 
 
@@ -40,48 +64,10 @@ def poses_along(start: Array, path: tuple[Arc, ...], radius_m: float, step_m: fl
     poses = [np.asarray(start, dtype=np.float64)[None]]
     for side, length in path:
         s = np.linspace(0.0, length, max(2, int(np.ceil(length / step_m)) + 1))[1:]
+        turn = side * s / radius_m
+        chord = s * np.sinc(turn / TURN)  # sin(turn / 2) / (turn / 2)
         x, y, psi = poses[-1][-1]
-        if side:
-            turned = psi + side * s / radius_m
-            north = x + side * radius_m * (np.sin(turned) - np.sin(psi))
-            east = y - side * radius_m * (np.cos(turned) - np.cos(psi))
-        else:
-            turned, north, east = np.full_like(s, psi), x + s * np.cos(psi), y + s * np.sin(psi)
-        poses.append(np.column_stack([north, east, turned]))
+        course = psi + 0.5 * turn
+        north, east = x + chord * np.cos(course), y + chord * np.sin(course)
+        poses.append(np.column_stack([north, east, psi + turn]))
     return np.vstack(poses)
-
-
-def _normalised(start: Array, end: Array, radius_m: float) -> tuple[float, float, float]:
-    """Distance over the radius, and both headings from the line between the positions."""
-    north, east = (end[:2] - start[:2]) / radius_m
-    line = np.arctan2(east, north)
-    return float(np.hypot(north, east)), float(start[2] - line), float(end[2] - line)
-
-
-def _words(d: float, a: float, b: float) -> list[tuple[tuple[int, ...], tuple[float, ...]]]:
-    """Sides and lengths over the radius of the words that exist."""
-    found = []
-    for side in (1, -1):  # the mirror image of a word has the headings negated
-        alpha, beta = side * a, side * b
-        sa, sb, ca, cb = np.sin(alpha), np.sin(beta), np.cos(alpha), np.cos(beta)
-        cab = np.cos(alpha - beta)
-        square = 2.0 + d**2 - 2.0 * cab + 2.0 * d * (sa - sb)  # same sides: SLS
-        line = np.arctan2(cb - ca, d + sa - sb)
-        found.append(((side, 0, side), (line - alpha, np.sqrt(max(square, 0.0)), beta - line)))
-        square = d**2 - 2.0 + 2.0 * cab + 2.0 * d * (sa + sb)  # other sides: SLP
-        if square >= 0.0:
-            p = float(np.sqrt(square))
-            line = np.arctan2(-ca - cb, d + sa + sb) - np.arctan2(-2.0, p)
-            found.append(((side, 0, -side), (line - alpha, p, line - beta)))
-        cosine = (6.0 - d**2 + 2.0 * cab + 2.0 * d * (sb - sa)) / 8.0  # three turns: SPS
-        if abs(cosine) <= 1.0:
-            p = TURN - float(np.arccos(cosine))
-            t = 0.5 * p - alpha + np.arctan2(cb - ca, d + sa - sb)
-            found.append(((side, -side, side), (t, p, beta - alpha - t + p)))
-    return [
-        (
-            sides,
-            tuple(float(n if s == 0 else n % TURN) for s, n in zip(sides, lengths, strict=True)),
-        )
-        for sides, lengths in found
-    ]

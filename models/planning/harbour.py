@@ -1,4 +1,4 @@
-"""A harbour as polygons, the outline of a hull, and the distance between them along a motion.
+"""Shapes of GeoJSON files, a harbour of them, the outline of a hull, and their distances.
 
 Between two samples the pose changes linearly. No point of a hull then moves further than
 m = |dp| + R |dpsi|, with the distance R of its farthest corner from the origin of the body. So the
@@ -7,72 +7,75 @@ bound of conservative advancement, Mirtich (1996), Impulse-based dynamic simulat
 systems, section 2.3.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from seatrial.models.compiled import kernel
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.planning.lattice import Corners
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
 
 if TYPE_CHECKING:
+    import pymap3d
     import shapely
 else:
     import lazy_loader
 
-    shapely = lazy_loader.load("shapely")  # slow to import
+    pymap3d = lazy_loader.load("pymap3d")  # slow to import
+    shapely = lazy_loader.load("shapely")
 
+UNITS, SIDES = ("lengths", "metres"), ("port", "starboard")
 SHOULDER = 0.7  # of the length from the stern: where the sides end and the bow begins
 FLAT = 1e-9  # share of its area by which a polygon may fall short of its convex hull
 ROUNDS = 60  # halvings of a sampling interval, at most: to less than rounding
+TINY = 1e-12  # [m]
+TRIES = 1000  # positions that are drawn for a start
+Shape = tuple[Mapping[str, Any], "shapely.Geometry"]  # with its properties
 
 
-@dataclass(frozen=True)
-class HarbourChart:
-    """Polygons of a harbour, corners (north, east), in metres or in lengths of the vessel.
+def shapes_of(text: str) -> tuple[Mapping[str, Any], list[Shape]]:
+    """The content of a GeoJSON text and its shapes; raises ConfigurationError, in one line."""
+    try:
+        content = json.loads(text)
+        nodes = [(one.get("properties") or {}, one.get("geometry", one))
+                 for one in content.get("features", [content])]  # fmt: skip
+        shapes = [(own, shapely.from_geojson(json.dumps(node))) for own, node in nodes]
+        if wrong := [shape for _, shape in shapes if not shape.is_valid]:
+            raise ValueError(shapely.is_valid_reason(wrong[0]))
+    except (ValueError, TypeError, AttributeError, shapely.GEOSException) as error:
+        reason = " ".join(str(error).split())
+        raise ConfigurationError(f"got {reason}, expected polygons of GeoJSON") from error
+    return content, shapes
 
-    `water`, if given, is the water: all around it is land. The vessel starts at a point of the
-    polygon `start` (or at its only point) with a heading between two. `quay` is a line along the
-    face of the quay in the heading of the berthed vessel, at the middle of which it lies, with the
-    quay on its `side`.
+
+def in_metres(
+    shape: "shapely.Geometry", origin: Sequence[float] | None, scale: float = 1.0
+) -> "shapely.Geometry":
+    """A shape in (north, east) [m] from one in (east, north), or in (longitude, latitude) [deg].
+
+    Degrees are on WGS 84, as in RFC 7946, about an `origin` (longitude, latitude).
     """
 
-    units: Literal["metres", "lengths"]
-    obstacles: tuple[Corners, ...]
-    start: Corners
-    headings_deg: tuple[float, float]
-    quay: Corners
-    side: Literal["port", "starboard"]
-    water: Corners | None = None
+    def north_east(xy: Array) -> Array:
+        if origin is None:
+            return np.asarray(scale * xy[:, ::-1])
+        if np.any(np.abs(xy) > (360.0, 90.0)):
+            raise ConfigurationError(f"got {xy[0].tolist()}, expected longitude and latitude [deg]")
+        return np.column_stack(pymap3d.geodetic2ned(*xy.T[::-1], 0.0, *origin[1::-1], 0.0)[:2])
 
-    def scaled(self, length_m: float) -> "Harbour":
-        """The harbour in metres, for a vessel of a length [m]."""
-        scale = length_m if self.units == "lengths" else 1.0
-        water = () if self.water is None else (scale * np.array(self.water),)
-        solid = tuple(scale * np.array(corners) for corners in self.obstacles)
-        start, quay = scale * np.array(self.start), scale * np.array(self.quay)
-        every = np.vstack([*solid, *water, start, quay])
-        low, high = np.min(every, axis=0) - length_m, np.max(every, axis=0) + length_m
-        area = np.array(
-            [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]]
-        )
-        around = [shapely.difference(shapely.Polygon(area), shapely.Polygon(one)) for one in water]
-        land = shapely.union_all([*(shapely.Polygon(corners) for corners in solid), *around])
-        along = quay[1] - quay[0]
-        heading = float(np.arctan2(along[1], along[0]))
-        return Harbour(area, land, start, np.radians(self.headings_deg), np.mean(quay, axis=0),
-                       heading, 1.0 if self.side == "starboard" else -1.0)  # fmt: skip
+    return shapely.transform(shape, north_east)
 
 
 class Harbour(NamedTuple):
-    """A harbour in metres, NED; polygons are arrays (n, 2)."""
+    """A harbour in metres, NED."""
 
-    area: Array  # rectangle around all
+    area: Array  # corners of a rectangle around all, (4, 2)
     land: "shapely.Geometry"
-    start: Array
-    headings: Array  # (2,) [rad]
+    start: "shapely.Geometry"  # polygon of positions at the start, or the only one
+    headings: Array  # at the start, from and to [rad]
     face: Array  # (2,) middle of the berth, on the face of the quay
     heading: float  # of the berthed vessel [rad]
     side: float  # of the quay seen from the vessel: 1 starboard, -1 port
@@ -86,13 +89,66 @@ class Harbour(NamedTuple):
         """The pose along the quay, so far from its face, (3,) [m, m, rad]."""
         return np.array([*(self.face + distance_m * self.away), self.heading])
 
-    def width(self) -> float:
-        """Distance [m] from the face of the quay to what is opposite; infinite for open water."""
-        reach = float(np.ptp(self.area))
-        ray = shapely.LineString([self.face + 1e-6 * reach * self.away,
-                                  self.face + reach * self.away])  # fmt: skip
-        met = shapely.intersection(ray, self.land)
-        return float("inf") if met.is_empty else float(shapely.Point(*self.face).distance(met))
+    def start_pose(self, free: "shapely.Geometry", rng: np.random.Generator) -> Array:
+        """A pose (3,) drawn evenly over the start and its headings, at a free position.
+
+        Raises ConfigurationError if there is none.
+        """
+        low, high = np.reshape(self.start.bounds, (2, 2))
+        heading = float(rng.uniform(*self.headings))
+        drawn = rng.uniform(low, high, (TRIES, 2))
+        inside = shapely.intersection(self.start, free)
+        good = drawn[shapely.covers(inside, shapely.points(drawn))]
+        if not len(good):
+            raise ConfigurationError("it does not contain the start with room to turn")
+        return np.array([*good[0], heading])
+
+
+def harbour_of(text: str, length_m: float) -> Harbour:
+    """The harbour of a GeoJSON text for a vessel of a length [m]; raises ConfigurationError.
+
+    It is a FeatureCollection, each feature with a `role` in its properties: `obstacle` (the
+    default; polygons), `water` (a polygon: all around it is land), `start` (a polygon or point,
+    with `headings_deg`) and `quay` (a line along its face in the heading of the berthed vessel,
+    which lies at the middle, with the `side` of the quay). The member `units` says what
+    coordinates (east, north) are: `lengths` of the vessel or `metres`. Without it they are degrees
+    about the longitude and latitude in `origin`, by default the quay's first point.
+    """
+    content, shapes = shapes_of(text)
+    beginning, start = _only(shapes, "start", "Polygon", "Point")
+    berth, quay = _only(shapes, "quay", "LineString")
+    along, units, side = shapely.get_coordinates(quay), content.get("units"), berth.get("side")
+    if side not in SIDES or len(along) != 2:
+        raise ConfigurationError(f"quay: got side {side!r}, expected two points and {SIDES}")
+    if units not in (None, *UNITS):
+        raise ConfigurationError(f"units: got {units!r}, expected one of {UNITS} or none")
+    origin = content.get("origin", along[0]) if units is None else None
+
+    def placed(shape: "shapely.Geometry") -> "shapely.Geometry":
+        return in_metres(shape, origin, length_m if units == "lengths" else 1.0)
+
+    water = [placed(shape) for own, shape in shapes if own.get("role") == "water"]
+    solid = [placed(shape) for own, shape in shapes if own.get("role", "obstacle") == "obstacle"]
+    start, quay = placed(start), placed(quay)
+    south, west, north, east = shapely.total_bounds([*water, *solid, start, quay])
+    area = shapely.box(south - length_m, west - length_m, north + length_m, east + length_m)
+    around = [shapely.difference(area, shapely.union_all(water))] if water else []
+    headings = np.radians(beginning.get("headings_deg", (-180.0, 180.0)))
+    first, last = shapely.get_coordinates(quay)
+    heading = float(np.arctan2(*(last - first)[::-1]))
+    return Harbour(shapely.get_coordinates(area)[:-1], shapely.union_all([*solid, *around]), start,
+                   headings, 0.5 * (first + last), heading,
+                   1.0 if side == "starboard" else -1.0)  # fmt: skip
+
+
+def _only(shapes: Sequence[Shape], role: str, *kinds: str) -> Shape:
+    """The only feature of a role; raises ConfigurationError."""
+    own = [one for one in shapes if one[0].get("role") == role and one[1].geom_type in kinds]
+    if len(own) != 1:
+        raise ConfigurationError(
+            f"got {len(own)} features with role {role}, expected one {' or '.join(kinds)}"
+        )
+    return own[0]
 
 
 def hull_outline(length_m: float, beam_m: float) -> Array:
@@ -164,11 +220,20 @@ def convex_parts(land: "shapely.Geometry") -> tuple[Array, ...]:
 
     A polygon that is not convex is triangulated, and neighbours are united while that is convex.
     """
-    parts: list[Array] = []
+    done: list[shapely.Geometry] = []
     for polygon in shapely.get_parts(land):
-        pieces = [polygon] if _convex(polygon) else _united(polygon)
-        parts += [shapely.get_coordinates(shapely.normalize(one))[:-1] for one in pieces]
-    return tuple(parts)
+        triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+        left = [polygon] if _convex(polygon) else list(triangles)
+        while left:
+            piece = left.pop()
+            joined = [(i, shapely.union(piece, other)) for i, other in enumerate(left)
+                      if shapely.touches(piece, other)]  # fmt: skip
+            match = next(((i, both) for i, both in joined if _convex(both)), None)
+            if match is None:
+                done.append(piece)
+            else:
+                left[match[0]] = shapely.convex_hull(match[1])
+    return tuple(shapely.get_coordinates(shapely.normalize(one))[:-1] for one in done)
 
 
 def _convex(shape: "shapely.Geometry") -> bool:
@@ -177,35 +242,44 @@ def _convex(shape: "shapely.Geometry") -> bool:
     return shape.geom_type == "Polygon" and missing <= FLAT * float(shape.area)
 
 
-def _united(polygon: "shapely.Geometry") -> "list[shapely.Geometry]":
-    """The triangles of a polygon, united greedily to larger convex polygons."""
-    done: list[shapely.Geometry] = []
-    left = list(shapely.get_parts(shapely.constrained_delaunay_triangles(polygon)))
-    while left:
-        piece = left.pop()
-        joined = [(i, shapely.union(piece, other)) for i, other in enumerate(left)
-                  if shapely.touches(piece, other)]  # fmt: skip
-        match = next(((i, both) for i, both in joined if _convex(both)), None)
-        if match is None:
-            done.append(piece)
-        else:
-            left[match[0]] = shapely.convex_hull(match[1])
-    return done
+@kernel
+def _separate(axes: Array, hulls: Array, polygon: Array, best: Array) -> None:
+    """Write (n, max n' q, separation) (N, 4) of the best of axes (N, A, 2) for hulls (N, m, 2)."""
+    for k in range(len(axes)):
+        best[k, 3] = -np.inf
+        for north, east in axes[k]:
+            size, near, far = np.sqrt(north * north + east * east), np.inf, -np.inf
+            for p in hulls[k]:
+                near = min(near, north * p[0] + east * p[1])
+            for q in polygon:
+                far = max(far, north * q[0] + east * q[1])
+            if size > TINY and (near - far) / size > best[k, 3]:  # else corners that touch
+                best[k, 0], best[k, 1] = north / size, east / size
+                best[k, 2], best[k, 3] = far / size, (near - far) / size
 
 
-def start_pose(
-    harbour: Harbour, free: "shapely.Geometry", rng: np.random.Generator, tries: int = 1000
-) -> Array:
-    """A pose drawn evenly over the start and its headings, at a free position, (3,).
+def separating_lines(hull: Array, poses: Array, obstacles: Sequence[Array], count: int) -> Array:
+    """Lines (n, max n' q) between a hull and the nearest obstacles, nearest first.
 
-    Raises ConfigurationError if there is none.
+    The axis n with the largest separation s = min n'(p + R(psi) v) - max n' q between two convex
+    polygons is a normal of an edge, or lies along the difference of two corners. It is their
+    distance, or if they overlap minus the depth; the lines bound a convex free space. Martinsen et
+    al. (2019); Ericson (2005), section 5.2.1.
+
+    The hull (m, 2) is in body axes [m], at poses (N, 3) [m, m, rad]; obstacles are (n, 2) each [m].
+    Returns shape (N, count, 3); rows without an obstacle are (0, 0, -inf).
     """
-    corners = harbour.start
-    shape = shapely.Polygon(corners) if len(corners) > 2 else shapely.Point(*corners[0])
-    inside = shapely.intersection(shape, free)
-    heading = float(rng.uniform(*harbour.headings))
-    drawn = rng.uniform(np.min(corners, axis=0), np.max(corners, axis=0), (tries, 2))
-    good = drawn[shapely.covers(inside, shapely.points(drawn))]
-    if not len(good):
-        raise ConfigurationError("it does not contain the start with room to turn")
-    return np.array([*good[0], heading])
+    turned = placed(hull, poses)
+    lines = np.zeros((len(poses), max(count, len(obstacles)), 4))  # (n, max n' q, separation)
+    lines[:, :, 2:] = -np.inf, np.inf
+    for k, polygon in enumerate(obstacles):
+        between = (turned[:, :, None] - polygon).reshape(len(poses), -1, 2)
+        sides = np.roll(polygon, -1, axis=0) - polygon
+        same = np.broadcast_to(sides, (len(poses), *sides.shape))
+        sides = np.concatenate([np.roll(turned, -1, axis=1) - turned, same], axis=1)
+        normals = sides[:, :, ::-1] * (-1.0, 1.0)
+        _separate(
+            np.concatenate([between, normals, -normals], axis=1), turned, polygon, lines[:, k]
+        )
+    nearest = np.argsort(lines[:, :, 3], axis=1, kind="stable")[:, :count]
+    return np.asarray(np.take_along_axis(lines, nearest[:, :, None], axis=1)[:, :, :3])

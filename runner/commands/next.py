@@ -5,16 +5,14 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 import yaml
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.models.excitation.helm_sequence import HelmSequence
 from seatrial.models.excitation.next_experiment import Purpose
-from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.notation import PLANAR
 from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.compare.frame import open_results
@@ -24,14 +22,16 @@ from seatrial.runner.export.sailing_sheet import Origin, read_waters, write_file
 from seatrial.runner.record.vocabulary import GROUPS
 from seatrial.runner.sweeps import in_process
 from seatrial.runner.trials.next_experiment import (
+    ForcePlanner,
     Known,
+    Sailed,
+    SteeredPlanner,
     after_runs,
-    candidates_of,
-    chosen_node,
     nominal,
+    planner_of,
     purpose_of,
+    sequence,
 )
-from seatrial.runner.trials.next_plan import ForcePlanner, Sailed, Sea, SteeredPlanner, sequence
 
 app = typer.Typer(name="seatrial next", pretty_exceptions_enable=False, add_completion=False)
 HALF_A_SAMPLE = 0.05  # [s]
@@ -71,70 +71,43 @@ def next_experiment(
 ) -> None:
     """Choose what to sail next, and write its sheet, its track and its YAML."""
     name, target, percent = _target(purpose)
-    where: Origin = None
-    if origin:
-        lat, lon = _numbers("origin", origin, 2)
-        where = lat, lon
-    north, east, heading = _numbers("start", start, 3)
+    where: Origin = (*_numbers("origin", origin, 2),) if origin else None  # type: ignore[assignment]
+    pose = np.array(_numbers("start", start, 3)) * (1.0, 1.0, np.pi / 180.0)
     waters = None if area is None else read_waters(area, where, clearance_m)
-    sea = Sea(waters, np.array([north, east, np.radians(heading)]), 60.0 * minutes)
     if bool(after) == bool(vessel):
         raise ConfigurationError("next: expected --after RUNS or --vessel NAME")
     trials = _stored(after, database) if after else []
-    if trials:
-        known = after_runs(trials, _calm(trials[-1].names["vessel"]))
-    else:
-        known = _nominal(vessel, doubt)
-    wanted = purpose_of(known, name, percent, trials[-1] if trials else None)
-    now = wanted.width(np.zeros((1, *2 * known.belief.coordinates.shape[1:])))
     source = f"runs {after}" if after else f"nominal model, doubt {100.0 * doubt:g} %"
-    text = " ".join([name, wanted.text, f"± {now:.3g} {wanted.unit}"]).replace("  ", " ")
+    known = _known(trials, vessel, doubt)
+    wanted = purpose_of(known, name, percent, trials[-1] if trials else None)
+    now, unit = wanted.width(), wanted.unit
+    text = " ".join([name, wanted.text, f"± {now:.3g} {unit}"]).replace("  ", " ")
     head = [*_came(trials, wanted, now), f"{known.trial.vessel.name}, {source}: {text}"]
     if now <= target:
-        typer.echo("\n".join([*head, f"{target:g} {wanted.unit} reached: nothing is to be sailed"]))
+        typer.echo("\n".join([*head, f"{target:g} {unit} reached: nothing is to be sailed"]))
         return
-    planner, sailed, widths = _chosen(known, wanted, target, sea)
-    told = _sheet(planner, sailed, widths, wanted)
+    planner = planner_of(known, waters, pose, 60.0 * minutes)
+    told = np.array([known.information(each.motion) for each in planner.candidates])
+    sailed, widths = sequence(wanted, target, told, planner)
+    assert sailed.motion is not None
     verdict = f"reached after {sailed.seconds / 60.0:.1f} min"
     if widths[-1] > target:
-        best = f"the best that was found is {widths[-1]:.3g} {wanted.unit}"
-        verdict = f"is not reached in {minutes:g} min: {best}"
-    typer.echo("\n".join([*head, *told, f"{target:g} {wanted.unit} {verdict}"]))
-    expected = {f"{name}, {wanted.unit}": float(widths[-1])}
-    text = _yaml(known, planner, sailed, expected)
-    typer.echo("wrote " + ", ".join(map(str, _written(output, text, planner, sailed, where))))
-
-
-def _written(
-    folder: Path, text: str, planner: SteeredPlanner | ForcePlanner, sailed: Sailed, origin: Origin
-) -> list[Path]:
-    """Write the YAML and the track; raises ConfigurationError if they cannot be written."""
-    assert sailed.motion is not None
-    names = [(begin, planner.candidates[number].name) for begin, number in sailed.chosen]
-    file = folder / "excitation.yaml"
+        verdict = f"is not reached in {minutes:g} min: the best that was found is "
+        verdict += f"{widths[-1]:.3g} {unit}"
+    lines = [*head, *_sheet(planner, sailed, widths, unit), f"{target:g} {unit} {verdict}"]
+    typer.echo("\n".join(lines))
+    node = planner.node(sailed, {f"{name}, {unit}": float(widths[-1])})
+    plain = json.loads(json.dumps(node, default=np.generic.item))  # lists, no aliases
+    file = output / "excitation.yaml"
+    marks = [(begin, planner.candidates[number].name) for begin, number in sailed.chosen]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
-        return [file, *write_files(folder, sailed.motion, names, planner.sea.waters, origin)]
+        output.mkdir(parents=True, exist_ok=True)
+        yaml_text = str(yaml.safe_dump(plain, sort_keys=False, width=100))
+        file.write_text("# Chosen by seatrial next.\n" + yaml_text, encoding="utf-8")
+        files = [file, *write_files(output, sailed.motion, marks, waters, where)]
     except OSError as error:
-        raise ConfigurationError(f"{folder}: cannot be written: {error.strerror}") from error
-
-
-def _chosen(
-    known: Known, wanted: Purpose, target: float, sea: Sea
-) -> tuple[SteeredPlanner | ForcePlanner, Sailed, list[float]]:
-    """The sequence with its planner and widths; raises ConfigurationError if nothing fits."""
-    kind = SteeredPlanner if isinstance(known.trial.excitation, HelmSequence) else ForcePlanner
-    planner = kind(known, candidates_of(known), sea)
-    told = np.array([known.information(each.motion) for each in planner.candidates])
-    sailed, widths = sequence(wanted, target, told, planner, sea.seconds)
-    if sailed.motion is None:
-        where = "" if sea.waters is None else " and the area"
-        raise ConfigurationError(
-            f"next: none of {len(planner.candidates)} manoeuvres fits into "
-            f"{sea.seconds / 60.0:g} min{where}"
-        )
-    return planner, sailed, widths
+        raise ConfigurationError(f"{output}: cannot be written: {error.strerror}") from error
+    typer.echo("wrote " + ", ".join(map(str, files)))
 
 
 def _target(text: str) -> tuple[str, float, bool]:
@@ -175,37 +148,38 @@ def _stored(after: str, database: str) -> list[Trial]:
     return trials
 
 
-def _calm(vessel: str, disturbance: str = "calm") -> Trial:
+def _known(trials: Sequence[Trial], vessel: str, doubt: float) -> Known:
+    """What is known after trials, or of the nominal model."""
+    if trials:
+        return after_runs(trials, trial_of(trials[-1].names["vessel"]))
+    if not 0.0 < doubt < 1.0:
+        raise ConfigurationError(f"next: --doubt {doubt:g}: expected a number between 0 and 1")
+    noisy = trial_of(vessel, "noise")
+    return nominal(replace(noisy, disturbance=type(noisy.disturbance)()), noisy, doubt)
+
+
+def trial_of(vessel: str, disturbance: str = "calm") -> Trial:
     """A trial of the vessel whose excitation is the family of its candidates."""
     words = [f"vessel={vessel}", f"disturbance={disturbance}", "controller=none", "evaluation=none"]
     for family in FAMILIES:
         try:
             order = in_process.composed([*words, f"excitation={family}"])
             trial = build_trial(order.config, order.names)
+            break
         except SeatrialError:
             if family == FAMILIES[-1]:
                 raise
-            continue
-        if trial.vessel.dofs != PLANAR:
-            raise ConfigurationError(
-                f"next: {vessel} moves in {', '.join(trial.vessel.dofs)}, expected a vessel in "
-                f"{', '.join(PLANAR)}"
-            )
-        return trial
-    raise AssertionError
-
-
-def _nominal(vessel: str, doubt: float) -> Known:
-    if not 0.0 < doubt < 1.0:
-        raise ConfigurationError(f"next: --doubt {doubt:g}: expected a number between 0 and 1")
-    noisy = _calm(vessel, "noise")
-    return nominal(replace(noisy, disturbance=type(noisy.disturbance)()), noisy, doubt)
+    if trial.vessel.dofs != PLANAR:
+        raise ConfigurationError(
+            f"next: {vessel} moves in {', '.join(trial.vessel.dofs)}, expected a vessel in "
+            f"{', '.join(PLANAR)}"
+        )
+    return trial
 
 
 def _came(trials: Sequence[Trial], purpose: Purpose, now: float) -> list[str]:
     """What was expected of the last run beside what came, if anything was."""
-    mission = trials[-1].excitation if trials else None
-    expected = mission.expected if isinstance(mission, HelmSequence | OptimalDesign) else None
+    expected = getattr(trials[-1].excitation, "expected", None) if trials else None
     value = (expected or {}).get(f"{purpose.name}, {purpose.unit}")
     if value is None:
         return []
@@ -213,66 +187,20 @@ def _came(trials: Sequence[Trial], purpose: Purpose, now: float) -> list[str]:
 
 
 def _sheet(
-    planner: SteeredPlanner | ForcePlanner,
-    sailed: Sailed,
-    widths: Sequence[float],
-    purpose: Purpose,
+    planner: SteeredPlanner | ForcePlanner, sailed: Sailed, widths: Sequence[float], unit: str
 ) -> Iterator[str]:
     """Lines of times, helm or forces, and the interval expected after each manoeuvre."""
     said, last = list(zip(sorted(sailed.chosen), widths[1:], strict=True)), ""
-    for begin, text in _rows(sailed):
+    for begin, text in planner.rows(sailed):
         if said and said[0][0][0] <= begin + HALF_A_SAMPLE:
             (_, number), width = said.pop(0)
             title = planner.candidates[number].name
-            yield f"{_clock(begin)}  {title}: then ± {width:.3g} {purpose.unit}"
+            yield f"{_clock(begin)}  {title}: then ± {width:.3g} {unit}"
         if text != last:
             yield f"{_clock(begin)}    {text}"
         last = text
     yield f"{_clock(sailed.seconds)}  end"
 
 
-def _rows(sailed: Sailed) -> Iterator[tuple[float, str]]:
-    """Begin [s] of each step of the helm, or phase, and what is done."""
-    mission = sailed.mission
-    if isinstance(mission, OptimalDesign):
-        for edge, phase in zip(mission.schedule.edges, mission.schedule.phases, strict=False):
-            yield edge * mission.period_s, phase.kind
-        return
-    assert isinstance(mission, HelmSequence)
-    for begin, step in zip(mission.edges_s, mission.steps, strict=False):
-        angle = (
-            f"{np.degrees(step.order):.1f} deg" if mission.helm == "delta" else f"{step.order:.4g}"
-        )
-        text = {
-            "hold": f"{mission.helm} {angle}",
-            "zigzag": f"{mission.helm} {angle}, to the other side at {step.turn_deg:g} deg",
-            "turn": f"{mission.helm} {angle} for a turn by {step.turn_deg:.0f} deg, then straight",
-        }[step.kind]
-        yield float(begin), text if step.kind != "turn" or step.turn_deg else "straight"
-
-
 def _clock(seconds: float) -> str:
     return f"{int(seconds // 60):3d}:{seconds % 60:04.1f}"
-
-
-def _yaml(
-    known: Known, planner: SteeredPlanner | ForcePlanner, sailed: Sailed, expected: dict[str, float]
-) -> str:
-    """The excitation as a file of the group."""
-    mission = sailed.mission
-    if isinstance(planner, ForcePlanner):
-        nodes = planner.nodes([number for _, number in sailed.chosen])
-        node: dict[str, Any] = chosen_node(known, nodes, planner.route(), expected)
-        node |= {"vessel": "${vessel}", "period_s": "${sample_time_s}", "draw_seed": "${seed}"}
-    else:
-        assert isinstance(mission, HelmSequence)
-        base = known.trial.config["excitation"]
-        assert isinstance(base, dict)
-        steps = [
-            {name: getattr(step, name) for name in type(step).__dataclass_fields__}
-            for step in mission.steps
-        ]
-        pose = list(map(float, mission.start_pose))
-        node = {**base, "steps": steps, "start_pose": pose, "expected": expected}
-    plain = json.loads(json.dumps(node, default=np.generic.item))  # lists, no aliases
-    return "# Chosen by seatrial next.\n" + str(yaml.safe_dump(plain, sort_keys=False, width=100))

@@ -21,6 +21,7 @@ import numpy as np
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged, IdentificationError, RecordingError
 from seatrial.models.excitation.helm import SteeredMission
+from seatrial.models.excitation.missions import Mission
 from seatrial.models.identification.calibration import (
     drawn_runs,
     nearby_runs,
@@ -103,7 +104,7 @@ def length_of(trial: Trial) -> float | None:
 
 
 def sailed(
-    calm: Trial, mission: SteeredMission, model: Vessel, accelerations: Array | None = None
+    calm: Trial, mission: Mission, model: Vessel, accelerations: Array | None = None
 ) -> Recording:
     """Return the recording of a model that carries out the mission, under accelerations (N, n)."""
     prepared = prepare(calm, Streams(calm.seed), calm.vessel.nominal(), mission, true=model)

@@ -2,18 +2,22 @@
 
 import csv
 import re
+import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from seatrial.models.excitation.next_experiment import Purpose, root_mean_square
+from seatrial.models.excitation.helm_sequence import HelmSequence
+from seatrial.models.excitation.next_experiment import Purpose, ranked
 from seatrial.runner.commands import fits
+from seatrial.runner.commands.next import trial_of
 from seatrial.runner.sweeps import in_process
 from seatrial.runner.sweeps.job import shown
-from seatrial.runner.trials.next_plan import Sailed, sequence
+from seatrial.runner.trials.next_experiment import Sailed, nominal, planner_of, purpose_of, sequence
 from tests.runner.command import Command
 
 SQUARE = '{"type": "Polygon", "coordinates": [[[0,0],[%s,0],[%s,%s],[0,%s],[0,0]]]}'
@@ -134,7 +138,7 @@ def test_stored_trials_fit_and_vessels_that_can_have_the_same_are_shown_together
 class _Backwards:
     """A planner whose route carries out first what is chosen last, each candidate once."""
 
-    candidates = tuple(SimpleNamespace(seconds=1.0) for _ in range(2))
+    candidates, seconds = tuple(SimpleNamespace(seconds=1.0) for _ in range(2)), 10.0
 
     def added(self, so_far: Sailed, number: int) -> Sailed | None:
         if so_far.chosen and number == so_far.chosen[0][1]:
@@ -144,10 +148,29 @@ class _Backwards:
 
 
 def test_widths_are_those_after_each_candidate_as_it_is_sailed() -> None:
-    purpose = Purpose("a", "m", np.eye(1), root_mean_square)
+    purpose = Purpose("a", "m", np.eye(1))
     told = np.array([[[8.0]], [[3.0]]])  # the first is chosen first
-    target = 1.01 * purpose.width(told)
-    sailed, widths = sequence(purpose, target, told, _Backwards(), 10.0)  # type: ignore[arg-type]
+    target = 1.01 * purpose.width(*told)
+    sailed, widths = sequence(purpose, target, told, _Backwards())  # type: ignore[arg-type]
     assert [number for _, number in sailed.chosen] == [0, 1]
-    expected = [purpose.width(told[:0]), purpose.width(told[1:]), purpose.width(told)]
+    expected = [purpose.width(), purpose.width(told[1]), purpose.width(*told)]
     np.testing.assert_allclose(widths, expected, rtol=1e-12)
+
+
+@pytest.mark.nightly
+def test_two_hundred_candidates_are_ranked_in_30_seconds() -> None:
+    """Of a rudder ship, with the gradient of the purpose, by one process; 4.5 s of CPU time."""
+    trial, noisy = trial_of("kvlcc2"), trial_of("kvlcc2", "noise")
+    family = trial.excitation
+    assert isinstance(family, HelmSequence)
+    shares = tuple(np.setdiff1d(np.linspace(-1.0, 1.0, 13), [0.0]).tolist())
+    grids = tuple(replace(grid, shares=shares) for grid in family.candidates)
+    begin = time.process_time()
+    known = nominal(replace(trial, excitation=replace(family, candidates=grids)), noisy, 0.2)
+    purpose = purpose_of(known, "tactical_diameter", percent=True)
+    candidates = planner_of(known, None, np.zeros(3), 900.0).candidates
+    told = np.array([known.information(each.motion) for each in candidates])
+    seconds = np.array([each.seconds for each in candidates])
+    order, _ = ranked(purpose, np.zeros_like(told[0]), told, seconds)
+    assert len(order) >= 200
+    assert time.process_time() - begin < 30.0

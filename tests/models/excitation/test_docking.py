@@ -8,9 +8,8 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.docking import DrawnDocking
-from seatrial.models.planning.harbour import clearances
+from seatrial.models.planning.harbour import clearances, harbour_of
 from seatrial.runner.configuration.fingerprint import fingerprint
-from seatrial.runner.configuration.harbours import read_chart
 from seatrial.runner.configuration.search_path import HARBOURS
 from seatrial.runner.trials.checks import check
 from seatrial.runner.trials.closed_loop import Streams, drawn
@@ -56,8 +55,9 @@ def written(folder: Path, content: dict[str, object]) -> str:
 def test_the_timetable_is_clear_of_the_land_and_ends_in_the_berth(vessel: str) -> None:
     for seed, name in enumerate(sorted(path.stem for path in HARBOURS.glob("*.geojson"))):
         mission = docking(f"vessel={vessel}", f"evaluation.harbour={name}", seed=seed)
-        (_, harbour, _, hull, poses, berthed), length = mission.berthing, mission.options.length_m
-        _, clearance = clearances(harbour.land, hull, poses, 1e-3 * length)
+        poses, berthed, length = mission.poses, mission.berthed, mission.options.length_m
+        hull, land = mission.options.hull, mission.harbour.land
+        _, clearance = clearances(land, hull, poses, 1e-3 * length)
         assert np.min(clearance) == pytest.approx(mission.options.gap * length, rel=1e-6)
         assert np.all(poses[berthed:] == poses[-1])
         step = np.max(np.abs(np.diff(poses, axis=0)), axis=0)
@@ -69,7 +69,7 @@ def test_the_timetable_is_clear_of_the_land_and_ends_in_the_berth(vessel: str) -
 def test_every_competitor_starts_at_the_same_place_and_seeds_differ() -> None:
     first = docking("controller=pid_ff", seed=3)
     second = docking("controller=mpc_integral", "disturbance=wind", "plant.scale=0.7", seed=3)
-    np.testing.assert_array_equal(first.berthing.poses, second.berthing.poses)
+    np.testing.assert_array_equal(first.poses, second.poses)
     starts = {tuple(docking(seed=seed).start) for seed in range(4)}
     assert len(starts) == 4
 
@@ -77,14 +77,14 @@ def test_every_competitor_starts_at_the_same_place_and_seeds_differ() -> None:
 def test_starts_in_lengths_do_not_depend_on_the_vessel() -> None:
     """Position over length and heading, for vessels of 1.3 m and 73 m."""
     small, large = docking("vessel=cybership2", seed=5), docking("vessel=supply_vessel", seed=5)
-    assert small.berthing.name == large.berthing.name
+    assert small.name == large.name
     np.testing.assert_allclose(
         small.start[:2] / small.options.length_m, large.start[:2] / large.options.length_m
     )
     assert small.start[2] == pytest.approx(large.start[2])
 
 
-def test_longitude_and_latitude_are_metres_about_the_origin(tmp_path: Path) -> None:
+def test_longitude_and_latitude_are_metres_about_the_origin() -> None:
     """By pymap3d from the same corners in metres, at 63 deg north."""
     pymap3d = pytest.importorskip("pymap3d")
     origin = (10.4, 63.43)
@@ -103,13 +103,12 @@ def test_longitude_and_latitude_are_metres_about_the_origin(tmp_path: Path) -> N
     assert isinstance(features, list)
     for feature in features:
         feature["geometry"] = degrees(feature["geometry"])
-    (tmp_path / "m.geojson").write_text(json.dumps(metres))
-    (tmp_path / "deg.geojson").write_text(json.dumps(geodetic))
-    first, second = (read_chart(tmp_path / f"{name}.geojson") for name in ("m", "deg"))
-    for name in ("obstacles", "start", "quay"):
-        # height above the ellipsoid: the plane of the metres rises by less than 1 mm in 60 m
-        np.testing.assert_allclose(np.array(second[name]), np.array(first[name]), atol=1e-3)
-    assert first["units"] == second["units"] == "metres"
+    first, second = (harbour_of(json.dumps(content), 5.0) for content in (metres, geodetic))
+    # height above the ellipsoid: the plane of the metres rises by less than 1 mm in 60 m
+    for name in ("land", "start"):
+        one, other = getattr(first, name), getattr(second, name)
+        assert one.hausdorff_distance(other) < 1e-3
+    np.testing.assert_allclose(second.berth(1.0), first.berth(1.0), atol=1e-3)
 
 
 def test_the_fingerprint_depends_on_the_content_of_a_harbour(tmp_path: Path) -> None:

@@ -10,10 +10,9 @@ from seatrial.models.excitation.next_experiment import (
     NORMAL_90,
     Belief,
     Purpose,
-    covariance,
+    believed,
     doubted,
     half_widths,
-    middle,
     ranked,
     residual_deviation,
     scale_of,
@@ -38,7 +37,7 @@ def _belief(count: int = 60) -> Belief:
     z = rng.standard_normal((count, 2))
     z = z @ np.linalg.inv(np.linalg.cholesky(z.T @ z / count)).T  # exactly white
     changes = z @ np.linalg.cholesky(COVARIANCE).T
-    return Belief(_vessel(mean), tuple(_vessel(mean + SHARE * c) for c in changes), SHARE)
+    return believed(_vessel(mean), [_vessel(mean + SHARE * c) for c in changes], SHARE)
 
 
 def _motion(size: float = 1.0) -> Recording:
@@ -51,7 +50,7 @@ def _motion(size: float = 1.0) -> Recording:
 def test_the_update_is_that_of_bayes_for_a_linear_model() -> None:
     belief, motion = _belief(), _motion()
     information = belief.information(motion, np.array([SIGMA]))
-    posterior = belief.basis @ covariance(information[None]) @ belief.basis.T
+    posterior = belief.basis @ np.linalg.inv(np.eye(2) + information) @ belief.basis.T
     u = motion.nu[:, 0]
     phi = np.column_stack([u, np.abs(u) * u]) / MASS
     exact = np.linalg.inv(np.linalg.inv(COVARIANCE) + phi.T @ phi / SIGMA**2)
@@ -71,16 +70,16 @@ def test_a_prediction_that_is_linear_has_its_exact_gradient() -> None:
 
 def test_more_information_never_widens() -> None:
     rng = np.random.default_rng(1)
-    purpose = Purpose("z", "", rng.standard_normal((3, 5)), middle)
+    purpose = Purpose("z", "", rng.standard_normal((3, 5)), median=True)
     parts = rng.standard_normal((20, 5, 2))
     told = parts @ parts.transpose(0, 2, 1)
-    widths = [purpose.width(told[:k]) for k in range(21)]
+    widths = [purpose.width(*told[:k]) for k in range(21)]
     assert all(b <= a + 1e-12 for a, b in pairwise(widths))
     assert widths[-1] < 0.9 * widths[0]
 
 
 def test_what_narrows_most_in_a_second_is_first() -> None:
-    purpose = Purpose("z", "", np.array([[1.0, 0.0]]), middle)
+    purpose = Purpose("z", "", np.array([[1.0, 0.0]]))
     told = np.array([np.diag([0.0, 9.0]), np.diag([3.0, 0.0]), np.diag([3.0, 0.0])])
     order, widths = ranked(purpose, np.zeros((2, 2)), told, np.array([1.0, 20.0, 10.0]))
     assert order.tolist() == [2, 1, 0]

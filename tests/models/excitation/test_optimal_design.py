@@ -180,7 +180,7 @@ def test_another_vessel_keeps_to_the_plan_by_feedback() -> None:
         ),
         (["excitation.feedback.kp=[1,1]"], "excitation.feedback: got 2 and 3 numbers"),
         ([*BASIN, "excitation.route.start=[20,15,0]"],
-         "excitation.route: start at (20, 15) m: it lies inside obstacles[0]"),
+         "excitation.route: start at (20, 15) m: it lies outside area or inside"),
         ([*BASIN, "excitation.route.goal=[99,15,0]"],
          "excitation.route: goal at (99, 15) m: it lies outside area"),
         ([*BASIN, "excitation.route.area=[[0,0],[60,0],[60,10],[0,10]]",

@@ -1,5 +1,7 @@
 """Harbours: contacts between samples, convex parts, and what a change of units leaves as it is."""
 
+import json
+
 import numpy as np
 import pytest
 import shapely
@@ -7,23 +9,32 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seatrial.models.planning.harbour import (
-    HarbourChart,
     clearances,
     contacts,
     convex_parts,
     distances,
+    harbour_of,
     hull_outline,
     interpolated,
     placed,
+    separating_lines,
 )
 from seatrial.models.vessel.kinematics import in_ned
 
 HULL = hull_outline(1.0, 0.3)
 CORNER = ((2.0, -2.0), (2.0, 2.0), (-3.0, 2.0), (-3.0, 3.0), (3.0, 3.0), (3.0, -2.0))
-CHART = HarbourChart(
-    "lengths", (CORNER,), ((-3.0, -2.5), (-3.0, -1.0), (-1.5, -1.0)), (-45.0, 90.0),
-    ((0.4, 2.0), (1.4, 2.0)), "starboard",
-)  # fmt: skip
+
+
+def chart(units: str, start: shapely.Geometry, quay: shapely.Geometry, side: str,
+          **others: shapely.Geometry) -> str:  # fmt: skip
+    """The GeoJSON text of a harbour of shapes in (north, east)."""
+    shapes = {"start": start, "quay": quay, **others}
+    features = [
+        {"properties": {"role": role, "side": side},
+         "geometry": json.loads(shapely.to_geojson(shapely.transform(one, lambda x: x[:, ::-1])))}
+        for role, one in shapes.items()
+    ]  # fmt: skip
+    return json.dumps({"units": units, "features": features})
 
 
 def wandering(seed: int) -> np.ndarray:
@@ -108,7 +119,10 @@ def test_clearance_scales_and_does_not_depend_on_the_frame(
 
 
 def test_a_chart_in_lengths_is_scaled_by_the_vessel() -> None:
-    small, large = CHART.scaled(1.0), CHART.scaled(70.0)
+    start = shapely.Polygon([(-3.0, -2.5), (-3.0, -1.0), (-1.5, -1.0)])
+    quay = shapely.LineString([(0.4, 2.0), (1.4, 2.0)])
+    text = chart("lengths", start, quay, "starboard", obstacle=shapely.Polygon(CORNER))
+    small, large = harbour_of(text, 1.0), harbour_of(text, 70.0)
     np.testing.assert_allclose(large.berth(70.0 * 0.2), small.berth(0.2) * [70.0, 70.0, 1.0])
     assert large.land.area == pytest.approx(70.0**2 * small.land.area)
     # on the side of the water: to the west of a quay that is to starboard of a northern heading
@@ -116,11 +130,8 @@ def test_a_chart_in_lengths_is_scaled_by_the_vessel() -> None:
 
 
 def test_land_is_all_around_water() -> None:
-    pond = HarbourChart(
-        "metres", (), ((1.0, 1.0),), (0.0, 0.0), ((3.0, 0.0), (5.0, 0.0)), "port",
-        ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0)),
-    ).scaled(2.0)  # fmt: skip
-    assert pond.width() == pytest.approx(6.0)
+    water, quay = shapely.box(0.0, 0.0, 10.0, 6.0), shapely.LineString([(3.0, 0.0), (5.0, 0.0)])
+    pond = harbour_of(chart("metres", shapely.Point(1.0, 1.0), quay, "port", water=water), 2.0)
     inside, outside = ([4.0, 3.0, 0.5], [4.0, 6.5, 0.5])
     found = distances(pond.land, HULL, np.array([inside, outside]))
     assert found[0] > 0.0 == found[1]
@@ -130,3 +141,36 @@ def test_the_outline_has_the_length_and_the_beam() -> None:
     np.testing.assert_allclose(np.ptp(hull_outline(73.2, 16.0), axis=0), [73.2, 16.0])
     quarter = placed(HULL, np.array([[1.0, 2.0, 0.5 * np.pi]]))[0]
     np.testing.assert_allclose(np.max(quarter, axis=0), [1.15, 2.5])  # the bow is to the east
+
+
+SHIP = np.array([[2.5, 0.0], [1.0, 1.4], [-2.5, 1.4], [-2.5, -1.4], [1.0, -1.4]])
+
+
+def polygon(rng: np.random.Generator) -> np.ndarray:
+    corners = rng.normal(size=(7, 2)) * rng.uniform(0.5, 4.0)
+    ring = shapely.convex_hull(shapely.MultiPoint(corners + rng.uniform(-12.0, 12.0, 2)))
+    return np.asarray(shapely.get_coordinates(ring)[:-1])
+
+
+def test_lines_separate_by_the_distance_and_the_nearest_come_first() -> None:
+    rng = np.random.default_rng(2)
+    obstacles = [polygon(rng) for _ in range(6)]
+    poses = np.column_stack([rng.uniform(-10.0, 10.0, (200, 2)), rng.uniform(-4.0, 4.0, 200)])
+    lines = separating_lines(SHIP, poses, obstacles, 3)
+    apart = 0
+    for pose, three in zip(poses, lines, strict=True):
+        corners = placed(SHIP, pose[None])[0]
+        distances = shapely.distance(shapely.Polygon(corners), [*map(shapely.Polygon, obstacles)])
+        for line, distance in zip(three, np.sort(distances), strict=False):
+            separation = np.min(corners @ line[:2]) - line[2]
+            assert np.hypot(*line[:2]) == pytest.approx(1.0)
+            assert max(separation, 0.0) == pytest.approx(distance, abs=1e-9)
+            assert any(np.max(one @ line[:2]) == pytest.approx(line[2]) for one in obstacles)
+            apart += separation > 0.0
+    assert 50 < apart < 590
+
+
+def test_a_place_without_an_obstacle_has_a_line_infinitely_far_away() -> None:
+    square = np.array([[5.0, 5.0], [7.0, 5.0], [7.0, 7.0], [5.0, 7.0]])
+    lines = separating_lines(SHIP, np.zeros((1, 3)), [square], 2)
+    assert lines[0, 1].tolist() == [0.0, 0.0, -np.inf]

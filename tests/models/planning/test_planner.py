@@ -10,12 +10,15 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.planning.lattice import HEADINGS, UNREACHED, Pace, Waters
 from seatrial.models.planning.planner import (
+    HEADINGS,
     MOST_STATES,
+    UNREACHED,
+    Pace,
     PlannedPath,
     PlanningTask,
     Setting,
+    Waters,
     plan,
     set_up,
 )
@@ -180,7 +183,7 @@ def test_manoeuvres_that_nothing_else_follows_need_no_passage() -> None:
     ("obstacles", "changes", "message"),
     [
         ((QUAY,), {"start": np.array([20.0, 15.0, 0.0])},
-         "start at (20, 15) m: it lies inside obstacles[0]"),
+         "start at (20, 15) m: it lies outside area or inside an obstacle"),
         ((QUAY,), {"goal": np.array([70.0, 15.0, 0.0])}, "goal at (70, 15) m: it lies outside"),
         ((QUAY, WALL), {}, "no sequence of the manoeuvres with arcs and turns between them"),
         ((QUAY,), {"cell_m": 0.01}, "cell_m: got 0.01 m, for which the area has"),

@@ -42,7 +42,7 @@ def values(docking: DrawnDocking, voyage: SimulatedMission) -> dict[str, float]:
 
 def test_an_exact_voyage_is_berthed_with_the_gap() -> None:
     docking = mission()
-    poses, found = docking.berthing.poses, values(docking, sailed(docking, docking.berthing.poses))
+    poses, found = docking.poses, values(docking, sailed(docking, docking.poses))
     assert found["contacts"] == 0.0
     assert found["smallest_clearance"] == pytest.approx(docking.options.gap, rel=1e-6)
     assert found["final_position_error"] == found["final_heading_error"] == 0.0
@@ -54,8 +54,8 @@ def test_an_exact_voyage_is_berthed_with_the_gap() -> None:
 
 def test_a_voyage_into_the_quay_and_one_beside_the_berth() -> None:
     docking = mission()
-    poses, length = docking.berthing.poses, docking.options.length_m
-    towards = -0.1 * length * docking.berthing.harbour.away
+    poses, length = docking.poses, docking.options.length_m
+    towards = -0.1 * length * docking.harbour.away
     into = values(docking, sailed(docking, poses + np.array([*towards, 0.0])))
     assert into["contacts"] == 1.0
     assert into["smallest_clearance"] == 0.0
@@ -68,18 +68,16 @@ def test_a_voyage_into_the_quay_and_one_beside_the_berth() -> None:
 
 def test_saturation_counts_a_sample_once() -> None:
     docking = mission()
-    tau = np.zeros((len(docking.berthing.poses), 3))
+    tau = np.zeros((len(docking.poses), 3))
     tau[:10, 0], tau[5:20, 2] = 1.0, -1.0
-    found = values(docking, sailed(docking, docking.berthing.poses, tau))
+    found = values(docking, sailed(docking, docking.poses, tau))
     assert found["saturated_share"] == pytest.approx(20.0 / len(tau))
 
 
 def test_the_metrics_do_not_depend_on_the_frame() -> None:
     """Of a harbour and a voyage, off the set-points, that are moved and turned together."""
     docking = mission()
-    poses = docking.berthing.poses + np.random.default_rng(0).normal(
-        0.0, 0.02, docking.berthing.poses.shape
-    )
+    poses = docking.poses + np.random.default_rng(0).normal(0.0, 0.02, docking.poses.shape)
     turn, away = 1.1, np.array([300.0, -70.0])
 
     def moved(points: Array) -> Array:
@@ -88,12 +86,10 @@ def test_the_metrics_do_not_depend_on_the_frame() -> None:
     def moved_poses(at: Array) -> Array:
         return np.column_stack([moved(at[:, :2]), at[:, 2] + turn])
 
-    harbour = docking.berthing.harbour
+    harbour = docking.harbour
     land = shapely.transform(harbour.land, moved)
-    berthing = docking.berthing._replace(
-        harbour=harbour._replace(land=land), poses=moved_poses(docking.berthing.poses)
-    )
-    other = replace(docking, berthing=berthing)
+    there = moved_poses(docking.poses)
+    other = replace(docking, harbour=harbour._replace(land=land), poses=there)
     first = values(docking, sailed(docking, poses))
     second = values(other, sailed(other, moved_poses(poses)))
     for name, value in first.items():
@@ -110,4 +106,4 @@ def test_the_stored_harbour_has_the_hull_and_the_land() -> None:
         shapely.Polygon(corners[columns["polygon"] == number])
         for number in np.unique(columns["polygon"])[1:]
     ]
-    assert shapely.union_all(parts).area == pytest.approx(docking.berthing.harbour.land.area)
+    assert shapely.union_all(parts).area == pytest.approx(docking.harbour.land.area)

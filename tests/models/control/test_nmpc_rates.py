@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from docs.vessels import parameters_of, vessels
-from seatrial.models.simulation.casadi_rates import coefficients, rates_function
+from seatrial.models.control.nmpc import coefficients, rates_function
 from seatrial.models.simulation.dynamics import rates, scratch
 from seatrial.models.symbols import in_symbols
 from seatrial.models.vessel.pose import kinematics_of

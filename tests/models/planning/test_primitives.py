@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.models.planning.lattice import (
+from seatrial.models.planning.planner import (
     HEADING_STEP,
     HEADINGS,
     Pace,
