@@ -18,10 +18,9 @@ from seatrial.models.recording.recording import piece_starts
 from seatrial.models.recording.signals import Sampling, noise_floor, outliers, sampling
 from seatrial.models.recording.times import seconds
 from seatrial.models.vessel.basis import Array
-from seatrial.runner.compare.blocks import bullets
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import TextTable, grid_of
-from seatrial.runner.compare.page import Section, page, picture
+from seatrial.runner.compare.page import Section, bullets, page, picture
 
 if TYPE_CHECKING:  # slow to import
     from matplotlib.figure import Figure

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import frame as frame
     from seatrial.runner.compare import leaderboard as leaderboard
     from seatrial.runner.compare import manoeuvre_comparison as manoeuvre_comparison
+    from seatrial.runner.compare import page as page
     from seatrial.runner.compare import plots as plots
     from seatrial.runner.compare import report as report
     from seatrial.runner.compare import runs as runs
@@ -25,6 +26,6 @@ else:
         __name__,
         [
             *("animation", "audit", "benchmark_page", "frame", "leaderboard"),
-            *("manoeuvre_comparison", "plots", "report", "runs", "site", "table"),
+            *("manoeuvre_comparison", "page", "plots", "report", "runs", "site", "table"),
         ],
     )

@@ -19,8 +19,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.runner.compare.figures import PlotRequest
 from seatrial.runner.compare.frame import Queries
-from seatrial.runner.compare.plots import request, style, track
+from seatrial.runner.compare.plots import selection, style, track
 from seatrial.runner.compare.plots.style import largest_of
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
@@ -94,16 +95,23 @@ def animate(results: Queries, run: int, file: Path | None) -> Path:
 def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     """Return the film of a run in at most so many frames: a panel for each of its voyages."""
     config = results.reader.run(number).config  # that there is one
-    ((run, stored),) = request.each_run(
-        results, request.PlotRequest(run=number), (*request.DEPLOYMENTS, "recording", track.HARBOUR)
+    ((run, stored),) = selection.each_run(
+        results,
+        PlotRequest("film", run=number),
+        (*selection.DEPLOYMENTS, "recording", track.HARBOUR),
     )
     harbour = stored.pop(track.HARBOUR, None)
-    deployed = {kind: stored[kind] for kind in request.DEPLOYMENTS if kind in stored}
-    whole, absent = request.distinct(results, run, deployed or stored)
-    request.in_plane(run, "animate", whole, ("t", "x", "y", "psi"))
+    deployed = {kind: stored[kind] for kind in selection.DEPLOYMENTS if kind in stored}
+    whole, absent = selection.distinct(results, run, deployed or stored)
+    selection.in_plane(run, "animate", whole, ("t", "x", "y", "psi"))
     extent = max(float(np.ptp(one.columns[name])) for one in whole.values() for name in ("x", "y"))
     length, note = track.drawn_length(config, extent)
-    sails = {name: _thinned(series, most) for name, series in whole.items()}
+    sails = dict[str, Series]()
+    for name, series in whole.items():  # thinned evenly
+        count = len(series.columns["t"])
+        frames = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+        columns = {key: np.asarray(values)[frames] for key, values in series.columns.items()}
+        sails[name] = Series(series.kind, columns, series.units)
     devices = parts_of([*sails.values()], config.get("vessel") or {}, length)
     notes = [note, "lines from the hull: thrust, relative to the largest or its limit"]
     if any(part.kind == "rudder" for parts in devices for part in parts):
@@ -117,7 +125,7 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     middle, half = np.mean(limits, axis=(0, 2)), 0.5 * np.max(np.ptp(limits, axis=2))
     for axes in panels:  # the same square for all
         axes.set(xlim=middle[0] + [-half, half], ylim=middle[1] + [-half, half], aspect="equal")
-    style.drawing_of("film", sheet, panels, f"R{request.subtitle(run)[1:]}", [*notes, *absent])
+    style.drawing_of("film", sheet, panels, f"R{selection.subtitle(run)[1:]}", [*notes, *absent])
 
     def show(frame: int) -> list[Polygon]:
         return [move(frame) for move in moves]
@@ -126,14 +134,6 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     sheet.draw_without_rendering()
     sheet.set_layout_engine("none")  # the panels stay where the first frame has them
     return FuncAnimation(sheet, show, max(len(one.columns["t"]) for one in sails.values()))
-
-
-def _thinned(series: Series, most: int) -> Series:
-    """Return at most so many samples of a series, evenly spread."""
-    count = len(series.columns["t"])
-    frames = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
-    columns = {name: np.asarray(values)[frames] for name, values in series.columns.items()}
-    return Series(series.kind, columns, series.units)
 
 
 def _drawn(

@@ -40,11 +40,14 @@ def audit(results: Queries, where: str | None, sweep: str | None) -> TextTable:
     condition, scope = results.selected(where, sweep or "all")
     runs = results.trials(condition)
     finished = runs[runs["status"] == FINISHED]
-    entries = [
-        *_unlike(results, finished, condition),
-        *_of_models(results, finished, condition),
-        *_lost(results, condition),
-    ]
+    entries = [*_unlike(results, finished, condition), *_of_models(results, finished, condition)]
+    groups = defaultdict[tuple[str, str | None], list[RunSummary]](list)
+    for run in reversed(runs_of(results, condition, LOST)):
+        if not run.superseded:
+            groups[run.status, run.error_type].append(run)
+    for (status, kind), lost in groups.items():
+        reason = ": ".join(text for text in (kind, lost[0].error) if text) or "no reason known"
+        entries.append((f"{status} run", [run.run_id for run in lost], one_line(reason, 120)))
     found = f"{len(entries)} diagnostic{'s'[: len(entries) != 1]}" if entries else "nothing found"
     checked = f"checked {len(runs)} run{'s'[: len(runs) != 1]}" + (f" of {scope}" if scope else "")
     rows = [
@@ -58,13 +61,9 @@ def audit(results: Queries, where: str | None, sweep: str | None) -> TextTable:
 
 def ranges(runs: Iterable[int]) -> str:
     """Return run numbers as `1-6, 9`."""
-    parts: list[tuple[int, int]] = []
-    for run in sorted(set(runs)):
-        if parts and run == parts[-1][1] + 1:
-            parts[-1] = parts[-1][0], run
-        else:
-            parts.append((run, run))
-    return ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in parts)
+    numbers = pd.Series(sorted(set(runs)))
+    parts = numbers.groupby(numbers.diff().ne(1).cumsum()).agg(["min", "max"])
+    return ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in parts.to_numpy())
 
 
 def _unlike(results: Queries, finished: pd.DataFrame, condition: Condition) -> Iterator[Entry]:
@@ -124,17 +123,6 @@ def _of_models(results: Queries, finished: pd.DataFrame, condition: Condition) -
     for identifier, rows in own.groupby("identifier", observed=True, sort=False):
         what = f"identifier={identifier}: standard errors of the estimate, not of the coefficient"
         yield "coverage", rows.index, what
-
-
-def _lost(results: Queries, condition: Condition) -> Iterator[Entry]:
-    lost = [run for run in runs_of(results, condition, LOST) if not run.superseded]
-    groups = defaultdict[tuple[str, str | None], list[RunSummary]](list)
-    for run in reversed(lost):
-        groups[run.status, run.error_type].append(run)
-    for (status, error_type), runs in groups.items():
-        reason = ": ".join(text for text in (error_type, runs[0].error) if text)
-        what = one_line(reason or "no reason known", 120)
-        yield f"{status} run", [run.run_id for run in runs], what
 
 
 def _cell(levels: Sequence[str]) -> str:

@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from seatrial.runner.compare import page as pages
 from seatrial.runner.compare.benchmark.scores import REFERENCES
 from seatrial.runner.compare.benchmark.task import Case, located
-from seatrial.runner.compare.blocks import code, facts, group, link, paragraph
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.leaderboard import Board, leaderboard, overall, summary
-from seatrial.runner.compare.page import Section, page, picture, write_page
+from seatrial.runner.compare.page import Section, code, group, paragraph, picture
 from seatrial.runner.compare.plots.critical_difference import chart
 from seatrial.runner.compare.plots.prediction import free_runs
 from seatrial.runner.compare.plots.style import drawn
@@ -42,68 +42,61 @@ ENTRANT = (
 
 def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> None:
     """Write the page; raises LogbookError if the file cannot be written."""
-    own = pd.concat([_own(board) for board in boards])
+    own, trials = _own(boards), trial_program()
     minutes = sum(own["duration_s"]) / 60.0
-    database = results.reader.address
-    lead = f"From {database}: {len(own)} trials, {minutes:.0f} minutes of computing."
+    lead = f"From {results.reader.address}: {len(own)} trials, {minutes:.0f} minutes of computing."
+    first = [paragraph(ABOUT), html_table(summary(boards))]
+    chapters, sources = list[Section](), list[Markup]()
     with drawn():
-        ranks = [
-            picture(chart(titles, every), f"Mean ranks over {titles}", f"all-{i}-")
-            for i, (group, every) in enumerate(overall(boards))
-            if every.cases
-            for titles in ["; ".join(board.task.title for board in group)]
-        ]
-        chapters = [_chapter(results, board) for board in boards]
+        for i, (members, ranks) in enumerate(overall(boards)):
+            titles = "; ".join(board.task.title for board in members)
+            if ranks.cases:
+                figure = chart(titles, ranks)
+                first.append(picture(figure, f"Mean ranks over {titles}", f"all-{i}-"))
+        for board in boards:
+            task, files = board.task, located(board.task)
+            blocks = [code(f"{trials} benchmark --task {task.name}")]
+            for each in files:
+                if each.state != "found":
+                    told = f"{each.name} is {each.state}: its cases are left out; {trials} data get"
+                    blocks.append(paragraph(f"{told} {task.name}", "small"))
+            blocks.append(html_table(leaderboard(board)))
+            if board.ranked.cases:
+                figure = chart(task.title, board.ranked)
+                blocks.append(picture(figure, f"{task.title}: mean ranks", f"{task.name}-ranks-"))
+            blocks.append(group("figures", *_free_runs(results, board)))
+            chapters.append(Section(task.title, task.name, blocks))
+            sources.append(Markup("<h3>{}</h3>").format(task.title))
+            if (source := task.source) is None:
+                sources[-1] += paragraph("Simulated: there is nothing to get.")
+                continue
+            name = Markup.escape(source.name)
+            if source.url.startswith("https://"):
+                name += ", " + pages.link(source.url, source.url)
+            known = sum(file.state == "found" for file in files)
+            sources[-1] += pages.facts([
+                ("source", name), ("licence", source.licence), ("how to get", source.get),
+                ("files", f"{known} of {len(files)} were at hand"),
+            ])  # fmt: skip
     commands = [
-        f"{trial_program()} benchmark --entrant mine",
+        f"{trials} benchmark --entrant mine",
         f"{results_program()} leaderboard --entrant mine --page results/benchmark/index.html",
     ]
     sections = [
-        Section("Summary", "summary", [paragraph(ABOUT), html_table(summary(boards)), *ranks]),
+        Section("Summary", "summary", first),
         *chapters,
-        Section("Failures", "failures", [paragraph(LOST), html_table(failures(boards))]),
-        Section("Data and licences", "data", [_source(board) for board in boards]),
+        Section("Failures", "failures", [paragraph(LOST), html_table(failures(own))]),
+        Section("Data and licences", "data", sources),
         Section("Add an entrant", "entrants", [paragraph(ENTRANT), code("\n".join(commands))]),
     ]
     title = "Benchmark of identifiers on measured and simulated vessels"
-    write_page(page(title, [paragraph(lead, "small")], sections), file)
+    pages.write_page(pages.page(title, [paragraph(lead, "small")], sections), file)
 
 
-def _own(board: Board) -> pd.DataFrame:
-    return board.entries[~board.entries["entrant"].isin(REFERENCES)]
-
-
-def _chapter(results: Queries, board: Board) -> Section:
-    """One task: what is missing, the tables, the ranks, and the free runs."""
-    title = board.task.title
-    blocks = [code(f"{trial_program()} benchmark --task {board.task.name}")]
-    get = f"{trial_program()} data get {board.task.name}"
-    blocks += [
-        paragraph(f"{file.name} is {file.state}: its cases are left out; {get}", "small")
-        for file in located(board.task)
-        if file.state != "found"
-    ]
-    blocks.append(html_table(leaderboard(board)))
-    if board.ranked.cases:
-        figure = chart(title, board.ranked)
-        blocks.append(picture(figure, f"{title}: mean ranks", f"{board.task.name}-ranks-"))
-    return Section(title, board.task.name, [*blocks, group("figures", *_free_runs(results, board))])
-
-
-def _source(board: Board) -> Markup:
-    """Where the data of a task come from, and how many of their files are there."""
-    source, files = board.task.source, located(board.task)
-    title = Markup("<h3>{}</h3>").format(board.task.title)
-    if source is None:
-        return title + paragraph("Simulated: there is nothing to get.")
-    name = Markup.escape(source.name)
-    if source.url.startswith("https://"):
-        name += ", " + link(source.url, source.url)
-    known = sum(file.state == "found" for file in files)
-    return title + facts([
-        ("source", name), ("licence", source.licence), ("how to get", source.get),
-        ("files", f"{known} of {len(files)} were at hand"),
-    ])  # fmt: skip
+def _own(boards: Sequence[Board]) -> pd.DataFrame:
+    """The entries of all boards without the references."""
+    entries = pd.concat([board.entries for board in boards])
+    return entries[~entries["entrant"].isin(REFERENCES)]
 
 
 def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
@@ -134,18 +127,15 @@ def _by_file(
         yield label, runs
         return
     for path, (first, last) in zip(case.test, ends, strict=True):
-        parts = {
-            name: Series(
-                series.kind, {k: v[first:last] for k, v in series.columns.items()}, series.units
-            )
-            for name, series in runs.items()
-        }
+        parts = dict[str, Series]()
+        for name, series in runs.items():
+            columns = {key: values[first:last] for key, values in series.columns.items()}
+            parts[name] = Series(series.kind, columns, series.units)
         yield f"{label}, {Path(path).name}", parts
 
 
-def failures(boards: Sequence[Board]) -> TextTable:
+def failures(own: pd.DataFrame) -> TextTable:
     """Return what failed, and what cannot predict or diverges, counted over the seeds."""
-    own = pd.concat([_own(board) for board in boards])
     lost = own[own["loss"] == float("inf")]
     what = lost["error"].replace("", "its free run diverges, or there is none")
     lost = lost.assign(what=[one_line(text, 200) for text in what])

@@ -18,7 +18,7 @@ import typer
 from typer.main import get_command
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.figures import figures
+from seatrial.runner.compare.figures import Several, axes_of, figures, split
 from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.grid import TextTable
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, program_version
@@ -34,7 +34,6 @@ else:  # by name: it imports options from here
 MOST_CELLS = 250_000  # of a table, at about 3 kB
 MAX_ROWS = 1_000_000_000  # rows that --limit may ask for
 LATEST = 0  # the number of the newest run, before it is known
-Several = list[str] | None
 Names = tuple[str, ...]
 F = TypeVar("F", bound=Callable[..., Any])
 app = typer.Typer(name="seatrial-results", no_args_is_help=True, pretty_exceptions_enable=False)
@@ -134,16 +133,12 @@ FLAGS = {  # where they are more than the name
 }  # fmt: skip
 METRIC_NAMES = _completing(lambda: [metric.name for metric in all_declared()])
 MORE: dict[str, dict[str, Any]] = {
-    "at": {"metavar": "POINT"}, "band": {"metavar": "PERCENT"}, "cells": {"min": 1},
-    "database": {"metavar": "URL"}, "digits": {"min": 1, "max": 15}, "folder": {"metavar": "DIR"},
-    "kind": {"autocompletion": _completing(figures)}, "length": {"min": 1e-3},
-    "limit": {"min": 1, "max": MAX_ROWS}, "map_file": {"metavar": "MAP.yaml"},
-    "metric": {"autocompletion": METRIC_NAMES}, "pool": {"metavar": "NAME"},
-    "query": {"metavar": "SELECT"},
-    "run": {"parser": _run_number, "metavar": "RUN"}, "runs": {"min": 0, "max": MAX_ROWS},
-    "scale": {"min": 1.0}, "site to": {"metavar": "FOLDER"}, "subject": {"metavar": "RUN|FILE"},
-    "timeout": {"min": 0.001, "max": 86400.0}, "to": {"metavar": "FILE"},
-    "model to": {"metavar": "FORMAT"}, "width": {"metavar": "column|page|MM"},
+    "cells": {"min": 1}, "digits": {"min": 1, "max": 15}, "length": {"min": 1e-3},
+    "kind": {"autocompletion": _completing(figures)}, "limit": {"min": 1, "max": MAX_ROWS},
+    "metric": {"autocompletion": METRIC_NAMES}, "run": {"parser": _run_number, "metavar": "RUN"},
+    "runs": {"min": 0, "max": MAX_ROWS}, "scale": {"min": 1.0},
+    "subject": {"metavar": "RUN|FILE"}, "timeout": {"min": 0.001, "max": 86400.0},
+    "width": {"metavar": "column|page|MM"},
 }  # fmt: skip
 
 
@@ -164,20 +159,14 @@ def _described(command: str, parameter: inspect.Parameter) -> inspect.Parameter:
     return parameter.replace(kind=keyword, annotation=annotated[parameter.annotation, info])
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"{app.info.name} {program_version()}")
-        raise typer.Exit
-
-
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _program(
-    version: Annotated[
-        bool,
-        typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version."),
-    ] = False,
+    version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
 ) -> None:
     """Compare the runs that are stored in a results database."""
+    if version:
+        typer.echo(f"{app.info.name} {program_version()}")
+        raise typer.Exit
 
 
 @dataclass(frozen=True)
@@ -204,19 +193,18 @@ class TableOptions:
     cells: int = MOST_CELLS
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).copy().items():
+            if isinstance(value, list | tuple):  # whose values may be comma-separated
+                object.__setattr__(self, name, list(split(value)) or None)
         if self.of_coefficients and self.metric:
             raise ConfigurationError("--metric and --coefficient: got both, expected one of them")
-        rows, columns = self.axes
-        for twice in set(rows) & set(columns):
-            raise ConfigurationError(
-                f"--rows and --columns: both name {twice}, expected one of them"
-            )
-        for text in split(self.baseline):
+        for twice in {*self.axes[0]} & {*self.axes[1]}:
+            wrong = f"--rows and --columns: both name {twice}, expected one of them"
+            raise ConfigurationError(wrong)
+        for text in self.baseline or ():
             if not all(text.partition("=")):
-                raise ConfigurationError(
-                    f"--baseline: got {text!r}, expected a factor and its level such as"
-                    " identifier=none"
-                )
+                expected = "a factor and its level such as identifier=none"
+                raise ConfigurationError(f"--baseline: got {text!r}, expected {expected}")
 
     @property
     def of_coefficients(self) -> bool:
@@ -226,7 +214,8 @@ class TableOptions:
     @property
     def names(self) -> Names:
         """The metrics, or the terms of coefficients."""
-        return split(self.coefficient if self.of_coefficients else self.metric or ["force_mse"])
+        named = self.coefficient if self.of_coefficients else self.metric or ["force_mse"]
+        return tuple(named or ())
 
     @cached_property
     def axes(self) -> tuple[Names, Names]:
@@ -244,37 +233,16 @@ class TableOptions:
     @property
     def levels(self) -> dict[str, Names]:
         """The levels of degree of freedom, stage and model that are shown."""
-        given = {"dof": split(self.dof), "stage": split(self.stage), "model": split(self.model)}
-        if not given["model"] and "model" not in (*self.axes[0], *self.axes[1]):
-            given["model"] = ("identified",)
-        return {name: () if "all" in levels else levels for name, levels in given.items()}
+        given = {"dof": self.dof, "stage": self.stage, "model": self.model}
+        if not self.model and "model" not in (*self.axes[0], *self.axes[1]):
+            given["model"] = ["identified"]
+        return {n: tuple(own) if own and "all" not in own else () for n, own in given.items()}
 
     @property
     def reference(self) -> dict[str, str]:
         """The levels of the baseline by factor."""
-        pairs = (text.partition("=") for text in split(self.baseline))
+        pairs = (text.partition("=") for text in (self.baseline or ()))
         return {factor.strip(): level.strip() for factor, _, level in pairs}
-
-
-@dataclass(frozen=True)
-class PlotOptions:
-    """Options of `plot`."""
-
-    kind: str
-    run: int | None = None
-    metric: str = "force_mse"
-    rows: str | None = None
-    columns: str | None = None
-    dof: Several = None
-    model: str = "identified"
-    facet: str | None = None
-    band: float | None = None
-    log: bool | None = None
-    width: str | None = None
-    where: str | None = None
-    sweep: str | None = None
-    pool: Several = None
-    output: Path | None = None
 
 
 def command(database: str = DEFAULT_DATABASE, **more: Any) -> Callable[[F], F]:
@@ -298,15 +266,16 @@ def command(database: str = DEFAULT_DATABASE, **more: Any) -> Callable[[F], F]:
             added = {"database": (str, database), "results_dir": (Path | None, None)}
         if "TextTable" in str(signature.return_annotation):
             added["form"] = OutputFormat, OutputFormat.RICH
-        keyword = inspect.Parameter.KEYWORD_ONLY
-        parameters = [_described(name, each) for each in own.values()] + [
-            _described(name, inspect.Parameter(each, keyword, default=default, annotation=kind))
-            for each, (kind, default) in added.items()
-            if each not in own
-        ]
+        keyword, every = inspect.Parameter.KEYWORD_ONLY, dict(own)
+        for each, (kind, default) in added.items():
+            parameter = inspect.Parameter(each, keyword, default=default, annotation=kind)
+            every.setdefault(each, parameter)
+        parameters = [_described(name, each) for each in every.values()]
 
         def run(**values: Any) -> None:
             given = {each: values[each] for each in own}
+            lists = {n: list(split(v)) for n, v in given.items() if isinstance(v, list | tuple)}
+            given |= {n: names or None for n, names in lists.items()}
             place = values.get("database", database), values.get("results_dir")
             results: Any  # None of a function that does not take them
             with frame.open_results(*place) if opens else nullcontext() as results:
@@ -373,25 +342,6 @@ def show_grids(grids: Sequence[TextTable], form: OutputFormat) -> None:
         typer.echo("[" + ",\n".join(texts) + "]")
     else:
         print("\n\n".join(texts))
-
-
-def split(texts: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the distinct values of a repeated or comma-separated option, without empty ones."""
-    parts = (part.strip() for text in texts or () for part in text.split(","))
-    return tuple(dict.fromkeys(part for part in parts if part))
-
-
-def axes_of(rows: str | None, columns: str | None) -> tuple[str, str]:
-    """Return the factors of rows and columns; the defaults are identifier and disturbance.
-
-    If one option already uses the default of the other, the defaults are exchanged.
-    """
-    if rows is None:
-        rows = "disturbance" if "identifier" in split([columns or ""]) else "identifier"
-    if columns is None:
-        row_factors = split([rows])
-        columns = next((n for n in ("disturbance", "identifier") if n not in row_factors), "none")
-    return rows, columns
 
 
 def shown_path(path: Path) -> Path:

@@ -11,8 +11,8 @@ from seatrial.runner import compare
 from seatrial.runner import database as databases
 from seatrial.runner import export as exports
 from seatrial.runner.compare import cli
-from seatrial.runner.compare.cli import PlotOptions, Several, TableOptions, command, split
-from seatrial.runner.compare.figures import figures
+from seatrial.runner.compare.cli import TableOptions, command
+from seatrial.runner.compare.figures import PlotRequest, Several, figures
 from seatrial.runner.compare.formats import OutputFormat
 from seatrial.runner.compare.grid import TextTable, grid_of
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
@@ -25,12 +25,9 @@ if TYPE_CHECKING:
 
 @command()
 def runs(
-    results: "Queries",
-    where: str | None = None,
-    sweep: str | None = None,
-    status: str | None = None,
-    limit: int = 50,
-) -> TextTable:
+    results: "Queries", where: str | None = None, sweep: str | None = None,
+    status: str | None = None, limit: int = 50,
+) -> TextTable:  # fmt: skip
     """List runs, newest first, including failed ones and every attempt."""
     condition, _ = results.selected(where, sweep or "all")
     listed = compare.runs.runs_of(results, condition, [status] if status else [], limit)[:limit]
@@ -56,12 +53,9 @@ def show(
 
 @command(database="sqlite:///results/benchmark/results.db")
 def leaderboard(
-    results: "Queries",
-    task: Several = None,
-    entrant: Several = None,
-    summary: bool = False,
+    results: "Queries", task: Several = None, entrant: Several = None, summary: bool = False,
     page: Path | None = None,
-) -> list[TextTable]:
+) -> list[TextTable]:  # fmt: skip
     """Rank the entrants of the benchmark, task by task; `seatrial benchmark` runs them."""
     boards = compare.leaderboard.boards(results, task or (), entrant or ())
     if page is not None:
@@ -95,16 +89,14 @@ class PlotCommand(TyperCommand):
 
 
 @command(cls=PlotCommand)
-def plot(results: "Queries", options: PlotOptions) -> list[Path]:
+def plot(results: "Queries", options: PlotRequest) -> list[Path]:
     """Draw figures as PNG and SVG, or with --width as PDF, and print their paths.
 
     A figure of one run shows the newest run that meets --where; with --facet there is one figure
     for each level (--facet seed).
     """
-    request = compare.plots.request_of(options)
-    width = None if options.width is None else compare.plots.paper.width_of(options.width)
     folder = options.output or cli.shown_path(results.reader.results_dir / "figures")
-    return compare.plots.draw(options.kind, results, request, folder, width)
+    return compare.plots.draw(results, options, folder)
 
 
 @command()
@@ -167,15 +159,10 @@ def sql(results: "Queries", query: str, timeout: float = 30.0, limit: int = 10_0
 
 @command()
 def model(
-    results: "Queries",
-    run: int,
-    *,
-    to: str,
-    output: Path | None = None,
+    results: "Queries", run: int, *, to: str, output: Path | None = None,
     model: Literal["identified", "nominal", "plant", "adaptive"] = "identified",
-    at: str | None = None,
-    force: bool = False,
-) -> list[Path]:
+    at: str | None = None, force: bool = False,
+) -> list[Path]:  # fmt: skip
     """Write a model of a run for another program, and print the paths of the files.
 
     yaml, json: a vessel for vessel=PATH (and vessel=run:RUN sails it without a file). statespace:
@@ -191,20 +178,15 @@ def model(
 
 @command()
 def report(
-    results: "Queries",
-    sweep: str | None = None,
-    where: str | None = None,
-    rows: str | None = None,
-    columns: str | None = None,
-    title: str | None = None,
-    output: Path | None = None,
+    results: "Queries", sweep: str | None = None, where: str | None = None, rows: str | None = None,
+    columns: str | None = None, title: str | None = None, output: Path | None = None,
     database: str = DEFAULT_DATABASE,
-) -> Path:
+) -> Path:  # fmt: skip
     """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
-    axes = cli.axes_of(rows, columns)
-    request = compare.report.ReportRequest(*axes, where, sweep, title, database)
+    options = TableOptions(rows, columns, where=where, sweep=sweep)
     file = output or cli.shown_path(results.reader.results_dir / "report" / "report.html")
-    compare.report.write_report(results, request, file)
+    write = compare.page.write_page
+    write(compare.report.render_report(results, options, database, title), file)
     return file
 
 
@@ -223,7 +205,7 @@ def site(
 @command()
 def retry(results: "Queries", status: Several = None, where: str | None = None) -> list[str]:
     """Print the commands that repeat failed trials: `retry | sh` runs them."""
-    statuses = split(status) or ("failed", "interrupted")
+    statuses = status or ["failed", "interrupted"]
     compare.runs.check_statuses(statuses, LOST)
     lost = compare.runs.runs_of(results, results.where(where), statuses)
     details = [results.reader.run(run.run_id) for run in reversed(lost) if not run.superseded]
@@ -247,36 +229,32 @@ def prune(
     results: "Queries", status: Several = None, where: str | None = None, yes: bool = False
 ) -> TextTable:
     """Show which runs would be deleted with their files, and with --yes delete them."""
-    statuses = split(status)
+    statuses = status or []
     compare.runs.check_statuses(statuses, (*LOST, "finished"))
-    if not (statuses or where) or (status and not statuses):
+    if not (statuses or where):
         raise ConfigurationError("prune: got no choice of runs, expected --status or --where")
     conditions = results.names.clauses(results.where(where))
     summaries = results.reader.prunable(*conditions, statuses=statuses)
     title = f"{len(summaries)} runs with {sum(run.series for run in summaries)} series"
     grid = compare.runs.run_table(results, summaries, title)
-    if summaries:
-        deleted = "nothing is deleted yet: --yes deletes these runs and their files"
-        if yes:
-            deleted = _delete(results, [run.run_id for run in summaries])
-        typer.echo(deleted, err=True)
-    return grid
-
-
-def _delete(results: "Queries", runs: list[int]) -> str:
-    """Delete runs with their rows and files; return what was deleted."""
+    if not (yes and summaries):
+        if summaries:
+            message = "nothing is deleted yet: --yes deletes these runs and their files"
+            typer.echo(message, err=True)
+        return grid
     reader = results.reader
     reader.close()  # the last to close a SQLite file completes it
     with databases.LogbookWriter.open(
         reader.address.url, results_dir=reader.results_dir, create=False
     ) as logbook:
-        pruned = logbook.prune(runs)
-    running = len(runs) - pruned.runs
+        pruned = logbook.prune([run.run_id for run in summaries])
+    running = len(summaries) - pruned.runs
     text = f"deleted {pruned.runs} runs and {pruned.files} files"
     text += f"; {running} are running again and were not deleted" if running else ""
     if pruned.left:
         raise LogbookError(f"{text}; could not delete {', '.join(pruned.left)}")
-    return text
+    typer.echo(text, err=True)
+    return grid
 
 
 @command()

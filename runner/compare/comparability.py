@@ -32,17 +32,11 @@ def within(key: str, names: Iterable[str]) -> bool:
 def with_conditions(
     results: Queries, trials: pd.DataFrame, frame: pd.DataFrame
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Number the conditions of the numbers of a frame, and say which seed each depends on.
+    """Number the conditions of the observations of some trials, and say which seed each depends on.
 
-    Args:
-        results: the logbook.
-        trials: the trials of the frame.
-        frame: observations of finished runs.
-
-    Returns:
-        The frame with the columns `condition` and `replicate`, which is the seed or EVERY_SEED; and
-        the facts of every condition: a row for each `condition`, a column for each name, of text,
-        missing where a name cannot change the number.
+    Returns the frame with the columns `condition` and `replicate`, which is the seed or EVERY_SEED;
+    and the facts of every condition: a row for each `condition`, a column for each name, of text,
+    missing where a name cannot change the number.
     """
     known = trials["of_experiment"].astype(object)  # equal: the runs differ in the seed alone
     experiments = known.where(known.notna(), "run " + trials.index.astype(str))
@@ -68,10 +62,8 @@ def with_conditions(
     number = codes(facts, [name for name in facts if facts[name].nunique(dropna=False) > 1])
     fixed = (frame["streams"] == "") | (plain & frame["streams"].isin(["", "identifier"]))
     replicate = frame["seed"].astype(object).where(~fixed, EVERY_SEED).astype("category")
-    condition = number.to_numpy()[kind.to_numpy()]
-    return frame.assign(condition=condition, replicate=replicate), facts[
-        ~number.duplicated()
-    ].reset_index(drop=True)
+    condition, facts = number.to_numpy()[kind.to_numpy()], facts[~number.duplicated()]
+    return frame.assign(condition=condition, replicate=replicate), facts.reset_index(drop=True)
 
 
 def of_runs(trials: pd.DataFrame, stage: str, model: str = "identified") -> pd.DataFrame:
@@ -93,15 +85,9 @@ def differing(
 ) -> list[str]:
     """Return the factors that make every cell alike if they become factors of the table.
 
-    Args:
-        facts: the facts of the conditions.
-        cells: the cell of each number, shape (n,).
-        conditions: the condition of each number, shape (n,).
-        pooled: the names that cells may average over, with all that lies below them.
-
-    Returns:
-        Options of a group before keys of the configuration, so that keys that follow from an option
-        are not named.
+    `cells` and `conditions` are those of each number, shape (n,), `facts` those of the conditions;
+    cells may average over what is `pooled`, and over all that lies below it. Options of a group
+    stand before keys of the configuration, so that keys that follow from an option are not named.
     """
     members = pd.DataFrame({"cell": cells, "condition": conditions}).drop_duplicates()
     levels = facts.loc[members["condition"]].reset_index(drop=True)
@@ -125,10 +111,10 @@ class TooDifferentError(ConfigurationError):
 def require_few(factors: Sequence[str], what: str) -> None:
     """Raise TooDifferentError if the runs differ in too many factors to be told apart."""
     if len(factors) > MOST_SPLITS:
-        names = ", ".join(factors[:8]) + (", ..." if len(factors) > 8 else "")
+        more = ", ..." if len(factors) > 8 else ""
         raise TooDifferentError(
-            f"{what} would average over {names}: name them in --rows or --columns, select by"
-            f" --where or --sweep, or say --pool {','.join(factors[:8])}"
+            f"{what} would average over {', '.join(factors[:8])}{more}: name them in --rows or"
+            f" --columns, select by --where or --sweep, or say --pool {','.join(factors[:8])}"
         )
 
 
@@ -136,14 +122,9 @@ def by_seed(frame: pd.DataFrame) -> pd.DataFrame:
     """Average the numbers of each cell over their levels within a seed: levels are no replicates.
 
     Where every level has a seed of its own, the seeds are averaged over the levels that they have.
-    A number that depends on no seed belongs to every seed that its cell has.
-
-    Args:
-        frame: distinct observations with a value, and their `cell`.
-
-    Returns:
-        A row for each cell and replicate: cell, replicate, value, and whether it is `whole`: the
-        value of a seed that lacks a level is left out of the cell.
+    A number that depends on no seed belongs to every seed that its cell has. `frame` has distinct
+    observations with a value, and their `cell`. Returns a row for each cell and replicate: cell,
+    replicate, value, and whether it is `whole`: that of a seed that lacks a level is left out.
     """
     own = frame[["cell", "replicate", "value"]].assign(
         level=codes(frame, ["condition", *METRIC_FACTORS]), replicate=frame["replicate"].astype(str)
@@ -176,15 +157,10 @@ def pairs(
     what they differ in. Each pair of experiments counts once, averaged within its seed; one
     that depends on no seed belongs to every seed.
 
-    Args:
-        frame: distinct observations with a value; those of the baseline have no `cell` (-1).
-        facts: the facts of their conditions.
-        baseline: the factors that the baseline fixes, with their levels.
-        named: the other factors of the table.
-
-    Returns:
-        The pairs: cell, replicate, own value, and `other`, that of the baseline; and the seeds that
-        the baseline has under the conditions of each cell: cell, replicate.
+    `frame` has distinct observations with a value, those of the baseline without a `cell` (-1), and
+    `facts` describe their conditions; `baseline` has the level of each of its factors, and `named`
+    are the other factors of the table. Returns the pairs: cell, replicate, own value, and `other`,
+    that of the baseline; and the seeds that it has under the conditions of each cell.
     """
     fixed = tuple(name for name in baseline if name not in METRIC_FACTORS)
     ignored = fixed if "model" not in baseline else (*fixed, "identifier")

@@ -1,4 +1,4 @@
-"""The declaration of a figure, and the search for figures.
+"""The declaration of a figure, the options of the command `plot`, and the search for figures.
 
 Each file of the folder `plots` with `FIGURE = Figure(...)` and `drawings(results, request)` is a
 figure; there is no other list of figures. The declaration says which options of `plot` the figure
@@ -17,18 +17,72 @@ from typing import TYPE_CHECKING
 from seatrial.models.errors import ConfigurationError, PartError, SeatrialError
 from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.configuration.plugins import failure, is_own, plugins
+from seatrial.runner.record.vocabulary import DOF_ORDER
 
 if TYPE_CHECKING:
     from seatrial.runner.compare.frame import Queries
-    from seatrial.runner.compare.plots.request import PlotRequest
     from seatrial.runner.compare.plots.style import Drawing
-
-    Drawings = Callable[[Queries, PlotRequest], list[Drawing]]
 
 PLOTS = Path(__file__).with_name("plots")
 DECLARES = "\nFIGURE = "  # in the file of a figure
 log = logging.getLogger(__name__)
+Several = list[str] | None
 OPTIONS = (*("run", "metric", "rows", "columns", "dof", "model"), *("facet", "band", "log", "pool"))
+
+
+@dataclass(frozen=True)
+class PlotRequest:
+    """The options of the command `plot`; each kind of figure takes some of them."""
+
+    kind: str
+    run: int | None = None
+    metric: str = "force_mse"
+    rows: str = ""  # empty: the default of the kind
+    columns: str = ""
+    dof: Several = None  # None: all
+    model: str = "identified"
+    facet: str | None = None
+    band: float | None = None  # [%] level of the bands about a prediction
+    log: bool | None = None  # None: by the range of the values
+    width: str | None = None
+    where: str | None = None
+    sweep: str | None = None  # a number, a name, a tag or `all`; by default the newest one
+    pool: Several = None  # factors that a group may average over
+    output: Path | None = None
+
+    def shown(self, has: Callable[[str], bool]) -> list[str]:
+        """Return the requested degrees of freedom for which `has` is true, in reading order."""
+        return [dof for dof in DOF_ORDER if (not self.dof or dof in self.dof) and has(dof)]
+
+    def check(self) -> None:
+        """Raise ConfigurationError for an unknown kind, and for an option that it does not take."""
+        figure, untouched = figure_of(self.kind), PlotRequest(self.kind)
+        for name in OPTIONS:
+            if getattr(self, name) != getattr(untouched, name) and name not in figure.options:
+                taken = ", ".join(f"--{option}" for option in figure.options)
+                raise ConfigurationError(
+                    f"plot {self.kind}: --{name}: not an option of this figure, expected"
+                    f" {taken or 'those of runs alone'}"
+                )
+
+
+def split(texts: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the distinct values of a repeated or comma-separated option, without empty ones."""
+    parts = (part.strip() for text in texts or () for part in text.split(","))
+    return tuple(dict.fromkeys(part for part in parts if part))
+
+
+def axes_of(rows: str | None, columns: str | None) -> tuple[str, str]:
+    """Return the factors of rows and columns; the defaults are identifier and disturbance.
+
+    If one option already uses the default of the other, the defaults are exchanged.
+    """
+    if rows is None:
+        rows = "disturbance" if "identifier" in split([columns or ""]) else "identifier"
+    if columns is None:
+        row_factors = split([rows])
+        columns = next((n for n in ("disturbance", "identifier") if n not in row_factors), "none")
+    return rows, columns
 
 
 @dataclass(frozen=True)
@@ -63,27 +117,22 @@ def figure_of(name: str) -> Figure:
     return figure
 
 
-def drawings_of(name: str) -> "Drawings":
-    """Return the function that draws a figure; raises ConfigurationError for an unknown name.
+def drawings(results: "Queries", request: PlotRequest) -> "list[Drawing]":
+    """Draw the figures of a request; raises ConfigurationError for an unknown kind.
 
-    A request without rows gets the default of the figure. Errors of a function from elsewhere are
-    PartErrors with the name of its module.
+    Errors of a function from elsewhere are PartErrors with the name of its module.
     """
-    module, rows = _module(name), figure_of(name).rows or "identifier"
-
-    def draw(results: "Queries", request: "PlotRequest") -> "list[Drawing]":
-        asked = request if request.rows else replace(request, rows=rows)
-        try:
-            drawings: list[Drawing] = module.drawings(results, asked)
-        except SeatrialError:
+    module, figure = _module(request.kind), figure_of(request.kind)
+    rows, columns = axes_of(request.rows or figure.rows or None, request.columns or None)
+    try:
+        made: list[Drawing] = module.drawings(results, replace(request, rows=rows, columns=columns))
+    except SeatrialError:
+        raise
+    except Exception as error:
+        if is_own(module.__name__):
             raise
-        except Exception as error:
-            if is_own(module.__name__):
-                raise
-            raise PartError(failure(f"{module.__name__}.drawings", error)) from error
-        return drawings
-
-    return draw
+        raise PartError(failure(f"{module.__name__}.drawings", error)) from error
+    return made
 
 
 def _module(name: str) -> ModuleType:

@@ -18,11 +18,11 @@ from seatrial.runner.compare.grid import TableCell, TextTable
 from seatrial.runner.database.terminal import visible
 
 if TYPE_CHECKING:
-    from seatrial.runner.compare import blocks
+    from seatrial.runner.compare import page
 else:
     import lazy_loader
 
-    blocks = lazy_loader.load("seatrial.runner.compare.blocks", suppress_warning=True)
+    page = lazy_loader.load("seatrial.runner.compare.page", suppress_warning=True)
 
 
 class OutputFormat(StrEnum):
@@ -151,13 +151,11 @@ def html_table(grid: TextTable) -> Markup:
     On a phone the first column stays in view with the other labels in small print, so that the
     values follow it at once.
     """
-    return blocks.table(grid, [TableCell(header) for header in grid.headers])
+    return page.table(grid, [TableCell(header) for header in grid.headers])
 
 
 _WRITERS: Mapping[OutputFormat, Callable[[TextTable], str]] = {
-    OutputFormat.MD: _markdown,
-    OutputFormat.CSV: _csv,
-    OutputFormat.LATEX: _latex,
+    OutputFormat.MD: _markdown, OutputFormat.CSV: _csv, OutputFormat.LATEX: _latex,
     OutputFormat.JSON: _json,
     OutputFormat.HTML: lambda grid: html_table(grid).encode("ascii", "xmlcharrefreplace").decode(),
-}
+}  # fmt: skip

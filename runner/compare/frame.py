@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import compress
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -31,28 +31,10 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.where import (
-    EVERY_RUN,
-    ColumnNames,
-    Condition,
-    Expression,
-    Value,
-    bare_value,
-    holds,
-    names_in,
-    parse,
-)
+from seatrial.runner.compare.where import EVERY_RUN, ColumnNames, Condition, holds, parse
+from seatrial.runner.database import tables
 from seatrial.runner.database.engine import url_of
 from seatrial.runner.database.reader import LogbookReader
-from seatrial.runner.database.tables import (
-    Base,
-    CoefficientRow,
-    DiagnosticRow,
-    MetricRow,
-    PlannedRow,
-    SeriesRow,
-)
-from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.record.catalogue import HORIZONS
 from seatrial.runner.record.vocabulary import GROUPS, NOT_STARTED, OF_FILE, STATUSES
@@ -83,17 +65,17 @@ class StoredRun:
 
 def ordered(levels: Iterable[str]) -> list[str]:
     """Return the distinct levels in order: numbers by size, then `none`, then text."""
-    return sorted(set(levels), key=_reading_order)
+
+    def place(level: str) -> tuple[int, float, str]:
+        try:
+            return 0, float(level), level
+        except ValueError:
+            return (1 if level in ("none", "calm", "nominal") else 2), 0.0, level
+
+    return sorted(set(levels), key=place)
 
 
-def _reading_order(level: str) -> tuple[int, float, str]:
-    try:
-        return 0, float(level), level
-    except ValueError:
-        return (1 if level in ("none", "calm", "nominal") else 2), 0.0, level
-
-
-RUN = RunTable.__table__
+RUN = tables.RunRow.__table__
 Clause = sa.ColumnElement[bool]
 Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
 LABELS = (*GROUPS, "seed")
@@ -126,9 +108,8 @@ class Queries:
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
         rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
         keys = {key for row in rows for key in flat(row.config)}
-        columns: dict[str, Expression] = {column.name: column for column in RUN.c}
-        columns["status"] = run_overview.c.status
-        columns["sweep"] = run_overview.c.sweep
+        columns: dict[str, Any] = {column.name: column for column in RUN.c}
+        columns |= {"status": run_overview.c.status, "sweep": run_overview.c.sweep}
         return ColumnNames(columns, RUN.c.config, keys, self.reader.address.path is not None)
 
     def where(self, text: str | None) -> Condition:
@@ -147,20 +128,19 @@ class Queries:
         ConfigurationError for an unknown one. A logbook without sweeps, and a condition on a run or
         a sweep, select from all runs.
         """
-        condition = self.where(where)
-        sweeps = self.reader.sweeps()
-        if sweep is None:
-            chosen = [] if chooses(condition) else sweeps[-1:]
-        elif sweep == "all":
+        condition, sweeps = self.where(where), self.reader.sweeps()
+        names = {one.id: (one.name, *(one.tags or ())) for one in sweeps}
+        chosen = [one for one in sweeps if sweep in (str(one.id), *names[one.id])]
+        if sweep == "all" or (sweep is None and chooses(condition)):
             chosen = []
-        else:
-            chosen = [one for one in sweeps if sweep in (str(one.id), one.name, *(one.tags or ()))]
-            if not chosen:
-                labels = (name for one in sweeps[-8:] for name in (one.name, *(one.tags or ())))
-                expected = ", ".join(dict.fromkeys(labels)) or "none yet"
-                raise ConfigurationError(
-                    f"--sweep: got {sweep!r}, expected all, a number or one of {expected}"
-                )
+        elif sweep is None:
+            chosen = sweeps[-1:]
+        elif not chosen:
+            known = dict.fromkeys(name for own in [*names.values()][-8:] for name in own)
+            raise ConfigurationError(
+                f"--sweep: got {sweep!r}, expected all, a number or one of"
+                f" {', '.join(known) or 'none yet'}"
+            )
         condition = Condition(condition.text, tuple(one.id for one in chosen))
         words = ", ".join(f"{one.id} ({one.name})" for one in chosen)
         return condition, f"sweep {words}" if chosen else ""
@@ -173,16 +153,13 @@ class Queries:
             later = later.where(RUN.c.sweep_id.is_(None), RUN.c.started_at > sweeps[-1].started_at)
             ((count,),) = self.reader.select(later)
             if count:
-                runs = "1 newer run is" if count == 1 else f"{count} newer runs are"
-                yield f"{runs} of no sweep and left out: --sweep all"
+                runs = "run is" if count == 1 else "runs are"
+                yield f"{count} newer {runs} of no sweep and left out: --sweep all"
 
     def trials(
-        self,
-        condition: Condition = EVERY_RUN,
-        factors: Sequence[str] = (),
-        superseded: bool = False,
-        planned: bool = False,
-    ) -> pd.DataFrame:
+        self, condition: Condition = EVERY_RUN, factors: Sequence[str] = (),
+        superseded: bool = False, planned: bool = False,
+    ) -> pd.DataFrame:  # fmt: skip
         """Return the trials that meet the condition, oldest first; see the head of this module.
 
         Without `superseded` there is one attempt for each trial; `planned` adds those that never
@@ -222,7 +199,7 @@ class Queries:
         A level that is not an option of the trial is that of all runs, whose `levels` are given, if
         they have one in common, else unknown; a trial that may not meet the condition is left out.
         """
-        p = PlannedRow.__table__.c
+        p = tables.PlannedRow.__table__.c
         started = sa.select(RUN.c.fingerprint).where(RUN.c.fingerprint == p.fingerprint).exists()
         query = sa.select(p.sweep_id, p.fingerprint, p.choices, p.seed, p.overrides)
         query = query.where(~started).order_by(p.sweep_id, p.fingerprint)
@@ -237,11 +214,10 @@ class Queries:
             return []
         options = pd.DataFrame([*known.values()])
 
-        def compare(name: str, operator: str, value: Value) -> pd.Series:
+        def compare(name: str, operator: str, value: Any) -> pd.Series:
             own = options.get(name, pd.Series(None, options.index, dtype=object))
-            return own.map(
-                lambda level: holds(bare_value(str(level)), operator, value), na_action="ignore"
-            ).astype("boolean")
+            met = own.map(lambda level: holds(level, operator, value), "ignore")
+            return met.astype("boolean")
 
         met = [True] * len(options)
         if condition.text is not None:
@@ -252,31 +228,30 @@ class Queries:
         return [missing | option | {"run": -1 - number} for number, option in enumerate(listed)]
 
     def _rows(
-        self, table: type[Base], columns: Sequence[str], condition: Condition, *where: Clause
+        self, table: type[tables.Base], columns: Sequence[str], condition: Condition, *where: Clause
     ) -> pd.DataFrame:
         """Return columns of the rows of a table that belong to the runs of a condition."""
         c = table.__table__.c
         query = sa.select(*(c[name] for name in columns)).order_by(c.id)
         rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition)), *where))
         values = map(list, zip(*rows, strict=True)) if rows else ([] for _ in columns)
-        frame = pd.DataFrame(
-            dict(zip(columns, values, strict=True)), dtype=None if rows else object
-        )
+        data = dict(zip(columns, values, strict=True))
+        frame = pd.DataFrame(data, dtype=None if rows else object)
         return frame.rename(columns={"run_id": "run"})
 
     def metrics(
-        self,
-        names: Sequence[str],
-        condition: Condition = EVERY_RUN,
+        self, names: Sequence[str], condition: Condition = EVERY_RUN,
         only: Mapping[str, Sequence[str]] | None = None,
-    ) -> pd.DataFrame:
+    ) -> pd.DataFrame:  # fmt: skip
         """Return the named metrics of the runs that meet the condition.
 
         `only` restricts stage, model and dof to the given levels; an empty list means all levels.
         """
-        m = MetricRow.__table__.c
+        m = tables.MetricRow.__table__.c
         levels = [m[column].in_(own) for column, own in (only or {}).items() if own]
-        return as_numbers(self._rows(MetricRow, METRIC, condition, m.name.in_(names), *levels))
+        return as_numbers(
+            self._rows(tables.MetricRow, METRIC, condition, m.name.in_(names), *levels)
+        )
 
     def of_files(self, names: Sequence[str], condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the named errors of the runs on each file that was tested on.
@@ -293,22 +268,24 @@ class Queries:
     def coefficients(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the coefficients of the runs that meet the condition."""
         columns = ("run_id", "model", "dof", "term", "value", "unit", "std_error", "true_value")
-        return as_numbers(self._rows(CoefficientRow, columns, condition))
+        return as_numbers(self._rows(tables.CoefficientRow, columns, condition))
 
     def marks(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the metrics that qualify other numbers, where they do.
 
         Those of LIMITED and BELOW_TRUE_MODEL if they are positive, those of DESIGN_FLAWS from 1.
         """
-        value, name = MetricRow.value, MetricRow.name
+        value, name = tables.MetricRow.value, tables.MetricRow.name
         told = sa.or_(value >= 1.0, name.not_in(DESIGN_FLAWS) & (value > 0))
         names = name.in_((BELOW_TRUE_MODEL, *LIMITED.values(), *DESIGN_FLAWS))
-        return as_numbers(self._rows(MetricRow, METRIC, condition, names, told))
+        return as_numbers(self._rows(tables.MetricRow, METRIC, condition, names, told))
 
     def diagnostics(self, names: Sequence[str], condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the named diagnostics: run, name, dof, i, j, label, value (NaN), unit."""
         columns = ("run_id", "name", "dof", "i", "j", "label", "value", "unit")
-        rows = self._rows(DiagnosticRow, columns, condition, DiagnosticRow.name.in_(names))
+        rows = self._rows(
+            tables.DiagnosticRow, columns, condition, tables.DiagnosticRow.name.in_(names)
+        )
         return rows.astype({"run": "int64", "i": "Int64", "j": "Int64", "value": "float64"})
 
     def covering(self, condition: Condition = EVERY_RUN) -> frozenset[int]:
@@ -328,24 +305,24 @@ class Queries:
     def series_columns(self, condition: Condition = EVERY_RUN) -> dict[int, dict[str, list[str]]]:
         """Return the column names of the stored series by run and kind."""
         by_run: dict[int, dict[str, list[str]]] = defaultdict(dict)
-        for row in self._rows(SeriesRow, ("run_id", "kind", "columns"), condition).itertuples():
+        for row in self._rows(
+            tables.SeriesRow, ("run_id", "kind", "columns"), condition
+        ).itertuples():
             by_run[row.run][row.kind] = [*row.columns]
         return by_run
 
     def metric_names(self) -> list[str]:
         """Return the names of all stored metrics."""
-        name = MetricRow.__table__.c.name
+        name = tables.MetricRow.__table__.c.name
         return [row.name for row in self.reader.select(sa.select(name).distinct().order_by(name))]
 
     def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:
         """Return the configurations of the given runs by run number, with dotted names."""
         configs: dict[int, Mapping[str, object]] = {}
         for first in range(0, len(ids), MOST_VARIABLES):
-            query = sa.select(RUN.c.id, RUN.c.config)
-            query = query.where(RUN.c.id.in_(ids[first : first + MOST_VARIABLES])).order_by(
-                RUN.c.id
-            )
-            configs |= {row.id: flat(row.config) for row in self.reader.select(query)}
+            query, own = sa.select(RUN.c.id, RUN.c.config), ids[first : first + MOST_VARIABLES]
+            rows = self.reader.select(query.where(RUN.c.id.in_(own)).order_by(RUN.c.id))
+            configs |= {row.id: flat(row.config) for row in rows}
         return configs
 
     def provenance(self, condition: Condition) -> Sequence[sa.Row[*tuple[object, ...]]]:
@@ -390,14 +367,9 @@ def stored_runs(trials: pd.DataFrame) -> list[StoredRun]:
 def observations(numbers: pd.DataFrame, trials: pd.DataFrame, marks: pd.DataFrame) -> pd.DataFrame:
     """Return the numbers of finished trials with the columns of their trials.
 
-    Args:
-        numbers: `metrics`, `of_files` or `coefficients`, or several of them.
-        trials: the trials; numbers of other runs are left out.
-        marks: those of the same runs.
-
-    Returns:
-        The frame, with `reason` (empty for a finite value) and the marks `below_true_model`,
-        `unsettled` and `infeasible`.
+    `numbers` are `metrics`, `of_files` or `coefficients`, or several of them, and `marks` those of
+    the same runs. The frame has `reason` (empty for a finite value) and the marks
+    `below_true_model`, `unsettled` and `infeasible`.
     """
     finished = trials[trials["status"] == FINISHED]
     frame = numbers[numbers["run"].isin(finished.index)].join(finished, on="run")
@@ -461,7 +433,15 @@ def codes(frame: pd.DataFrame, columns: Sequence[str]) -> pd.Series:
 
 def chooses(condition: Condition) -> bool:
     """Return whether a condition is about certain runs or sweeps."""
-    return bool(names_in(condition.text) & {"id", "sweep_id", "sweep"})
+    names = set[str]()
+
+    def compare(name: str, operator: str, value: Any) -> np.bool_:
+        names.add(name)
+        return np.True_
+
+    if condition.text:
+        parse(condition.text, compare)
+    return bool(names & {"id", "sweep_id", "sweep"})
 
 
 def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:

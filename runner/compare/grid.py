@@ -44,28 +44,24 @@ class TextTable:
 
 
 def grid_of(
-    title: str,
-    headers: Sequence[str],
-    rows: Sequence[Sequence[Scalar]],
-    labels: int = 1,
-    notes: Sequence[str] = (),
-    digits: int = 4,
-) -> TextTable:
+    title: str, headers: Sequence[str], rows: Sequence[Sequence[Scalar]], labels: int = 1,
+    notes: Sequence[str] = (), digits: int = 4,
+) -> TextTable:  # fmt: skip
     """Return a grid of plain values; its records keep their full precision.
 
     `headers` name the columns, of which the first `labels` name the row; `rows` hold one value for
     each column, `notes` stand under the table, and numbers have `digits` significant digits.
     """
-    cells = [[value_cell(value, digits) for value in row] for row in rows]
+    cells = list[list[TableCell]]()
+    for row in rows:
+        cells.append([])
+        for value in row:
+            if value is None or isinstance(value, bool | str):
+                cells[-1].append(TableCell("" if value is None else str(value)))
+            else:
+                cells[-1].append(TableCell(number_text(value, digits), sort=float(value)))
     records = [dict(zip(headers, row, strict=True)) for row in rows]
     return TextTable(title, headers, cells, labels, notes, records)
-
-
-def value_cell(value: Scalar, digits: int = 4) -> TableCell:
-    """Return a cell for one plain value."""
-    if isinstance(value, bool) or value is None or isinstance(value, str):
-        return TableCell("" if value is None else str(value))
-    return TableCell(number_text(value, digits), sort=float(value))
 
 
 def number_text(value: float, digits: int = 4) -> str:

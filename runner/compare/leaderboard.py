@@ -2,34 +2,32 @@
 
 The newest run of a cell counts; one that failed or diverged, and one whose model cannot predict,
 has an infinite loss. Cells without a run are not ranked; a task is ranked over the cells that all
-its entrants have run.
+its entrants have run. Ranks are of tables of losses, shape (n_cases, n_entrants): smaller is best.
+
+Demsar (2006), Statistical comparisons of classifiers over multiple data sets; Holm (1979);
+Benavoli, Corani and Mangili (2016) for pairwise tests instead of mean ranks.
 """
 
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy  # its subpackages are loaded at their first use
 import sqlalchemy as sa
 
 from seatrial.runner.compare.benchmark import scores
-from seatrial.runner.compare.benchmark.scores import (
-    AT_REST,
-    BAND_LEVEL,
-    POSITION,
-    REFERENCES,
-    Score,
-)
+from seatrial.runner.compare.benchmark.scores import AT_REST, POSITION, REFERENCES, Score
 from seatrial.runner.compare.benchmark.task import GROUP, Task, cells, task_of
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import TableCell, TextTable, number_text
-from seatrial.runner.compare.ranking import SIGNIFICANCE, Ranking, ranking
-from seatrial.runner.compare.statistics import holm
+from seatrial.runner.compare.statistics import equal, holm
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.database.tables import DiagnosticRow
@@ -54,6 +52,85 @@ BOLD = (
     " at_rest are left out"
 )
 NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first entrant"
+
+
+SIGNIFICANCE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Entrants over a number of cases.
+
+    `mean_ranks` are by entrant, the best first: 1 is best, NaN without a case. `p_values` are those
+    of every pair, by Holm's correction.
+    """
+
+    mean_ranks: "pd.Series[float]"
+    p_values: Mapping[frozenset[str], float]
+    cases: int
+
+    def order(self) -> list[str]:
+        """The entrants from the best mean rank to the worst."""
+        return [*self.mean_ranks.index]
+
+    def differ(self, one: str, other: str) -> bool:
+        """Whether two entrants differ significantly."""
+        return self.p_values[frozenset((one, other))] < SIGNIFICANCE
+
+    def best(self) -> list[str]:
+        """The first entrant, and those not significantly different from it.
+
+        None where there are too few cases to tell entrants apart at all, after Holm's correction.
+        """
+        pairs, (first, *others) = len(self.p_values), self.order() or [""]
+        if not pairs or 0.5 ** (self.cases - 1) * pairs >= SIGNIFICANCE:
+            return []
+        return [first, *(name for name in others if not self.differ(first, name))]
+
+    def groups(self) -> list[list[str]]:
+        """Largest runs of entrants, neighbours in rank, of which no two differ significantly."""
+        order = self.order()
+        parts = [order[first:end] for first, end in combinations(range(len(order) + 1), 2)]
+        alike = [own for own in parts if not any(self.differ(*p) for p in combinations(own, 2))]
+        whole = (own for own in alike if not any({*own} < {*other} for other in alike))
+        return [own for own in whole if len(own) > 1]
+
+
+def ranking(losses: pd.DataFrame) -> Ranking:
+    """Rank entrants by their losses (n_cases, n_entrants); raises ValueError for NaN.
+
+    Losses that are equal share the mean of their ranks. Pairs are compared by the two-sided
+    signed-rank test of Wilcoxon on the ranks within a case, since losses of different cases have
+    different scales.
+    """
+    if losses.isna().to_numpy().any():
+        raise ValueError("losses: got NaN, expected numbers; inf for an entrant without a result")
+    places = []
+    for row in losses.to_numpy():
+        order = np.argsort(row, kind="stable")
+        apart = ~equal(row[order][1:], row[order][:-1])
+        place = np.empty(len(row))
+        place[order] = np.concatenate([[0], np.cumsum(apart)])
+        places.append(scipy.stats.rankdata(place))
+    ranks = pd.DataFrame(places, losses.index, losses.columns, dtype=np.float64)
+    pairs = list(combinations(losses, 2))
+    differences = [(ranks[one] - ranks[other]).to_numpy() for one, other in pairs]
+    p_values = holm([  # 1 of entrants that are equal in every case
+        scipy.stats.wilcoxon(each, zero_method="zsplit").pvalue if np.any(each) else 1.0
+        for each in differences
+    ])  # fmt: skip
+    p_of = dict(zip(map(frozenset, pairs), p_values, strict=True))
+    return Ranking(ranks.mean().sort_values(kind="stable"), p_of, len(losses))
+
+
+def critical_difference(entrants: int, cases: int, level: float = SIGNIFICANCE) -> float:
+    """Difference of two mean ranks that is significant by the test of Nemenyi.
+
+    CD = q sqrt(k (k + 1) / (6 N)) of k entrants in N cases, with q the quantile of the Studentized
+    range over sqrt(2). Demsar (2006), section 3.2.2. More cautious than `ranking`'s pairwise tests.
+    """
+    range_ = scipy.stats.studentized_range.ppf(1.0 - level, entrants, np.inf)
+    return float(range_ / np.sqrt(2.0) * np.sqrt(entrants * (entrants + 1) / (6.0 * cases)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +166,8 @@ class Board:
         Where there are too few cells for tests of ranks, by a paired bootstrap of the errors, in
         which an entrant that lost a cell differs from one that did not.
         """
-        if self.contest.tested:
-            return self.contest.best()
+        if best := self.contest.best():
+            return best
         first, *others = self.contest.order()
         judged = {name: self.of(name).set_index(CELL)["judged"] for name in (first, *others)}
         common = [cell for cell in judged[first].index if all(cell in j for j in judged.values())]
@@ -124,10 +201,8 @@ class Board:
     @property
     def score_name(self) -> str:
         """What the task ranks by, with its unit."""
-        after = f"after {self.task.after_s:g} s" if self.task.after_s is not None else ""
-        if self.task.score == "position":
-            return f"position error {after} [m]"
-        return "FIT [%]" if self.task.score == "free_run" else f"FIT {after} [%]"
+        after = "" if self.task.score == "free_run" else f" after {self.task.after_s:g} s"
+        return f"position error{after} [m]" if self.task.score == "position" else f"FIT{after} [%]"
 
     def interval(self, entrant: str) -> str:
         """The 90 % interval of an entrant's FIT as `87 to 95`; a dash if all diverge."""
@@ -136,12 +211,6 @@ class Board:
             return "–"
         low, high = scores.interval(good)
         return f"{100.0 * (1.0 - high):.0f} to {100.0 * (1.0 - low):.0f}"
-
-    def has_skill(self, entrant: str) -> bool:
-        """Whether an entrant identifies something, and is better than every trivial rival."""
-        means = self.losses.mean()
-        trivial = [name for name in means.index if name in (*REFERENCES, "none")]
-        return entrant not in trivial and bool((means[entrant] < means[trivial]).all())
 
 
 def losses_of(entries: pd.DataFrame, cell: Sequence[str]) -> pd.DataFrame:
@@ -161,22 +230,19 @@ def boards(
 
 
 def overall(boards: Sequence[Board]) -> list[tuple[list[Board], Ranking]]:
-    """Rank the entrants of tasks with the same ones, over the cases of these tasks together.
+    """Rank the entrants of several tasks with the same ones, over the cases of these together.
 
     The loss in a case is the median over its seeds, since repeated trials of one case are no
-    independent data sets. Tasks that have not been run are left out, and so is a task whose
-    entrants no other one has: it has ranks of its own.
+    independent data sets.
     """
-    groups: dict[frozenset[str], list[Board]] = defaultdict(list)
+    groups, ranks = defaultdict[frozenset[str], list[Board]](list), []
     for board in boards:
         if len(board.entries):
             groups[frozenset(board.losses) - {AT_REST}].append(board)
-    ranks = []
-    for group in groups.values():
-        if len(group) > 1:
-            entries = pd.concat([board.entries for board in group], ignore_index=True)
-            entries = entries[entries["entrant"] != AT_REST]
-            ranks.append((group, ranking(losses_of(entries, ["task", "case"]))))
+    for group in (group for group in groups.values() if len(group) > 1):
+        entries = pd.concat([board.entries for board in group], ignore_index=True)
+        entries = entries[entries["entrant"] != AT_REST]
+        ranks.append((group, ranking(losses_of(entries, ["task", "case"]))))
     return ranks
 
 
@@ -192,18 +258,17 @@ def _entries(results: Queries, task: Task, entrants: Sequence[str]) -> pd.DataFr
     timed = sa.select(d.run_id, d.value).where(d.name == TRAINING_TIME)
     training_s = {row.run_id: row.value for row in results.reader.select(timed)}
     references = [name for name in REFERENCES if name != AT_REST or task.score == "position"]
-    own: list[dict[str, object]] = []
-    trivial: dict[tuple[str, int], list[dict[str, object]]] = {}
+    own, trivial = list[dict[str, object]](), dict[tuple[str, int], list[dict[str, object]]]()
     for cell in cells(task, entrants, stored=True):
         row = newest.get(_normal(cell.options))
         if row is None:
             continue
         place = {**cell._asdict(), "run": row.id, "status": row.status, "error": row.error or ""}
         place |= {"duration_s": 0.0, "training_s": 0.0}
-        own.append(place | {"score": None, "judged": None, "after": {}, "loss": math.inf})
-        end = row.finished_at
-        own[-1]["duration_s"] = (end - row.started_at).total_seconds() if end else math.nan
-        own[-1]["training_s"] = training_s.get(row.id, math.nan)
+        lost: dict[str, object] = {"score": None, "judged": None, "after": {}, "loss": math.inf}
+        end, lost["training_s"] = row.finished_at, training_s.get(row.id, math.nan)
+        lost["duration_s"] = (end - row.started_at).total_seconds() if end else math.nan
+        own.append(place | lost)
         if row.status == FINISHED:
             series = results.reader.series(row.id, "prediction")
             own[-1] |= _scores(series, "identified", task)
@@ -244,15 +309,13 @@ def leaderboard(board: Board) -> TextTable:
     if board.entries.empty:
         notes = [f"no runs: {trial_program()} benchmark --task {task.name}"]
         return TextTable(task.title, [*_columns(board, "").keys()], [], notes=notes)
-    best = board.rivals()
+    best, cells = board.rivals(), ranked.cases
     rows = [_columns(board, name, name in best and not board.lost(name)) for name in ranked.order()]
-    cells = ranked.cases
     notes = [
         f"{cells} cell{'s'[: cells != 1]} that all entrants have run; rank: mean over them, 1 is"
-        " best; FIT, NRMSE, band and CRPS: of the cells that did not diverge",
-        BOLD,
+        " best; FIT, NRMSE, band and CRPS: of the cells that did not diverge"
     ]
-    return TextTable(task.title, [*rows[0]], [[*row.values()] for row in rows], notes=notes)
+    return TextTable(task.title, [*rows[0]], [[*r.values()] for r in rows], notes=[*notes, BOLD])
 
 
 def _columns(board: Board, name: str, best: bool = False) -> dict[str, TableCell]:
@@ -262,16 +325,15 @@ def _columns(board: Board, name: str, best: bool = False) -> dict[str, TableCell
     row = {
         "entrant": TableCell(name, bold=best),
         "rank": _number(board.ranked.mean_ranks.get(name, math.nan), 3, best),
-        "FIT [%]": _number(float(np.mean(fits)), 3, best),
-        "90 %": TableCell(board.interval(name)),
-    }
+        "FIT [%]": _number(float(np.mean(fits)), 3, best), "90 %": TableCell(board.interval(name)),
+    }  # fmt: skip
     row |= {f"{dof} FIT": _number(f, 3) for dof, f in zip(task.outputs, fits, strict=True)}
     for s in task.horizons_s:
         row[f"NRMSE {s:g} s"] = _number(_mean([after[s] for after in own["after"] if after]), 2)
     if task.score != "free_run":
         row[board.score_name] = _number(board.score(name), 3)
     covered = _mean(*(one.covered for one in good if one.deviations is not None))
-    row[f"in {100.0 * BAND_LEVEL:.0f} % band [%]"] = _number(100.0 * covered, 3)
+    row[f"in {100.0 * scores.BAND_LEVEL:.0f} % band [%]"] = _number(100.0 * covered, 3)
     row["CRPS"] = _number(_mean(*(one.crps for one in good)), 2)
     row["diverged"] = TableCell(f"{board.lost(name)} of {len(own)}")
     row["training [s]"] = _number(_mean(own["training_s"]), 2)
@@ -299,7 +361,10 @@ def summary(boards: Sequence[Board]) -> TextTable:
     for board in (board for board in boards if len(board.entries)):
         first, *others = board.rivals()
         own_score = "" if board.task.score == "free_run" else f": {board.score_name}"
-        skill = "" if board.has_skill(first) else " (no skill)"
+        means = board.losses.mean()
+        trivial = [name for name in means.index if name in (*REFERENCES, "none")]
+        skilled = first not in trivial and (means[first] < means[trivial]).all()
+        skill = "" if skilled else " (no skill)"
         rows.append([
             TableCell(f"{board.task.title}{own_score}"),
             TableCell(str(board.contest.cases)),

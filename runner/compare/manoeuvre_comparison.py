@@ -11,18 +11,7 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text
-from seatrial.runner.export.manoeuvre_tracks import (
-    COMPARED,
-    DIAGNOSTIC,
-    MANOEUVRES,
-    Manoeuvre,
-    PredictedMeasure,
-    Recorded,
-    Sheet,
-    file_track,
-    measured_sheet,
-    stored,
-)
+from seatrial.runner.export import manoeuvre_tracks as tracks
 
 RECORDING = "recording"
 EXECUTED = "from the instant at which the helm has passed half of its first step"
@@ -31,32 +20,34 @@ MAX_MANOEUVRES = 6  # manoeuvres in a report
 
 
 def run_sheet(
-    results: Queries, run: int, series: str, manoeuvre: Manoeuvre | None, helm: str | None,
+    results: Queries, run: int, series: str, manoeuvre: tracks.Manoeuvre | None, helm: str | None,
     length_m: float | None, scale: float,
 ) -> TextTable:  # fmt: skip
     """Return the sheet of a run, or the measures that are stored of its recorded manoeuvres."""
-    predicted = [row for row in results.reader.diagnostics(run) if row.name.startswith(DIAGNOSTIC)]
+    predicted = [
+        row for row in results.reader.diagnostics(run) if row.name.startswith(tracks.DIAGNOSTIC)
+    ]
     if predicted and series == RECORDING:
         return comparison(predicted, f"Run {run}")
-    recorded = stored(results.reader, run, series, helm, length_m)
+    recorded = tracks.stored(results.reader, run, series, helm, length_m)
     ordered = replace(recorded.ordered, kind=manoeuvre or recorded.ordered.kind)
-    result = measured_sheet(recorded.track, ordered, scale)
+    result = tracks.measured_sheet(recorded.track, ordered, scale)
     return grid_of_sheet(result, f"Run {run}", recorded.predicted)
 
 
 def file_sheet(
-    path: Path, map_file: Path | None, manoeuvre: Manoeuvre | None, helm: str | None,
+    path: Path, map_file: Path | None, manoeuvre: tracks.Manoeuvre | None, helm: str | None,
     length_m: float | None, scale: float,
 ) -> TextTable:  # fmt: skip
     """Return the sheet of a recorded file."""
-    track, ordered = file_track(path, map_file, helm, length_m)
+    track, ordered = tracks.file_track(path, map_file, helm, length_m)
     ordered = replace(ordered, kind=manoeuvre or ordered.kind)
-    return grid_of_sheet(measured_sheet(track, ordered, scale), str(path))
+    return grid_of_sheet(tracks.measured_sheet(track, ordered, scale), str(path))
 
 
 def newest_manoeuvres(
-    results: Queries, runs: Sequence[StoredRun], kinds: Sequence[str] = MANOEUVRES
-) -> list[tuple[StoredRun, Recorded]]:
+    results: Queries, runs: Sequence[StoredRun], kinds: Sequence[str] = tracks.MANOEUVRES
+) -> list[tuple[StoredRun, tracks.Recorded]]:
     """The newest finished run of each vessel and excitation that is one of the manoeuvres."""
     newest = {
         (run.levels["vessel"], run.levels["excitation"]): run
@@ -69,12 +60,12 @@ def newest_manoeuvres(
     known = []
     for run in found[:MAX_MANOEUVRES]:
         with suppress(ConfigurationError):  # of a vessel without a position, such as in yaw alone
-            known.append((run, stored(results.reader, run.id, RECORDING)))
+            known.append((run, tracks.stored(results.reader, run.id, RECORDING)))
     return known
 
 
 def grid_of_sheet(
-    result: Sheet, title: str, predicted: Mapping[str, PredictedMeasure] | None = None
+    result: tracks.Sheet, title: str, predicted: Mapping[str, tracks.PredictedMeasure] | None = None
 ) -> TextTable:
     """The sheet as a table with its definitions below.
 
@@ -113,17 +104,19 @@ def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
     lines: dict[tuple[str, str], list[Diagnostic]] = {}
     for row in rows:
         file = (row.label or "").rpartition(", ")[0]
-        quantity = row.name.removeprefix(DIAGNOSTIC).replace("_", " ")
+        quantity = row.name.removeprefix(tracks.DIAGNOSTIC).replace("_", " ")
         lines.setdefault((file, quantity), []).append(row)
     table: list[list[Scalar]] = []
     for (file, quantity), own in lines.items():
         values: dict[int | None, float | None] = {row.j: row.value for row in own}
-        measured, nominal, identified, low, high = (values.get(j) for j in range(len(COMPARED)))
+        measured, nominal, identified, low, high = (
+            values.get(j) for j in range(len(tracks.COMPARED))
+        )
         error = None
         if measured and identified is not None:
             error = 100.0 * (identified / measured - 1.0)
         table.append([file, quantity, own[0].unit, measured, nominal, identified, error, low, high])
-    headers = ("file", "quantity", "unit", *COMPARED[:3], "error [%]", *COMPARED[3:])
+    headers = ("file", "quantity", "unit", *tracks.COMPARED[:3], "error [%]", *tracks.COMPARED[3:])
     notes = [f"{EXECUTED}; L: ship lengths"]
     notes.append(
         "low, high: 90 % of simulations with parameters drawn from their covariance and with the"
@@ -132,7 +125,7 @@ def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
     return grid_of(f"{title}: manoeuvres", headers, table, labels=3, notes=notes)
 
 
-def notes_of(result: Sheet) -> list[str]:
+def notes_of(result: tracks.Sheet) -> list[str]:
     """What the quantities are measured from."""
     notes = [] if "spiral" in result.manoeuvre else [EXECUTED]
     length, speed = number_text(result.length_m, 5), number_text(result.speed_m_s, 4)

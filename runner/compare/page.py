@@ -1,7 +1,7 @@
 """The one page maker: sections of blocks under one template, and atomic writing of files.
 
 Every page is made here: the report, those of the site, of the benchmark, of a recording and of the
-published figures. A block is Markup in which every text is escaped.
+published figures. A block is Markup by a macro of `templates/blocks.html`; it escapes every text.
 """
 
 import re
@@ -9,15 +9,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache, partial
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.compare import blocks
-from seatrial.runner.compare.blocks import environment
 from seatrial.runner.database.terminal import visible
 
 if TYPE_CHECKING:
@@ -31,6 +31,32 @@ DECIMALS = re.compile(r"(\d\.\d\d)\d+")
 LEGIBLE = 0.72  # smallest scale of a figure; below it the figure scrolls
 
 
+@cache
+def environment() -> Environment:
+    """Return the templates; the filter `lines` escapes a text and keeps the ends of its lines."""
+    loader = FileSystemLoader(Path(__file__).with_name("templates"))
+    options: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True}
+    templates = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **options)
+    templates.filters["lines"] = lambda text: Markup(escape(visible(text)).replace("\n", "<br>"))
+    return templates
+
+
+def _block(name: str, *content: Any, **options: Any) -> Markup:
+    macro = getattr(environment().get_template("blocks.html").module, name)
+    return Markup(macro(*content, **options))
+
+
+paragraph = partial(_block, "paragraph")  # text, and a class of the style sheet
+bullets = partial(_block, "bullets")  # a list of lines; empty without any
+code = partial(_block, "code")  # lines of a command or a traceback
+link = partial(_block, "link")  # an address, and the text of a link to it
+status = partial(_block, "status")  # a status, and a text in its colour
+facts = partial(_block, "facts")  # pairs of names with what stands for them
+folded = partial(_block, "folded")  # a summary, and blocks that a click on it shows; opened=True
+group = partial(_block, "group")  # a class of the style sheet, and the blocks in its box
+table = partial(_block, "table")  # a TextTable, and its headers as cells
+
+
 @dataclass(frozen=True)
 class Section:
     """A part of a page: its heading, the name for links to it, and its blocks."""
@@ -41,27 +67,19 @@ class Section:
 
 
 def page(
-    title: str,
-    lead: Iterable[Markup],
-    sections: Sequence[Section],
-    links: Mapping[str, str] | None = None,
-    scripts: Sequence[str] = (),
+    title: str, lead: Iterable[Markup], sections: Sequence[Section],
+    links: Mapping[str, str] | None = None, scripts: Sequence[str] = (),
     programs: Sequence[str] = (),
-) -> str:
+) -> str:  # fmt: skip
     """Return a page; it needs no network.
 
     `lead` stands above the links: those to its sections and `links` (text by address) to other
     pages. `scripts` are files beside the page, `programs` templates of further scripts in it.
     """
-    return (
-        environment()
-        .get_template("page.html")
-        .render(
-            written=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-            **{"title": title, "lead": list(lead), "sections": sections, "links": links or {}},
-            **{"scripts": scripts, "programs": programs},
-        )
-    )
+    written = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+    content = {"title": title, "lead": list(lead), "sections": sections, "links": links or {}}
+    files = {"scripts": scripts, "programs": programs}
+    return environment().get_template("page.html").render(written=written, **content, **files)
 
 
 def write_page(page: str, file: Path) -> None:
@@ -99,4 +117,4 @@ def picture(figure: "Figure", caption: str, prefix: str) -> Markup:
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{escape(caption)}"', 1)
     least = round(LEGIBLE * figure.get_figwidth() * 72.0 * CSS_PX_PER_POINT)
     kind = "wide" if figure.get_figwidth() > WIDE_FIGURE else ""
-    return blocks.figure(Markup(svg), caption, least, kind)
+    return _block("figure", Markup(svg), caption, least, kind)

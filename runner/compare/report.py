@@ -1,127 +1,160 @@
 """The page on a set of runs: the answer, a figure and its table; then the rest, provenance last."""
 
+import re
 import shlex
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError, PartError, RecordingError
-from seatrial.runner.compare.blocks import bullets, code, facts, folded, group, paragraph, status
+from seatrial.runner.compare import page as pages
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparability import TooDifferentError
-from seatrial.runner.compare.figures import drawings_of, figures
+from seatrial.runner.compare.figures import PlotRequest, axes_of, drawings, figures
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import Queries, ordered
-from seatrial.runner.compare.grid import TextTable, grid_of, one_line
-from seatrial.runner.compare.headlines import Headline, answers, headlines, in_words
+from seatrial.runner.compare.grid import TextTable, grid_of, number_text, one_line, unit_text
 from seatrial.runner.compare.manoeuvre_comparison import grid_of_sheet, newest_manoeuvres
-from seatrial.runner.compare.page import Section, page, picture, write_page
-from seatrial.runner.compare.plots.request import PlotRequest, subtitle
+from seatrial.runner.compare.page import Section, code, folded, group, paragraph
+from seatrial.runner.compare.plots.selection import subtitle
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.runs import run_table
+from seatrial.runner.compare.table import comparison
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.tables import RunRow as RunTable
 from seatrial.runner.export.manoeuvre_tracks import measured_sheet
-from seatrial.runner.record.catalogue import METRICS, definition_of
+from seatrial.runner.record.catalogue import METRICS, all_declared, definition_of
 from seatrial.runner.record.vocabulary import GROUPS, LOST
 
 MOST_LISTED = 500  # runs and failures on the page; the database has them all
+# The metrics that have a table, and whether the table is unfolded at first.
+TABLES = {
+    "e_pos_mae": True, "e_psi_mae": True, "velocity_rmse_free_run": True, "force_mse": True,
+    "force_mse_filtered": False, "velocity_rmse_one_step": False, "coefficient_error": False,
+    "error_mae": False, "steady_state_error": False, "tau_mean_abs": False, "power_mean": False,
+    "iaew": False,
+}  # fmt: skip
+WORDS = {
+    **{"dof": "axis", "run_id": "run", "started_at": "started", "duration_s": "duration [s]"},
+    "below_true_model": "below the true model",
+}
 
 
 @dataclass(frozen=True)
-class ReportRequest:
-    """The runs, rows and columns of a report."""
+class Headline:
+    """A table of a headline metric, unfolded if `shown`, and the words of its command."""
 
-    rows: str = "identifier"
-    columns: str = "disturbance"
-    where: str | None = None
-    sweep: str | None = None  # a number, a name, a tag or `all`; by default the newest one
-    title: str | None = None
-    database: str = DEFAULT_DATABASE  # as the user wrote it, for the commands on the page
-
-
-def write_report(results: Queries, request: ReportRequest, file: Path) -> None:
-    """Write the page; raises LogbookError if the file cannot be written.
-
-    `request` selects the runs, rows and columns. Raises ConfigurationError if no run matches.
-    """
-    write_page(render_report(results, request), file)
+    metric: str
+    table: TextTable
+    shown: bool
+    command: Sequence[str]
 
 
 def render_report(
-    results: Queries,
-    request: ReportRequest,
-    links: Mapping[str, str] | None = None,
-    figures: bool = True,
-) -> str:
+    results: Queries, options: TableOptions, database: str = DEFAULT_DATABASE,
+    title: str | None = None, links: Mapping[str, str] | None = None, figures: bool = True,
+) -> str:  # fmt: skip
     """Return the page as text; raises ConfigurationError if no run matches.
 
-    The site's pages have links to the others, and without `figures` the first one alone.
+    `options` select runs, rows and columns; `database` is as the user wrote it, for the commands on
+    the page. The site's pages have links to the others, and without `figures` the first one alone.
     """
-    report = _Report(results, request)
+    report = _Report(results, options, database)
     parts = {
-        "Result": report.result(),
-        "Tables": report.tables(),
-        "Figures": report.figures() if figures else [],
-        "Warnings": report.warnings(),
-        "Failures": report.failures(),
-        "Configuration": report.configuration(),
+        "Result": report.result(), "Tables": report.tables(),
+        "Figures": report.figures() if figures else [], "Warnings": report.warnings(),
+        "Failures": report.failures(), "Configuration": report.configuration(),
         "Runs": [folded("All runs", html_table(report.listed()))],
-        "Provenance": [facts(report.provenance())],
-    }
-    sections = [Section(title, title.lower(), blocks) for title, blocks in parts.items() if blocks]
-    title = request.title or (f"Sea trials, {report.scope}" if report.scope else "Sea trials")
-    return page(title, report.lead(), sections, links)
+        "Provenance": [pages.facts(report.provenance())],
+    }  # fmt: skip
+    sections = [Section(title, title.lower(), own) for title, own in parts.items() if own]
+    title = title or (f"Sea trials, {report.scope}" if report.scope else "Sea trials")
+    return pages.page(title, report.lead(), sections, links)
 
 
 class _Report:
-    """The parts of the page; `found` are its tables, of which the first is at the top."""
+    """The parts of the page; `found` are its tables, of which the first is at the top.
 
-    def __init__(self, results: Queries, request: ReportRequest) -> None:
-        self.results, self.request = results, request
-        self.condition, self.scope = results.selected(request.where, request.sweep)
+    The baseline is the level `none` of the rows, if some of the runs have it. `refused` are
+    messages on tables whose runs differ in too much.
+    """
+
+    def __init__(self, results: Queries, options: TableOptions, database: str) -> None:
+        self.results, self.options = results, options
+        self.rows, self.columns = rows, columns = axes_of(options.rows, options.columns)
+        self.condition, self.scope = results.selected(options.where, options.sweep)
         self.runs = results.runs(self.condition)
-        chosen: dict[str, Any] = {"where": request.where, "sweep": request.sweep}
-        asked = TableOptions(request.rows, request.columns, **chosen)
-        self.found, self.refused = headlines(results, self.runs, asked)
-        self.shared = PlotRequest(rows=request.rows, columns=request.columns, **chosen)
+        self.shared = PlotRequest("bars", rows=rows, columns=columns)
+        self.shared = replace(self.shared, where=options.where, sweep=options.sweep)
+        levels = {run.levels.get(rows) for run in self.runs}
+        self.baseline = [f"{rows}=none"] if "none" in levels and len(levels) > 1 else []
+        words = {"--rows": rows, "--columns": columns, "--baseline": ",".join(self.baseline)}
+        words |= {"--where": options.where or "", "--sweep": options.sweep or ""}
+        words["--database"] = "" if database == DEFAULT_DATABASE else database
+        named = [word for pair in words.items() if pair[1] for word in pair]
+        self.found, self.refused, stored = list[Headline](), list[str](), results.metric_names()
+        for metric, shown in TABLES.items():
+            asked = replace(options, metric=[metric], baseline=self.baseline)
+            try:
+                table = comparison(results, asked) if metric in stored else None
+            except ConfigurationError as error:
+                self.refused.append(f"{definition_of(metric).heading}: {error}")
+                continue
+            if table and any(cell.sort is not None for row in table.rows for cell in row):
+                command = [*results_program().split(), "table", "--metric", metric, *named]
+                self.found.append(Headline(metric, table, shown, command))
 
     def lead(self) -> Iterator[Markup]:
         """What the runs say, above all: the best rows, and how many there are and failed."""
-        yield group("answer", bullets(answers(self.found[0]) if self.found else ()))
+        yield group("answer", pages.bullets(self.answers()))
         counts = sorted(Counter(run.status for run in self.runs).items())
-        pills = Markup(" ").join(status(name, f"{number} {name}") for name, number in counts)
+        pills = Markup(" ").join(pages.status(name, f"{number} {name}") for name, number in counts)
         plural = "s"[: len(self.runs) != 1]
         yield Markup("<p>{} run{}: {}</p>").format(len(self.runs), plural, pills)
-        only = f", only {self.request.where}" if self.request.where else ""
+        only = f", only {self.options.where}" if self.options.where else ""
         yield paragraph(f"From {self.results.reader.address}{only}.", "small")
+
+    def answers(self) -> Iterator[str]:
+        """Say which row is best under each condition, and by how much it beats the baseline."""
+        for headline in self.found[:1]:
+            label, table = definition_of(headline.metric).label, headline.table
+            names = [*table.headers, self.columns]
+            for record in table.as_records():
+                value = record.get("mean")
+                if record["best"] and isinstance(value, float):
+                    other = [n for n in names if n not in (self.rows, "unit", "metric")]
+                    place = ", ".join(str(record[name]) for name in other if name in record)
+                    size = f"{number_text(value, 3)} {unit_text(str(record['unit']))}".rstrip()
+                    text = f"{record[self.rows]} has a {label[0].lower()}{label[1:]} of {size}"
+                    ratio, pairs = record.get("ratio"), record.get("pairs")
+                    if isinstance(ratio, float) and isinstance(pairs, int) and pairs:
+                        less = f"{number_text(1.0 / ratio, 2)} times" if 0.0 < ratio < 1.0 else "no"
+                        won = f"{record['wins']} of {pairs + int(record['lost_pairs'] or 0)}"
+                        text += f", {less} less than none, better in {won} pairs"
+                    yield f"{place or 'all runs'}: {text}."
 
     def result(self) -> list[Markup]:
         """What was compared and under which conditions; the first figure; the first table."""
         lost = sum(run.status in LOST for run in self.runs)
         failed = f"{lost} of {len(self.runs)} runs, listed under Failures" if lost else "none"
-        baselines = [f"{self.request.rows} none" for one in self.found[:1] if one.baseline]
-        baseline = baselines[0] if baselines else "none is named"
+        baseline = f"{self.rows} none" if self.found and self.baseline else "none is named"
         named = [("baseline", baseline), ("failures", failed)]
-        told = facts([*self.choices(), *named])
-        if not self.found:
-            return [group("beside", told)]
-        first, pictures = self.found[0], list[Markup]()
-        heading = definition_of(first.metric).heading
-        asked = replace(self.shared, metric=first.metric)
-        with drawn(), suppress(ConfigurationError, LogbookError, PartError):
-            pictures = self.pictures("bars", heading, asked, "first")
-        return [group("beside", told, *pictures), *self.table(first)]
+        told, pictures = pages.facts([*self.choices(), *named]), list[Markup]()
+        for first in self.found[:1]:
+            heading = definition_of(first.metric).heading
+            with drawn(), suppress(ConfigurationError, LogbookError, PartError):
+                pictures = self.pictures(
+                    heading, replace(self.shared, metric=first.metric), "first"
+                )
+        return [group("beside", told, *pictures), *self.table(*self.found[:1])]
 
-    def pictures(self, name: str, caption: str, asked: PlotRequest, prefix: str) -> list[Markup]:
-        """The figures of a kind; `prefix` makes their ids unique on the page."""
-        made = enumerate(drawings_of(name)(self.results, asked))
-        return [picture(drawing.figure, caption, f"{prefix}{k}-") for k, drawing in made]
+    def pictures(self, caption: str, asked: PlotRequest, prefix: str) -> list[Markup]:
+        """The figures of a request; `prefix` makes their ids unique on the page."""
+        made = enumerate(drawings(self.results, asked))
+        return [pages.picture(each.figure, caption, f"{prefix}{k}-") for k, each in made]
 
     def choices(self) -> list[tuple[str, str]]:
         """Every choice with its levels, those with several first; many seeds are a range."""
@@ -133,12 +166,10 @@ class _Report:
         )
         return [*((name, ", ".join(choices[name])) for name in varied), ("seed", text)]
 
-    def table(self, one: Headline) -> list[Markup]:
-        """A table and the command that makes it."""
-        words = [*results_program().split(), *one.command]
-        if self.request.database != DEFAULT_DATABASE:
-            words += ["--database", self.request.database]
-        return [html_table(in_words(one.table)), code(shlex.join(words))]
+    def table(self, *of: Headline) -> list[Markup]:
+        """Tables, each with the command that makes it."""
+        pairs = [(html_table(in_words(one.table)), code(shlex.join(one.command))) for one in of]
+        return [block for pair in pairs for block in pair]
 
     def tables(self) -> list[Markup]:
         """The tables beside the first one, the sheets of manoeuvres, and what is not shown."""
@@ -161,9 +192,9 @@ class _Report:
         first = self.found[0].metric if self.found else ""
         pictures, refused = list[Markup](), list[Markup]()
         with drawn():
-            for n, (name, caption, asked) in enumerate(self.asked(first)):
+            for n, (caption, asked) in enumerate(self.asked(first)):
                 try:
-                    pictures += self.pictures(name, caption, asked, f"f{n}-")
+                    pictures += self.pictures(caption, asked, f"f{n}-")
                 except (TooDifferentError, LogbookError, PartError) as error:
                     refused.append(paragraph(f"Not drawn: {caption}: {error}", "wide"))
                 except ConfigurationError:
@@ -171,17 +202,17 @@ class _Report:
         none = paragraph("None of these runs has data for a figure.")
         return [group("figures", *(pictures + refused or [none]))]
 
-    def asked(self, first: str) -> Iterator[tuple[str, str, PlotRequest]]:
+    def asked(self, first: str) -> Iterator[tuple[str, PlotRequest]]:
         """The figures of a report, with captions and requests; not of the metric at the top."""
         for figure in sorted(figures().values(), key=lambda figure: figure.place):
-            for rows in figure.report_rows or (figure.rows or self.request.rows,):
-                asked = replace(self.shared, rows=rows)
+            for rows in figure.report_rows or (figure.rows or self.rows,):
+                asked = replace(self.shared, kind=figure.name, rows=rows)
                 if figure.of_metrics:
                     for one in METRICS:
                         if one.headline and one.name != first:
-                            yield figure.name, one.heading, replace(asked, metric=one.name)
+                            yield one.heading, replace(asked, metric=one.name)
                 elif figure.caption:
-                    yield figure.name, figure.caption, asked
+                    yield figure.caption, asked
 
     def warnings(self) -> list[Markup]:
         """The warnings with the numbers of their runs."""
@@ -189,7 +220,7 @@ class _Report:
         for text, ids in self.results.warnings(self.condition)[:MOST_LISTED]:
             runs = ", ".join(map(str, ids[:10])) + (", …" if len(ids) > 10 else "")
             messages.append(f"{text} (run{'s'[: len(ids) != 1]} {runs})")
-        return [bullets(messages)] if messages else []
+        return [pages.bullets(messages)] if messages else []
 
     def failures(self) -> list[Markup]:
         """The runs that failed, with their errors and tracebacks."""
@@ -198,7 +229,7 @@ class _Report:
             run = self.results.reader.run(run_id)
             one = run.summary
             text = f" run {one.run_id}: {one.identifier}, {one.disturbance}, seed {one.seed}: "
-            summary = status(one.status, one.status) + text + (one.error or "no message")
+            summary = pages.status(one.status, one.status) + text + (one.error or "no message")
             trace = code(run.traceback or "no traceback")
             blocks.append(folded(summary, paragraph(one.error_type or ""), trace))
         return blocks or [paragraph("None.")]
@@ -247,3 +278,14 @@ class _Report:
             code_of = Markup(", ").join(Markup("<code>{}</code>").format(each) for each in values)
             told += [(name, code_of)] if values else []
         return told
+
+
+def in_words(grid: TextTable) -> TextTable:
+    """Return a table with the labels of metrics, and words for columns, instead of their keys."""
+    labels = {definition.name: definition.label for definition in all_declared()}
+    title, *notes = (
+        re.sub(r"\b[a-z]\w*_\w+\b", lambda name: labels.get(name[0], name[0]), text)
+        for text in (grid.title, *grid.notes)
+    )
+    headers = [WORDS.get(header, header.replace("_", " ")) for header in grid.headers]
+    return replace(grid, title=title, headers=headers, notes=notes)

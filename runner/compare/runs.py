@@ -36,42 +36,31 @@ TABLES = {  # of what a run has stored: their columns
     "coefficients": ("model", "dof", "term", "value", "std_error", "true_value", "unit"),
     "diagnostics": ("name", "dof", "value", "unit", "label"),
     "series": ("kind", "path", "n_rows", "sha256"),
-}
-SHOWN = (  # diagnostics of the uncertainty, and of what the excitation can tell apart
+}  # fmt: skip
+SHOWN = (  # diagnostics: uncertainty, what the excitation tells apart, columns of a recording
     *("model_error", "no_model_error", "no_band", "tracking_", "no_tracking"),
-    *("regressor_", "spectral_lines", "inseparable_terms"),
+    *("regressor_", "spectral_lines", "inseparable_terms", "statistic_"),
 )
 DATABASE = re.compile(r"[+~]*database(\.url)?=")
 SHOWN_BYTES = 16
 
 
 def run_table(
-    results: Queries,
-    runs: Sequence[RunSummary],
-    title: str = "",
-    notes: Sequence[str] = (),
+    results: Queries, runs: Sequence[RunSummary], title: str = "", notes: Sequence[str] = (),
     without: Sequence[str] = (),
-) -> TextTable:
+) -> TextTable:  # fmt: skip
     """Return runs as a table of the informative columns; its records hold all RUN_COLUMNS.
 
     Columns that are named in `without`, or hold what is usual, are not shown.
     """
-    tags: dict[int | None, str | None] = {
-        sweep.id: ", ".join(sweep.tags or ()) or None for sweep in results.reader.sweeps()
-    }
-    records = [
-        {
-            name: tags.get(run.sweep_id) if name == "tags" else plain(getattr(run, name))
-            for name in RUN_COLUMNS
-        }
-        for run in runs
-    ]
-    shown = [
-        name
-        for name in RUN_COLUMNS
-        if name not in without
-        and any(record[name] not in USUAL.get(name, (None, 0.0, "")) for record in records)
-    ]
+    tags = {sweep.id: ", ".join(sweep.tags or ()) for sweep in results.reader.sweeps()}
+    records = [{name: plain(getattr(run, name, None)) for name in RUN_COLUMNS} for run in runs]
+    for record, run in zip(records, runs, strict=True):
+        record["tags"] = tags.get(run.sweep_id or 0) or None
+    shown = list[str]()
+    for name in (name for name in RUN_COLUMNS if name not in without):
+        if any(record[name] not in USUAL.get(name, (None, 0.0, "")) for record in records):
+            shown.append(name)
     cells = [[_brief(name, record[name]) for name in shown] for record in records]
     headers = ["id" if name == "run_id" else name for name in shown]
     return replace(grid_of(title, headers, cells, len(headers), notes), records=records)
@@ -96,12 +85,9 @@ def runs_of(
     check_statuses(statuses, STATUSES)
     conditions = results.names.clauses(condition)
     if statuses:  # the view may still show an interrupted run as running
-        candidates = [*statuses, *(["running"] if "interrupted" in statuses else [])]
-        conditions.append(run_overview.c.status.in_(candidates))
-    limited = not {"running", "interrupted"} & set(statuses)
-    summaries = results.reader.runs(
-        *conditions, newest_first=True, limit=limit if limited else None
-    )
+        conditions.append(run_overview.c.status.in_([*statuses, "running"]))
+    most = None if statuses else limit
+    summaries = results.reader.runs(*conditions, newest_first=True, limit=most)
     return [run for run in summaries if not statuses or run.status in statuses]
 
 
@@ -160,19 +146,15 @@ def run_details(results: Queries, run_id: int) -> list[TextTable]:
 
 def _stored(title: str, records: Sequence[object], labels: int) -> TextTable:
     rows = [{name: plain(getattr(one, name)) for name in TABLES[title]} for one in records]
-    shown = [
-        [unit_text(str(value)) if name == "unit" else value for name, value in row.items()]
-        for row in rows
-    ]
+    units = [{"unit": unit_text(str(row["unit"]))} if "unit" in row else {} for row in rows]
+    shown = [[*(row | unit).values()] for row, unit in zip(rows, units, strict=True)]
     return replace(grid_of(title, TABLES[title], shown, labels), records=rows)
 
 
 def _properties(results: Queries, run_id: int) -> list[list[Scalar]]:
     """Return status, labels and origin of a run, without what is empty."""
     run = results.reader.run(run_id)
-    sweep = next(
-        (each for each in results.reader.sweeps() if each.id == run.summary.sweep_id), None
-    )
+    sweep = next((s for s in results.reader.sweeps() if s.id == run.summary.sweep_id), None)
     dirty = " with uncommitted changes" if run.git_dirty else ""
     properties: list[tuple[str, object]] = [
         *((name, getattr(run.summary, name)) for name in SUMMARY),

@@ -19,18 +19,17 @@ from markupsafe import Markup
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.benchmark.scores import half_width
-from seatrial.runner.compare.blocks import bullets, code, link, paragraph
+from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import RUN, Queries, StoredRun, ordered
-from seatrial.runner.compare.grid import TextTable, number_text, with_unit
-from seatrial.runner.compare.headlines import TABLES, in_words
-from seatrial.runner.compare.page import Section, page
-from seatrial.runner.compare.plots.request import PREFIX, subtitle
+from seatrial.runner.compare.grid import number_text, with_unit
+from seatrial.runner.compare.page import Section, bullets, code, link, page, paragraph
+from seatrial.runner.compare.plots.selection import PREFIX, subtitle
 from seatrial.runner.compare.plots.tracking_errors import ERRORS
-from seatrial.runner.compare.report import ReportRequest, render_report
+from seatrial.runner.compare.report import TABLES, in_words, render_report
 from seatrial.runner.compare.runs import run_details
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.configuration.invocation import results_program
+from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.tables import Reuse
 from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
@@ -44,6 +43,7 @@ MOST_FILTERS = 30  # keys of the configuration
 STRETCHES = 300  # of which a line keeps the lowest and the highest sample
 DIGITS = 5  # significant
 LAST = ("Configuration", "Provenance")  # titles of the last tables of a run
+PROGRAMS = ("elements.js", "plot.js")
 PLOTS = Markup('<div class="figures" id="plots"></div>')
 Json = Mapping[str, object]
 
@@ -79,17 +79,23 @@ def _files(results: Queries, database: str, opened: int) -> Iterator[tuple[str, 
         return
     runs = results.runs()
     links = {INDEX: "Newest sweep", "sweep-all.html": "All runs together", RUNS: "List of runs"}
-    sweeps = [str(sweep.id) for sweep in results.reader.sweeps()][-MOST_SWEEPS:]
-    made = list[str]()
+    every = results.reader.sweeps()
+    named = {f"sweep-{sweep.id}.html": f"Sweep {sweep.id}: {sweep.name}" for sweep in every}
+    sweeps, made = [str(sweep.id) for sweep in every][-MOST_SWEEPS:], list[str]()
     for sweep in (*reversed(sweeps), "all"):
-        request = ReportRequest(sweep=sweep, database=database)
+        options = TableOptions(sweep=sweep)
         with suppress(ConfigurationError):  # a sweep without a run
-            text = render_report(results, request, links, figures=False)
+            text = render_report(results, options, database, links=links, figures=False)
             names = [f"sweep-{sweep}.html"] if made else [INDEX, f"sweep-{sweep}.html"]
             yield from ((name, text) for name in names)
             made += names
     whole = runs[::-1][:opened]
-    yield RUNS, _list_page(results, made, links)
+    blocks = [Markup('<div id="plots"></div><div id="list"></div>')]
+    listed = [link(file, named[file]) for file in made if file in named]
+    sections = [Section("Runs", "runs", blocks), Section("Sweeps", "sweeps", [bullets(listed)])]
+    lead = [paragraph(f"From {results.reader.address}.", "small")]
+    scripts, programs = ["data/runs.js"], [*PROGRAMS, "runs.js"]
+    yield RUNS, page("Sea trials: the runs", lead, sections, links, scripts, programs)
     yield "data/runs.js", script_of("runs", _runs(results, runs, whole, database))
     for run in whole:
         drawn, trouble = figures_of(results, run.id)
@@ -112,42 +118,25 @@ def script_of(name: str, content: object) -> str:
 # The pages.
 
 
-def _list_page(results: Queries, pages: Sequence[str], links: Mapping[str, str]) -> str:
-    """The page that filters, sorts and overlays runs, and links to the pages of the sweeps."""
-    parts = [Markup('<div id="plots"></div><div id="list"></div>')]
-    named = {
-        f"sweep-{one.id}.html": f"Sweep {one.id}: {one.name}" for one in results.reader.sweeps()
-    }
-    sweeps = [link(file, named[file]) for file in pages if file in named]
-    sections = [Section("Runs", "runs", parts), Section("Sweeps", "sweeps", [bullets(sweeps)])]
-    lead = [paragraph(f"From {results.reader.address}.", "small")]
-    programs = ("elements.js", "plot.js", "runs.js")
-    return page("Sea trials: the runs", lead, sections, links, ("data/runs.js",), programs)
-
-
 def _run_page(
     results: Queries, run: StoredRun, trouble: Sequence[str], links: Mapping[str, str],
     database: str,
 ) -> str:  # fmt: skip
     """The page of a run: its numbers, its figures, and at last where it comes from."""
     titles = {f"run {run.id}": "Provenance"}
-    sections = [
-        _numbers(titles.get(table.title, table.title.capitalize()), table)
-        for table in run_details(results, run.id)
-    ]
+    sections = list[Section]()
+    for table in run_details(results, run.id):
+        title = titles.get(table.title, table.title.capitalize())
+        shown = html_table(replace(in_words(table), title=""))
+        sections.append(Section(title, title.lower(), [shown]))
     sections.sort(key=lambda section: section.title in LAST)
     refused = [paragraph(text, "refused") for text in trouble]
     sections.insert(1, Section("Figures", "figures", [*refused, PLOTS]))
     show = [*results_program().split(), "show", str(run.id), *words_of(database)]
     overlay = {f"{RUNS}#runs={run.id}": "Overlay with other runs"}
-    scripts, programs = (f"data/run-{run.id}.js",), ("elements.js", "plot.js")
     title, lead = f"R{subtitle(run)[1:]}", [code(" ".join(show))]
-    return page(title, lead, sections, {**links, **overlay}, scripts, programs)
-
-
-def _numbers(title: str, table: TextTable) -> Section:
-    """A table of a run under its own heading."""
-    return Section(title, title.lower(), [html_table(replace(in_words(table), title=""))])
+    scripts = [f"data/run-{run.id}.js"]
+    return page(title, lead, sections, {**links, **overlay}, scripts, PROGRAMS)
 
 
 # The list of runs.
@@ -159,6 +148,12 @@ def _runs(
     """Return what the list needs: the runs in columns, their sweeps and metrics."""
     columns = sa.select(RUN.c.id, RUN.c.started_at, RUN.c.duration_s)
     rows = {row.id: row for row in results.reader.select(columns)}
+    places, members = {run.id: i for i, run in enumerate(runs)}, defaultdict[int, set[int]](set)
+    reuse = Reuse.__table__.c
+    reused = [*map(tuple, results.reader.select(sa.select(reuse.sweep_id, reuse.run_id)))]
+    for sweep, run_id in (*((run.sweep, run.id) for run in runs if run.sweep is not None), *reused):
+        if run_id in places:
+            members[sweep].add(places[run_id])
     return {
         "program": results_program(),
         "database": words_of(database),
@@ -166,7 +161,10 @@ def _runs(
         "written": [run.id for run in whole],
         "factors": _factors(results),
         "measures": _measures(results, runs),
-        "sweeps": _sweeps(results, runs),
+        "sweeps": [
+            {"id": sweep.id, "name": sweep.name, "runs": sorted(members[sweep.id])}
+            for sweep in results.reader.sweeps()
+        ],
         "started": [f"{rows[run.id].started_at:%Y-%m-%d %H:%M}" for run in runs],
         "duration": [_text(rows[run.id].duration_s) for run in runs],
     }
@@ -174,20 +172,6 @@ def _runs(
 
 def _text(value: float | None) -> str | None:
     return None if value is None or not np.isfinite(value) else number_text(value)
-
-
-def _sweeps(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
-    """Return the sweeps with the places of their runs, those that they reuse included."""
-    places, members = {run.id: i for i, run in enumerate(runs)}, defaultdict[int, set[int]](set)
-    for run in runs:
-        if run.sweep is not None:
-            members[run.sweep].add(places[run.id])
-    reuse = Reuse.__table__.c
-    for sweep, run_id in results.reader.select(sa.select(reuse.sweep_id, reuse.run_id)):
-        if run_id in places:
-            members[sweep].add(places[run_id])
-    return [{"id": sweep.id, "name": sweep.name, "runs": sorted(members[sweep.id])}
-            for sweep in results.reader.sweeps()]  # fmt: skip
 
 
 def _factors(results: Queries) -> list[Json]:
@@ -239,7 +223,7 @@ def _measures(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
 
 def words_of(database: str) -> list[str]:
     """Return the words that name a logbook in a command; none for the one by default."""
-    return [] if database == ReportRequest.database else ["--database", database]
+    return [] if database == DEFAULT_DATABASE else ["--database", database]
 
 
 # The figures of a run.

@@ -17,19 +17,8 @@ import scipy  # its subpackages are loaded at their first use
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare import frame as frames
 from seatrial.runner.compare.comparability import EVERY_SEED, by_seed, distinct, pairs, within
-from seatrial.runner.compare.frame import (
-    BELOW_TRUE_MODEL,
-    COEFFICIENT_STAGE,
-    DIVERGED,
-    METRIC_FACTORS,
-    NOT_APPLICABLE,
-    POOLED,
-    REASONS,
-    WITHOUT,
-    codes,
-    ordered,
-)
 from seatrial.runner.record.catalogue import Better, definition_of
 from seatrial.runner.record.vocabulary import DOF_ORDER, MODELS
 
@@ -46,8 +35,8 @@ DEFAULT = ("mean", "std", "n")
 COMPARED = ("identifier", "controller", "update")
 MARK, UNSETTLED, INFEASIBLE = "†", "‡", "§"  # below the true model; flaws of a controller's design
 MARKS = {MARK: "below_true_model", UNSETTLED: "unsettled", INFEASIBLE: "infeasible"}  # of cells
-COUNTS = {reason: reason.replace(" ", "_") for reason in REASONS.categories[1:]}  # of cells
-COUNTS[DIVERGED] = "diverged_predictions"
+COUNTS = {reason: reason.replace(" ", "_") for reason in frames.REASONS.categories[1:]}  # of cells
+COUNTS[frames.DIVERGED] = "diverged_predictions"
 
 
 def checked(names: Sequence[str]) -> Key:
@@ -91,26 +80,17 @@ def confidence_interval(sample: Sample) -> tuple[float, float]:
 
 
 class PairedTest(NamedTuple):
-    """Comparison of a cell with its baseline over their common seeds.
+    """Comparison of a cell with its baseline over their common seeds."""
 
-    `ratio` is the ratio of the means over the pairs, `difference` their difference, `wins` the
-    number of pairs in which the cell is better (None if the better direction is not known), of the
-    `pairs` and of the `lost_pairs`, whose number the cell failed to give. `p_value` is that of the
-    two-sided Wilcoxon signed-rank test (NaN with fewer than LEAST_PAIRS pairs that differ from each
-    other, and without differences), `p_holm` the same after Holm's correction over the tests of a
-    table. `effect` is the matched-pairs rank-biserial correlation: 1 if the cell is better in every
-    pair, -1 if it is worse in every pair. `own_mean` is that of the cell over the pairs.
-    """
-
-    ratio: float
-    difference: float
-    p_value: float
-    p_holm: float
-    effect: float
-    wins: int | None
+    ratio: float  # of the means over the pairs
+    difference: float  # of the means over the pairs
+    p_value: float  # Wilcoxon's; NaN with fewer than LEAST_PAIRS pairs, or without differences
+    p_holm: float  # after Holm's correction over the tests of a table
+    effect: float  # rank-biserial correlation: 1 if better in every pair, -1 if worse in every one
+    wins: int | None  # pairs in which the cell is better; None if no direction is
     pairs: int
-    lost_pairs: int
-    own_mean: float
+    lost_pairs: int  # whose number the cell failed to give
+    own_mean: float  # of the cell over the pairs
 
 
 def equal(first: Sample, other: Sample | float, resolution: Any = 0.0) -> NDArray[np.bool_]:
@@ -122,10 +102,7 @@ def equal(first: Sample, other: Sample | float, resolution: Any = 0.0) -> NDArra
 
 
 def loss(values: Sample, better: Better) -> Sample:
-    """Return the values such that smaller is better; unchanged if no direction is better.
-
-    `values` and the result have shape (n,); `better` is `lower`, `higher`, a target value, or None.
-    """
+    """Return the values (n,) such that smaller is better: of `lower`, `higher` or a target."""
     if better == "higher":
         return -values
     if isinstance(better, int | float):
@@ -134,23 +111,16 @@ def loss(values: Sample, better: Better) -> Sample:
 
 
 def paired_test(
-    sample: Sample,
-    baseline: Sample,
-    better: Better = "lower",
-    resolution: float = 0.0,
+    sample: Sample, baseline: Sample, better: Better = "lower", resolution: float = 0.0,
     lost: int = 0,
-) -> PairedTest:
-    """Compare two samples, shape (n,), whose i-th values have the same seed and choices.
+) -> PairedTest:  # fmt: skip
+    """Compare a sample with that of a baseline, whose i-th values have the same seed and choices.
 
-    Args:
-        sample: the values of the cell, shape (n,).
-        baseline: those of the baseline, shape (n,).
-        better: `lower`, `higher`, a target value, or None.
-        resolution: values that differ by less are equal, in their unit.
-        lost: number of pairs whose value the cell failed to give.
-
-    Raises:
-        ValueError: for different lengths.
+    Both have shape (n,); ValueError for different lengths. `better` is `lower`, `higher`, a target
+    value, or None; values that differ by less than the `resolution` are equal, in their unit. The
+    cell failed to give the value of `lost` further pairs. The effect is the rank sum of the
+    positive gains less that of the negative ones, over their sum: Kerby (2014), The simple
+    difference formula; 0 without differences.
     """
     gain = loss(baseline, better) - loss(sample, better)
     gain[equal(sample, baseline, resolution)] = 0.0
@@ -162,19 +132,11 @@ def paired_test(
     different = len({*zip(sample.tolist(), baseline.tolist(), strict=True)})
     tested = different >= LEAST_PAIRS and np.any(gain)
     p_value = float(scipy.stats.wilcoxon(gain).pvalue) if tested else math.nan
-    told = ratio, mean - baseline_mean, p_value, math.nan, rank_biserial(gain)
+    ranks = scipy.stats.rankdata(np.abs(gain[gain != 0.0]))
+    signed = float(np.sum(np.sign(gain[gain != 0.0]) * ranks))
+    effect = signed / float(np.sum(ranks)) if ranks.size else 0.0
+    told = ratio, mean - baseline_mean, p_value, math.nan, effect
     return PairedTest(*told, wins, int(sample.size), lost, mean)
-
-
-def rank_biserial(gain: Sample) -> float:
-    """Return the rank sum of the positive gains less that of the negative ones, over their sum.
-
-    The effect size of the signed-rank test. `gain` has shape (n,); 0 without differences. Kerby
-    (2014), The simple difference formula.
-    """
-    gain = gain[gain != 0.0]
-    ranks = scipy.stats.rankdata(np.abs(gain))
-    return float(np.sum(np.sign(gain) * ranks) / np.sum(ranks)) if gain.size else 0.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -233,21 +195,32 @@ def pivot(frame: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str] =
 
     `metrics` is the order of the metrics in the request.
     """
-    frame = frame.assign(cell=codes(frame, [*rows, *columns]))
-    finite, own = frame["reason"] == "", frame["reason"].isin([DIVERGED, WITHOUT])
+    frame = frame.assign(cell=frames.codes(frame, [*rows, *columns]))
+    finite, own = frame["reason"] == "", frame["reason"].isin([frames.DIVERGED, frames.WITHOUT])
     known, lacking = (distinct(frame[chosen], ["cell"]) for chosen in (finite, own))
     missing = pd.concat([lacking, frame[~finite & ~own]])
     missing = missing.drop_duplicates(["cell", "reason", "run"])
-    lost, means = missing[missing["reason"] != NOT_APPLICABLE], by_seed(known)
+    lost, means = missing[missing["reason"] != frames.NOT_APPLICABLE], by_seed(known)
     values = means[means["whole"]]
     first = frame[~frame["cell"].duplicated()].set_index("cell")
-    cells = _in_order(first, rows, columns, metrics).join(first[["metric", "stage"]].astype(str))
+    levels = first[[*rows, *columns]].astype(str)
+    usual = {"metric": metrics, "dof": DOF_ORDER, "model": MODELS, "file": (frames.POOLED,)}
+    for name in levels:  # metrics as they are requested, DOFs and models as usual
+        own = frames.ordered(levels[name])
+        order = [level for level in usual.get(name, ()) if level in own]
+        levels[name] = pd.Categorical(levels[name], [*dict.fromkeys([*order, *own])])
+    levels = levels.sort_values([*columns]).assign(place=range(len(levels)))
+    levels = levels.sort_values([*rows, *columns])
+    keys = {"row": levels[[*rows]].to_numpy(), "column": levels[[*columns]].to_numpy()}
+    told = {name: [tuple(map(str, key)) for key in own] for name, own in keys.items()}
+    cells = pd.DataFrame({**told, "place": levels["place"]}, levels.index)
+    cells = cells.join(first[["metric", "stage"]].astype(str))
     units = frame.dropna(subset="unit").groupby("cell")["unit"].agg(frozenset).to_dict()
     cells["units"] = [units.get(cell, frozenset()) for cell in cells.index]
     observed = known.groupby("cell")
     cells["condition"] = observed["condition"].first().reindex(cells.index, fill_value=-1)
     counted = {"n": values, "uneven": means[~means["whole"]], "experiments": known}
-    counted[BELOW_TRUE_MODEL] = known[known[BELOW_TRUE_MODEL]]
+    counted[frames.BELOW_TRUE_MODEL] = known[known[frames.BELOW_TRUE_MODEL]]
     counted |= {name: missing[missing["reason"] == why] for why, name in COUNTS.items()}
     for name, own_rows in counted.items():
         cells[name] = own_rows.groupby("cell").size().reindex(cells.index, fill_value=0)
@@ -264,24 +237,6 @@ def pivot(frame: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str] =
     return Pivot(rows, columns, cells, values, known, lost)
 
 
-def _in_order(first: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str]) -> pd.DataFrame:
-    """Return the keys of cells, and the `place` of each column among them, in order.
-
-    Metrics stand as they are requested, DOFs and models in their usual order.
-    """
-    factors = [*rows, *columns]
-    levels = first[factors].astype(str)
-    usual = {"metric": metrics, "dof": DOF_ORDER, "model": MODELS, "file": (POOLED,)}
-    for name in factors:
-        own = ordered(levels[name])
-        known = [level for level in usual.get(name, ()) if level in own]
-        levels[name] = pd.Categorical(levels[name], [*dict.fromkeys([*known, *own])])
-    levels = levels.sort_values([*columns]).assign(place=range(len(levels))).sort_values(factors)
-    parts = {"row": levels[[*rows]], "column": levels[[*columns]]}
-    keys = {name: [tuple(map(str, key)) for key in own.to_numpy()] for name, own in parts.items()}
-    return pd.DataFrame({**keys, "place": levels["place"]}, levels.index)
-
-
 def best_cells(table: Pivot, facts: pd.DataFrame, statistic: str) -> "pd.Series[bool]":
     """Say which cells to set in bold: the best among those under equal conditions.
 
@@ -291,15 +246,11 @@ def best_cells(table: Pivot, facts: pd.DataFrame, statistic: str) -> "pd.Series[
     does not fit the vessel. `facts` are those of the conditions.
     """
     cells, factors = table.cells, (*table.rows, *table.columns)
-    apart = [
-        k for k, factor in enumerate(factors)
-        if factor in ("metric", "stage", "dof", "file")
-        or not within(factor, (*COMPARED, *METRIC_FACTORS))
-    ]  # fmt: skip
-    shared = codes(facts, [name for name in facts if not within(name, COMPARED)])
+    apart = [k for k, factor in enumerate(factors) if not within(factor, (*COMPARED, "model"))]
+    shared = frames.codes(facts, [name for name in facts if not within(name, COMPARED)])
     groups = pd.DataFrame({"shared": cells["condition"].map(shared).fillna(-1)})
     groups["levels"] = [tuple(key[k] for k in apart) for key in cells["row"] + cells["column"]]
-    group = codes(groups, [*groups])
+    group = frames.codes(groups, [*groups])
     values = table.values.join(group.rename("group"), on="cell")
     values = values.join(cells["is_baseline"], on="cell")
     drawn = values[values["replicate"] != EVERY_SEED]
@@ -312,22 +263,19 @@ def best_cells(table: Pivot, facts: pd.DataFrame, statistic: str) -> "pd.Series[
     values = values[values["held"].notna() | (values["replicate"] == EVERY_SEED)]
     needed = group.map(seeds.groupby("group").size()).fillna(0.0)
     whole = cells["deterministic"] | (needed == values.groupby("cell").size().reindex(group.index))
-    spoilt = cells["lost"] | (cells[[BELOW_TRUE_MODEL, "uneven"]] > 0).any(axis=1)
-    losses = _losses(cells, summary(values, [statistic])[statistic].reindex(cells.index))
-    losses = losses.where(whole & ~spoilt)
+    spoilt = cells["lost"] | (cells[[frames.BELOW_TRUE_MODEL, "uneven"]] > 0).any(axis=1)
+    losses = summary(values, [statistic])[statistic].reindex(cells.index)
     definitions = [definition_of(metric) for metric in cells["metric"]]
+    if "true_value" in cells:
+        losses = (losses - cells["true_value"]).abs()
+    else:  # none is best without a better direction
+        each = zip(losses.to_numpy(), (one.better for one in definitions), strict=True)
+        found = [math.nan if better is None else loss(v, better) for v, better in each]
+        losses = pd.Series(found, losses.index, dtype="float64")
+    losses = losses.where(whole & ~spoilt)
     resolution = np.array([0.0 if "true_value" in cells else d.resolution for d in definitions])
     lowest = losses.groupby(group).transform("min").to_numpy()
     return equal(losses.to_numpy(), lowest, resolution) & (group.map(group.value_counts()) > 1)
-
-
-def _losses(cells: pd.DataFrame, values: "pd.Series[float]") -> "pd.Series[float]":
-    """The losses of values of cells, NaN if none is better; of a coefficient its error."""
-    if "true_value" in cells:
-        return (values - cells["true_value"]).abs()
-    better = [definition_of(metric).better for metric in cells["metric"]]
-    each = zip(values.to_numpy(), better, strict=True)
-    return pd.Series([math.nan if b is None else loss(v, b) for v, b in each], values.index)
 
 
 def against_baseline(
@@ -338,7 +286,7 @@ def against_baseline(
     Cells of the baseline itself are omitted; a cell without a counterpart has a test without pairs.
     """
     factors = (*table.rows, *table.columns)
-    named = [name for name in factors if name not in baseline and name not in METRIC_FACTORS]
+    named = [name for name in factors if name not in baseline and name not in frames.METRIC_FACTORS]
     references = distinct(frame[(frame["reason"] == "") & frame["is_baseline"]]).assign(cell=-1)
     own = table.known[~table.known["is_baseline"]]
     both = pd.concat([own, references], ignore_index=True)
@@ -352,7 +300,7 @@ def against_baseline(
         lost &= lost if EVERY_SEED in of_baseline else of_baseline
         metric, stage = table.cells.loc[number, ["metric", "stage"]]
         definition = definition_of(metric)
-        resolution = 0.0 if stage == COEFFICIENT_STAGE else definition.resolution
+        resolution = 0.0 if stage == frames.COEFFICIENT_STAGE else definition.resolution
         samples = pair["value"].to_numpy(), pair["other"].to_numpy()
         tests[number] = paired_test(*samples, definition.better, resolution, len(lost))
     adjusted = holm([test.p_value for test in tests.values()])

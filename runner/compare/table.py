@@ -2,41 +2,30 @@
 
 import math
 from collections import Counter
-from difflib import get_close_matches
 from typing import Any
 
 import pandas as pd
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.compare import frame as frames
 from seatrial.runner.compare import statistics as stats
-from seatrial.runner.compare.cli import TableOptions, split
+from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparability import differing, require_few, with_conditions
-from seatrial.runner.compare.frame import (
-    DIVERGED,
-    FINISHED,
-    METRIC_FACTORS,
-    NOT_APPLICABLE,
-    WITHOUT,
-    Queries,
-    as_numbers,
-    codes,
-    complete,
-    observations,
-    ordered,
-)
 from seatrial.runner.compare.grid import Scalar, TextTable, number_text, unit_text, with_unit
 from seatrial.runner.compare.grid import TableCell as GridCell
 from seatrial.runner.compare.statistics import Key
 from seatrial.runner.compare.where import Condition
+from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.record.catalogue import PER_FILE, definition_of
 from seatrial.runner.record.vocabulary import NOT_STARTED, UNFINISHED
 
 EMPTY = "–"
 MIXED = "mixed"
-MISSING = (*sorted(UNFINISHED), DIVERGED, WITHOUT, NOT_APPLICABLE)  # reasons, as they are counted
+OWN = (frames.DIVERGED, frames.WITHOUT, frames.NOT_APPLICABLE)  # reasons of finished runs
+MISSING = (*sorted(UNFINISHED), *OWN)  # reasons, as they are counted
 COEFFICIENT_FACTS = ("std_error", "true_value", "interval_of_estimate")
 FACTS = (
-    *("n", *(stats.COUNTS[why] for why in (*UNFINISHED, WITHOUT, NOT_APPLICABLE, DIVERGED))),
+    *("n", *(stats.COUNTS[why] for why in (*UNFINISHED, *OWN[1:], OWN[0]))),
     *("deterministic", "below_true_model", "unsettled", "infeasible", "best"),
 )
 MARK_NOTES = {
@@ -58,13 +47,9 @@ ESTIMATE_NOTE = (
     "se of the estimate: an interval of this identifier is one of its estimate, not of the"
     " coefficient, because it does not include the bias"
 )
-DIVERGED_NOTE = (
-    "not included: {} prediction{} that diverged (see the metrics limited_share_... and"
-    " held_free_run)"
-)
 
 
-def comparison(results: Queries, options: TableOptions) -> TextTable:
+def comparison(results: frames.Queries, options: TableOptions) -> TextTable:
     """Return the table of the options of the command `table`.
 
     A cell whose runs differ in more than the seed is split by what they differ in, or refused.
@@ -76,22 +61,22 @@ def comparison(results: Queries, options: TableOptions) -> TextTable:
     return found.grid()
 
 
-def _read(results: Queries, options: TableOptions, condition: Condition) -> pd.DataFrame:
+def _read(results: frames.Queries, options: TableOptions, condition: Condition) -> pd.DataFrame:
     """Return the numbers of the options; raises ConfigurationError if there are none of these."""
     names, wanted = options.names, options.levels
     if wanted["model"] and "model" in options.reference:
         wanted["model"] = (*wanted["model"], options.reference["model"])
+    what, known = "coefficient" if options.of_coefficients else "metric", {*names}
     if options.of_coefficients:
         numbers = results.coefficients(condition)
-        what, known = "coefficient", {*numbers["metric"].unique()}
+        known = {*numbers["metric"].unique()}
         numbers = numbers[numbers["metric"].isin(names)] if names else numbers
     else:
         numbers = results.metrics(names, condition, wanted)
         if numbers.empty:  # read all levels, for the error message
             numbers = results.metrics(names, condition)
-        what, known = "metric", {*numbers["metric"].unique()}
-        if not known.issuperset(names):  # that these runs lack, or none has
-            known |= {*results.metric_names()}
+        if not {*numbers["metric"].unique()}.issuperset(names):  # that these lack, or none has
+            known = {*numbers["metric"].unique(), *results.metric_names()}
     if "file" in (*options.axes[0], *options.axes[1], *options.reference):
         of_files = results.of_files(names, condition)
         if of_files.empty:
@@ -99,17 +84,15 @@ def _read(results: Queries, options: TableOptions, condition: Condition) -> pd.D
                 f"--rows/--columns: no run has {', '.join(names)} by file, expected "
                 f"one of {', '.join(PER_FILE)} of runs with several files for testing"
             )
-        numbers = as_numbers(pd.concat([numbers, of_files], ignore_index=True))
+        numbers = frames.as_numbers(pd.concat([numbers, of_files], ignore_index=True))
     for name in names:  # one that only these runs lack gives an empty cell
         if name not in known and known:
-            near = [each for each in sorted(known) if each.startswith(name)]
-            near = near or get_close_matches(name, known, 1)
-            meant = f"did you mean {', '.join(near[:4])}? " if near else ""
             raise ConfigurationError(
-                f"--{what}: no {what} {name!r}, {meant}expected one of {', '.join(sorted(known))}"
+                f"--{what}: no {what} {name!r}, {meant(name, known, 4)}"
+                f"expected one of {', '.join(sorted(known))}"
             )
     for factor, levels in wanted.items():
-        available = ordered(numbers[factor].unique())
+        available = frames.ordered(numbers[factor].unique())
         numbers = numbers[numbers[factor].isin(levels)] if levels else numbers
         if levels and available and numbers.empty:
             raise ConfigurationError(
@@ -129,13 +112,13 @@ class _Comparison:
     there are several; `scope` names the sweep.
     """
 
-    def __init__(self, results: Queries, options: TableOptions, apart: Key = ()) -> None:
+    def __init__(self, results: frames.Queries, options: TableOptions, apart: Key = ()) -> None:
         self.options, self.apart = options, apart
-        self.statistics = stats.checked(split(options.statistic) or stats.DEFAULT)
+        self.statistics = stats.checked(options.statistic or stats.DEFAULT)
         (rows, columns), reference = options.axes, options.reference
-        models, pool = options.levels["model"], ("all",) if apart else split(options.pool)
+        models, pool = options.levels["model"], ["all"] if apart else options.pool or []
         named = dict.fromkeys((*rows, *apart, *columns, *reference))
-        own = [name for name in named if name not in METRIC_FACTORS]
+        own = [name for name in named if name not in frames.METRIC_FACTORS]
         for option, factors in (("--rows/--columns", own), ("--pool", pool)):
             for factor in factors:
                 if factor != "all":
@@ -145,13 +128,15 @@ class _Comparison:
         numbers = _read(results, options, condition)
         started = trials[trials["status"] != NOT_STARTED]
         for factor, level in reference.items():
-            available = ordered((numbers if factor in METRIC_FACTORS else started)[factor].unique())
+            available = frames.ordered(
+                (numbers if factor in frames.METRIC_FACTORS else started)[factor].unique()
+            )
             if level not in available:
                 known = ", ".join(available)
                 raise ConfigurationError(
                     f"--baseline: no run has {factor}={level}; expected one of {known}"
                 )
-        frame = observations(numbers, trials, results.marks(condition))
+        frame = frames.observations(numbers, trials, results.marks(condition))
         if options.of_coefficients:
             covering = frame["run"].isin(results.covering(condition))
             frame["interval_of_estimate"] = frame["std_error"].notna() & ~covering
@@ -160,13 +145,15 @@ class _Comparison:
             frame["is_baseline"] &= frame[factor] == level
         self.frame, self.facts = with_conditions(results, trials, frame)
         self.shown = self.frame[self.frame["model"].isin(models)] if models else self.frame
-        cells = codes(self.shown, list(dict.fromkeys((*rows, *apart, *columns, *METRIC_FACTORS))))
+        cells = frames.codes(
+            self.shown, list(dict.fromkeys((*rows, *apart, *columns, *frames.METRIC_FACTORS)))
+        )
         conditions = self.shown["condition"]
         self.unlike = [] if "all" in pool else differing(self.facts, cells, conditions, pool)
         require_few(self.unlike, "the cells of this table")
         by_file = "file" in (*rows, *columns, *reference)
-        of_number = METRIC_FACTORS if by_file else METRIC_FACTORS[:-1]
-        levels = {name: ordered(self.shown[name].unique()) for name in of_number}
+        of_number = frames.METRIC_FACTORS if by_file else frames.METRIC_FACTORS[:-1]
+        levels = {name: frames.ordered(self.shown[name].unique()) for name in of_number}
         several = [name for name, each in levels.items() if len(each) > 1]
         extra = [name for name in several if name not in (*rows, *columns)]
         self.fixed = {name: each[0] if len(each) == 1 else None for name, each in levels.items()}
@@ -175,8 +162,8 @@ class _Comparison:
     def fill(self) -> None:
         """Group the numbers into cells; raises ConfigurationError for too many of them."""
         options, axes = self.options, self.axes
-        whole = complete(self.shown, self.trials, (*axes["rows"], *axes["columns"]))
-        sizes = {axis: int(codes(whole, own).max()) + 1 for axis, own in axes.items()}
+        whole = frames.complete(self.shown, self.trials, (*axes["rows"], *axes["columns"]))
+        sizes = {axis: int(frames.codes(whole, own).max()) + 1 for axis, own in axes.items()}
         if (count := math.prod(sizes.values())) > options.cells:
             axis = max(sizes, key=lambda each: sizes[each])
             raise ConfigurationError(
@@ -224,16 +211,32 @@ class _Comparison:
         return "term" if factor == "metric" and self.options.of_coefficients else factor
 
     def _shown(self, cell: Any) -> GridCell:
-        text = self._figures_text(cell) if cell.n else EMPTY
-        text = " ".join([text, *stats.marks_of(cell)]) + self._counts_text(cell)
+        """Return `2757 ± 12`, `median 2757 q25 2750`, `2757 [2740, 2775]`; counts, error, test."""
+        texts = list[str]() if cell.n else [EMPTY]
+        for name in self.statistics if cell.n else ():
+            if name == "std" and math.isfinite(cell.std):
+                size = abs(getattr(cell, self.location))
+                rounding = cell.std < stats.RELATIVE_ROUNDING * size  # of equal values
+                spread = "0" if rounding else number_text(cell.std, 2)
+                texts.append(("± " if texts else "std ") + spread)
+            elif name == "ci" and math.isfinite(cell.ci_low):
+                texts.append(f"[{self._number(cell.ci_low)}, {self._number(cell.ci_high)}]")
+            elif name not in ("std", "ci", "n"):
+                value = self._number(getattr(cell, name))
+                texts.append(value if name == "mean" else f"{name} {value}")
+        text = " ".join([*texts, *stats.marks_of(cell)]) + self._counts_text(cell)
         if self.options.of_coefficients and cell.experiments:
-            text += self._uncertainty_text(cell)
+            what = " of the estimate" if cell.interval_of_estimate else ""
+            error, true = number_text(cell.std_error, 2), self._number(cell.true_value)
+            known = [] if math.isnan(cell.std_error) else [f"se {error}{what}"]
+            known += [] if math.isnan(cell.true_value) else [f"true {true}"]
+            text += "\n" + ", ".join(known) if known else ""
         if cell.Index in self.tests:
             text += "\n" + self._test_text(self.tests[cell.Index], cell)
         elif cell.is_baseline:
             text += "\nbaseline"
-        value = float(getattr(cell, self.location))
-        return GridCell(text, bool(cell.best), None if math.isnan(value) else value)
+        place = float(getattr(cell, self.location))
+        return GridCell(text, bool(cell.best), None if math.isnan(place) else place)
 
     def _title(self, unit: str) -> str:
         fixed, of_coefficients = self.fixed, self.options.of_coefficients
@@ -250,23 +253,20 @@ class _Comparison:
     def _qualifications(self) -> list[str]:
         cells, apart = self.cells, ", ".join(self.apart)
         notes = [BOLD_NOTE] if cells["best"].any() else []
-        if apart:
-            pool = apart.replace(" ", "")
-            notes.append(
-                f"split by {apart}, in which runs of one cell differ (--pool {pool} averages over"
-                " it)"
-            )
-        if pooled := split(self.options.pool):
+        told = f"split by {apart}, in which runs of one cell differ (--pool {{}} averages over it)"
+        notes += [told.format(apart.replace(" ", ""))] if apart else []
+        if pooled := self.options.pool:
             notes.append(f"cells average over {', '.join(pooled)}, as requested")
         notes += sorted({definition_of(metric).note for metric in cells["metric"].unique()} - {""})
         marked = [mark for mark, column in stats.MARKS.items() if cells[column].any()]
         notes += [f"{mark} {MARK_NOTES[mark]}" for mark in marked]
         notes += [TEST_NOTE.format(self.baseline)] if self.tests else []
         notes += [ESTIMATE_NOTE] if cells.get("interval_of_estimate", pd.Series()).any() else []
-        if diverged := int(cells[stats.COUNTS[DIVERGED]].sum()):
-            notes.append(DIVERGED_NOTE.format(diverged, "s"[: diverged != 1]))
+        if diverged := int(cells[stats.COUNTS[frames.DIVERGED]].sum()):
+            told = f"not included: {diverged} prediction{'s'[: diverged != 1]} that diverged (see"
+            notes.append(f"{told} the metrics limited_share_... and held_free_run)")
         statuses = self.trials["status"]
-        unfinished = sorted(Counter(statuses[statuses != FINISHED]).items())
+        unfinished = sorted(Counter(statuses[statuses != frames.FINISHED]).items())
         if counts := ", ".join(f"{n} {status}" for status, n in unfinished):
             notes.append(f"not included: {counts} (see: runs --status failed)")
         return notes
@@ -296,22 +296,6 @@ class _Comparison:
     def _number(self, value: float) -> str:
         return number_text(value, self.options.digits)
 
-    def _figures_text(self, cell: Any) -> str:
-        """Return `2757 ± 12`, `median 2757 q25 2750`, `2757 [2740, 2775]`; n is in the counts."""
-        texts: list[str] = []
-        for name in self.statistics:
-            if name == "std" and math.isfinite(cell.std):
-                size = abs(getattr(cell, self.location))
-                rounding = cell.std < stats.RELATIVE_ROUNDING * size  # of equal values
-                spread = "0" if rounding else number_text(cell.std, 2)
-                texts.append(("± " if texts else "std ") + spread)
-            elif name == "ci" and math.isfinite(cell.ci_low):
-                texts.append(f"[{self._number(cell.ci_low)}, {self._number(cell.ci_high)}]")
-            elif name not in ("std", "ci", "n"):
-                value = self._number(getattr(cell, name))
-                texts.append(value if name == "mean" else f"{name} {value}")
-        return " ".join(texts)
-
     def _counts_text(self, cell: Any) -> str:
         """Return ` (n=18, 2 failed)`; what is missing is shown with any choice of statistics."""
         lacking = {reason: getattr(cell, stats.COUNTS[reason]) for reason in MISSING}
@@ -322,15 +306,6 @@ class _Comparison:
             number = "deterministic" if cell.deterministic else f"n={cell.n}"
             counts.insert(0, number + ", all equal" * bool(cell.all_equal))
         return f" ({', '.join(counts)})" if counts else ""
-
-    def _uncertainty_text(self, cell: Any) -> str:
-        """Return the standard error and the true value, if known."""
-        what = " of the estimate" if cell.interval_of_estimate else ""
-        error = number_text(cell.std_error, 2)
-        texts = [] if math.isnan(cell.std_error) else [f"se {error}{what}"]
-        if not math.isnan(cell.true_value):
-            texts.append(f"true {self._number(cell.true_value)}")
-        return "\n" + ", ".join(texts) if texts else ""
 
     def _test_text(self, test: stats.PairedTest, cell: Any) -> str:
         """Return `× 0.5, p 0.031, r 1, won 6/6`."""

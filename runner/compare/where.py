@@ -19,14 +19,13 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from difflib import get_close_matches
 from functools import reduce
 from typing import Any
 
-import numpy as np
 import sqlalchemy as sa
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.database.tables import Reuse, RunRow, Utc
 
 Value = str | float | int | bool | tuple["Value", ...] | None  # a tuple: of `in`
@@ -125,21 +124,9 @@ def parse(text: str, compare: Compared) -> Any:
     raise ConfigurationError("--where: got too many parentheses and negations within each other")
 
 
-def names_in(text: str | None) -> set[str]:
-    """Return the names that a condition compares."""
-    names: set[str] = set()
-
-    def compare(name: str, operator: str, value: Value) -> np.bool_:
-        names.add(name)
-        return np.True_
-
-    if text:
-        parse(text, compare)
-    return names
-
-
-def holds(own: Value, operator: str, value: Value) -> bool:
-    """Return whether a comparison holds; values of different types are unequal."""
+def holds(level: object, operator: str, value: Value) -> bool:
+    """Return whether a comparison of a level holds; values of different types are unequal."""
+    own = bare_value(str(level))
     if operator == "in":
         return isinstance(value, tuple) and own in value
     if operator in ("=", "!="):
@@ -167,12 +154,9 @@ class ColumnNames:
     """
 
     def __init__(
-        self,
-        columns: Mapping[str, Expression],
-        config: Expression,
-        keys: Iterable[str],
+        self, columns: Mapping[str, Expression], config: Expression, keys: Iterable[str],
         sqlite: bool,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.columns = {n: c for n, c in columns.items() if n not in NOT_COMPARABLE}
         self.config = config
         self.keys = frozenset(key for key in keys if NAME.fullmatch(key))
@@ -185,10 +169,10 @@ class ColumnNames:
         """
         if name not in self.columns and name not in self.keys:
             known = dict.fromkeys([*self.columns, *sorted(self.keys)])
-            expected = " or ".join(get_close_matches(name, known, n=3, cutoff=0.6)) or (
-                f"one of {', '.join(self.columns)} or a dotted name of the configuration"
+            expected = meant(name, known, 3) or (
+                f"expected one of {', '.join(self.columns)} or a dotted name of the configuration"
             )
-            raise ConfigurationError(f"{option}: {name!r} is not known; expected {expected}")
+            raise ConfigurationError(f"{option}: {name!r} is not known; {expected.rstrip()}")
 
     def text(self, name: str) -> Expression:
         """Return the value of a checked name as text, as shown in rows and columns."""
@@ -253,22 +237,22 @@ class ColumnNames:
 def _for_column(name: str, column: Expression, value: Value) -> Any:
     """Return the value in the type of the column; raises ConfigurationError for another type."""
     kind = column.type
-    number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
     if value is None:
         return None
     if isinstance(kind, sa.Boolean):
-        expected, fits = "true or false", isinstance(value, bool)
+        expected = "true or false"
+        if isinstance(value, bool):
+            return value
     elif isinstance(kind, sa.Integer | sa.Float):
-        expected, fits = "a number", number is not None
+        expected = "a number"
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            whole = isinstance(value, int) and abs(value) < 2**31  # whatever the column can hold
+            return value if whole else sa.literal(float(value), sa.Double())
     elif isinstance(kind, Utc):
-        expected, fits = "a date such as 2026-01-31 or 2026-01-31T12:00", False
+        expected = "a date such as 2026-01-31 or 2026-01-31T12:00"
         with suppress(ValueError):
             moment = datetime.fromisoformat(str(value))
             return moment.replace(tzinfo=moment.tzinfo or UTC).astimezone(UTC)
     else:
         return str(value).lower() if isinstance(value, bool) else str(value)
-    if not fits:
-        raise ConfigurationError(f"--where: {name} is compared with {expected}, got {value!r}")
-    if number is not None and (isinstance(number, float) or abs(number) >= 2**31):
-        return sa.literal(float(number), sa.Double())  # whatever the column can hold
-    return value
+    raise ConfigurationError(f"--where: {name} is compared with {expected}, got {value!r}")

@@ -7,7 +7,7 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import database
-from seatrial.runner.compare.cli import Several, split
+from seatrial.runner.compare.figures import Several, split
 from seatrial.runner.configuration.invocation import meant, quoted
 from seatrial.runner.record.vocabulary import GROUPS, Config
 
@@ -128,7 +128,7 @@ def command_options(command: str, kind: type[T], given: Mapping[str, Any]) -> T:
         names = not isinstance(value, str) and isinstance(value, Sequence)
         if hints[name] == Several:
             chosen[name] = list(split(value if names else [value]))
-        elif hints[name] == str | None:
+        elif hints[name] in (str, str | None):
             chosen[name] = ",".join(value) if names else str(value)
         else:
             chosen[name] = value

@@ -15,7 +15,8 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner import compare, database, export
 from seatrial.runner.compare import commands
-from seatrial.runner.compare.cli import MAX_ROWS, PlotOptions, TableOptions, split
+from seatrial.runner.compare.cli import MAX_ROWS, TableOptions
+from seatrial.runner.compare.figures import PlotRequest, split
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.interface.arguments import Names, command_options
 from seatrial.runner.interface.displayed_table import Table
@@ -152,9 +153,9 @@ class Logbook:
     def plots(self, kind: str, ax: "Axes | None" = None, **options: Any) -> "list[Figure]":
         """Draw all figures of a kind, such as one for each level of `facet`; see `plot`."""
         given = {"kind": kind, "sweep": self._sweep, **options}
-        request = compare.plots.request_of(command_options("plot", PlotOptions, given))
+        request = command_options("plot", PlotRequest, given)
         with self.opened() as results:
-            return compare.plots.figures_of(kind, results, request, ax)
+            return compare.plots.figures_of(results, request, ax)
 
     def model(
         self, run: int, model: Literal["nominal", "identified", "plant", "adaptive"] = "identified"

@@ -20,7 +20,6 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.runner.compare.ranking import block_bootstrap
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import IDENTIFIED_STD
@@ -183,6 +182,31 @@ def chance(first: Sequence[Score | None], other: Sequence[Score | None], seed: i
     gain = drawn[:, half:].mean(axis=1) - drawn[:, :half].mean(axis=1)
     better = np.mean(gain > 0.0) + 0.5 * np.mean(gain == 0.0)
     return float(min(2.0 * min(better, 1.0 - better) + 2.0 / len(drawn), 1.0))
+
+
+def block_bootstrap(
+    errors: Sequence[Sample], length: int, rng: np.random.Generator, resamples: int = 1000
+) -> Sample:
+    """Mean squares (resamples, n) of resampled errors, to give intervals of pooled scores.
+
+    `errors` holds (N, n) for every file. Files are drawn with replacement, then blocks of `length`
+    samples within each (circular, so that every sample is as likely): neighbouring errors depend on
+    each other, and so do those of a file. Politis and Romano (1992).
+    """
+    total, count = np.zeros((resamples, errors[0].shape[1])), np.zeros(resamples)
+    files = rng.integers(0, len(errors), (resamples, len(errors)))
+    for file, of_file in enumerate(errors):
+        n = len(of_file)
+        row = np.repeat(np.arange(resamples), np.count_nonzero(files == file, axis=1))
+        whole, rest = divmod(n, min(length, n))
+        starts = rng.integers(0, n, (len(row), whole + 1))
+        repeated = np.resize(np.square(of_file), (n + length, *of_file.shape[1:]))
+        cumulative = np.cumsum(np.concatenate([np.zeros_like(repeated[:1]), repeated]), axis=0)
+        blocks, last = starts[:, :whole], starts[:, whole]
+        squares = (cumulative[blocks + min(length, n)] - cumulative[blocks]).sum(axis=1)
+        np.add.at(total, row, squares + (cumulative[last + rest] - cumulative[last]))
+        np.add.at(count, row, n)
+    return np.asarray(total / count[:, None])
 
 
 def _drawn(pieces: Sequence[Sample], period_s: float, seed: int) -> Sample:

@@ -6,7 +6,6 @@ the coefficient; the intervals of the others do not include their bias, and are 
 """
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,22 +13,19 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from seatrial.runner.compare.comparability import with_conditions
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, observations, ordered
 from seatrial.runner.compare.grid import number_text, unit_text
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
-from seatrial.runner.compare.plots.style import Drawing
+from seatrial.runner.compare.plots.selection import Facet, per_facet
 from seatrial.runner.compare.statistics import confidence_interval, pivot
 
 FIGURE = Figure(
-    "coefficients",
-    "Identified against true coefficients with 95 % intervals.",
+    "coefficients", "Identified against true coefficients with 95 % intervals.",
     "coefficients of an identified model",
     ("run", "rows", "columns", "dof", "model", "facet", "pool"),
-    caption="Identified against true coefficients",
-    place=6,
-)
+    caption="Identified against true coefficients", place=6,
+)  # fmt: skip
 
 LOOKS: dict[bool, tuple[str, dict[str, Any]]] = {  # of an interval, by whether it covers
     True: ("95 % interval", {"linewidth": 1.3}),
@@ -43,7 +39,7 @@ MOST_NAMED = 8  # terms of a note
 NARROWEST = 0.02  # smallest half-range of the axis; hides the rounding errors of an exact fit
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     """Draw one figure for each facet, one panel for each DOF, one mark for each group and term.
 
     Each vessel has its own figure: the values at 1 on the axis are those of one vessel.
@@ -51,11 +47,10 @@ def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
     if request.facet is None and "vessel" in (request.rows, request.columns):
         request = replace(request, facet="vessel")
     missing = f"no finished run that matches has coefficients of model {request.model}"
-    draw = partial(_drawing, results, request)
-    return each_facet(results, request, draw, f"plot coefficients: {missing}", averages=True)
+    return per_facet(_drawing, f"plot coefficients: {missing}", averages=True)(results, request)
 
 
-def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
+def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Drawing | None:
     marks = results.marks(facet.condition)
     numbers = observations(results.coefficients(facet.condition), facet.trials, marks)
     numbers = numbers[(numbers["model"] == request.model) & (numbers["reason"] == "")]
@@ -129,7 +124,20 @@ def _panel(axes: Axes, estimates: pd.DataFrame, groups: list[str]) -> None:
         lines = max(2, len(own))
         first = top + 0.5 * (lines - len(own)) + 0.5
         for i, row in enumerate(sorted(own.itertuples(), key=lambda row: groups.index(row.group))):
-            _mark(axes, row, first + i, groups.index(row.group))
+            place, number = first + i, groups.index(row.group)
+            colour, side = style.colour_of(number), np.sign(row.value - 1.0)
+            if row.high > row.low:
+                look = {"color": colour} | LOOKS[row.covers][1]
+                axes.plot([row.low, row.high], [place, place], **look)
+            marker = style.marker_of(number)
+            axes.plot([row.value], [place], marker, color=colour, markersize=5, label=row.group)
+            if abs(row.value - 1.0) > WIDEST:  # an arrow at the edge
+                text = number_text(row.value, 2)
+                axes.text(
+                    1.0 + side * WIDEST, place, f"{text} → " if side > 0.0 else f" ← {text}",
+                    va="center", ha="right" if side > 0.0 else "left", fontsize=7.5, color=colour,
+                    zorder=4,
+                )  # fmt: skip
         reference, unit = own["reference"].iloc[0], unit_text(own["unit"].iloc[0])
         ticks[f"{term}: {number_text(reference, 4)} {unit}".rstrip()] = top + 0.5 * lines
         if k % 2 == 0:
@@ -145,18 +153,3 @@ def _panel(axes: Axes, estimates: pd.DataFrame, groups: list[str]) -> None:
     low, high = min(low, 1.0 - NARROWEST), max(high, 1.0 + NARROWEST)
     axes.set_xlim(max(low, 1.0 - WIDEST), min(high, 1.0 + WIDEST))
     axes.grid(axis="y", visible=False)
-
-
-def _mark(axes: Axes, row: Any, place: float, i: int) -> None:
-    """Draw one estimate, of group i, with its interval; an arrow at the edge if it is beyond it."""
-    colour = style.colour_of(i)
-    if row.high > row.low:
-        axes.plot([row.low, row.high], [place, place], **({"color": colour} | LOOKS[row.covers][1]))
-    marker = style.marker_of(i)
-    axes.plot([row.value], [place], marker, color=colour, markersize=5, label=row.group)
-    if abs(row.value - 1.0) > WIDEST:
-        side, text = np.sign(row.value - 1.0), number_text(row.value, 2)
-        axes.text(
-            1.0 + side * WIDEST, place, f"{text} → " if side > 0.0 else f" ← {text}", va="center",
-            ha="right" if side > 0.0 else "left", fontsize=7.5, color=colour, zorder=4,
-        )  # fmt: skip

@@ -3,13 +3,11 @@
 from matplotlib.figure import Figure as Chart
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.leaderboard import boards, overall
+from seatrial.runner.compare.leaderboard import Ranking, boards, critical_difference, overall
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import PlotRequest
-from seatrial.runner.compare.ranking import Ranking, critical_difference
 
 FIGURE = Figure(
     "critical_difference",
@@ -33,17 +31,13 @@ def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     own = [board for board in boards(results) if board.ranked.cases]
     if not own:
         raise ConfigurationError("plot critical_difference: no task of the benchmark has been run")
-    ranked = [([board], board.ranked) for board in own]
-    for group in overall(own):
-        ranked.insert(0, group)
-    return [
-        style.Drawing(
-            f"critical_difference-{'-'.join(board.task.name for board in group)}",
-            chart(", ".join(board.task.title for board in group), ranks),
-        )
-        for group, ranks in ranked
-        if ranks.cases
-    ]
+    drawn = list[style.Drawing]()
+    for group, ranks in (*overall(own)[::-1], *(([board], board.ranked) for board in own)):
+        if ranks.cases:
+            name = f"critical_difference-{'-'.join(board.task.name for board in group)}"
+            figure = chart(", ".join(board.task.title for board in group), ranks)
+            drawn.append(style.Drawing(name, figure))
+    return drawn
 
 
 def chart(title: str, ranks: Ranking) -> Chart:

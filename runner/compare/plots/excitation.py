@@ -10,7 +10,7 @@ Diagnostics: `regressor_rank`, `regressor_unknowns`, `spectral_lines`, and `inse
 with the names in `label`; `singular_value` (i = number, from 1), `selected_order`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,12 +20,11 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import PlotRequest, diagnostics_of, each_run, subtitle
-from seatrial.runner.compare.plots.style import Drawing
+from seatrial.runner.compare.plots.selection import diagnostics_of, per_run, subtitle
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import DOFS, Config
@@ -33,11 +32,9 @@ from seatrial.runner.record.vocabulary import DOFS, Config
 FIGURE = Figure(
     "excitation",
     "Forces or inputs of one run, their spectrum and the limits; its wind; singular values.",
-    "series recording",
-    ("run", "dof", "facet"),
-    caption="Excitation of the newest run and its spectrum",
-    place=13,
-)
+    "series recording", ("run", "dof", "facet"),
+    caption="Excitation of the newest run and its spectrum", place=13,
+)  # fmt: skip
 
 # Units of inputs by the beginning of their names, and the size of the unit.
 INPUT_UNITS = {
@@ -113,16 +110,12 @@ def commanded_signals(
     return signals_of
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure of one run (with --facet, for each level), one row for each signal."""
-    return [
-        _drawing(results, request, run, series_of["recording"])
-        for run, series_of in each_run(results, request, ("recording",))
-    ]
-
-
-def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
-    dofs = request.shown(lambda dof: f"tau_{dof}" in series.columns) or list(request.dofs)
+def _drawing(
+    results: Queries, request: PlotRequest, run: StoredRun, series_of: Mapping[str, Series]
+) -> style.Drawing:
+    """Draw one row for each signal."""
+    series = series_of["recording"]
+    dofs = request.shown(lambda dof: f"tau_{dof}" in series.columns) or [*(request.dof or ())]
     (signals,) = commanded_signals([series], results.reader.run(run.id).config, dofs)
     excited = [s for s in signals if s.moves] or [s for s in signals if s.peak]
     if not excited:
@@ -140,7 +133,15 @@ def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Ser
         style.over_time(next(panels), label, curves, linewidth=1.0)
     if len(subspace):
         order = diagnostics.loc[diagnostics["name"] == ORDER, "value"].max()
-        _singular_values(next(panels), subspace.sort_values("i"), order)
+        panel, subspace = next(panels), subspace.sort_values("i")
+        panel.plot(subspace["i"], subspace["value"], "o-", color=FORCE, fillstyle="none")
+        if order > 0:  # NaN: none is selected
+            within = subspace[subspace["i"] <= order]
+            panel.plot(within["i"], within["value"], "o", color=FORCE)
+            panel.set_title(f"filled: the selected order {order:g}", **SMALL)
+        label = with_unit("Singular value", subspace["unit"].iloc[0])
+        panel.set(yscale="log", xlabel="Number", ylabel=label)
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     for spare in panels:
         spare.remove()
     train = np.asarray(series.columns.get("train", np.zeros(1)))
@@ -209,8 +210,10 @@ def _wind(series: Series, dofs: Sequence[str]) -> list[tuple[str, list[style.Cur
     if NORTH not in columns:
         return []
     north, east = columns[NORTH], columns[EAST]
-    signals = [("Wind speed", "m/s", {"": np.hypot(north, east)})]
-    signals.append(("Blows to", "deg", {"": blown_to(north, east)}))
+    speed, angle = np.hypot(north, east), np.degrees(np.unwrap(np.arctan2(east, north)))
+    angle -= 360.0 * np.floor(np.mean(angle) / 360.0)  # its mean is in [0, 360)
+    signals = [("Wind speed", "m/s", {"": speed})]
+    signals.append(("Blows to", "deg", {"": np.where(speed > CALM_M_S, angle, np.nan)}))
     for what, si in (("Wind force", "N"), ("Wind moment", "Nm")):
         own = {dof: columns[f"wind_{dof}"] for dof in dofs if series.units[f"wind_{dof}"] == si}
         unit, size = style.prefixed(si, style.largest_of([*own.values()]))
@@ -222,29 +225,9 @@ def _wind(series: Series, dofs: Sequence[str]) -> list[tuple[str, list[style.Cur
             finite = values[np.isfinite(values)]
             mean = float(np.mean(finite)) if len(finite) else 0.0
             words = f"wind, {dof}" if dof else "", _amount(mean, unit) if len(finite) else ""
-            curves.append(style.Curve(columns["t"], values, colour, *words, mean))
+            curves.append(style.Curve(columns["t"], values, colour, *words))
         panels.append((with_unit(what, unit), curves))
     return panels
 
 
-def blown_to(north: Sample, east: Sample) -> Sample:
-    """Return the direction that the wind blows to [deg], shape (n,), its mean in [0, 360).
-
-    `north` and `east` are the wind velocities [m/s], shape (n,). The direction is unwrapped, and
-    NaN for calm air.
-    """
-    angle = np.degrees(np.unwrap(np.arctan2(east, north)))
-    angle -= 360.0 * np.floor(np.mean(angle) / 360.0)
-    return np.where(np.hypot(north, east) > CALM_M_S, angle, np.nan)
-
-
-def _singular_values(axes: Axes, rows: pd.DataFrame, order: float) -> None:
-    """Draw the singular values of the data, filled within the selected order, if there is one."""
-    axes.plot(rows["i"], rows["value"], "o-", color=FORCE, fillstyle="none")
-    if order > 0:
-        within = rows[rows["i"] <= order]
-        axes.plot(within["i"], within["value"], "o", color=FORCE)
-        axes.set_title(f"filled: the selected order {order:g}", **SMALL)
-    label = with_unit("Singular value", rows["unit"].iloc[0])
-    axes.set(yscale="log", xlabel="Number", ylabel=label)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+drawings = per_run(_drawing, "recording")

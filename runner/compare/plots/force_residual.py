@@ -1,60 +1,31 @@
 """Lack of fit of the force over time, before and after identification, per degree of freedom."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import PlotRequest, each_run, subtitle
-from seatrial.runner.compare.plots.style import Drawing
-from seatrial.runner.compare.where import Condition
+from seatrial.runner.compare.plots.selection import per_run, subtitle
 from seatrial.runner.record.rows import Series
 
 FIGURE = Figure(
-    "residual",
-    "Force residual of one run over time, before and after identification.",
-    "series residual",
-    ("run", "dof", "facet"),
-    caption="Force residual of a typical run",
+    "residual", "Force residual of one run over time, before and after identification.",
+    "series residual", ("run", "dof", "facet"), caption="Force residual of the newest run",
     place=12,
-)
+)  # fmt: skip
 
 MODELS = {"nominal": "before (nominal)", "identified": "after (identified)"}
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure of one run (with --facet, for each level), one panel for each DOF.
-
-    Without --run it is a typical run: the one with the median ratio of its force residuals.
-    """
-    runs = each_run(results, request, ("residual",), typical)
-    return [_drawing(request, run, series_of["residual"]) for run, series_of in runs]
-
-
-def typical(results: Queries, runs: Sequence[StoredRun], condition: Condition) -> StoredRun:
-    """Return the run with the median improvement of the force, of the runs that identify a model.
-
-    The improvement is the mean logarithm over degrees of freedom of the force MSE after over that
-    before. Of equal runs, and without these metrics, it is the newest.
-    """
-    identified = [run for run in runs if run.levels["identifier"] != "none"] or list(runs)
-    numbers = results.metrics(("force_mse",), condition)
-    numbers = numbers[(numbers["value"] > 0.0) & numbers["run"].isin([r.id for r in identified])]
-    mse = numbers.pivot_table("value", ["run", "dof"], "model", observed=True)
-    if not {*MODELS} <= {*mse}:
-        return identified[-1]
-    ratios = np.log(mse["identified"] / mse["nominal"]).groupby("run").mean().dropna()
-    if ratios.empty:
-        return identified[-1]
-    median = ratios.sort_values().iloc[(len(ratios) - 1) // 2]
-    return next(run for run in identified if run.id == ratios.index[ratios == median].max())
-
-
-def _drawing(request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
+def _drawing(
+    results: Queries, request: PlotRequest, run: StoredRun, series_of: Mapping[str, Series]
+) -> style.Drawing:
+    """Draw one panel for each DOF."""
+    series = series_of["residual"]
     columns, shape = series.columns, series.columns["t"].shape
     dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in columns)
     if not dofs:
@@ -72,7 +43,7 @@ def _drawing(request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
             rms, colour = float(np.sqrt(np.mean(values[judged] ** 2))), style.MODEL_COLOURS[model]
             panel.axhline(rms / size, linestyle="--", color=colour, linewidth=0.9)
             words = MODELS[model], f"rms {number_text(rms / size, 3)} {unit}"
-            curves.append(style.Curve(columns["t"], values / size, colour, *words, rms / size))
+            curves.append(style.Curve(columns["t"], values / size, colour, *words))
         style.shaded(panel, columns["t"], train)
         label = with_unit(dof.capitalize(), unit)
         style.over_time(panel, label, curves, linewidth=0.9, alpha=0.9)
@@ -81,6 +52,8 @@ def _drawing(request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
     notes.append(f"dashed, and at the right: root mean square over {samples}")
     lacking = [dof for dof in dofs if f"residual_identified_{dof}" not in columns]
     notes += [f"no identified model in {', '.join(lacking)}"] if lacking else []
-    notes += ["a run of median improvement; --run shows another"] if request.run is None else []
     title = f"Force residual, {subtitle(run)}"
     return style.drawing_of(f"residual-run-{run.id}", figure, axes, title, notes)
+
+
+drawings = per_run(_drawing, "residual")

@@ -4,36 +4,24 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun, stored_runs
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, notes_of
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import PlotRequest, subtitle
-from seatrial.runner.export.manoeuvre_tracks import (
-    Recorded,
-    Sheet,
-    Track,
-    executions,
-    measured_sheet,
-    way_from,
-)
+from seatrial.runner.compare.plots.selection import subtitle, trials_of
+from seatrial.runner.export import manoeuvre_tracks as tracks
 
 FIGURE = Figure(
-    "manoeuvre",
-    "Turning circle or zig-zag of a run, with its measures.",
-    "a recording of a manoeuvre of a steered vessel",
-    ("run",),
-    caption="Manoeuvre",
-    place=16,
-)
+    "manoeuvre", "Turning circle or zig-zag of a run, with its measures.",
+    "a recording of a manoeuvre of a steered vessel", ("run",), caption="Manoeuvre", place=16,
+)  # fmt: skip
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     """Draw the newest run of each vessel and excitation that is a manoeuvre, or one run."""
-    newest = newest_manoeuvres(
-        results, stored_runs(request.trials(results, [], False)), ("turn", "zigzag")
-    )
+    runs = stored_runs(trials_of(results, request))
+    newest = newest_manoeuvres(results, runs, ("turn", "zigzag"))
     drawn = [_drawing(run, recorded) for run, recorded in newest]
     if not drawn:
         raise ConfigurationError(
@@ -42,17 +30,22 @@ def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     return drawn
 
 
-def _drawing(run: StoredRun, recorded: Recorded) -> style.Drawing:
+def _drawing(run: StoredRun, recorded: tracks.Recorded) -> style.Drawing:
     track = recorded.track
     try:
-        result = measured_sheet(track, recorded.ordered)
+        result = tracks.measured_sheet(track, recorded.ordered)
     except RecordingError as error:
         raise ConfigurationError(f"plot manoeuvre: run {run.id}: {error}") from error
     helm = round(result.values["helm"])
     if result.manoeuvre == "turn":
         figure, axes = style.panels(1, 2, 4.4, 4.4)
         _circle(axes[0], track, result)
-        _speeds(axes[1], track, result)
+        t = track.t - result.start_s  # over that of the approach, and without dimension
+        rate = np.gradient(track.psi, track.t) * track.length_m / result.speed_m_s
+        axes[1].plot(t, track.speed / result.speed_m_s, color=style.PALETTE[4], label="U / U0")
+        axes[1].plot(t, np.abs(rate), color=style.PALETTE[2], label="|r| L / U0")
+        axes[1].set_ylim(bottom=0.0)
+        axes[1].set(xlabel="Time [s]", ylabel="Speed, yaw rate [-]")
         title = f"Turning circle, helm {helm} deg"
     else:
         figure, axes = style.panels(1, 1, 7.0, 4.0)
@@ -62,9 +55,9 @@ def _drawing(run: StoredRun, recorded: Recorded) -> style.Drawing:
     return style.drawing_of(name, figure, axes, title, notes_of(result))
 
 
-def _circle(axes: Axes, track: Track, result: Sheet) -> None:
+def _circle(axes: Axes, track: tracks.Track, result: tracks.Sheet) -> None:
     """The track in ship lengths from the execution, the course of the approach upwards."""
-    ahead, aside = way_from(track, result.start_s)
+    ahead, aside = tracks.way_from(track, result.start_s)
     axes.plot(aside, ahead, color=style.PALETTE[0], label="track")
     axes.plot(0.0, 0.0, "o", color=style.REFERENCE, markersize=5, label="execution")
     lines = {"advance": (90, 3), "transfer": (90, 5), "tactical diameter": (180, 1)}
@@ -81,17 +74,7 @@ def _circle(axes: Axes, track: Track, result: Sheet) -> None:
     axes.set(xlabel="Across the approach [L]", ylabel="Along the approach [L]")
 
 
-def _speeds(axes: Axes, track: Track, result: Sheet) -> None:
-    """Speed over that of the approach, and yaw rate without dimension, over time."""
-    t = track.t - result.start_s
-    rate = np.gradient(track.psi, track.t) * track.length_m / result.speed_m_s
-    axes.plot(t, track.speed / result.speed_m_s, color=style.PALETTE[4], label="U / U0")
-    axes.plot(t, np.abs(rate), color=style.PALETTE[2], label="|r| L / U0")
-    axes.set_ylim(bottom=0.0)
-    axes.set(xlabel="Time [s]", ylabel="Speed, yaw rate [-]")
-
-
-def _zigzag(axes: Axes, track: Track, result: Sheet) -> None:
+def _zigzag(axes: Axes, track: tracks.Track, result: tracks.Sheet) -> None:
     """Heading from the course of the approach and helm over time, with the overshoots."""
     start, turned = result.start_s, result.turn_deg or 0.0
     heading = np.degrees(track.psi - track.at(track.psi, start))
@@ -100,7 +83,7 @@ def _zigzag(axes: Axes, track: Track, result: Sheet) -> None:
     axes.plot(t, heading, color=style.PALETTE[0], label="heading from the approach")
     for angle in (-turned, turned):
         axes.axhline(angle, color=style.MUTED, linewidth=0.7, linestyle=":")
-    times = executions(track)[0][1:]
+    times = tracks.executions(track)[0][1:]
     for name, executed in zip(("first overshoot", "second overshoot"), times, strict=False):
         if name not in result.values:
             break

@@ -6,28 +6,23 @@ polish has made of it. With up to three objectives every pair has a panel; with 
 the same degree of freedom have one.
 """
 
-from functools import partial
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet
-from seatrial.runner.compare.plots.style import Drawing
+from seatrial.runner.compare.plots.selection import Facet, per_facet
 
 FIGURE = Figure(
-    "pareto",
-    "The Pareto set of a multi-objective identification.",
-    "diagnostic pareto_objective, as of identifier=nsga2",
-    ("run", "rows", "columns", "facet"),
-    caption="Pareto set",
-    place=4,
-)
+    "pareto", "The Pareto set of a multi-objective identification.",
+    "diagnostic pareto_objective, as of identifier=nsga2", ("run", "rows", "columns", "facet"),
+    caption="Pareto set", place=4,
+)  # fmt: skip
 
 OBJECTIVE, CHOSEN, DEPLOYED = "pareto_objective", "pareto_chosen", "objective"
 MOST_PANELS, ABREAST = 6, 3
@@ -35,13 +30,7 @@ LINEAR_RANGE = 30.0  # largest ratio of values on a linear axis
 RING: dict[str, Any] = {"fillstyle": "none", "color": "black", "zorder": 4, "linestyle": "none"}
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure for each facet, one panel for each pair, one colour for each group."""
-    missing = f"plot pareto: no run that matches has the diagnostic {OBJECTIVE}"
-    return each_facet(results, request, partial(_drawing, results, request), missing)
-
-
-def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
+def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Drawing | None:
     frame = facet.diagnostics(results, (OBJECTIVE, CHOSEN, DEPLOYED))
     points = frame[(frame["name"] == OBJECTIVE) & frame["i"].notna()]
     objectives = points.drop_duplicates("j").set_index("j").sort_index()
@@ -86,3 +75,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     notes = [f"circle: the chosen point{made}{seeds}{left_out}"]
     axes = axes[: len(pairs)]
     return style.drawing_of(facet.file("pareto"), figure, axes, facet.title("Pareto set"), notes)
+
+
+MISSING = f"plot pareto: no run that matches has the diagnostic {OBJECTIVE}"
+drawings = per_facet(_drawing, MISSING)

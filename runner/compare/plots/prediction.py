@@ -13,12 +13,11 @@ from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.benchmark.scores import half_width
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import PlotRequest, diagnostics_of, each_run, subtitle
-from seatrial.runner.compare.plots.style import Drawing
+from seatrial.runner.compare.plots.selection import diagnostics_of, per_run, subtitle
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import DOFS, IDENTIFIED_STD, POSES, SAILED
@@ -26,26 +25,20 @@ from seatrial.runner.record.vocabulary import DOFS, IDENTIFIED_STD, POSES, SAILE
 FIGURE = Figure(
     "prediction",
     "Velocities of one run, measured and predicted in a free run over the held-out part.",
-    "series prediction",
-    ("run", "dof", "facet", "band"),
-    caption="Free run of the newest run's models over the held-out part",
-    place=17,
-)
+    "series prediction", ("run", "dof", "facet", "band"),
+    caption="Free run of the newest run's models over the held-out part", place=17,
+)  # fmt: skip
 
 ROOM = 3.0  # standard deviations of the measured velocity around its range that are shown
 LINE_POINTS = 400  # of a line of several entrants
 Line = tuple[str, Sample, str]  # label, values over time, colour
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure of one run (with --facet, for each level), one panel for each DOF."""
-    return [
-        _drawing(results, request, run, series_of["prediction"])
-        for run, series_of in each_run(results, request, ("prediction",))
-    ]
-
-
-def _drawing(results: Queries, request: PlotRequest, run: StoredRun, series: Series) -> Drawing:
+def _drawing(
+    results: Queries, request: PlotRequest, run: StoredRun, series_of: Mapping[str, Series]
+) -> style.Drawing:
+    """Draw one panel for each DOF."""
+    series = series_of["prediction"]
     columns, band = series.columns, request.band
     names = request.shown(lambda dof: dof in columns)
     if not names:
@@ -125,8 +118,7 @@ def _draw_motion(
         error = float(np.sqrt(np.mean(np.square(values - measured))))
         fit = f"{100.0 * (1.0 - error / spread):.0f} %" if spread else "-"
         text = "" if values is measured else "FIT diverges" if np.isnan(error) else f"FIT {fit}"
-        end = next(iter(values[np.isfinite(values)][-1:]), np.nan)
-        curves.append(style.Curve(t[chosen], shown[chosen], colour, label, text, float(end)))
+        curves.append(style.Curve(t[chosen], shown[chosen], colour, label, text))
     margin = ROOM * spread or 1.0
     room = float(np.min(measured)) - margin, float(np.max(measured)) + margin
     label = with_unit(name.capitalize(), series.units[name])
@@ -137,3 +129,6 @@ def _with_gaps(series: Series, *signals: Sample) -> list[Sample]:
     """Return time and signals with NaN before each piece, so that no line joins two pieces."""
     gaps = np.flatnonzero(series.columns["start"] > 0.0)[1:]
     return [np.insert(values, gaps, np.nan) for values in (series.columns["t"], *signals)]
+
+
+drawings = per_run(_drawing, "prediction")

@@ -6,30 +6,17 @@ models of one run, or with `--rows controller` the runs of several controllers o
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest, split
 from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun, ordered, stored_runs
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots import style
+from seatrial.runner.compare.plots import selection, style
 from seatrial.runner.compare.plots.excitation import commanded_signals
-from seatrial.runner.compare.plots.request import (
-    DEPLOYMENTS,
-    PREFIX,
-    Facet,
-    PlotRequest,
-    distinct,
-    each_facet,
-    each_run,
-    parts_of,
-    subtitle,
-)
-from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import DOFS, GROUPS, POSES
@@ -37,13 +24,10 @@ from seatrial.runner.record.vocabulary import DOFS, GROUPS, POSES
 FIGURE = Figure(
     "response",
     "Set-points, pose, force and wind over time: models of one run, or runs that differ in --rows.",
-    "series deployment_*",
-    ("run", "rows", "dof", "model", "facet"),
-    caption="Response of the newest deployed run",
-    rows="model",
-    report_rows=("model", "controller"),
-    place=10,
-)
+    "series deployment_*", ("run", "rows", "dof", "model", "facet"),
+    caption="Response of the newest deployed run", rows="model",
+    report_rows=("model", "controller"), place=10,
+)  # fmt: skip
 
 NAMES = dict(zip(DOFS, ("North", "East", "Down", "Roll", "Pitch", "Heading"), strict=True))
 POSE_OF = dict(zip(DOFS, POSES, strict=True))
@@ -58,38 +42,37 @@ STEERED_NOTE = "inputs as commanded"
 Lines = Mapping[str, tuple[Series, str]]  # deployment and colour by label
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     """Draw panels by axis, every model of one run (with --facet, of one for each level).
 
     With another factor as rows, or several, comma-separated, it is the newest run of every level
     that equals the newest run in all other choices, one figure for each facet.
     """
-    if request.rows == "model":
-        runs = each_run(results, request, (*DEPLOYMENTS, f"{PREFIX}adaptive"))
-        return [_of_run(results, request, run, series_of) for run, series_of in runs]
-    missing = (
-        f"plot response: got no two finished runs that differ in {request.rows} only, "
-        f"expected a mission that each of them sailed with the {request.model} model"
-    )
-    return each_facet(results, request, partial(_of_levels, results, request), missing)
+    if request.rows != "model":
+        missing = (
+            f"plot response: got no two finished runs that differ in {request.rows} only, "
+            f"expected a mission that each of them sailed with the {request.model} model"
+        )
+        return selection.per_facet(_of_levels, missing)(results, request)
+    drawn, kinds = list[style.Drawing](), (*selection.DEPLOYMENTS, f"{selection.PREFIX}adaptive")
+    for run, series_of in selection.each_run(results, request, kinds):
+        voyages, absent = selection.distinct(results, run, series_of)
+        lines = {f"{name} model": (voyage, COLOURS[name]) for name, voyage in voyages.items()}
+        title = f"Response, {selection.subtitle(run)}, {run.levels['controller']}"
+        name = f"response-run-{run.id}"
+        drawn.append(_drawing(results, request, run, lines, name, title, absent))
+    return drawn
 
 
-def _of_run(
-    results: Queries, request: PlotRequest, run: StoredRun, series_of: Mapping[str, Series]
-) -> Drawing:
-    voyages, absent = distinct(results, run, series_of)
-    lines = {f"{name} model": (voyage, COLOURS[name]) for name, voyage in voyages.items()}
-    title = f"Response, {subtitle(run)}, {run.levels['controller']}"
-    return _drawing(results, request, run, lines, f"response-run-{run.id}", title, absent)
-
-
-def _of_levels(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
+def _of_levels(
+    results: Queries, request: PlotRequest, facet: selection.Facet
+) -> style.Drawing | None:
     """Draw the newest run of every level, with all other choices as in the newest run."""
-    kind, stored = PREFIX + request.model, results.series_columns(facet.condition)
+    kind, stored = selection.PREFIX + request.model, results.series_columns(facet.condition)
     deployed = [r for r in facet.runs if r.status == FINISHED and kind in stored.get(r.id, ())]
     if not deployed:
         return None
-    fixed = [name for name in SHARED_CHOICES if name not in parts_of(request.rows)]
+    fixed = [name for name in SHARED_CHOICES if name not in split([request.rows])]
     last, newest, lost = deployed[-1], dict[str, StoredRun](), dict[str, str]()
     for run in stored_runs(facet.trials):
         if all(run.levels[name] == last.levels[name] for name in fixed):
@@ -120,7 +103,7 @@ def _of_levels(results: Queries, request: PlotRequest, facet: Facet) -> Drawing 
 def _drawing(
     results: Queries, request: PlotRequest, run: StoredRun, lines: Lines, name: str, title: str,
     notes: Sequence[str],
-) -> Drawing:  # fmt: skip
+) -> style.Drawing:  # fmt: skip
     """Draw a column for each DOF, of pose, force and wind; of a steered vessel heading and inputs.
 
     `lines` are drawn in their colours; vessel and limits are those of `run`.
@@ -131,7 +114,7 @@ def _drawing(
     steered = "psi" in shared and not any(
         n.startswith("tau_") for s in series_of for n in s.columns
     )
-    if not (dofs or (steered and "yaw" in (request.dofs or ["yaw"]))):
+    if not (dofs or (steered and "yaw" in (request.dof or ["yaw"]))):
         raise ConfigurationError(
             f"plot response: run {run.id} has no response of these degrees of freedom"
         )

@@ -4,14 +4,18 @@ Figures are made without pyplot: no window, no global state, and no effect of ba
 figure with one panel may be drawn into axes of the caller's (`drawn(axes)`); title, legend and
 notes then belong to these axes, and the rest of their figure is not changed.
 
+For print there are PDF files of the width of a column or a page, with texts of 8 points.
+
 Units of forces on axes: kN and MNm for ships, N and Nm for models; and the thrusters' limits.
 """
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from io import BytesIO
+from operator import ge
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -21,9 +25,10 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import FixedFormatter
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.plots import paper
 from seatrial.runner.compare.statistics import Sample
 
 if TYPE_CHECKING:
@@ -51,46 +56,44 @@ LETTERS_PER_INCH = 14  # of the legend's font, a low estimate
 TEXT_SHARE = 0.17  # height of a line of text beside a panel, of the lowest panel
 RC: "Mapping[RcKeyType, object]" = {
     "font.family": "DejaVu Sans",  # part of matplotlib: the same on every machine
-    "font.size": 10,
-    "axes.titlesize": TITLE_SIZE,
-    "axes.titleweight": "bold",
-    "legend.fontsize": 9,
-    "legend.frameon": False,
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.4,
-    "figure.dpi": 150,
-    "savefig.dpi": 150,
-    "figure.constrained_layout.h_pad": 0.07,
-    "figure.constrained_layout.w_pad": 0.07,
-    "svg.hashsalt": "seatrial",
-    "svg.fonttype": "path",
+    "font.size": 10, "axes.titlesize": TITLE_SIZE, "axes.titleweight": "bold",
+    "legend.fontsize": 9, "legend.frameon": False, "xtick.labelsize": 9, "ytick.labelsize": 9,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "axes.axisbelow": True, "grid.color": "#DDDDDD", "grid.linewidth": 0.6,
+    "lines.linewidth": 1.4, "figure.dpi": 150, "savefig.dpi": 150,
+    "figure.constrained_layout.h_pad": 0.07, "figure.constrained_layout.w_pad": 0.07,
+    "svg.hashsalt": "seatrial", "svg.fonttype": "path",
     "path.simplify_threshold": 0.5,  # [px] long lines make no large files
-}
+}  # fmt: skip
 PREFIXES = (("M", 1e6, 1e6), ("k", 1e3, 1e4))  # letter, factor, smallest value that takes it
 PREFIXED = ("N", "Nm", "W", "J")
+MM_PER_INCH = 25.4
+WIDTHS_MM = {"column": 86.0, "page": 178.0}  # of journals with two columns: 84-90, 174-190
+NARROWEST_MM, WIDEST_MM = 40.0, 1200.0
+TEXT_POINTS = 8.0  # of all texts
+HIGHEST_INCH = 100.0
+LOWEST_INCH = 1.0  # height of the lowest panel, without its labels
+LETTER_INCH = 0.065  # of a text
+PANEL_INCH = 2.2  # width of the narrowest panel, with its labels
+PRINT_RC: "Mapping[RcKeyType, object]" = {
+    "font.size": TEXT_POINTS, "axes.titlesize": TEXT_POINTS, "legend.fontsize": TEXT_POINTS,
+    "xtick.labelsize": TEXT_POINTS, "ytick.labelsize": TEXT_POINTS, "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0, "pdf.fonttype": 42,  # TrueType, as publishers ask for
+    "figure.constrained_layout.h_pad": 0.03, "figure.constrained_layout.w_pad": 0.03,
+}  # fmt: skip
 SHOWN_LIMIT = 2.5  # a limit above this multiple of the peak is not drawn
 
 
-@dataclass(frozen=True)
-class Canvas:
+class Canvas(NamedTuple):
     """What is drawn on: axes of the caller's, or paper of a width [mm], else the screen."""
 
     axes: Axes | None = None
     width_mm: float | None = None
+    styled: bool = True  # within `drawn`
 
 
-_CANVAS: ContextVar[Canvas | None] = ContextVar("canvas", default=None)  # None: outside of `drawn`
-
-
-def _canvas() -> Canvas:
-    return _CANVAS.get() or Canvas()
+SCREEN = Canvas(styled=False)
+_CANVAS = ContextVar("canvas", default=SCREEN)
 
 
 class Chart(Figure):
@@ -98,7 +101,7 @@ class Chart(Figure):
 
     def savefig(self, *arguments: Any, **options: Any) -> None:
         """Write the figure as `matplotlib.figure.Figure.savefig` does, in the style above."""
-        with drawn() if _CANVAS.get() is None else nullcontext():
+        with nullcontext() if _CANVAS.get().styled else drawn():
             super().savefig(*arguments, **options)
 
     def _repr_png_(self) -> bytes:
@@ -126,13 +129,12 @@ def drawn(axes: Axes | None = None, width_mm: float | None = None) -> Iterator[N
     try:
         with mpl.rc_context():
             mpl.rcdefaults()
-            mpl.rcParams.update({**RC, **({} if width_mm is None else paper.RC)})
+            mpl.rcParams.update({**RC, **({} if width_mm is None else PRINT_RC)})
             yield
     except ValueError as error:
         if "ParseFatalException" not in str(error):
             raise
-        message = f"plot: a stored name cannot be drawn: {str(error).strip()}"
-        raise LogbookError(message) from error
+        raise LogbookError(f"plot: a stored name cannot be drawn: {str(error).strip()}") from error
     finally:
         _CANVAS.reset(token)
 
@@ -143,11 +145,11 @@ def figure(width: float, height: float) -> Figure:
     In print its width is that of the paper; texts do not shrink with it, so the height hardly does.
     Raises ConfigurationError if there are axes of the caller, which cannot hold several panels.
     """
-    canvas = _canvas()
+    canvas = _CANVAS.get()
     if canvas.axes is not None:
         raise ConfigurationError("plot: ax: got axes for a figure of several panels, expected None")
     if canvas.width_mm is not None:
-        inches = canvas.width_mm / paper.MM_PER_INCH
+        inches = canvas.width_mm / MM_PER_INCH
         width, height = inches, height * min(1.0, inches / width) ** 0.25
     return Chart(figsize=(width, height), layout="constrained")
 
@@ -160,20 +162,17 @@ def panels(
     With `share_x` all axes have the same range of x. Panels that are too narrow in print stand
     below each other. One panel is drawn into the axes of the caller, if there are any.
     """
-    canvas, abreast = _canvas(), columns
+    canvas, abreast = _CANVAS.get(), columns
     if canvas.axes is not None and rows * columns == 1:
         return cast(Figure, canvas.axes.figure), [canvas.axes]
     if canvas.width_mm is not None:
-        most = int(canvas.width_mm / paper.MM_PER_INCH / paper.PANEL_INCH)
+        most = int(canvas.width_mm / MM_PER_INCH / PANEL_INCH)
         abreast = max(1, min(columns, most))
     bands = -(-columns // abreast)
     chart = figure(abreast * width, rows * bands * height)
     grid = chart.subplots(rows * bands, abreast, squeeze=False, sharex="all" if share_x else "none")
-    axes = [
-        grid[column // abreast * rows + row, column % abreast]
-        for row in range(rows)
-        for column in range(columns)
-    ]
+    places = [(row, column) for row in range(rows) for column in range(columns)]
+    axes = [grid[column // abreast * rows + row, column % abreast] for row, column in places]
     for spare in {*grid.flat} - {*axes}:
         spare.remove()
     for panel in axes[(rows - 1) * columns :]:  # the lowest of each column
@@ -183,7 +182,7 @@ def panels(
 
 def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
     """Add the title and one legend, with each label once, above the figure."""
-    canvas, handles = _canvas(), dict[str, Artist]()
+    canvas, handles = _CANVAS.get(), dict[str, Artist]()
     for panel in axes:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
@@ -192,7 +191,7 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
         if handles:
             canvas.axes.legend([*handles.values()], [*handles])
         return
-    size = TITLE_SIZE if canvas.width_mm is None else paper.TEXT_POINTS
+    size = TITLE_SIZE if canvas.width_mm is None else TEXT_POINTS
     letters = TITLE_LETTERS_PER_INCH * TITLE_SIZE / size
     title = "\n".join(wrap(title, int(chart.get_figwidth() * letters)))
     if not handles:
@@ -200,20 +199,15 @@ def headed(chart: Figure, axes: Sequence[Axes], title: str) -> None:
         return
     longest = max(len(label) for label in handles) + 6
     chart.legend(  # as the legend's title, because constrained layout lets a separate title overlap
-        handles=list(handles.values()),
-        labels=list(handles),
-        loc="outside upper left",
+        [*handles.values()], [*handles], loc="outside upper left", alignment="left", borderpad=0.0,
         ncols=max(1, min(len(handles), int(chart.get_figwidth() * LETTERS_PER_INCH / longest))),
-        title=title,
-        title_fontproperties={"weight": "bold", "size": TITLE_SIZE},
-        alignment="left",
-        borderpad=0.0,
-    )
+        title=title, title_fontproperties={"weight": "bold", "size": TITLE_SIZE},
+    )  # fmt: skip
 
 
 def footnote(chart: Figure, notes: Sequence[str]) -> None:
     """Add small text below the figure, wrapped to its width."""
-    own = _canvas().axes
+    own = _CANVAS.get().axes
     if own is not None:
         own.annotate(
             "\n".join(notes), (0.0, 0.0), xycoords="axes fraction", xytext=(0.0, -36.0),
@@ -243,33 +237,63 @@ def save(drawing: Drawing, folder: Path, print_: bool = False) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     forms = {"png": {"Software": None}, "svg": {"Date": None}}
     if print_:
-        paper.fit(drawing.figure)
+        _fit(drawing.figure)
         forms = {"pdf": {"CreationDate": None}}
-    paths = [folder / f"{drawing.name}.{suffix}" for suffix in forms]
-    for path, metadata in zip(paths, forms.values(), strict=True):
-        drawing.figure.savefig(path, metadata=metadata)
-    return paths
+    for suffix, metadata in forms.items():
+        drawing.figure.savefig(folder / f"{drawing.name}.{suffix}", metadata=metadata)
+    return [folder / f"{drawing.name}.{suffix}" for suffix in forms]
+
+
+def width_of(text: str) -> float:
+    """Return the width [mm] of `column`, `page` or a number; raises ConfigurationError else."""
+    try:
+        width = WIDTHS_MM.get(text) or float(text)
+    except ValueError:
+        width = 0.0
+    if not NARROWEST_MM <= width <= WIDEST_MM:
+        raise ConfigurationError(
+            f"--width: got {text!r}, expected column, page or {NARROWEST_MM:g} to {WIDEST_MM:g} mm"
+        )
+    return width
+
+
+def _fit(chart: Figure) -> None:
+    """Give all texts one size, and heighten a figure until its labels leave room for its panels."""
+    for text in chart.findobj(Text):
+        text.set(fontsize=TEXT_POINTS)
+    while chart.get_figheight() <= HIGHEST_INCH:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "constrained_layout not applied")
+            with suppress(UserWarning):
+                chart.draw_without_rendering()
+                height = chart.get_figheight()
+                heights = [height * axes.get_position(original=True).height for axes in chart.axes]
+                lowest = []  # height that each panel needs; rows of names need a line each
+                for axes in chart.axes:
+                    named = isinstance(axes.yaxis.get_major_formatter(), FixedFormatter)
+                    names = [each for each in axes.get_yticklabels() if named and each.get_text()]
+                    label = len(axes.get_ylabel()) * LETTER_INCH
+                    lowest.append(max(LOWEST_INCH, label, 1.5 * TEXT_POINTS / 72.0 * len(names)))
+                if all(map(ge, heights, lowest)):
+                    return
+        chart.set_figheight(1.2 * chart.get_figheight())
 
 
 class Curve(NamedTuple):
-    """A line over time: `t` [s] and `values`, shape (n,), with a text beside it at a height."""
+    """A line over time: `t` [s] and `values`, shape (n,), with a text at the right of the panel."""
 
     t: Sample
     values: Sample
     colour: str
     label: str = ""
     text: str = ""
-    height: float = np.nan
 
 
 def over_time(
-    axes: Axes,
-    label: str,
-    curves: Sequence[Curve],
-    room: tuple[float, float] = (-np.inf, np.inf),
+    axes: Axes, label: str, curves: Sequence[Curve], room: tuple[float, float] = (-np.inf, np.inf),
     **look: Any,
-) -> None:
-    """Draw curves over time in a panel with their texts beside it.
+) -> None:  # fmt: skip
+    """Draw curves over time in a panel with their texts at its right, in their colours.
 
     `label` is that of the axis, whose limits stay within `room` and are then final.
     """
@@ -281,25 +305,9 @@ def over_time(
     place, alone = axes.get_subplotspec(), len(axes.get_shared_x_axes().get_siblings(axes)) == 1
     if alone or place is None or place.is_last_row():
         axes.set_xlabel("Time [s]")
-    beside(axes, [(curve.height, curve.text, curve.colour) for curve in curves if curve.text])
-
-
-def beside(axes: Axes, texts: Sequence[tuple[float, str, str]]) -> None:
-    """Write texts at the right of a panel, each (value on the y axis, text, colour) at its value.
-
-    The limits of the axis must be final. Texts that would overlap are moved apart.
-    """
-    low, high = axes.get_ylim()
-    wanted = np.nan_to_num([(value - low) / (high - low) for value, _, _ in texts], nan=0.5)
-    heights, lowest = np.empty(len(texts)), 0.5 * TEXT_SHARE
-    for left, place in enumerate(np.argsort(wanted, kind="stable"), 1 - len(texts)):
-        highest = 1.0 + (left - 0.5) * TEXT_SHARE  # those above need their room
-        heights[place] = max(lowest, min(float(wanted[place]), highest))
-        lowest = heights[place] + TEXT_SHARE
-    for (_, text, colour), height in zip(texts, heights, strict=True):
-        axes.text(
-            1.005, height, text, transform=axes.transAxes, color=colour, fontsize=8.5, va="center"
-        )
+    for line, curve in enumerate(curve for curve in curves if curve.text):
+        height, look = 0.9 - TEXT_SHARE * line, {"fontsize": 8.5, "va": "center"}
+        axes.text(1.005, height, curve.text, transform=axes.transAxes, color=curve.colour, **look)
 
 
 def shaded(axes: Axes, t: Sample, train: Sample) -> None:

@@ -4,28 +4,22 @@ Diagnostics: `surface_mse` (dof, i = order, j = number of variables), `selected_
 `selected_variables` (dof).
 """
 
-from functools import partial
-
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import MaxNLocator
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import with_unit
 from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import Facet, PlotRequest, each_facet, subtitle
-from seatrial.runner.compare.plots.style import Drawing
+from seatrial.runner.compare.plots.selection import Facet, per_facet, subtitle
 
 FIGURE = Figure(
-    "surface",
-    "MSE over model order and number of variables.",
-    "diagnostic surface_mse, as of identifier=surface_plsr",
-    ("run", "dof", "facet"),
-    caption="Error over order and variables",
-    place=3,
-)
+    "surface", "MSE over model order and number of variables.",
+    "diagnostic surface_mse, as of identifier=surface_plsr", ("run", "dof", "facet"),
+    caption="Error over order and variables", place=3,
+)  # fmt: skip
 
 SURFACE = "surface_mse"
 ORDER, VARIABLES = "selected_order", "selected_variables"
@@ -33,13 +27,7 @@ WORST = 100.0  # largest error with a colour of its own, in the smallest ones
 COLOURS = "cividis"  # perceptually uniform and suited to colour-blind readers
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure for each facet, of its newest run with a surface; one panel for each DOF."""
-    missing = f"plot surface: no run that matches has the diagnostic {SURFACE}"
-    return each_facet(results, request, partial(_drawing, results, request), missing)
-
-
-def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | None:
+def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Drawing | None:
     frame = facet.diagnostics(results, (SURFACE, ORDER, VARIABLES))
     having = frame.loc[frame["name"] == SURFACE, "run"]
     if having.empty:
@@ -80,3 +68,7 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> Drawing | 
     ]
     title = f"Force MSE over order and variables, {subtitle(run)}"
     return style.drawing_of(f"surface-run-{run.id}", figure, axes, title, notes)
+
+
+MISSING = f"plot surface: no run that matches has the diagnostic {SURFACE}"
+drawings = per_facet(_drawing, MISSING)

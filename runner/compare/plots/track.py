@@ -16,22 +16,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.plots import style
+from seatrial.runner.compare.plots import selection, style
 from seatrial.runner.compare.plots.excitation import EAST, NORTH
-from seatrial.runner.compare.plots.request import (
-    DEPLOYMENTS,
-    PlotRequest,
-    Voyages,
-    diagnostics_of,
-    distinct,
-    each_run,
-    in_plane,
-    subtitle,
-)
-from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.record.rows import Series
@@ -40,11 +29,9 @@ from seatrial.runner.record.vocabulary import Config
 FIGURE = Figure(
     "track",
     "The sailed track of one run in the plane, with headings and wind; a mix with its plan.",
-    "series deployment_* or recording, in the plane",
-    ("run", "facet"),
-    caption="Track of the newest deployed run",
-    place=7,
-)
+    "series deployment_* or recording, in the plane", ("run", "facet"),
+    caption="Track of the newest deployed run", place=7,
+)  # fmt: skip
 
 # A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).
 HULL = np.array([[0.5, 0.0], [0.2, 0.18], [-0.5, 0.18], [-0.5, -0.18], [0.2, -0.18]])
@@ -61,20 +48,24 @@ FORCES = 1.9  # height of a panel of forces [inch]
 SPACING, DOCKING_SPACING = 1.2, 0.5  # of the hulls along a track, in their lengths
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
+def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     """Draw one figure of one run (with --facet, for each level): one panel for each model.
 
     Models that sail alike share a panel. A run without a deployment shows the track of the
     recording, on its plan if it has one.
     """
     drawn = []
-    for run, series_of in each_run(results, request, (*DEPLOYMENTS, "recording", "plan", HARBOUR)):
-        deployed = {kind: series_of[kind] for kind in DEPLOYMENTS if kind in series_of}
+    for run, series_of in selection.each_run(
+        results, request, (*selection.DEPLOYMENTS, "recording", "plan", HARBOUR)
+    ):
+        deployed = {kind: series_of[kind] for kind in selection.DEPLOYMENTS if kind in series_of}
         if "plan" in series_of:
             drawn.append(_plan(results, run, series_of["plan"], series_of["recording"]))
         if deployed or "plan" not in series_of:
-            own, notes = distinct(results, run, deployed or {"recording": series_of["recording"]})
-            in_plane(run, "plot track", own)
+            own, notes = selection.distinct(
+                results, run, deployed or {"recording": series_of["recording"]}
+            )
+            selection.in_plane(run, "plot track", own)
             drawn.append(_drawing(results, run, own, notes, series_of.get(HARBOUR)))
     return drawn
 
@@ -153,8 +144,9 @@ def draw_harbour(axes: Axes, harbour: Series, voyage: Series) -> None:
 
 
 def _drawing(
-    results: Queries, run: StoredRun, voyages: Voyages, absent: list[str], harbour: Series | None
-) -> Drawing:
+    results: Queries, run: StoredRun, voyages: selection.Voyages, absent: list[str],
+    harbour: Series | None,
+) -> style.Drawing:  # fmt: skip
     series_of = list(voyages.values())
     windy = any(NORTH in series.columns for series in series_of)
     ranges = []  # smallest and largest north and east [m], each of shape (2,)
@@ -166,10 +158,9 @@ def _drawing(
     room = 0.55 if harbour is None else 1.4  # for the hulls
     margin = max((0.06 + ARROW_SHARE * windy) * extent + 1e-9, room * length)
     least = 0.5 * SLENDEREST * (extent + 2.0 * margin)
-    north, east = (
-        np.mean(limits) + max(0.5 * float(np.ptp(limits)) + margin, least) * np.array([-1.0, 1.0])
-        for limits in ranges
-    )
+    halves = [max(0.5 * float(np.ptp(limits)) + margin, least) for limits in ranges]
+    each = zip(ranges, halves, strict=True)
+    north, east = (np.mean(limits) + half * np.array([-1.0, 1.0]) for limits, half in each)
     height, rows = 0.9 + SIDE * min(float(np.ptp(north) / np.ptp(east)), 1.6), 1
     if harbour is not None:
         height, rows = 0.5 * (height + FORCES), 2
@@ -179,7 +170,11 @@ def _drawing(
         columns, hull = series.columns, None if harbour is None else hull_of(harbour)
         spacing = length * (SPACING if harbour is None else DOCKING_SPACING)
         if "psi" in columns:
-            for index in _equidistant(columns["x"], columns["y"], spacing):
+            steps = np.hypot(np.diff(columns["x"]), np.diff(columns["y"]))
+            sailed = np.concatenate([[0.0], np.cumsum(steps)])
+            number = int(np.clip(sailed[-1] / spacing, 1, MARKS))
+            marks = np.linspace(0.0, sailed[-1], number + 1)[1:]  # the last sample is one of them
+            for index in np.unique(np.searchsorted(sailed, marks).clip(0, len(sailed) - 1)):
                 x, y, psi = (float(columns[name][index]) for name in ("x", "y", "psi"))
                 corners = outline(x, y, psi, length, hull)
                 panel.add_patch(Polygon(corners, closed=True, fill=False, edgecolor=colour))
@@ -196,7 +191,7 @@ def _drawing(
         _forces(axes, series_of, (2.0 * height - FORCES) / FORCES)
     notes = [f"{note}, at equal distances sailed"]
     notes += ["arrows: direction and speed of the wind at the position of the tip"] * windy
-    name, title = f"track-run-{run.id}", f"Track, {subtitle(run)}"
+    name, title = f"track-run-{run.id}", f"Track, {selection.subtitle(run)}"
     return style.drawing_of(name, figure, axes, title, [*notes, *absent])
 
 
@@ -214,12 +209,10 @@ def _forces(axes: Sequence[Axes], series_of: Sequence[Series], ratio: float) -> 
         unit, size = style.prefixed(series_of[0].units[f"tau_{dof}"], peaks[dof])
         labels[dof] = f"{dof}, up to {number_text(peaks[dof] / size, 3)} {unit}"
     for panel, series in zip(axes[len(series_of) :], series_of, strict=True):
-        curves = [
-            style.Curve(
-                series.columns["t"], series.columns[f"tau_{dof}"] / peak, colour, labels[dof]
-            )
-            for (dof, peak), colour in zip(peaks.items(), style.PALETTE[1:], strict=False)
-        ]
+        curves = list[style.Curve]()
+        for (dof, peak), colour in zip(peaks.items(), style.PALETTE[1:], strict=False):
+            force = series.columns[f"tau_{dof}"] / peak
+            curves.append(style.Curve(series.columns["t"], force, colour, labels[dof]))
         style.over_time(panel, "Force / largest", curves, linewidth=0.9)
 
 
@@ -240,18 +233,7 @@ def _arrows(axes: Axes, series: Series, extent: float) -> None:
         axes.plot([], [], color=style.WIND, marker=">", linewidth=2.0, label=label)
 
 
-def _equidistant(north: Sample, east: Sample, spacing: float) -> list[int]:
-    """Return samples at equal distances along the track, about the `spacing` [m].
-
-    The last sample is always one of them.
-    """
-    sailed = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
-    number = int(np.clip(sailed[-1] / spacing, 1, MARKS))
-    marks = np.linspace(0.0, sailed[-1], number + 1)[1:]
-    return sorted({int(index) for index in np.searchsorted(sailed, marks).clip(0, len(sailed) - 1)})
-
-
-def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> Drawing:
+def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> style.Drawing:
     """Draw the planned path in its waters, manoeuvres by colour, and the recorded track.
 
     Each repetition of a manoeuvre begins with a dot and is thin if it is held out for testing.
@@ -276,7 +258,9 @@ def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> 
     for i, part in enumerate(_intervals(columns["manoeuvre"] < 0.0)):
         label = None if i else "passage"
         axes.plot(columns["y"][part], columns["x"][part], label=label, zorder=2.5, **look)
-    rows = diagnostics_of(results, run, ("mix_count", "plan_deviation", "sailed_clearance"))
+    rows = selection.diagnostics_of(
+        results, run, ("mix_count", "plan_deviation", "sailed_clearance")
+    )
     counts, values = rows[rows["name"] == "mix_count"], rows.set_index("name")["value"]
     held_out = columns["role"] == TESTING
     for k, (number, name) in enumerate(sorted(zip(counts["i"], counts["label"], strict=True))):
@@ -301,7 +285,7 @@ def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> 
             f"the vessel deviated from the plan by at most {values['plan_deviation']:.3g} m and"
             f" came within {values['sailed_clearance']:.3g} m of an obstacle or the boundary"
         )
-    name, title = f"track-plan-run-{run.id}", f"Track and plan, {subtitle(run)}"
+    name, title = f"track-plan-run-{run.id}", f"Track and plan, {selection.subtitle(run)}"
     return style.drawing_of(name, figure, [axes], title, notes)
 
 

@@ -3,28 +3,15 @@
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.figures import Figure
+from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text
-from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.request import (
-    DEPLOYMENTS,
-    PlotRequest,
-    Voyages,
-    distinct,
-    each_run,
-    subtitle,
-)
-from seatrial.runner.compare.plots.style import Drawing
+from seatrial.runner.compare.plots import selection, style
 
 FIGURE = Figure(
-    "errors",
-    "Tracking errors of one run over time.",
-    "series deployment_*",
-    ("run", "facet"),
-    caption="Tracking error of the newest deployed run",
-    place=9,
-)
+    "errors", "Tracking errors of one run over time.", "series deployment_*", ("run", "facet"),
+    caption="Tracking error of the newest deployed run", place=9,
+)  # fmt: skip
 
 # Label, unit, and its size in the stored one.
 ERRORS = {
@@ -33,15 +20,11 @@ ERRORS = {
 }
 
 
-def drawings(results: Queries, request: PlotRequest) -> list[Drawing]:
-    """Draw one figure of one run (with --facet, for each level): position and, if any, heading."""
-    return [
-        _drawing(run, *distinct(results, run, series_of))
-        for run, series_of in each_run(results, request, DEPLOYMENTS)
-    ]
-
-
-def _drawing(run: StoredRun, voyages: Voyages, absent: list[str]) -> Drawing:
+def _drawing(
+    results: Queries, request: PlotRequest, run: StoredRun, series_of: selection.Voyages
+) -> style.Drawing:
+    """Draw the error of position and, if any, of heading."""
+    voyages, absent = selection.distinct(results, run, series_of)
     errors = [name for name in ERRORS if any(name in v.columns for v in voyages.values())]
     if not errors:
         raise ConfigurationError(f"plot errors: run {run.id} tracks no position or heading")
@@ -55,8 +38,11 @@ def _drawing(run: StoredRun, voyages: Voyages, absent: list[str]) -> Drawing:
                 mean, colour = float(np.mean(np.abs(values))), style.MODEL_COLOURS[model]
                 panel.axhline(mean, color=colour, linewidth=0.8, linestyle="--")
                 words = f"{model} model", f"MAE {number_text(mean, 3)} {unit}"
-                curves.append(style.Curve(series.columns["t"], values, colour, *words, mean))
+                curves.append(style.Curve(series.columns["t"], values, colour, *words))
         style.over_time(panel, f"{label} [{unit}]", curves, linewidth=1.1)
     notes = ["dashed, and at the right: mean absolute error (MAE)", *absent]
-    title = f"Tracking error, {subtitle(run)}"
+    title = f"Tracking error, {selection.subtitle(run)}"
     return style.drawing_of(f"errors-run-{run.id}", figure, axes, title, notes)
+
+
+drawings = selection.per_run(_drawing, *selection.DEPLOYMENTS)

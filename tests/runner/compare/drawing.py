@@ -6,16 +6,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from seatrial.runner.compare.figures import drawings_of
+from seatrial.runner.compare import figures
+from seatrial.runner.compare.figures import PlotRequest
 from seatrial.runner.compare.frame import Queries
-from seatrial.runner.compare.plots.request import PlotRequest
 from seatrial.runner.compare.plots.style import Drawing, drawn
 
 
 def drawings(kind: str, results: Queries, **options: Any) -> list[Drawing]:
     """The figures of a kind, as they are before they are laid out."""
     with drawn():
-        made: list[Drawing] = drawings_of(kind)(results, PlotRequest(**options))
+        made: list[Drawing] = figures.drawings(results, PlotRequest(kind, **options))
     return made
 
 

@@ -191,7 +191,7 @@ def test_what_differs_in_too_much_is_refused_with_its_names(
         table(results, where="identifier=plsr")
     assert len(table(results, where="identifier=plsr", pool=["a", "b", "c", "d"]).rows) == 1
     assert len(table(results, where="identifier=plsr", pool=["all"]).rows) == 1
-    with pytest.raises(ConfigurationError, match=r"--pool: 'vesel' is not known; expected vessel"):
+    with pytest.raises(ConfigurationError, match=r"--pool: 'vesel' is not known; did you mean v"):
         table(results, pool=["vesel"])
 
 

@@ -203,7 +203,7 @@ def test_a_repeated_run_counts_once_by_its_latest_finish(
 
 
 REFUSED: tuple[tuple[dict[str, object], str], ...] = (
-    ({"rows": "identifir"}, "'identifir' is not known; expected identifier"),
+    ({"rows": "identifir"}, "'identifir' is not known; did you mean identifier"),
     ({"columns": "config"}, "'config' is not known"),
     ({"rows": "seed; drop table run"}, "is not known"),
     ({"metric": ["force_mae"]}, "no metric 'force_mae', did you mean force_mse? expected one of "),

@@ -75,20 +75,6 @@ def test_one_seed_has_no_whisker_and_no_whisker_reaches_the_floor(
     np.testing.assert_allclose(whisker[:, 1], [34.0, 34.0 + deviation])
 
 
-def test_the_residual_shown_is_of_median_improvement(
-    logbook: LogbookWriter, results: Queries
-) -> None:
-    """The newest run is the worst, and runs without identification are not considered."""
-    columns = {"t": T, "train": np.zeros_like(T), "residual_nominal_surge": 3.0 * np.sin(T)}
-    residual = stored.series("residual", columns | {"residual_identified_surge": np.sin(T)})
-    for seed, ratio in enumerate((0.2, 0.5, 0.4, 0.9, 1.0), start=1):
-        metrics = [stored.force_mse(100.0, model="nominal"), stored.force_mse(100.0 * ratio)]
-        begin = stored.start("ls" if ratio < 1.0 else "none", seed=seed)
-        stored.finish(logbook, begin, metrics, series=[residual])
-    (drawing,) = drawings("residual", results)
-    assert drawing.name == "residual-run-3"
-
-
 def test_a_hull_is_a_whole_multiple_of_the_vessel_and_can_be_seen() -> None:
     for length, extent in product((0.8, 5.0, 73.2, 320.0), (10.0, 400.0, 5e4)):
         drawn_m, note = drawn_length({"vessel": {"length_m": length}}, extent)

@@ -7,7 +7,7 @@ import pytest
 
 from seatrial.models.errors import PartError
 from seatrial.runner.compare import figures
-from seatrial.runner.compare.plots.request import PlotRequest
+from seatrial.runner.compare.figures import PlotRequest
 from tests.runner.compare.conftest import Program
 
 FAULTY = """
@@ -44,4 +44,4 @@ def test_a_fault_in_a_figure_from_elsewhere_is_its_own(
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("SEATRIAL_PLUGINS", "faulty_figure")
     with pytest.raises(PartError, match=r"faulty_figure\.drawings: ZeroDivisionError: "):
-        figures.drawings_of("faulty")(None, PlotRequest())  # type: ignore[arg-type]
+        figures.drawings(None, PlotRequest("faulty"))  # type: ignore[arg-type]

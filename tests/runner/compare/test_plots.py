@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from seatrial.models.errors import ConfigurationError, LogbookError
-from seatrial.runner.compare.figures import figures
+from seatrial.runner.compare.figures import PlotRequest, figures
 from seatrial.runner.compare.frame import Queries, open_results
-from seatrial.runner.compare.plots import draw, figures_of, paper
-from seatrial.runner.compare.plots.request import PlotRequest
+from seatrial.runner.compare.plots import draw, figures_of
+from seatrial.runner.compare.plots.style import width_of
 from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 from tests.runner.compare.drawing import axes_of, drawings, limits, line, notes
@@ -35,14 +35,14 @@ def test_every_kind_writes_its_files(sailed: Path, ranked: Path, tmp_path: Path,
     """PNG and SVG, and a PDF as wide as the paper's column, with TrueType fonts; without a date."""
     folder = ranked if kind == "critical_difference" else sailed
     with open_results(f"{folder}/results.db") as results:
-        png, svg = draw(kind, results, PlotRequest(), tmp_path / "a" / "b")
-        (path,) = draw(kind, results, PlotRequest(), tmp_path, paper.width_of("column"))
+        png, svg = draw(results, PlotRequest(kind), tmp_path / "a" / "b")
+        (path,) = draw(results, PlotRequest(kind, width="column"), tmp_path)
     assert png.read_bytes().startswith(b"\x89PNG")
     assert b"<dc:date>" not in svg.read_bytes()
     content = path.read_bytes()
     box = re.search(rb"/MediaBox \[ 0 0 (\S+) (\S+) \]", content)
     assert box is not None
-    assert float(box[1]) == pytest.approx(paper.width_of("column") * 72.0 / 25.4, abs=0.01)
+    assert float(box[1]) == pytest.approx(width_of("column") * 72.0 / 25.4, abs=0.01)
     assert b"/FontFile2" in content
     assert b"/Type3" not in content
     assert b"CreationDate" not in content
@@ -52,13 +52,13 @@ def test_every_kind_writes_its_files(sailed: Path, ranked: Path, tmp_path: Path,
 def test_a_figure_is_drawn_the_same_twice(voyages: Queries, tmp_path: Path) -> None:
     """To the byte, so that a committed figure changes with its data alone."""
     for kind in ("track", "bars"):
-        first, second = (draw(kind, voyages, PlotRequest(), tmp_path / name) for name in "ab")
+        first, second = (draw(voyages, PlotRequest(kind), tmp_path / name) for name in "ab")
         assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
 
 
 def test_drawing_leaves_the_settings_of_matplotlib_alone(voyages: Queries, tmp_path: Path) -> None:
     before = dict(mpl.rcParams)
-    draw("bars", voyages, PlotRequest(), tmp_path)
+    draw(voyages, PlotRequest("bars"), tmp_path)
     assert dict(mpl.rcParams) == before
 
 
@@ -149,7 +149,7 @@ def test_wind_of_a_recording_has_speed_direction_and_force(recorded: Queries) ->
     assert "wind, surge" in [one.get_label() for one in force.lines]
     np.testing.assert_array_equal(moment.lines[0].get_ydata(), -4.0)
     assert moment.texts[0].get_text() == "-4.00 Nm"
-    *_, only = axes_of("excitation", recorded, dofs=("yaw",))
+    *_, only = axes_of("excitation", recorded, dof=["yaw"])
     assert only.get_ylabel() == "Wind moment [Nm]"
 
 
@@ -234,7 +234,7 @@ def test_a_damaged_series_file_is_named(sailed: Path, tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_written_is_one_line(voyages: Queries, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(LogbookError, match="cannot write the figure"):
-        draw("bars", voyages, PlotRequest(), tmp_path / "file" / "figures")
+        draw(voyages, PlotRequest("bars"), tmp_path / "file" / "figures")
 
 
 def test_the_track_of_a_mix_shows_its_plan_and_what_is_in_the_way(voyages: Queries) -> None:
@@ -254,7 +254,7 @@ def test_bands_are_drawn_about_poses_and_velocities_at_their_level(voyages: Quer
     """Half the width at 90 % over that at 50 % is that of a normal distribution."""
     widths = {}
     for band in (50.0, 90.0):
-        axes = axes_of("prediction", voyages, dofs=("surge",), band=band)
+        axes = axes_of("prediction", voyages, dof=["surge"], band=band)
         assert [panel.get_ylabel() for panel in axes] == ["X [m]", "Surge [m/s]"]
         for k, panel in enumerate(axes):
             (drawn_band,) = panel.collections
@@ -281,9 +281,9 @@ def test_one_panel_is_drawn_into_the_axes_of_the_caller(results: Queries) -> Non
     sheet = Figure()
     left, right = sheet.subplots(1, 2)
     right.set_title("mine")
-    request = PlotRequest(metric="force_mse", dofs=["surge"], where="disturbance=calm")
-    (own,) = figures_of("bars", results, request)
-    assert figures_of("bars", results, request, left) == [sheet]
+    request = PlotRequest("bars", dof=["surge"], where="disturbance=calm")
+    (own,) = figures_of(results, request)
+    assert figures_of(results, request, left) == [sheet]
     heights = [bar.get_height() for bar in own.axes[0].patches]
     assert heights == [pytest.approx(mean) for mean in (102.0, 52.0, 41.0)]  # of `plain`
     assert [bar.get_height() for bar in left.patches] == heights
@@ -295,13 +295,13 @@ def test_one_panel_is_drawn_into_the_axes_of_the_caller(results: Queries) -> Non
 def test_axes_cannot_hold_several_panels_or_figures(results: Queries, voyages: Queries) -> None:
     axes = Figure().subplots()
     with pytest.raises(ConfigurationError, match="ax: got axes for a figure of several panels"):
-        figures_of("errors", voyages, PlotRequest(), axes)
+        figures_of(voyages, PlotRequest("errors"), axes)
     with pytest.raises(ConfigurationError, match="got axes for one of 3 figures"):
-        figures_of("bars", results, PlotRequest(dofs=["surge"], facet="identifier"), axes)
-    figures_of("bars", voyages, PlotRequest(dofs=["surge"]))  # the axes are forgotten
+        figures_of(results, PlotRequest("bars", dof=["surge"], facet="identifier"), axes)
+    figures_of(voyages, PlotRequest("bars", dof=["surge"]))  # the axes are forgotten
 
 
 def test_a_width_that_is_none_is_refused() -> None:
     for text in ("colum", "-5", "0", "5", "1e9", "nan", "inf", ""):
         with pytest.raises(ConfigurationError, match=r"--width: got .* expected column, page or"):
-            paper.width_of(text)
+            width_of(text)

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from seatrial.runner.compare.ranking import Ranking, block_bootstrap, critical_difference, ranking
+from seatrial.runner.compare.benchmark.scores import block_bootstrap
+from seatrial.runner.compare.leaderboard import Ranking, critical_difference, ranking
 from seatrial.runner.compare.statistics import holm
 
 # Area under the curve of four variants of C4.5 on 14 data sets, Demsar (2006), Table 6.

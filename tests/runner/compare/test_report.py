@@ -9,9 +9,10 @@ import pytest
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
+from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.frame import Queries, open_results
 from seatrial.runner.compare.page import write_page
-from seatrial.runner.compare.report import ReportRequest, render_report
+from seatrial.runner.compare.report import render_report
 from seatrial.runner.database import LogbookWriter
 from tests.runner.compare import stored
 from tests.runner.compare.browsers import check_alone, complaints, open_page
@@ -34,7 +35,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = folder / "report" / "report.html"
     with open_results(f"sqlite:///{folder}/results.db") as results:
         file.parent.mkdir()
-        file.write_text(render_report(results, ReportRequest(sweep="all")), encoding="utf-8")
+        file.write_text(render_report(results, TableOptions(sweep="all")), encoding="utf-8")
     return file
 
 
@@ -81,9 +82,9 @@ def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> Non
     for file in (folder / "series").glob("*.parquet"):
         file.write_bytes(b"x")
     with open_results(f"sqlite:///{folder}/results.db") as results:
-        request = ReportRequest(sweep="all", where="vessel=milliampere and identifier=plsr")
+        request = TableOptions(sweep="all", where="vessel=milliampere and identifier=plsr")
         text = render_report(results, request)
-    assert "Not drawn: Force residual of a typical run" in text
+    assert "Not drawn: Force residual of the newest run" in text
 
 
 def test_the_page_opens_alone_and_its_tables_sort_by_a_click(browser: Any, page: Path) -> None:
@@ -112,7 +113,7 @@ def test_warnings_of_the_runs_are_on_the_page_and_in_show(
         warning = Diagnostic("warning", "all", None, label=text)
         figures = [stored.tracking(1.0), stored.deployed("spectral_radius", 1.0245)]
         stored.finish(logbook, stored.start(seed=seed), figures, diagnostics=[warning])
-    page = render_report(results, ReportRequest(sweep="all"))
+    page = render_report(results, TableOptions(sweep="all"))
     assert "the closed loop&#39;s spectral radius is 1.0245" in page
     assert "expected less than 1 (runs 1, 2)" in page
     assert 'href="#warnings"' in page
@@ -126,7 +127,7 @@ def test_what_differs_in_too_much_is_said_where_it_would_stand(
     for i in range(16):
         config = {name: i >> bit & 1 for bit, name in enumerate("abcd")}
         stored.finish(logbook, stored.start(config=config), [stored.force_mse(1.0 + i)])
-    text = render_report(results, ReportRequest(sweep="all"))
+    text = render_report(results, TableOptions(sweep="all"))
     tables, figures = text.split('id="figures"')
     why = "would average over a, b, c, d: name them in --rows or --columns"
     what = "Force residual on the held-out part"

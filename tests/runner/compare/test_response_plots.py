@@ -88,9 +88,9 @@ def test_without_wind_there_are_two_panels_and_a_reference_of_its_own_is_shown(
 
 
 def test_one_axis_alone(results: Queries) -> None:
-    assert len(axes_of("response", results, run=1, dofs=("yaw",))) == 3
+    assert len(axes_of("response", results, run=1, dof=["yaw"])) == 3
     with pytest.raises(ConfigurationError, match="run 1 has no response of these degrees"):
-        axes_of("response", results, run=1, dofs=("heave",))
+        axes_of("response", results, run=1, dof=["heave"])
 
 
 def test_controllers_lie_over_one_another_where_all_else_is_equal(results: Queries) -> None:

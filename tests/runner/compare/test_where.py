@@ -118,7 +118,7 @@ def test_a_name_or_a_value_that_is_wrong_is_answered_with_what_is_expected(
     results: Queries,
 ) -> None:
     for text, expected in (
-        ("identifer=ls", r"--where: 'identifer' is not known; expected id"),
+        ("identifer=ls", r"--where: 'identifer' is not known; did you mean id"),
         ("seed=x", "seed is compared with a number, got 'x'"),
         ("started_at>soon", "started_at is compared with a date"),
         ("git_dirty=1", "git_dirty is compared with true or false"),
