@@ -28,8 +28,8 @@ from seatrial.models.excitation.next_experiment import (
     scale_of,
 )
 from seatrial.models.excitation.optimal_design import OptimalDesign
+from seatrial.models.identification.auto import identified as protected
 from seatrial.models.identification.calibration import calibrated
-from seatrial.models.identification.fallback import identified as protected
 from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import MEASURES, OrderedManoeuvre
 from seatrial.models.recording.recording import Recording, end_to_end
