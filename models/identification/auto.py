@@ -59,11 +59,7 @@ NO_SKILL = "no_skill"
 
 @dataclass(frozen=True)
 class Auto(Identifier):
-    """Selection among several identifiers and none.
-
-    `candidates` maps names to identifiers, those to be preferred first, `reserve` names those of
-    them that are tried last; of the alternatives of one of them (`tune`) the best competes.
-    """
+    """Selection among several identifiers, those to be preferred first, and none."""
 
     candidates: dict[str, Identifier]
     folds: Folds

@@ -231,11 +231,7 @@ def _moved(
 
 @dataclass(frozen=True)
 class InstrumentalVariables(ResidualOptions):
-    """Instrumental variables on the lack of fit, with instruments from a simulated motion.
-
-    `orientation_terms` adds the terms of a force that is constant in NED, free in every degree of
-    freedom.
-    """
+    """Instrumental variables on the lack of fit, with instruments from a simulated motion."""
 
     instruments: Literal["none", "simulated"]
     iterations: Annotated[int, Ge(0), Le(MOST_REPEATS)]
@@ -327,8 +323,7 @@ class InstrumentalVariables(ResidualOptions):
         for refinement in refinements[:: -1 if weak else 1]:
             options = replace(self, refinement=refinement)
             final = finished(options, problem, lag, samples, result)
-            with suppress(IdentificationError):  # of a model that diverges
-                simulated_motion(problem.training, [final.model], self.force, self.restart_s)
+            if self._simulates(problem, final.model):
                 chosen = (REFINED,) if refinement != self.refinement else ()
                 lacking = (NO_INTERVALS,) if not chosen and final.std_error is None else ()
                 return replace(final, warnings=(*final.warnings, *chosen, *lacking))
@@ -336,6 +331,13 @@ class InstrumentalVariables(ResidualOptions):
             "the instruments are too weak: the identified model diverges under the inputs of the "
             "recording, expected one that can be simulated; try fewer terms or a longer recording"
         )
+
+    def _simulates(self, problem: Problem, model: Vessel) -> bool:
+        """Whether a model can be simulated under what it was trained on."""
+        with suppress(IdentificationError):
+            simulated_motion(problem.training, [model], self.force, self.restart_s)
+            return True
+        return False
 
     def estimate(
         self, problem: Problem, lag: SecondOrderLag | None

@@ -90,8 +90,7 @@ class ResidualOptions(Identifier):
     `basis` is one of NAMED_BASES or a list of terms (`choose_basis`). `force` is that of the
     residual (null: filtered if the thruster lag is known, else actual if that is recorded, else
     commanded). `lowpass_hz: auto` chooses the zero-phase low-pass filter of velocity, acceleration
-    and force, and another of the regressors, by the noise of the recording (`smoothing`). `tune`
-    maps options to values of which free runs over blocks left out choose one.
+    and force, and another of the regressors, by the noise of the recording (`smoothing`).
     """
 
     basis: str | tuple[str, ...]

@@ -30,23 +30,34 @@ from seatrial.models.vessel.table import Vessel
 PIECE = 8192  # least number of samples in one transform
 
 
-def long_run_covariances(
-    rows: Callable[[slice], Array], rest: Array, width: float | None = None
-) -> Array:
-    """Covariances (K, q, q) of sum_i r_i e_ik for rows (N, q) and stationary residuals (N, K).
+def stationary_covariance(gain: Array, rest: Array, width: float | None = None) -> Array:
+    """Covariance (P, P) of sum_i g_i e_i for gains (N, P) and a stationary residual (N,).
 
-    `rows` gives those of a slice, so that a long record is in memory piece by piece; each is
-    convolved by FFT with the weighted autocovariances and multiplied with its inner part, both in
-    the frequency domain. `width` [samples] replaces the bandwidth of Andrews; the covariance is
-    then enlarged by `enlargement`.
+    `width` [samples] replaces the bandwidth of Andrews; the covariance is then enlarged.
     """
-    (n, K), scale = rest.shape, 1.0
-    widths = bandwidth(autocovariances(rest, 2), n)
+    n, scale = len(rest), 1.0
+    widths = bandwidth(autocovariances(rest[:, None], 2), n)
     if width is not None:
         widths = np.full_like(widths, min(width, n - 1.0))
         scale = enlargement(widths[0] / n)
+    lags = min(n, int(np.ceil(widths[0])) + 1)
+    weighted = bartlett_weights(widths, lags) * autocovariances(rest[:, None], lags) / n
+    weighted = scale * weighted[:, 0]
+    kernel = np.concatenate([0.5 * weighted[:0:-1], weighted[:1], 0.5 * weighted[1:]])
+    columns = (scipy.signal.oaconvolve(column, kernel, mode="same") for column in gain.T)
+    covariance = np.stack([gain.T @ column for column in columns], axis=1)
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def long_run_covariances(rows: Callable[[slice], Array], rest: Array) -> Array:
+    """Covariances (K, q, q) of sum_i r_i e_ik for rows (N, q) and stationary residuals (N, K).
+
+    `rows` gives those of a slice, so that a long record is in memory piece by piece; each is
+    convolved with the weighted autocovariances and multiplied with its inner part by FFT.
+    """
+    n, (widths, K) = len(rest), (bandwidth(autocovariances(rest, 2), len(rest)), rest.shape[1])
     lags = min(n, int(np.ceil(np.max(widths))) + 1)
-    weighted = scale * bartlett_weights(widths, lags) * autocovariances(rest, lags) / n
+    weighted = bartlett_weights(widths, lags) * autocovariances(rest, lags) / n
     piece, reach = min(n, max(PIECE, 12 * lags)), lags - 1
     size = scipy.fft.next_fast_len(piece + 2 * reach, real=True)
     kernel = np.zeros((size, K))
@@ -101,15 +112,12 @@ def parameter_covariance(
     together about tau H^-1, where tau is the number of samples that say as much as one
     independent sample. J (N n, m) is the jacobian of the predictions, `rest` (N, n) in units of its
     deviation, `prior` (m,) the precision about p_0, `unknowns` the number of all, by which the
-    residuals are too small, `width` the bandwidth as in `long_run_covariances`.
+    residuals are too small, `width` the bandwidth as in `stationary_covariance`.
     """
     precision = tau * prior
     inverse = np.linalg.pinv(jacobian.T @ jacobian + np.diag(precision), hermitian=True)
     gains = (jacobian @ inverse).reshape(*rest.shape, -1).transpose(1, 0, 2)
-    parts = [
-        long_run_covariances(gain.__getitem__, e[:, None], width)[0]
-        for gain, e in zip(gains, rest.T, strict=True)
-    ]
+    parts = [stationary_covariance(g, e, width) for g, e in zip(gains, rest.T, strict=True)]
     freedom = rest.size / max(rest.size - unknowns, 1)
     return np.asarray(freedom * np.sum(parts, axis=0) + tau * (inverse * precision) @ inverse)
 

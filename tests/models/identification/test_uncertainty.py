@@ -6,17 +6,11 @@ import pytest
 from seatrial.models.identification.uncertainty import (
     block_bootstrap,
     enlargement,
-    long_run_covariances,
     long_run_share,
     parameter_covariance,
+    stationary_covariance,
 )
 from seatrial.models.vessel.basis import terms
-
-
-def stationary_covariance(
-    gain: np.ndarray, rest: np.ndarray, width: float | None = None
-) -> np.ndarray:
-    return long_run_covariances(lambda rows: gain[rows], rest[:, None], width)[0]
 
 
 def autoregression(rng: np.random.Generator, n: int, rho: float) -> np.ndarray:
