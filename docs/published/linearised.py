@@ -16,7 +16,7 @@ import numpy as np
 from seatrial.models import notation
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.identification.dsr import fit, model_diagnostics
+from seatrial.models.identification.dsr import Sampled, fit, forces_of, model_diagnostics, sampled
 from seatrial.models.identification.problem import (
     Force,
     Identified,
@@ -25,7 +25,6 @@ from seatrial.models.identification.problem import (
     Problem,
     check_forces,
 )
-from seatrial.models.identification.sampled_data import Sampled, forces_of, sampled
 from seatrial.models.notation import PLANAR, POSE_UNIT, poses_of
 from seatrial.models.ranges import Positive, check_ranges
 from seatrial.models.recording.recording import Recording

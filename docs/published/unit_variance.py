@@ -4,8 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seatrial.models.identification.kernel_pls import Columns
-from seatrial.models.identification.plsr import Plsr
+from seatrial.models.identification.plsr import Columns, Plsr
 from seatrial.models.identification.residual import Samples
 
 

@@ -10,15 +10,16 @@ one takes its place, and in the end the nominal model.
 
 A candidate that is refined by free runs is estimated without that first (`quick`), as are its
 alternatives. It is refined unless one before it has all of its terms and a quick estimate that is
-as good; how much refinement gains by further terms a quick estimate does not show.
+as good. The `reserve` is tried only if no other candidate is admissible: its estimates are biased
+by noise, which adds up over a long manoeuvre and hardly shows in half a minute, or seldom better.
 
-The `reserve` is tried only if no other candidate is admissible: its estimates are biased by noise,
-or seldom better. Its bias adds up over a long manoeuvre, such as a turning circle, and free runs
-of half a minute hardly show it.
+What any protected identifier returns is held to the nominal model by the same rule, on the training
+part itself (`identified`): this finds models that run away, not those that are fitted too closely.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -30,15 +31,11 @@ from seatrial.models.identification.cross_validation import (
     CrossValidation,
     FoldErrors,
     error_diagnostics,
+    mixed_table,
     one_standard_error_rule,
     scores_of,
 )
-from seatrial.models.identification.fallback import (
-    held_to_nominal,
-    identified,
-    with_nominal_axes,
-    with_skill,
-)
+from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import (
     Force,
     Identified,
@@ -46,23 +43,23 @@ from seatrial.models.identification.problem import (
     Needs,
     NoIdentifier,
     Problem,
+    Spread,
+    checked,
     with_interval,
 )
 from seatrial.models.ranges import Folds, Positive, check_ranges
+from seatrial.models.recording.recording import Recording
 from seatrial.models.vessel.basis import Term
+from seatrial.models.vessel.table import Vessel
 
 NONE = "none"
+WORSE_THAN_NOMINAL = "worse_than_nominal"  # the diagnostic of an axis
+NO_SKILL = "no_skill"
 
 
 @dataclass(frozen=True)
 class Auto(Identifier):
-    """Selection among several identifiers and none.
-
-    `candidates` maps names to identifiers, those to be preferred first, `reserve` names those of
-    them that are tried last; of the alternatives of one of them (`tune`) the best competes. `folds`
-    is the number of blocks and `horizon_s` [s] the length of a free run (null: by how fast errors
-    grow), under the `force` of the simulation, as for `ls`.
-    """
+    """Selection among several identifiers, those to be preferred first, and none."""
 
     candidates: dict[str, Identifier]
     folds: Folds
@@ -85,12 +82,10 @@ class Auto(Identifier):
         if not blocks.axes:
             return _fallback(problem, "no velocity moved by more than its noise")
         reasons, scores, tried = dict[str, str](), dict[str, BlockScore](), dict[str, Identifier]()
-        quick = list[tuple[float, set[Term]]]()
-        first = {n: c for n, c in self.candidates.items() if n not in self.reserve}
-        last = {n: c for n, c in self.candidates.items() if n in self.reserve}
-        chosen, found = NONE, None
-        for group in (first, last):
-            for name, candidate in group.items():
+        quick, chosen, found = list[tuple[float, set[Term]]](), NONE, None
+        for late in (False, True):
+            for name in (name for name in self.candidates if (name in self.reserve) == late):
+                candidate = self.candidates[name]
                 alternatives = candidate.alternatives(problem) or {"": candidate}
                 named = {name + variant: one for variant, one in alternatives.items()}
                 best, score = _best(named, blocks, reasons, quick)
@@ -104,20 +99,25 @@ class Auto(Identifier):
             if found is not None:
                 break
         if found is None:
-            reason = "no candidate predicts the blocks left out better"
-            found = _fallback(problem, reason)
+            found = _fallback(problem, "no candidate predicts the blocks left out better")
         errors = {NONE: blocks.nominal, **{name: score.errors for name, score in scores.items()}}
-        rows = error_diagnostics(errors, blocks, chosen)
-        rows += tuple(
-            Diagnostic("left_out", "all", 1.0, label=f"{name}: {reason}")
-            for name, reason in reasons.items()
-        )
+        refused = (f"{name}: {reason}" for name, reason in reasons.items())
+        rows = zip(blocks.axes, errors[chosen].nrmse, blocks.nominal.nrmse, strict=True)
+        dofs, changed = problem.nominal.dofs, np.any(found.residual.theta, axis=0)
+        what = "NRMSE of blocks left out (of the nominal model; 1 is the mean motion)"
+        own = ", ".join(f"{dofs[k]} {error:.2f} ({other:.2f})" for k, error, other in rows)
+        note = f"auto: {chosen}; {what}: {own}"
+        if kept := [dofs[k] for k in np.flatnonzero(~changed) if chosen != NONE]:
+            note += f"; nominal equations: {', '.join(kept)}"
         found = replace(
             found,
-            diagnostics=(*found.diagnostics, *rows),
-            notes=(*found.notes, _account(chosen, errors, found, blocks)),
+            diagnostics=(
+                *found.diagnostics, *error_diagnostics(errors, blocks, chosen),
+                *(Diagnostic("left_out", "all", 1.0, label=why) for why in refused),
+            ),
+            notes=(*found.notes, note),
             fold_models=scores[chosen].models if chosen in scores else (),
-        )
+        )  # fmt: skip
         return with_skill(found, blocks, errors[chosen], "the blocks left out")
 
 
@@ -127,8 +127,7 @@ def _best(
 ) -> tuple[str, BlockScore | None]:  # fmt: skip
     """The alternative with the best quick estimate, and its score; None if it cannot win.
 
-    `refined` are the errors of the quick estimates of candidates that were refined before, and
-    their terms; its own are added.
+    `refined` are errors of quick estimates that were refined, and their terms; its own are added.
     """
     quick = {name: one.quick() for name, one in named.items()}
     scores = scores_of(quick, blocks, reasons)
@@ -186,29 +185,106 @@ def _first_that_holds(
     return NONE, None
 
 
-def _account(
-    chosen: str, errors: Mapping[str, FoldErrors], found: Identified, blocks: CrossValidation
-) -> str:
-    """One line: the choice, its errors beside those of none, and the axes that are nominal."""
-    dofs = blocks.problem.nominal.dofs
-    own = ", ".join(
-        f"{dofs[k]} {value:.2f} ({other:.2f})"
-        for k, value, other in zip(
-            blocks.axes, errors[chosen].nrmse, errors[NONE].nrmse, strict=True
-        )
-    )
-    kept = [
-        dof for dof in dofs
-        if chosen != NONE and not np.any(found.residual.theta[:, dofs.index(dof)])
-    ]  # fmt: skip
-    nominal = f"; nominal equations: {', '.join(kept)}" if kept else ""
-    return (
-        f"auto: {chosen}; NRMSE of blocks left out (of the nominal model; 1 is the mean motion): "
-        f"{own}{nominal}"
-    )
-
-
 def _fallback(problem: Problem, reason: str) -> Identified:
     """The nominal model, with the reason."""
     nominal = NoIdentifier().identify(problem, np.random.default_rng(0))
     return replace(nominal, diagnostics=(Diagnostic("fallback", "all", 1.0, label=reason),))
+
+
+class WholeTraining(CrossValidation):
+    """The whole training part as the one block, to judge a model that is fitted to it."""
+
+    @cached_property
+    def blocks(self) -> tuple[Recording, ...]:
+        """The training part, with smoothed velocities."""
+        return (self.smoothed,)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldSpread(Spread):
+    """The distribution of a result with the nominal equations of some axes, which are fixed."""
+
+    spread: Spread
+    nominal: Vessel
+    axes: tuple[int, ...]
+
+    def draw(
+        self, result: Identified, rng: np.random.Generator, share: float = 1.0, kappa2: float = 1.0
+    ) -> Vessel:
+        """The model drawn, with the nominal equations."""
+        drawn = self.spread.draw(result, rng, share, kappa2)
+        return mixed_table(drawn, self.nominal, self.axes)
+
+
+def identified(identifier: Identifier, problem: Problem, rng: np.random.Generator) -> Identified:
+    """What an identifier finds, protected if it asks for that, with what is to be said of it.
+
+    Raises IdentificationError when there is none, PartError if a user's returns no model.
+    """
+    result = checked(identifier, identifier.identify(problem, rng), problem.nominal)
+    if not identifier.protected:
+        return result
+    whole = WholeTraining(problem)
+    if not whole.axes:
+        return result
+    score = whole.score([result.model], together=result.state_space is not None)
+    result = held_to_nominal(result, score, problem)
+    if kept := [f.dof for f in result.diagnostics if f.name == WORSE_THAN_NOMINAL]:
+        why = "there the identified ones simulate the training part worse, or without skill"
+        note = f"nominal equations: {', '.join(kept)}; {why}"
+        result = replace(result, notes=(*result.notes, note))
+    return with_skill(result, whole, score.errors, "the training part")
+
+
+def held_to_nominal(result: Identified, score: BlockScore, problem: Problem) -> Identified:
+    """The result with the nominal equations of the axes of a score.
+
+    All equations are nominal where the mixed model would be impossible.
+    """
+    if not score.nominal_axes:
+        return result
+    nominal, every = problem.nominal, range(len(problem.nominal.dofs))
+    changed = with_nominal_axes(result, nominal, score.nominal_axes, WORSE_THAN_NOMINAL)
+    if unphysical(changed.model, nominal, problem.training.nu) is not None:
+        return with_nominal_axes(result, nominal, every, WORSE_THAN_NOMINAL)
+    return changed
+
+
+def with_nominal_axes(
+    result: Identified, nominal: Vessel, axes: Sequence[int], diagnostic: str
+) -> Identified:
+    """A result with the nominal equations of some axes, each with a `diagnostic`.
+
+    A linear model for control, which has no nominal equations, is dropped.
+    """
+    if not len(axes):
+        return result
+    kept, errors = np.isin(range(len(nominal.dofs)), axes), result.std_error
+    residual = replace(result.residual, theta=np.where(kept, 0.0, result.residual.theta))
+    rows = [Diagnostic(diagnostic, nominal.dofs[k], 1.0) for k in axes]
+    return replace(
+        result, model=nominal + residual, residual=residual,
+        std_error=None if errors is None else np.where(kept, np.nan, errors),
+        control_model=None, device_errors={},
+        spread=None if result.spread is None else HeldSpread(result.spread, nominal, tuple(axes)),
+        diagnostics=tuple(dict.fromkeys((*result.diagnostics, *rows))),
+    )  # fmt: skip
+
+
+def with_skill(
+    result: Identified, validation: CrossValidation, errors: FoldErrors, where: str
+) -> Identified:
+    """The result with a warning for the axes on which it predicts no better than the mean motion.
+
+    `where` says what was predicted.
+    """
+    dofs = [validation.problem.nominal.dofs[k] for k in validation.axes]
+    poor = {d: float(v) for d, v in zip(dofs, errors.nrmse, strict=True) if v >= 1.0}
+    if not poor:
+        return result
+    named = ", ".join(f"{dof} {value:.2f}" for dof, value in poor.items())
+    than = "no better than the mean motion, whose NRMSE is 1"
+    warning = f"no skill: free runs of {where} are {than}, in {named}"
+    rows = (Diagnostic(NO_SKILL, dof, value) for dof, value in poor.items())
+    warnings = (*result.warnings, warning)
+    return replace(result, diagnostics=(*result.diagnostics, *rows), warnings=warnings)

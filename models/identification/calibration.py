@@ -1,25 +1,24 @@
 """Calibration of the model error: how far a model is from what it was not fitted to.
 
 What the data leave open of the parameters does not contain that the model has the wrong terms. So
-parts of the training recording (files, or blocks of a single one) are left out in turn, and models
-that were identified without them run freely over them. Their errors e calibrate a distribution
+files, or blocks of a single one, are left out in turn, and models that were identified without them
+run freely over them. Their errors e calibrate a distribution
 
     p ~ N(p_hat, ((C^-1 - P) / kappa^2 + P)^-1)        the parameters,
     a_k = phi a_(k-1) + sqrt(1 - phi^2) w_k,  phi = exp(-h / T),  T = 2 s,
     nu_dot = f(nu, p) + lambda sqrt((m^2 + rho^2) / 2) a   an acceleration on every axis,
 
 with C the covariance of the parameters, P the precision of a prior within it (the data alone count
-less: they hold the wrong terms), w standard normal, rho^2 = (M^-1 tau)^2 + (M^-1 F(nu))^2 the
-accelerations by inputs and by the hull along the run, and m^2 the mean of rho^2 over the training
-part. The noise of the measurement is that of the starting state and of what is compared.
-kappa^2 and lambda maximise the likelihood of e by Student's t with four degrees of freedom (one bad
-file must not decide), files weighted alike; then k, the .90 quantile of |e| / (1.645 s), scales all
-deviations s. Their size is that of runs which deviate by DEVIATION_SHARE of it (`manoeuvre_sheet`).
-
-Both shares are apart: standard errors of coefficients are those of the data alone.
+less), w standard normal, rho^2 = (M^-1 tau)^2 + (M^-1 F(nu))^2 the accelerations by inputs and by
+the hull along the run, and m^2 the mean of rho^2 over the training part. The noise of the
+measurement is that of the starting state and of what is compared. kappa^2 and lambda maximise the
+likelihood of e by Student's t with four degrees of freedom (one bad file must not decide), files
+weighted alike; then k, the .90 quantile of |e| / (1.645 s), scales all deviations s. Their size is
+that of runs which deviate by DEVIATION_SHARE of it (`manoeuvre_sheet`).
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -60,17 +59,11 @@ MOST_DIVERGED = 0.1  # of the drawn runs
 def squared_accelerations(
     model: Vessel, nu: Array, attitude: Array, acting: Array, wind: Array | None
 ) -> Array:
-    """Squares of the accelerations by what acts and by the hull, rho^2.
+    """rho^2 = (M^-1 tau)^2 + (M^-1 F(nu))^2, shape (N, n_dof) [(m/s^2)^2, (rad/s^2)^2].
 
-    Args:
-        model: the model whose forces they are.
-        nu: body velocity, shape (N, n_dof) [m/s, rad/s].
-        attitude: (phi, theta, psi), shape (N, 3) [rad].
-        acting: forces (N, n_dof) [N, Nm], or the inputs (N, n_inputs) of a vessel that has them.
-        wind: velocity of the air in body axes, shape (N, 2) [m/s]; None: still air.
-
-    Returns:
-        (M^-1 tau)^2 + (M^-1 F(nu))^2, shape (N, n_dof) [(m/s^2)^2, (rad/s^2)^2].
+    nu (N, n_dof) [m/s, rad/s] is the body velocity, the attitude (phi, theta, psi) (N, 3) [rad],
+    the wind that of the air in body axes (N, 2) [m/s]; acting are forces (N, n_dof) [N, Nm], or the
+    inputs (N, n_inputs) of a vessel that has them.
     """
     still = np.zeros_like(nu)
     hull = replace(model, devices={}).forward(still, nu, attitude, wind)
@@ -96,20 +89,22 @@ class NearbyRuns:
         motion = self.own.motion_of(self.own.free_run[0])
         return self.squares(motion[:, n:], attitude_of(self.recording.dofs, motion[:, :n]))
 
-    @property
-    def shape_of_starts(self) -> tuple[int, int]:
-        """Number of starts, and of the poses and velocities of each."""
-        return int(np.count_nonzero(self.own.course.restart)), self.own.course.measured.shape[1]
-
     def squares(self, nu: Array, attitude: Array) -> Array:
         """rho^2 (N, n_dof) of any motion under what acts in the recording."""
         acting = self.own.course.acting[:, 0]
         return squared_accelerations(self.model, nu, attitude, acting, self.recording.wind)
 
-    def under(self, accelerations: Array, offset: Array | None = None) -> Course:
-        """The course with accelerations (N, n_dof), and an offset of the starts if there is one."""
-        course = self.own.course if offset is None else self.own.course.with_offset(offset)
-        return course._replace(weather=course.weather._replace(process=accelerations))
+    def drawn(self, error: ModelError, seed: int, start: bool = True, push: bool = True) -> Course:
+        """A course by DEVIATION_SHARE of drawn offsets of the starts and accelerations."""
+        course, rng = self.own.course, np.random.default_rng(seed)
+        if start:
+            shape = int(np.count_nonzero(course.restart)), course.measured.shape[1]
+            offset = error.scale * error.noise * rng.standard_normal(shape)
+            course = course.with_offset(DEVIATION_SHARE * offset)
+        if push:
+            process = DEVIATION_SHARE * error.accelerations(self.rho2, course.step_s, rng)
+            course = course._replace(weather=course.weather._replace(process=process))
+        return course
 
     def variance(self, runs: Iterable[Prediction]) -> Array:
         """Mean square (N, 2 n_dof) of the deviations of runs, which are DEVIATION_SHARE of it.
@@ -118,13 +113,12 @@ class NearbyRuns:
         """
         if self.own.free_run[1]:
             return np.full_like(self.own.course.measured, np.inf)
-        states, count, diverged = self.own.free_run[0], 0, 0
-        total = np.zeros_like(self.own.course.measured)
+        count, diverged, total = 0, 0, np.zeros_like(self.own.course.measured)
         for run in runs:
-            reached, limited = run.free_run
-            if limited:
+            if run.free_run[1]:
                 diverged += 1
                 continue
+            states, reached = self.own.free_run[0], run.free_run[0]
             total += deviations(self.own.course.kinematics, states, reached) ** 2
             count += 1
         if not count or diverged > MOST_DIVERGED * (count + diverged):
@@ -143,29 +137,16 @@ def drawn_runs(
 ) -> Iterator[Prediction]:
     """Draw predictions from the distribution, always by the same random numbers.
 
-    Args:
-        identified: the result; without a model error its parameters alone are drawn.
-        runs: those near its own run, `nearby_runs(identified.model, ...)`.
-        count: number of draws.
-
-    Returns:
-        Predictions that deviate by DEVIATION_SHARE of what was drawn; none without a distribution.
-        A drawn model that cannot be simulated is left out.
+    They deviate by DEVIATION_SHARE of what was drawn from the model's own run; without a model
+    error the parameters alone are drawn. A drawn model that cannot be simulated is left out.
     """
-    error, shape = identified.model_error, runs.shape_of_starts
-    models = identified.draws(count, DEVIATION_SHARE)
+    error, models = identified.model_error, identified.draws(count, DEVIATION_SHARE)
     if identified.spread is None:
         models = iter([identified.model] * (0 if error is None else count))
-
-    def course(i: int) -> Course:
-        if error is None:
-            return runs.own.course
-        rng = np.random.default_rng(i)
-        start = error.scale * error.noise * rng.standard_normal(shape)
-        drawn = error.accelerations(runs.rho2, runs.own.course.step_s, rng)
-        return runs.under(DEVIATION_SHARE * drawn, DEVIATION_SHARE * start)
-
-    return predictable((model, course(i)) for i, model in enumerate(models))
+    return predictable(
+        (model, runs.own.course if error is None else runs.drawn(error, i))
+        for i, model in enumerate(models)
+    )
 
 
 def predictable(cases: Iterable[tuple[Vessel, Course]]) -> Iterator[Prediction]:
@@ -182,17 +163,9 @@ def bands(
 ) -> Array | None:
     """Standard deviation of measured minus predicted pose and velocity in the free run.
 
-    Args:
-        identified: the result; without a model error the deviation is by its parameters alone.
-        recording: what is predicted, N samples.
-        thruster: the thruster lag, if it is known.
-
-    Returns:
-        Shape (N, 2 n_dof), SI units; of attitudes in six degrees of freedom that of a rotation
-        vector. None without a distribution; infinite where the run or the drawn ones diverge.
-
-    Raises:
-        IdentificationError: the model cannot be simulated (`prediction`).
+    Shape (N, 2 n_dof), SI units; of attitudes in six degrees of freedom that of a rotation vector.
+    None without a distribution; infinite where the run or the drawn ones diverge. Raises
+    IdentificationError when the model cannot be simulated (`prediction`).
     """
     error = identified.model_error
     if error is None and identified.spread is None:
@@ -206,15 +179,10 @@ def bands(
 
 
 def calibrated(identifier: Identifier, problem: Problem, identified: Identified) -> Identified:
-    """The result with its model error, or with the reason why there is none.
+    """The result with its model error, or with the reason why there is none (NO_MODEL_ERROR).
 
-    Args:
-        identifier: identifies the folds, unless the result holds their models.
-        problem: of which only the training part is used.
-        identified: the result; without a distribution and models of folds it stays as it is.
-
-    Returns:
-        The result with `model_error` and its diagnostics, or with the diagnostic NO_MODEL_ERROR.
+    The identifier identifies the folds of the training part, unless the result holds their models.
+    A result without a distribution and models of folds stays as it is.
     """
     if identified.spread is None and not identified.fold_models:
         return identified
@@ -254,26 +222,18 @@ def _most_likely(
     identified: Identified, runs: NearbyRuns, errors: Array, rows: NDArray[np.int64], weight: Array
 ) -> ModelError:
     """The model error that makes errors (n, 2 n_dof) of the samples `rows` (n,) most likely."""
-    training, course, rho2 = runs.recording, runs.own.course, runs.rho2
+    training, course = runs.recording, runs.own.course
     pose = noise_floor(training.eta, training.piece_starts, training.period_s)
     noise = np.concatenate([pose.deviation, training.noise.deviation])
     mean_square = np.mean(runs.squares(training.nu, training.attitude), axis=0)
     trial = ModelError(1.0, TRIED, 1.0, mean_square, noise)
 
-    def moved(drawn: Callable[[np.random.Generator], Course]) -> Array:
+    def moved(start: bool, push: bool) -> Array:
         """Variance (n, 2 n_dof) of runs over courses that are drawn."""
-        courses = map(drawn, map(np.random.default_rng, range(CALIBRATION_RUNS)))
+        courses = (runs.drawn(trial, i, start, push) for i in range(CALIBRATION_RUNS))
         return runs.variance(Prediction(runs.own.plant, each) for each in courses)[rows]
 
-    def begun(rng: np.random.Generator) -> Course:
-        return course.with_offset(
-            DEVIATION_SHARE * noise * rng.standard_normal(runs.shape_of_starts)
-        )
-
-    def pushed(rng: np.random.Generator) -> Course:
-        return runs.under(DEVIATION_SHARE * trial.accelerations(rho2, course.step_s, rng))
-
-    fixed, by_force = moved(begun) + noise**2, moved(pushed) / TRIED**2
+    fixed, by_force = moved(True, False) + noise**2, moved(False, True) / TRIED**2
     fixed += (LEAST_DEVIATION * np.std(course.measured, axis=0)) ** 2 + STILL**2
     if not np.all(np.isfinite(fixed + by_force)):
         raise IdentificationError("runs that begin or are accelerated a little apart diverge")
@@ -306,8 +266,7 @@ def folded(training: Recording, carried: int = 0) -> tuple[Recording, NDArray[np
     """The first samples of each file or block, at most MOST_SAMPLES of all, and their folds (N,).
 
     Folds are those of `carried` models that are known already. Else they are groups of files by
-    turns, so that none is all of the small motions or all of the large ones of a series, or blocks
-    of a single recording.
+    turns, so that none has all of the small motions, or blocks of a single recording.
     """
     part, fold = np.zeros(len(training), dtype=np.int64), np.zeros(len(training), dtype=np.int64)
     for k, split in enumerate(training.folds(carried or LEFT_OUT_GROUPS)):
@@ -324,14 +283,12 @@ def left_out_errors(runs: NearbyRuns, models: Sequence[Vessel], fold: NDArray[np
     """Predicted minus measured (N, 2 n_dof), each fold by the model without it; NaN: diverged."""
     errors = np.full_like(runs.own.course.measured, np.nan)
     for k, model in enumerate(models):
-        try:
+        with suppress(IdentificationError):
             predicted = predicted_by(model, runs.own.course)
-        except IdentificationError:
-            continue
-        found, limited = predicted.deviations()
-        if limited:
-            found[predicted.lost()] = np.nan
-        errors[fold == k] = found[fold == k]
+            found, limited = predicted.deviations()
+            if limited:
+                found[predicted.lost()] = np.nan
+            errors[fold == k] = found[fold == k]
     return errors
 
 

@@ -3,10 +3,9 @@
 A model is identified without one block of the training part at a time, and predicts that block:
 free runs under the recorded force that begin again at the measured state every `horizon_s`. White
 noise of the measured velocities is smoothed first: a run that begins at a single noisy sample may
-leave the motion that was identified, and what no model predicts hides how they differ. Errors are
-relative to the spread of each velocity over the training part; per axis
+leave the motion that was identified. Errors are relative to the spread over the training part,
 
-    NRMSE = rms(nu_simulated - nu) / std(nu),    FIT = 100 (1 - NRMSE) %.
+    NRMSE = rms(nu_simulated - nu) / std(nu),    FIT = 100 (1 - NRMSE) %    of each axis.
 
 A model that always predicts the mean motion has an NRMSE of one: an axis on which neither of two
 models does better decides nothing between them, so models are compared by the mean over the axes
@@ -14,10 +13,6 @@ of NRMSE^2, each at most one. *Worse* and *better* mean by more than one standar
 difference, paired over the blocks, which are the same for all. Of several models the first one
 listed that is not worse than the best is chosen: Hastie, Tibshirani and Friedman (2009), The
 Elements of Statistical Learning, section 7.10.
-
-One-step errors of the force, by which orders and penalties are usually chosen, do not see whether a
-model runs away; an order or a method chosen on the test part is evaluated on the data that chose
-it: Jervan (2020), chapter 6.
 """
 
 from collections.abc import Mapping, Sequence
@@ -207,36 +202,36 @@ class CrossValidation:
         kept = length > 1  # the first sample of a run is the measured state itself
         return FoldErrors(squares[kept] / (length[kept, None] - 1.0), length[kept] - 1.0)
 
-    def score(self, models: Sequence[Vessel]) -> BlockScore:
+    def score(self, models: Sequence[Vessel], together: bool = False) -> BlockScore:
         """The errors of models of each block (or of one block), axis by axis beside the nominal.
 
         An axis keeps its nominal equation if it is worse with its own, or if neither model beats
         the mean motion on it and the own equation is not better beyond chance: a nominal one may be
         far worse than the mean. The rest is judged again, since the equations act on each other. A
-        model with other parameters of its devices is not mixed: the nominal equation of an axis
-        would stand beside forces that are not its own.
+        model with other parameters of its devices is not mixed. Equations that belong `together`,
+        as of a state-space model, are all nominal where they are worse as a whole, or where neither
+        model beats the mean motion on some axis.
         """
-        nominal, lost = self.nominal, list[int]()
-        mixed = tuple(models)
+        table, nominal, lost = self.problem.nominal, self.nominal, list[int]()
+        every, mixed = range(len(table.dofs)), tuple(models)
+        fallen = BlockScore(nominal, tuple(every), (table,) * len(models))
         while True:
             try:
                 errors = self.errors(mixed)
             except UNUSABLE:  # the model cannot be simulated
-                lost, mixed = list(self._moving), (self.problem.nominal,) * len(models)
-                return BlockScore(nominal, tuple(lost), mixed)
+                return fallen
             no_skill = (errors.nrmse > 1.0) & (nominal.nrmse > 1.0)
+            if together:
+                fails = np.any(no_skill) or errors.worse(nominal)
+                return fallen if fails else BlockScore(errors, (), mixed)
             worse = errors.worse_axes(nominal) | (no_skill & ~nominal.worse_axes(errors))
             new = [k for k, bad in zip(self.axes, worse, strict=True) if bad and k not in lost]
             if not new:
                 return BlockScore(errors, tuple(sorted(lost)), mixed)
             lost += new
-            if any(model.devices != self.problem.nominal.devices for model in models):
-                lost = list(self._moving)
-            mixed = tuple(mixed_table(model, self.problem.nominal, lost) for model in models)
-
-    @property
-    def _moving(self) -> range:
-        return range(len(self.problem.nominal.dofs))
+            if any(model.devices != table.devices for model in models):
+                lost = list(every)
+            mixed = tuple(mixed_table(model, table, lost) for model in models)
 
 
 def mixed_table(model: Vessel, nominal: Vessel, axes: Sequence[int]) -> Vessel:
@@ -285,9 +280,8 @@ def best_of(
     errors = {name: score.errors for name, score in scores.items()}
     chosen = one_standard_error_rule(errors)
     result = alternatives[chosen].identify(validation.problem, rng)
-    found = error_diagnostics(errors, validation, chosen)
-    models = scores[chosen].models
-    return replace(result, diagnostics=(*result.diagnostics, *found), fold_models=models)
+    found = (*result.diagnostics, *error_diagnostics(errors, validation, chosen))
+    return replace(result, diagnostics=found, fold_models=scores[chosen].models)
 
 
 def error_diagnostics(
@@ -296,12 +290,9 @@ def error_diagnostics(
     """FIT of every alternative per axis, its mean NRMSE, and the choice."""
     dofs, rows = validation.problem.nominal.dofs, list[Diagnostic]()
     for i, (name, own) in enumerate(errors.items()):
-        fits = zip(validation.axes, 100.0 * (1.0 - own.nrmse), strict=True)
-        rows += [
-            Diagnostic("left_out_fit", dofs[k], float(fit), "%", i, label=name) for k, fit in fits
-        ]
-        rows.append(
-            Diagnostic("left_out_error", "all", float(np.sqrt(own.error)), "", i, label=name)
-        )
+        for k, fit in zip(validation.axes, 100.0 * (1.0 - own.nrmse), strict=True):
+            rows.append(Diagnostic("left_out_fit", dofs[k], float(fit), "%", i, label=name))
+        error = float(np.sqrt(own.error))
+        rows.append(Diagnostic("left_out_error", "all", error, "", i, label=name))
         rows.append(Diagnostic("chosen", "all", float(name == chosen), "", i, label=name))
     return tuple(rows)

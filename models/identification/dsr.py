@@ -3,30 +3,25 @@
 The output is the pose, the input is the force, held between the samples; `subspace` identifies the
 states of the model. The dynamics of a vessel depend on the heading in NED but not in body axes, so
 the pose is in body axes: the sum of the measured increments R(psi)' delta eta (psi half-way), whose
-rate is the body velocity. Near one heading it is the rotated NED pose.
+rate is the body velocity.
 
 Such a linear model has inertia and linear damping about the mean motion. Quadratic damping and
 Coriolis forces become noise, and a constant force biases all coefficients. `extra_terms` add such
-forces as known inputs: the model stays linear in their coefficients.
-
-`inputs` and `outputs` are other quantities of the recording, such as the velocity in place of the
-pose. Such a model has no inertia or damping of its own: it is stored beside the nominal model.
-Bargouth (2022), section 3.7; Di Ruscio (2009).
-
-The fit is 100 (1 - |y - y_hat| / |y - mean y|) per cent. A biased model can predict one step nearly
-perfectly, because the predictor corrects it at every sample; predictions of ten steps and a free
-run from the first sample show the bias.
+forces as known inputs: the model stays linear in their coefficients. A model of other inputs and
+outputs, such as the velocity, has no inertia or damping of its own: it is stored beside the nominal
+model. Bargouth (2022), section 3.7; Di Ruscio (2009).
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
+import scipy
 from annotated_types import Ge, Le
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.physical_form import physical_form
 from seatrial.models.identification.problem import (
     Force,
     Identified,
@@ -35,46 +30,172 @@ from seatrial.models.identification.problem import (
     Problem,
     check_forces,
 )
-from seatrial.models.identification.sampled_data import (
-    FORCE,
-    Sampled,
-    check_signals,
-    forces_of,
-    is_further_input,
-    moves,
-    sampled,
-    samples_in,
+from seatrial.models.identification.subspace import (
+    FEEDBACK_P,
+    NAMES,
+    Alternative,
+    Realisation,
+    Record,
+    identify_innovations,
+    select_variant,
 )
-from seatrial.models.identification.subspace import Realisation, identify_innovations
 from seatrial.models.identification.validation import HIDES_BIAS, TEN
-from seatrial.models.identification.variant_selection import NAMES, Alternative, select_variant
-from seatrial.models.notation import ACCELERATIONS, DOFS, POSES, VELOCITIES, poses_of
+from seatrial.models.notation import (
+    ACCELERATIONS,
+    DOFS,
+    FORCE_UNIT,
+    PLANAR,
+    POSE_UNIT,
+    POSES,
+    VELOCITIES,
+    accelerations_of,
+    poses_of,
+    velocities_of,
+)
 from seatrial.models.ranges import Positive, PositiveInt, Replicates, check_ranges
-from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.statespace import StateSpace
+from seatrial.models.recording.recording import Recording, following
+from seatrial.models.simulation.statespace import StateSpace, zero_order_hold
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import Array, Codes
+from seatrial.models.vessel.basis import AIR, Array, Codes, Term
+from seatrial.models.vessel.kinematics import in_body, spatial_reference_kernel
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
+FORCE = "tau_"  # begins the name of an input that is a force, such as tau_surge
+UNEVEN = 1e-3  # of a period, by which the sample time of a measured recording may miss it
 MARKOV_PARAMETERS = 20  # that are stored
+RESTORING = {"roll": "sin(phi)", "pitch": "sin(theta)"}
+CONDITION_LIMIT = 1e3  # of the transformation to pose and velocity
+REAL = 1e-6  # imaginary part of a logarithm below which it is rounding
+ZERO_EIGENVALUE = 1e-9  # eigenvalue of A, or ratio of B_2, that counts as zero
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Outputs (N, m) and inputs (N, r) of contiguous stretches, sampled every `period_s` [s].
+
+    The first inputs are the forces, the others are terms of the motion or the attitude.
+    """
+
+    y: Array
+    u: Array
+    stretch: Codes  # (N,) index of the contiguous stretch
+    period_s: float
+    extra: tuple[Term, ...]  # the terms among the inputs
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    file: Codes | None = None  # (N,) number of the file, of a recording of several
+
+
+def forces_of(dofs: tuple[str, ...]) -> tuple[str, ...]:
+    """The names of the forces in all degrees of freedom, as inputs."""
+    return tuple(FORCE + dof for dof in dofs)
+
+
+def sampled(
+    recording: Recording, force: str | None, inputs: tuple[str, ...], outputs: tuple[str, ...],
+    period_s: float | None,
+) -> Sampled:  # fmt: skip
+    """Sample the outputs, and the mean of each input over a period.
+
+    `inputs` are forces (`tau_surge`) and terms, `outputs` poses (`x`) in body axes and terms (`u`,
+    `u_dot`). For `period_s` see `samples_in`.
+    """
+    count, dofs = samples_in(period_s, recording.period_s), recording.dofs
+    forces = [name for name in inputs if name.startswith(FORCE)]
+    extra = basis.terms(name for name in inputs if name not in forces)
+    begin = np.flatnonzero(recording.piece_starts)[1:]
+    pieces = np.split(np.arange(len(recording)), begin)
+    whole = np.concatenate([piece[: len(piece) // count * count] for piece in pieces])
+    rows = whole[::count]
+    terms = basis.evaluate(extra, recording.variables())
+    terms = 0.5 * (terms + following(terms))  # the mean over a sample, as of the force
+    columns = [dofs.index(name.removeprefix(FORCE)) for name in forces]
+    acting = np.hstack([recording.held_force(force)[:, 1][:, columns], terms])[whole]
+    measured, poses = dict[str, Array](), poses_of(dofs)
+    if set(outputs) & set(poses):  # each contiguous part from its own origin
+        pose = np.vstack([body_pose(eta, dofs) for eta in np.split(recording.eta, begin)])
+        measured |= dict(zip(poses, pose.T, strict=True))
+    others = [name for name in outputs if name not in poses]
+    values = basis.evaluate(basis.terms(others), recording.variables())
+    measured |= dict(zip(others, values.T, strict=True))
+    named = poses if dofs in (PLANAR, DOFS) else ()  # elsewhere body axes are those of NED
+    return Sampled(
+        y=np.column_stack([measured[name] for name in outputs])[rows],
+        u=acting.reshape(len(rows), count, acting.shape[1]).mean(axis=1),
+        stretch=np.cumsum(recording.piece_starts)[rows] - 1, period_s=count * recording.period_s,
+        extra=extra, inputs=(*forces, *(term.name for term in extra)),
+        outputs=tuple(f"body {name}" if name in named else name for name in outputs),
+        file=None if recording.file is None else recording.file[rows],
+    )  # fmt: skip
+
+
+def samples_in(period_s: float | None, sample_time_s: float) -> int:
+    """Samples of a recording in a period [s], None: one.
+
+    Raises ConfigurationError, with the nearest multiples of the sample time, unless it is one.
+    """
+    ratio = 1.0 if period_s is None else period_s / sample_time_s
+    if abs(round(ratio) - ratio) > UNEVEN * ratio:
+        below = max(int(ratio), 1)
+        nearest = " or ".join(f"{count * sample_time_s:g}" for count in (below, below + 1))
+        raise ConfigurationError(
+            f"identifier.period_s: got {period_s:g} s, expected a multiple of the recording's "
+            f"sample time {sample_time_s:g} s, such as {nearest}"
+        )
+    return round(ratio)
+
+
+def body_pose(eta: Array, dofs: tuple[str, ...]) -> Array:
+    """Sum of pose increments in body axes, from 0: J^-1 delta eta, J half-way; shape (N, n_dof).
+
+    Its rate is the body velocity at any attitude. eta (N, n_dof) is (x, y, psi) in the plane, (x,
+    y, z, phi, theta, psi) in six degrees of freedom; in other degrees of freedom J is the identity.
+    """
+    steps, middle = np.diff(eta, axis=0), 0.5 * (eta[1:] + eta[:-1])
+    if dofs == PLANAR:
+        steps[:, :2] = in_body(steps[:, :2], middle[:, 2])
+    elif dofs == DOFS:
+        unused = np.empty(len(dofs))
+        for position, step in zip(middle, steps, strict=True):
+            path = np.column_stack([position, step, np.zeros(len(dofs))])
+            spatial_reference_kernel(path, step, unused)
+    return np.vstack([np.zeros(len(dofs)), np.cumsum(steps, axis=0)])
+
+
+def check_signals(
+    inputs: tuple[str, ...] | None, outputs: tuple[str, ...] | None, nominal: Vessel
+) -> None:
+    """Raise ConfigurationError for a signal that a recording of the vessel does not have."""
+    own = {"inputs": forces_of(nominal.dofs), "outputs": poses_of(nominal.dofs)}
+    known = {"1", *nominal.velocities, *nominal.accelerations, *basis.ATTITUDE, *AIR}
+    for option, values in (("inputs", inputs), ("outputs", outputs)):
+        for value in set(values or ()) - set(own[option]):
+            names = set() if value.startswith(FORCE) else varying(basis.term(value))
+            if not names or not names <= known:
+                raise ConfigurationError(
+                    f"identifier.{option}: got {value}, expected {', '.join(own[option])} or terms "
+                    f"that vary of the motion in {', '.join(nominal.dofs)}"
+                )
+
+
+def is_further_input(term: Term) -> bool:
+    """Whether a term can be an additional input: it varies and is not already in the model."""
+    names = varying(term)
+    return bool(names) and not names & set(ACCELERATIONS) and term.name not in VELOCITIES
+
+
+def varying(term: Term) -> set[str]:
+    """The variables in a term, without the constant."""
+    return {basis.VARIABLES[code % basis.N_VARIABLES] for code in term.codes if code}
 
 
 @dataclass(frozen=True)
 class Dsr(Identifier):
     """DSR with L rows in the Hankel matrices and J past samples.
 
-    `order` is a number, `physical` (two states for a pose, one for another output) or `gap` (the
-    largest gap of the singular values). `variant: closed` (dsr_e) holds with and without feedback,
-    `open` only without; `auto` lets the data choose. They also choose whether there is a direct
-    term; a pose has none. `stable` moves poles outside the unit circle onto it.
-    `inputs` are forces (`tau_surge`) and terms, None all forces; `extra_terms` follow, `physical`
-    are the nonlinear terms of the nominal model. `outputs` are poses (`x`) and terms (`u`,
-    `u_dot`), None the whole pose.
-
-    Without a physical form the nominal model is kept, with the reason as a diagnostic; it is also
-    that for control, where `physical_form: optional` takes the state-space model. `better` keeps it
-    also where the physical form predicts the training part worse (`fallback`).
+    The data choose the variant, if it is `auto`, and whether there is a direct term; a pose has
+    none. Inputs are forces (`tau_surge`) and terms, outputs poses (`x`) and terms (`u`, `u_dot`).
     """
 
     L: Annotated[int, Ge(2), Le(1000)]
@@ -130,17 +251,11 @@ class Dsr(Identifier):
         return Needs(self.force, thruster_lag=self.force == "filtered")
 
     def model_period_s(self, sample_time_s: float) -> float:
-        """The identifier's period [s], a multiple of that of the recording, else the latter.
-
-        Raises ConfigurationError unless it is one.
-        """
+        """The identifier's period [s], or that of the recording; see `samples_in`."""
         return samples_in(self.period_s, sample_time_s) * sample_time_s
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """Identify the state-space model and the vessel of its physical form.
-
-        Raises IdentificationError when the data do not determine the model.
-        """
+        """The state-space model and the vessel of its form; raises IdentificationError for none."""
         nominal, dofs = problem.nominal, problem.nominal.dofs
         data, order = self._sampled(problem.training, nominal), self._order(dofs)
         method, diagnostics = self._method(data, order)
@@ -150,10 +265,8 @@ class Dsr(Identifier):
         usable = self._has_form(dofs)
         try:
             if not usable:
-                raise IdentificationError(
-                    "no physical form: it needs all forces as the first inputs and the whole pose "
-                    "as output"
-                )
+                needed = "all forces as the first inputs and the whole pose as output"
+                raise IdentificationError(f"no physical form: it needs {needed}")
             form = physical_form(model)
         except IdentificationError as error:
             diagnostics.append(Diagnostic("physical_form", "all", 0.0, label=str(error)))
@@ -195,7 +308,8 @@ class Dsr(Identifier):
         forces = [name for name in own if name.startswith(FORCE)]
         terms = basis.terms(name for name in own if name not in forces)
         if self.extra_terms == "physical":
-            further = tuple(t for t in nominal.terms if is_further_input(t) and moves(t))
+            moving = {*VELOCITIES, *AIR}  # a term of the attitude alone is part of the stiffness
+            further = tuple(t for t in nominal.terms if is_further_input(t) and varying(t) & moving)
         else:
             further = basis.terms(self.extra_terms)
         extra = dict.fromkeys((*terms, *further))
@@ -211,11 +325,24 @@ class Dsr(Identifier):
         ]
         if len(alternatives) == 1:
             return alternatives[0], []
-        chosen = select_variant(
+        (variant, direct), p_value, errors = select_variant(
             data.y, data.u, self.L, self.J, order, alternatives, stable=self.stable,
             stretch=data.stretch, file=data.file,
         )  # fmt: skip
-        return chosen.alternative, chosen.diagnostics()
+        feedback = p_value < FEEDBACK_P
+        reason = "judged by " + ("one-step predictions" if feedback else "simulations")
+        chosen = NAMES[variant, direct]
+        return (variant, direct), [
+            Diagnostic("variant", "all", float(variant == "closed"), label=chosen),
+            Diagnostic("feedthrough", "all", float(direct)),
+            Diagnostic("feedback", "all", float(feedback), label=reason),
+            Diagnostic("feedback_p_value", "all", p_value),
+            *(
+                Diagnostic("variant_error", "all", float(error), "", i, j, name)
+                for i, (name, left_out) in enumerate(errors.items())
+                for j, error in enumerate(np.sqrt(np.mean(left_out.squares, axis=1)))
+            ),
+        ]
 
     def _realise(
         self, data: Sampled, order: int | None, method: Alternative, times: Codes | None = None
@@ -235,16 +362,12 @@ class Dsr(Identifier):
         if self.bootstrap is None:
             return None
         count = max(round(len(data.y) * data.period_s / self.block_s), 2)
-        blocks = np.array_split(np.arange(len(data.y)), count)
-        tables = []
+        blocks, tables = np.array_split(np.arange(len(data.y)), count), list[Vessel]()
         for _ in range(self.bootstrap):
             times = np.concatenate([blocks[i] for i in rng.integers(count, size=count)])
-            try:
-                model = self._realise(data, order, method, times).model
-                form = physical_form(model)
+            with suppress(IdentificationError):  # a replicate may not excite the vessel enough
+                form = physical_form(self._realise(data, order, method, times).model)
                 tables.append(form.vessel("replicate", residual.dofs, data.extra))
-            except IdentificationError:
-                continue  # a replicate may not excite the vessel enough
         errors = np.full(residual.theta.shape, np.nan)
         if 2 * len(tables) >= self.bootstrap:
             rows = [residual.terms.index(term) for term in tables[0].terms]
@@ -271,9 +394,7 @@ def realisation_diagnostics(realisation: Realisation) -> list[Diagnostic]:
 
 def axes_of(model: StateSpace) -> tuple[str, ...]:
     """The degree of freedom of every pose, velocity or acceleration; `all` for other outputs."""
-    axes: dict[str, str] = {}
-    for names in (POSES, VELOCITIES, ACCELERATIONS):
-        axes |= dict(zip(names, DOFS, strict=True))
+    axes = dict(zip((*POSES, *VELOCITIES, *ACCELERATIONS), DOFS * 3, strict=True))
     return tuple(axes.get(name.removeprefix("body "), "all") for name in model.outputs)
 
 
@@ -284,12 +405,11 @@ def model_diagnostics(model: StateSpace, lags: int, named: bool = False) -> list
     well if `named`; for an eigenvalue i is its number, the largest magnitude first.
     """
     axes, diagnostics = axes_of(model), list[Diagnostic]()
-    before = [f"{name} of " if named else "" for name in model.outputs]
     for i, value in enumerate(model.eigenvalues, start=1):
         diagnostics.append(Diagnostic("eigenvalue_real", "all", float(value.real), i=i))
         diagnostics.append(Diagnostic("eigenvalue_imag", "all", float(value.imag), i=i))
     for (lag, row, j), value in np.ndenumerate(model.markov(lags)):
-        label = before[row] + model.inputs[j]
+        label = (f"{model.outputs[row]} of " if named else "") + model.inputs[j]
         diagnostics.append(Diagnostic("markov", axes[row], float(value), "", lag, j + 1, label))
     return diagnostics
 
@@ -297,11 +417,11 @@ def model_diagnostics(model: StateSpace, lags: int, named: bool = False) -> list
 def fit_diagnostics(model: StateSpace, held_out: Sampled, named: bool) -> list[Diagnostic]:
     """One-step, ten-step and free-run fit [%] on held-out data, per output.
 
-    The first state of every stretch is estimated from that stretch. If `named`, the label is the
-    name of the output.
+    The first state of every stretch is estimated from it. If `named`, labels are the outputs.
     """
     predicted: dict[str, list[Array]] = {"one_step": [], "ten_step": [], "free_run": []}
-    for y, u in held_out.parts():
+    record = Record(held_out.y, held_out.u, held_out.stretch, np.arange(len(held_out.y)))
+    for y, u in record.parts():
         start = model.initial_state(y, u)
         predicted["one_step"].append(model.predict(y, u, 1, start))
         predicted["ten_step"].append(model.predict(y, u, TEN, start))
@@ -327,3 +447,104 @@ def fit(y: Array, predicted: Array) -> Array:
     error, spread = np.linalg.norm([y - predicted, y - y.mean(axis=0)], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(spread > 0.0, 100.0 * (1.0 - error / spread), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class PhysicalForm:
+    """M nu_dot + damping nu + stiffness y + extra phi = tau, with a delay of the pose."""
+
+    inertia: Array  # (n_dof, n_dof) [kg, kg m, kg m^2]
+    damping: Array  # (n_dof, n_dof) [kg/s, kg m/s, kg m^2/s]
+    extra: Array  # (n_dof, n_terms) coefficients of the inputs that are not forces
+    stiffness: Array  # (n_dof, n_dof) [N/m, N, Nm/rad]
+    delay: Array  # (n_dof,) [s] delay of the pose behind the force
+    condition: float  # condition number of the transform with rows of unit length
+    model: StateSpace  # the model with the state (y, y_dot)
+
+    def vessel(self, name: str, dofs: tuple[str, ...], extra: tuple[Term, ...]) -> Vessel:
+        """The coefficient table of accelerations, velocities, restoring and `extra` terms."""
+        tilting = [i for i, dof in enumerate(dofs) if dof in RESTORING]
+        restoring = (RESTORING[dofs[i]] for i in tilting)
+        linear_terms = basis.terms([*accelerations_of(dofs), *velocities_of(dofs), *restoring])
+        linear = [self.inertia.T, self.damping.T, self.stiffness.T[tilting]]
+        return Vessel(name, dofs, (*linear_terms, *extra), np.vstack([*linear, self.extra.T]))
+
+    def diagnostics(self, dofs: tuple[str, ...]) -> list[Diagnostic]:
+        """Condition of the transform, stiffness, and the delay of each pose behind its force."""
+        found = [
+            Diagnostic("physical_form", "all", 1.0),
+            Diagnostic("physical_condition", "all", self.condition),
+        ]
+        for dof, delay, row in zip(dofs, self.delay, self.stiffness, strict=True):
+            found.append(Diagnostic("delay", dof, float(delay), "s"))
+            for j, (other, stiffness) in enumerate(zip(dofs, row, strict=True), start=1):
+                unit = f"{FORCE_UNIT[dof]}/{POSE_UNIT[other]}"
+                found.append(Diagnostic("stiffness", dof, float(stiffness), unit, j=j, label=other))
+        return found
+
+
+def physical_form(model: StateSpace) -> PhysicalForm:
+    """Inertia and damping of a discrete model, from its poles.
+
+    With the pose as output and two states a degree of freedom, z = (y, y_dot) = [C; C A_c] x is a
+    state, A_c the logarithm of A over the period. In it
+
+        y_ddot = A_21 y + A_22 y_dot + B_2 [tau, phi]    so that    M = B_2tau^-1,
+        damping = -M A_22,   coefficients of further terms phi = -M B_2phi.
+
+    Roll and pitch have restoring moments: their columns of the stiffness -M A_21 become the
+    coefficients of sin(phi) and sin(theta). No other motion of a vessel has a stiffness. A pose
+    that responds with a delay, as with a thruster lag, has C B_c = -delay M^-1. Raises
+    IdentificationError when there is no such form.
+    """
+    n, m, r = model.order, *model.D.shape
+    if n != 2 * m or r < m:
+        raise IdentificationError(
+            f"no physical form: got {n} states, {r} inputs and {m} outputs, "
+            f"expected a force for every output and two states for each"
+        )
+    A, B = continuous(model)
+    transform = np.vstack([model.C, model.C @ A])
+    size = np.linalg.norm(transform, axis=1, keepdims=True)
+    condition = float(np.linalg.cond(transform / np.where(size > 0.0, size, 1.0)))
+    if not condition < CONDITION_LIMIT:
+        raise IdentificationError(
+            f"no physical form: the transform to pose and velocity is ill-conditioned, "
+            f"got {condition:.3g}, expected less than {CONDITION_LIMIT:g}"
+        )
+    lower = (transform @ A @ np.linalg.inv(transform))[m:]
+    forced = transform @ B
+    inverse = forced[m:, :m]
+    scale = np.max(np.abs(inverse), axis=0, initial=0.0)
+    if np.min(scale) <= 0.0 or np.linalg.cond(inverse / scale) > 1.0 / ZERO_EIGENVALUE:
+        raise IdentificationError("no physical form: a force has no effect on the acceleration")
+    inertia = np.asarray(np.linalg.inv(inverse), dtype=np.float64)
+    smallest = float(np.min(np.linalg.eigvals(inertia).real))
+    if smallest <= 0.0:
+        raise IdentificationError(
+            f"no physical form: the inertia must be positive definite, "
+            f"got an eigenvalue of {smallest:.3g}; nonlinear forces may have to be added by "
+            f"identifier.extra_terms"
+        )
+    return PhysicalForm(
+        inertia=inertia, damping=-inertia @ lower[:, m:], stiffness=-inertia @ lower[:, :m],
+        extra=-inertia @ forced[m:, m:], delay=-np.diag(forced[:m, :m] @ inertia),
+        condition=condition, model=replace(model.transformed(transform), D=model.D),
+    )  # fmt: skip
+
+
+def continuous(model: StateSpace) -> tuple[Array, Array]:
+    """A_c (n, n) and B_c (n, r) whose zero-order hold is A and B, or an IdentificationError."""
+    eigenvalues, period = model.eigenvalues, float(model.period_s or 1.0)
+    negative = (eigenvalues.real < 0.0) & (np.abs(eigenvalues.imag) < REAL)
+    if np.any(negative) or np.min(np.abs(eigenvalues)) < ZERO_EIGENVALUE:
+        raise IdentificationError(
+            f"no physical form: the model has an eigenvalue at {np.min(eigenvalues.real):.3g}, "
+            f"which a sampled continuous model cannot have"
+        )
+    logarithm = np.asarray(scipy.linalg.logm(model.A))
+    if np.max(np.abs(np.imag(logarithm))) > REAL * np.max(np.abs(logarithm)):
+        raise IdentificationError("no physical form: the logarithm of A is not real")
+    A = np.asarray(np.real(logarithm), dtype=np.float64) / period
+    held = zero_order_hold(A, np.eye(model.order), period)[1]
+    return A, np.asarray(np.linalg.solve(held, model.B), dtype=np.float64)

@@ -13,9 +13,6 @@ by one to two percent, and projected out of the Jacobian (QR), Golub and Pereyra
 are those of Gauss and Newton with Levenberg's damping, each a quadratic program with the bounds
 and the physical constraints. A long free run from a poor model has minima far from the true
 parameters, a short one has few: so short predictions are fitted first.
-
-The projected Jacobian of a fit that has converged gives the covariance of its parameters
-(`uncertainty`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -29,13 +26,15 @@ from numpy.typing import NDArray
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.free_parameters import FreeParameters
 from seatrial.models.identification.free_run import predicted_layout
-from seatrial.models.identification.linear import turns
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, solve
 from seatrial.models.identification.predictor import Predictor, states_of
-from seatrial.models.identification.residual import ResidualOptions
-from seatrial.models.identification.spread import ParameterSpread
+from seatrial.models.identification.residual import ResidualOptions, turns
 from seatrial.models.identification.structured import Structure, inflation
-from seatrial.models.identification.uncertainty import long_run_share, parameter_covariance
+from seatrial.models.identification.uncertainty import (
+    ParameterSpread,
+    long_run_share,
+    parameter_covariance,
+)
 from seatrial.models.identification.validation import bounded_course, restart_length
 from seatrial.models.notation import DOFS, velocities_of
 from seatrial.models.packs import WIDTH
@@ -67,8 +66,7 @@ class Effort(NamedTuple):
 QUICK, USUAL = Effort(1, 5, 1e-4), Effort(3, 5, 1e-4)
 
 
-@dataclass(frozen=True, eq=False)
-class Point:
+class Point(NamedTuple):
     """Parameters and initial states, and what the predictions leave unexplained."""
 
     change: Array  # (m,)
@@ -77,13 +75,10 @@ class Point:
 
 
 class FreeRuns:
-    """Residuals of a predictor as a function of parameters and initial states.
+    """Residuals of a predictor as a function of parameters, of sizes (m,), and initial states.
 
-    Args:
-        predictor: predicts from each of its restarts.
-        size: size of the parameters, shape (m,), in their units.
-        estimated: states that are unknown where a prediction begins, of poses, then velocities;
-            None: the velocities.
+    `estimated` are the states, of poses, then velocities, that are unknown where a prediction
+    begins (None: the velocities).
     """
 
     def __init__(
@@ -105,11 +100,8 @@ class FreeRuns:
     def slopes(self, point: Point) -> tuple[Array, Array]:
         """Derivatives of the prediction by parameters (N, n, m) and by starts (N, n, n_estimated).
 
-        A point at which no step was better is asked for again. If the inertia after a forward
-        difference is not positive definite, a backward one is used.
-
-        Raises:
-            IdentificationError: neither of them can be simulated.
+        A point at which no step was better is asked for again. Where a forward difference cannot be
+        simulated a backward one is used; raises IdentificationError if neither can be.
         """
         if self._latest is None or self._latest[0] is not point:
             spread = self.predictor.spread[self.estimated]
@@ -133,7 +125,8 @@ class FreeRuns:
         points = self.predictor.free.values + point.change + steps[:, :m]
         starts = np.repeat(point.start[None], len(chosen), axis=0)
         starts[..., self.estimated] += steps[:, None, m:]
-        self.evaluations, angles = self.evaluations + len(chosen), self.predictor.compared.angles
+        self.evaluations += len(chosen)
+        angles = [j for j, unit in enumerate(self.predictor.compared.units) if unit == "rad"]
         for part in turns(len(chosen), WIDTH):  # so that few states are in memory
             change = self.predictor.mismatches(points[part], starts[part]) + point.rest
             if angles:  # a rotation vector jumps at half a turn
@@ -180,18 +173,14 @@ class Stage(NamedTuple):
 class Fit:
     """A converged fit, and what its covariance is computed from."""
 
-    stage: Stage
+    runs: FreeRuns
     point: Point
     active: tuple[str, ...]  # names of the constraints that bind
     scale: Array  # (n,) of the residuals, or (N, n): one over the weights
     tau: float  # samples that say as much as one independent sample
     deviation: Array  # (m,) of the prior, infinite where there is none
+    slow_share: float  # see `Stage`
     before: int = 0  # evaluations with shorter predictions
-
-    @property
-    def runs(self) -> FreeRuns:
-        """The predictions."""
-        return self.stage.runs
 
     @property
     def change(self) -> Array:
@@ -208,7 +197,7 @@ class Fit:
         """Free runs so far."""
         return self.before + self.runs.evaluations
 
-    @property
+    @cached_property
     def rest(self) -> Array:
         """Residuals (N, n) over their scale."""
         return np.asarray(self.point.rest / self.scale)
@@ -243,32 +232,18 @@ class Fit:
     def covariance(self) -> Array:
         """Covariance (m, m) of the parameters; an active constraint does not narrow it."""
         unknowns = len(self.change) + len(self.runs.begin) * len(self.runs.estimated)
-        width = WIDE * len(self.rest) if self.slow > self.stage.slow_share else None
+        width = WIDE * len(self.rest) if self.slow > self.slow_share else None
         return parameter_covariance(self.jacobian, self.rest, self.prior, self.tau, unknowns, width)
 
 
 def grown(
-    stages: Iterable[Stage],
-    change: Array,
-    other: Array,
-    deviation: Array,
-    constraints: PhysicalConstraints | None,
-) -> Fit:
+    stages: Iterable[Stage], change: Array, other: Array, deviation: Array, constraints:
+    PhysicalConstraints | None,
+) -> Fit:  # fmt: skip
     """Fit the stages in turn, each from the last one, or from `other` if that predicts better.
 
-    Args:
-        stages: what is predicted, the longest predictions last.
-        change: where the first fit begins, a feasible change (m,) of the nominal parameters.
-        other: another one.
-        deviation: standard deviations of the prior about the nominal values, shape (m,), infinite
-            where there is none.
-        constraints: the bounds and physical constraints.
-
-    Returns:
-        The last fit.
-
-    Raises:
-        IdentificationError: a fit ends where nothing can be simulated.
+    `change` and `other` are feasible changes (m,) of the nominal parameters, `deviation` (m,) that
+    of the prior, infinite where there is none.
     """
     before, result = 0, None
     for stage in stages:
@@ -279,11 +254,9 @@ def grown(
 
 
 def fit(
-    stage: Stage,
-    candidates: Sequence[Array],
-    deviation: Array,
-    constraints: PhysicalConstraints | None,
-) -> Fit:
+    stage: Stage, candidates: Sequence[Array], deviation: Array, constraints: PhysicalConstraints |
+    None,
+) -> Fit:  # fmt: skip
     """Fit one stage from the best of several candidates; see `grown`."""
     runs, effort, given, start, _ = stage
     if start is None:
@@ -299,24 +272,18 @@ def fit(
         point, active = _converged(runs, point, active, scale, prior, constraints, effort)
     if given is None:
         scale, tau = runs.root_mean_square(point), inflation(point.rest)
-    return Fit(stage, point, active, scale, tau, deviation)
+    return Fit(runs, point, active, scale, tau, deviation, stage.slow_share)
 
 
 def _squares(rest: Array) -> float:
     """Sum of squares; infinite where the model cannot be simulated."""
-    total = float(np.sum(rest**2))
-    return total if np.isfinite(total) else float("inf")
+    return float(np.nan_to_num(np.sum(rest**2), nan=np.inf, posinf=np.inf))
 
 
 def _converged(
-    runs: FreeRuns,
-    point: Point,
-    active: tuple[str, ...],
-    scale: Array,
-    prior: Array,
-    constraints: PhysicalConstraints | None,
-    effort: Effort,
-) -> tuple[Point, tuple[str, ...]]:
+    runs: FreeRuns, point: Point, active: tuple[str, ...], scale: Array, prior: Array, constraints:
+    PhysicalConstraints | None, effort: Effort,
+) -> tuple[Point, tuple[str, ...]]:  # fmt: skip
     """Steps until the cost hardly decreases, with a scale of the residuals and a prior (m,).
 
     `active` are the constraints that bind at the point; they stay if no step is better.
@@ -351,64 +318,43 @@ def _converged(
 
 
 def refined_by_segments(
-    options: ResidualOptions,
-    recording: Recording,
-    lag: SecondOrderLag | None,
-    model: Structure,
-    change: Array,
-    prior: float,
-) -> Fit:
+    options: ResidualOptions, recording: Recording, lag: SecondOrderLag | None, model: Structure,
+    change: Array, prior: float,
+) -> Fit:  # fmt: skip
     """Refine a table by the velocities of free runs over segments, short ones first.
 
-    Args:
-        options: the force and the length of the segments.
-        recording: what the free runs predict.
-        lag: of the thrusters.
-        model: the parameters, their size and constraints.
-        change: that of the nominal parameters where the fit begins, shape (m,).
-        prior: standard deviation of a parameter over its size.
+    The fit begins at a change (m,) of the nominal parameters of the `model`; `prior` is the
+    standard deviation of a parameter over its size.
     """
     deviation = prior * model.size
     whole_s = options.segment_s or restart_length(model.free.nominal, recording)
 
     def stages() -> Iterable[Stage]:
-        for length, effort in ((FIRST_LENGTH, QUICK), (1.0, USUAL)):
-            duration_s = length * whole_s
-            predictor = segments(recording, model.free, lag, options.force, duration_s)
+        for length_s, effort in ((FIRST_LENGTH * whole_s, QUICK), (whole_s, USUAL)):
+            predictor = segments(recording, model.free, lag, options.force, length_s)
             yield Stage(FreeRuns(predictor, deviation), effort)
 
     return grown(stages(), change, np.zeros_like(change), deviation, model.constraints)
 
 
 def segments(
-    recording: Recording,
-    free: FreeParameters,
-    lag: SecondOrderLag | None,
-    force: str | None,
+    recording: Recording, free: FreeParameters, lag: SecondOrderLag | None, force: str | None,
     segment_s: float,
-) -> Predictor:
-    """The predictor of the velocities of a recording in segments of `segment_s` [s]."""
-    recording = with_smooth_angles(recording)
+) -> Predictor:  # fmt: skip
+    """The predictor of the velocities of a recording in segments of `segment_s` [s].
+
+    A segment keeps the attitude at which it begins: noise in it turns restoring and constant forces
+    for as long as the segment lasts. So angles are smoothed at the frequency where noise begins.
+    """
+    if angles := [k for k, dof in enumerate(recording.dofs) if dof in DOFS[3:]]:
+        eta, period_s = recording.eta.copy(), recording.period_s
+        eta[:, angles] = np.unwrap(eta[:, angles], axis=0)
+        floor = noise_floor(eta[:, angles], recording.piece_starts, period_s)
+        if floor.cutoff_hz is not None and floor.cutoff_hz < MAX_CUTOFF * 0.5 / period_s:
+            eta[:, angles] = recording.lowpassed(eta[:, angles], floor.cutoff_hz)
+            recording = replace(recording, eta=eta)
     table, every = free.nominal, max(round(segment_s / recording.period_s), 2)
     course = bounded_course(recording, lag, force, every, table.attitude)
     predictor = Predictor(free, predicted_layout(table, free.support), course, "rk4")
     outputs = states_of(table.dofs, predictor.spread, velocities_of(table.dofs))
     return replace(predictor, outputs=outputs)
-
-
-def with_smooth_angles(recording: Recording) -> Recording:
-    """The recording with a low-pass filter of its angles, at the frequency where noise begins.
-
-    A segment keeps the attitude at which it begins: noise in it turns restoring and constant forces
-    for as long as the segment lasts.
-    """
-    angles = [k for k, dof in enumerate(recording.dofs) if dof in DOFS[3:]]
-    if not angles:
-        return recording
-    turned = np.unwrap(recording.eta[:, angles], axis=0)
-    floor = noise_floor(turned, recording.piece_starts, recording.period_s)
-    if floor.cutoff_hz is None or floor.cutoff_hz >= MAX_CUTOFF * 0.5 / recording.period_s:
-        return recording
-    eta = recording.eta.copy()
-    eta[:, angles] = recording.lowpassed(turned, floor.cutoff_hz)
-    return replace(recording, eta=eta)

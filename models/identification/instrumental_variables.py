@@ -2,23 +2,27 @@
 
     theta = sol { (1/N) sum_k Z(k) (y(k) - Phi(k)' theta) = 0 }
 
-Least squares is Z = Phi. If the regressors are measured, it is biased for any length of the
-recording, since the noise of the regressors is squared. Instruments Z that are correlated with the
-motion but not with its noise make the estimate consistent. Products such as (u + e)|u + e| still
-have a mean of e^2, which is constant while u keeps its sign: hence the excitation has an offset and
-the instruments have zero mean.
+Least squares is Z = Phi, biased by noise of the regressors for any length of the recording.
+Instruments Z that are correlated with the motion but not with its noise make the estimate
+consistent. Products such as (u + e)|u + e| still have a mean of e^2, which is constant while u
+keeps its sign: hence the excitation has an offset and the instruments have zero mean.
 
     predictor   orientation_terms   wind_measurement
     LS1, IV1    false               false     bursts of wind and current without a mean
     LS2, IV2    true                false     a mean, slower than the vessel
     LS3, IV3    true                true      a mean, at times faster than the vessel
 
-with `instruments: none` (LS) or `simulated` (IV).
+with `instruments: none` (LS) or `simulated` (IV). The instruments are the regressors of a model
+that is simulated with the same inputs. In a recording under feedback the force depends on past
+noise, but white noise at an instant is independent of a motion caused by earlier forces. The
+heading is measured, not simulated: a simulated one drifts, and its sine and cosine would lose their
+correlation with the true ones. The wind is the mean of the measured wind in NED.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, pairwise
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -28,7 +32,8 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.constrained_table import finished
 from seatrial.models.identification.free_parameters import ned_forces
-from seatrial.models.identification.linear import LinearFit, check_distinguished, triangle, turns
+from seatrial.models.identification.free_run import course_of, free_run
+from seatrial.models.identification.least_squares import LinearFit, check_distinguished, triangle
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import (
     CONSTANT,
@@ -39,17 +44,22 @@ from seatrial.models.identification.residual import (
     kept,
     smoothed,
     thruster_of,
+    turns,
 )
-from seatrial.models.identification.simulated_motion import simulated_motion
+from seatrial.models.identification.validation import DIVERGED_MULTIPLE
 from seatrial.models.notation import PLANAR
 from seatrial.models.ranges import MOST_REPEATS, Positive
+from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.kinematics import in_body, in_ned
+from seatrial.models.vessel.plant_table import Flags
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 SINGULAR_RATIO = 1e-10
 WHAT = "instruments do not distinguish"
+STEP_S = 0.1  # longest integration step of simulated instruments
 WEAK = 0.1  # strength below which the estimate is little else than noise, and so are its intervals
 REFINED = (
     "the instruments are weak, so that the model of the regression was refined by free runs; "
@@ -81,8 +91,7 @@ def solve(z: Array, phi: Array, y: Array, names: Sequence[str] = ()) -> Solution
     nothing to do with the motion, above 10 are strong ones (Stock and Yogo 2005). Raises
     IdentificationError, with the `names` of the terms, when the instruments do not determine theta.
     """
-    n, m = y.shape
-    (a, b), own = (z.shape[1], phi.shape[1]), z is phi
+    (n, m), (a, b), own = y.shape, (z.shape[1], phi.shape[1]), z is phi
     if a < b:
         raise IdentificationError(f"got {a} instruments for {b} terms, expected at least as many")
     columns = (z, y) if own else (z, phi, y)
@@ -125,16 +134,104 @@ def solve_excited(samples: Samples, z: Array) -> tuple[LinearFit, float]:
     ), found.strength  # fmt: skip
 
 
+def simulated_motion(
+    recording: Recording, models: Sequence[Vessel], force: str | None, restart_s: float | None
+) -> tuple[Recording, Flags, float]:
+    """The recording with the simulated motion of a model in place of the measured one.
+
+    The simulation starts at the measured state in every stretch without a gap, and again every
+    `restart_s` [s]. These samples (N,), which are returned too, have measurement noise and cannot
+    be instruments. Each stretch is simulated by the first of the models that can be; last is the
+    share of the stretches in which that is the first. Raises IdentificationError when none can.
+    """
+    wind, first = None, stretch_starts(recording, restart_s)
+    if recording.wind is not None:
+        wind = np.mean(in_ned(recording.wind, recording.attitude[:, 2]), axis=0)
+    begin, fastest = np.flatnonzero(first), DIVERGED_MULTIPLE * np.max(np.abs(recording.nu), axis=0)
+    limits = np.maximum(fastest, 1e-3 * np.max(fastest) + 1e-12)
+    nu, nu_dot = np.empty_like(recording.nu), np.empty_like(recording.nu)
+    left, shares = np.full(len(begin), True), []
+    for model in models:
+        try:
+            motion = _moved(recording, model, force, wind, first)
+            inside = np.all(np.abs(motion[0]) <= limits, axis=1)
+        except ConfigurationError as error:
+            why, inside = f"cannot be simulated: {error}", np.full(len(first), False)
+        else:
+            why = "diverge under the recorded force or inputs: try a shorter restart_s"
+        able = left & np.logical_and.reduceat(inside, begin)
+        rows = np.repeat(able, np.diff(begin, append=len(first)))
+        if np.any(able):
+            nu[rows], nu_dot[rows] = (values[rows] for values in motion)
+        left &= ~able
+        shares.append(float(np.mean(able)))
+        if not np.any(left):
+            break
+    else:
+        raise IdentificationError(f"the instruments {why}")
+    heading = recording.attitude[:, 2]
+    air = None if wind is None else in_body(np.tile(wind, (len(heading), 1)), heading)
+    return replace(recording, nu=nu, nu_dot=nu_dot, wind=air), first, shares[0]
+
+
+def stretch_starts(recording: Recording, restart_s: float | None) -> Flags:
+    """True (N,) where a stretch without a gap begins, or a part of it of `restart_s` [s]."""
+    first = recording.piece_starts.copy()
+    if restart_s is not None:
+        length = max(round(restart_s / recording.period_s), 2)
+        edges = [*np.flatnonzero(first).tolist(), len(first)]
+        for a, b in pairwise(edges):
+            first[a : max(b - length, a) + 1 : length] = True
+    return first
+
+
+def _moved(
+    recording: Recording, model: Vessel, force: str | None, wind: Array | None, first: Flags
+) -> tuple[Array, Array]:
+    """Velocity and acceleration (N, n_dof) of a model from the measured states at `first` on.
+
+    The force over a sample is the mean; a recorded acting one, which follows the command without
+    lag, that at its end. Raises ConfigurationError for a model that cannot be simulated.
+    """
+    n, commanded, every = len(model.dofs), model.forces_commanded, 1
+    model.plant_table()
+    course = course_of(recording, None, None, None, np.inf, model.attitude)
+    course, held = course._replace(restart=first), np.zeros_like(recording.nu)
+    if commanded:  # in steps of a sample that are short enough, with a wind in NED
+        at_end = recording.force(force) is recording.tau_actual
+        held = recording.held_force(force)[:, 2 if at_end else 1]
+        every = max(int(np.ceil(course.step_s / STEP_S - 1e-9)), 1)
+        measured, reached, acting = (
+            np.repeat(each, every, axis=0) for each in (course.measured, course.reached, held)
+        )
+        restart = np.zeros(len(acting), dtype=np.bool_)
+        restart[::every] = first
+        weather = course.weather._replace(wind_body=np.zeros((0, 2)))
+        if wind is not None:
+            weather = weather._replace(wind_ned=np.tile(wind, (len(acting), 1)))
+        course = course._replace(
+            acting=np.ascontiguousarray(np.repeat(acting[:, None], 3, axis=1)), weather=weather,
+            measured=measured, reached=reached, start=reached, restart=restart,
+            step_s=course.step_s / every,
+        )  # fmt: skip
+    with np.errstate(all="ignore"):
+        motion = free_run(model, course, "rk4")[::every]
+        nu, attitude = motion[:, n:], attitude_of(model.dofs, motion[:, :n])
+        acting, air = np.zeros_like(nu), recording.wind
+        if commanded:  # the acceleration is that before a command takes effect
+            acting[1:] = held[:-1]
+            acting[first] = 0.0
+            air = None if wind is None else in_body(np.tile(wind, (len(nu), 1)), attitude[:, 2])
+        moved = replace(recording, nu=nu, attitude=attitude, wind=air, tau=acting)
+        (nu_dot,) = evaluated(
+            moved, lambda at: model.forward(at.tau, at.nu, at.attitude, at.wind, at.inputs)
+        )
+    return nu, nu_dot
+
+
 @dataclass(frozen=True)
 class InstrumentalVariables(ResidualOptions):
-    """Instrumental variables on the lack of fit, with instruments from a simulated motion.
-
-    `orientation_terms` adds the terms of a force that is constant in NED, such as cos(psi) and
-    sin(psi), free in every degree of freedom; `wind_measurement` adds the terms `wind_terms` of the
-    measured wind (null: where the vessel moves in surge, sway and yaw and the recording has a
-    wind). The first instruments come from the nominal model, those of the `iterations` refinements
-    from the last estimate. The simulation restarts at the measured state every `restart_s` [s].
-    """
+    """Instrumental variables on the lack of fit, with instruments from a simulated motion."""
 
     instruments: Literal["none", "simulated"]
     iterations: Annotated[int, Ge(0), Le(MOST_REPEATS)]
@@ -169,20 +266,16 @@ class InstrumentalVariables(ResidualOptions):
         """Raise ConfigurationError for options that do not fit the vessel."""
         super().check(nominal, thruster, measured)
         if self.wind_measurement and nominal.dofs != PLANAR:
+            dofs = ", ".join(nominal.dofs)
             raise ConfigurationError(
-                f"identifier.wind_measurement needs a vessel in {', '.join(PLANAR)}, "
-                f"got one in {', '.join(nominal.dofs)}"
+                f"identifier.wind_measurement needs a vessel in {', '.join(PLANAR)}, got {dofs}"
             )
         if self.wind_measurement and measured:
-            raise ConfigurationError(
-                "identifier.wind_measurement: got true, expected false: the recorded "
-                "file has no wind"
-            )
-        in_air = [str(term) for term in super().terms(nominal) if _in_air(term)]
-        if in_air and (self.wind_measurement is False or measured):
-            raise ConfigurationError(
-                f"identifier.basis: term {in_air[0]} needs wind_measurement=true"
-            )
+            why = "the recorded file has no wind"
+            raise ConfigurationError(f"identifier.wind_measurement=true: {why}")
+        for term in filter(_in_air, super().terms(nominal)):
+            if self.wind_measurement is False or measured:
+                raise ConfigurationError(f"identifier.basis: {term} needs wind_measurement=true")
         if self.instruments == "simulated":
             nominal.plant_table()
 
@@ -197,9 +290,7 @@ class InstrumentalVariables(ResidualOptions):
         return terms
 
     def with_wind(self, problem: Problem) -> "InstrumentalVariables":
-        """These options with the choice of the wind that they leave to the recording."""
-        if self.wind_measurement is not None:
-            return self
+        """These options with the wind terms where the recording has a wind."""
         windy = problem.nominal.dofs == PLANAR and problem.training.wind is not None
         return replace(self, wind_measurement=windy)
 
@@ -216,8 +307,7 @@ class InstrumentalVariables(ResidualOptions):
             if least <= 0.0:
                 raise IdentificationError(
                     f"the instruments are too weak: the identified inertia has an eigenvalue of "
-                    f"{least:.3g}, expected positive ones; the simulation may drift away from the "
-                    f"measured motion: try orientation_terms=true or a shorter restart_s"
+                    f"{least:.3g}: try orientation_terms=true or a shorter restart_s"
                 )
         consistent = not problem.compared and self.instruments != "none"
         weak = consistent and self.inertia_factor is not None and strength < WEAK
@@ -244,26 +334,21 @@ class InstrumentalVariables(ResidualOptions):
 
     def _simulates(self, problem: Problem, model: Vessel) -> bool:
         """Whether a model can be simulated under what it was trained on."""
-        try:
+        with suppress(IdentificationError):
             simulated_motion(problem.training, [model], self.force, self.restart_s)
-        except IdentificationError:
-            return False
-        return True
+            return True
+        return False
 
     def estimate(
         self, problem: Problem, lag: SecondOrderLag | None
     ) -> tuple[Samples, LinearFit, float, tuple[Diagnostic, ...]]:
         """The samples, the fit, the strength of its instruments, and diagnostics.
 
-        The first instruments are from the nominal model, then from each estimate. In a stretch
-        where an estimate cannot be simulated they are those of the estimate before. The iterations
-        end where no stretch can be; the last estimate is kept.
+        The first instruments are from the nominal model, then from each estimate, where it can be
+        simulated. The iterations end where it can be nowhere; the last estimate is kept.
         """
         if self.wind_measurement and problem.training.wind is None:
-            raise IdentificationError(
-                "wind_measurement=true: the recording has no measured wind, "
-                "expected a disturbance with wind"
-            )
+            raise IdentificationError("wind_measurement=true: the recording has no measured wind")
         samples, dofs = self.samples(problem.training, problem.nominal, lag), problem.nominal.dofs
         if self.instruments == "none":
             fitted, strength = solve_excited(samples, samples.phi)

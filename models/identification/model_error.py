@@ -1,18 +1,14 @@
 """Model error: an acceleration on every axis that stands for the terms which a model lacks.
 
-    a_k = phi a_(k-1) + sqrt(1 - phi^2) w_k,  phi = exp(-h / T),  T = 2 s,
-    nu_dot = f(nu, p) + lambda sqrt((m^2 + rho^2) / 2) a
-
-with w standard normal, rho^2 the squared accelerations by inputs and hull along a run, and m^2 the
-mean of rho^2 over the training part (`calibration`).
+The equations are in `calibration`.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
+from seatrial.models.compiled import lean_kernel
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.vessel.basis import Array
 
@@ -33,13 +29,7 @@ class ModelError:
     def accelerations(self, rho2: Array, period_s: float, rng: np.random.Generator) -> Array:
         """Accelerations drawn at their full size, k lambda sqrt((m^2 + rho^2) / 2) a.
 
-        Args:
-            rho2: squared accelerations along a run, shape (N, n_dof) [(m/s^2)^2, (rad/s^2)^2].
-            period_s: sample time [s].
-            rng: draws a.
-
-        Returns:
-            Shape (N, n_dof) [m/s^2, rad/s^2].
+        Shape (N, n_dof) [m/s^2, rad/s^2], from rho^2 of a run [(m/s^2)^2, (rad/s^2)^2].
         """
         size = np.sqrt(0.5 * (self.mean_square + rho2))
         return self.scale * self.force * size * gauss_markov(rho2.shape, period_s, rng)
@@ -68,6 +58,14 @@ def gauss_markov(shape: tuple[int, ...], period_s: float, rng: np.random.Generat
     a_k = phi a_(k-1) + sqrt(1 - phi^2) w_k, phi = exp(-h / T), a_0 = w_0; `period_s` is h [s].
     """
     phi = np.exp(-period_s / CORRELATION_S)
-    white = rng.standard_normal(shape)
-    white[1:] *= np.sqrt(1.0 - phi**2)
-    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -phi], white, axis=0))
+    paths = rng.standard_normal(shape)
+    paths[1:] *= np.sqrt(1.0 - phi**2)
+    _accumulate(paths, phi)
+    return paths
+
+
+@lean_kernel
+def _accumulate(paths: Array, phi: float) -> None:
+    for k in range(1, paths.shape[0]):
+        for i in range(paths.shape[1]):
+            paths[k, i] += phi * paths[k - 1, i]

@@ -12,12 +12,11 @@ front per generation, Blank & Deb (2020b):
 with ideal point z*, nadir point z_nad, and objectives normalised by both at t. The search has
 converged when the magnitudes of all three are below a threshold for `window` generations, (3.10).
 
-Step 3: one point of the front, section 6.2.3: objectives are normalised to [0, 1] over the front;
-an objective in which the front has no extent is 0 for every point. Beyond the thesis, the fit of
-`output_error` can polish the chosen point, which also gives standard errors; the front itself has
-none. The result is the chosen point or what the polish has made of it, and nothing else.
+Step 3: one point of the front, section 6.2.3. Beyond the thesis, the fit of `output_error` can
+polish it, which also gives standard errors; the front itself has none.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, NamedTuple
@@ -48,8 +47,6 @@ from seatrial.models.vessel.thruster import SecondOrderLag
 
 FRONT_RESOLUTION = 1e-12  # smallest extent of a front, relative to the objectives' scale
 CROSSOVER, ETA = 0.9, 15.0  # probability, and index of both operators: Hoyer (2021), Table 6.1
-RADIUS = 0.125  # of the neighbourhood in which trade-offs are compared, in normalised objectives
-KNEE_DEVIATIONS = 2.0  # standard deviations above the mean trade-off that make a knee
 Decision = Literal["knee", "ideal", "pseudo_weights"]
 
 
@@ -97,36 +94,25 @@ class SearchResult(NamedTuple):
 
 
 def search(
-    evaluate: Callable[[Array], Array],
-    box: tuple[Array, Array],
-    scale: Array,
-    floor: float,
-    window: int,
-    threshold: float,
-    population: int,
-    generations: int,
-    rng: np.random.Generator,
-) -> SearchResult:
+    evaluate: Callable[[Array], Array], box: tuple[Array, Array], scale: Array, floor: float,
+    window: int, threshold: float, population: int, generations: int, rng: np.random.Generator,
+) -> SearchResult:  # fmt: skip
     """Search for a number of generations, or until one of two things happens before.
 
     A point reaches `floor` times the `scale` (n_objectives,) of the objectives, or the front has
-    changed by less than `threshold` in the last `window` generations. A front of one point has no
-    extent, so it never counts as converged. `evaluate` gives the objectives (n, n_objectives) of
-    design points (n, m), which lie in the `box` of lower and upper bounds (m,).
+    changed by less than `threshold` in the last `window` generations; one point never has. The
+    objectives (n, n_objectives) are those of design points (n, m) in the `box` of bounds (m,).
     """
-    lower, upper = box
-    m = len(lower)
+    (lower, upper), m = box, len(box[0])
 
     class Objectives(DesignProblem):  # type: ignore[misc]
         def _evaluate(self, x: Array, out: dict[str, Array], *_: Any, **__: Any) -> None:
             out["F"] = evaluate(lower + x * (upper - lower))
 
     algorithm = NSGA2(
-        pop_size=population,
-        crossover=SBX(eta=ETA, prob=CROSSOVER),
-        mutation=PM(eta=ETA, prob=1.0, prob_var=1.0 / m),
-        eliminate_duplicates=_Distinct(),
-    )
+        pop_size=population, crossover=SBX(eta=ETA, prob=CROSSOVER),
+        mutation=PM(eta=ETA, prob=1.0, prob_var=1.0 / m), eliminate_duplicates=_Distinct(),
+    )  # fmt: skip
     problem, seed = Objectives(n_var=m, n_obj=len(scale), xl=0.0, xu=1.0), int(rng.integers(2**31))
     algorithm.setup(problem, seed=seed, termination=NoTermination())
     reason, changes = "generations", list[Change]()
@@ -167,42 +153,21 @@ def normalised(front: Array) -> Array:
     return np.asarray((front - ideal) / extent)
 
 
-def nearest_to_ideal(front: Array) -> int:
-    """The point with the smallest normalised distance to the ideal point."""
-    return int(np.argmin(np.linalg.norm(normalised(front), axis=1)))
-
-
 def knees(front: Array) -> NDArray[np.int64]:
     """Indices of the high trade-off points of a front (n, n_objectives). Blank & Deb (2020a).
 
     mu_i = min over neighbours j of sum max(0, f_j - f_i) / sum max(0, f_i - f_j): the least
     sacrifice per gain when moving from point i to a neighbour. A knee is an outlier: mu exceeds its
-    mean by two standard deviations, or it is the largest one and exceeds it by one. The result may
-    be empty, and is for fewer than three points.
+    mean by two standard deviations, or it is the largest one and exceeds it by one.
     """
-    points = normalised(front)
-    n, m = points.shape
-    if n < 3:
+    if len(front) < 3:
         return np.zeros(0, dtype=np.int64)
-    tree, least = scipy.spatial.cKDTree(points), min(2 * m, n - 1)
-    mu = np.full(n, np.nan)
-    for i, point in enumerate(points):
-        near = tree.query_ball_point(point, RADIUS)
-        if len(near) < least:
-            near = tree.query(point, k=least + 1)[1]
-        change = points[near] - point
-        sacrifice = np.maximum(change, 0.0).sum(axis=1)
-        gain = np.maximum(-change, 0.0).sum(axis=1)
-        useful = gain > 0.0
-        if np.any(useful):
-            mu[i] = np.min(sacrifice[useful] / gain[useful])
-    finite = np.flatnonzero(np.isfinite(mu))
-    if len(finite) < 2 or np.ptp(mu[finite]) == 0.0:
-        return np.zeros(0, dtype=np.int64)
-    deviation = (mu[finite] - np.mean(mu[finite])) / np.std(mu[finite])
-    if np.max(deviation) >= KNEE_DEVIATIONS:
-        return np.asarray(finite[deviation >= KNEE_DEVIATIONS])
-    return finite[[np.argmax(deviation)]] if np.max(deviation) > 1.0 else finite[:0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # pymoo imports what scipy has renamed, and sets a filter
+        from pymoo.mcdm.high_tradeoff import HighTradeoffPoints
+
+        found = HighTradeoffPoints().do(normalised(front))
+    return np.array([] if found is None else found, dtype=np.int64)
 
 
 def pseudo_weights(front: Array) -> Array:
@@ -215,32 +180,25 @@ def pseudo_weights(front: Array) -> Array:
 def choose(front: Array, decision: Decision, weights: tuple[float, ...] | None) -> tuple[int, str]:
     """Index of the chosen point and the rule that chose it.
 
-    `knee` chooses the knee nearest to the ideal point; if there is none, the nearest point of the
-    front. `pseudo_weights` chooses the point whose pseudo-weights are nearest to `weights` (null:
-    equal weights).
+    `knee` chooses the knee nearest to the ideal point, or else the nearest point; `pseudo_weights`
+    that whose pseudo-weights are nearest to `weights` (null: equal ones).
     """
     if decision == "pseudo_weights":
         target = np.ones(front.shape[1]) if weights is None else np.array(weights)
         target = target / np.sum(target)
         return int(np.argmin(np.abs(pseudo_weights(front) - target).sum(axis=1))), decision
     indices = knees(front) if decision == "knee" else np.zeros(0, dtype=np.int64)
-    if len(indices):
-        distance = np.linalg.norm(normalised(front)[indices], axis=1)
-        return int(indices[np.argmin(distance)]), "knee"
-    return nearest_to_ideal(front), "ideal"
+    rule = "knee" if len(indices) else "ideal"
+    indices = indices if len(indices) else np.arange(len(front))
+    distance = np.linalg.norm(normalised(front)[indices], axis=1)
+    return int(indices[np.argmin(distance)]), rule
 
 
 @dataclass(frozen=True)
 class Nsga2(PredictionOptions):
     """Pareto front of the prediction errors, and one point of it.
 
-    `objective` is the error of a state, `grouped` combines the states into two objectives. The
-    population size is `population`, or (null) 10^m for m parameters, at most `population_cap`. The
-    search ends when the running metric stays below `threshold` for `window` generations, after
-    `generations`, or when all objectives of one point are below `objective_floor` times the spread
-    of the measured states. `decision` chooses the point, with `weights` of the objectives for
-    pseudo_weights. `polish: output_error` fits the free run from it, with the `polish_horizons`
-    (samples) first.
+    It ends as `search` does; `objective_floor` is relative to the spread of the measured states.
     """
 
     objective: Metric
@@ -256,12 +214,9 @@ class Nsga2(PredictionOptions):
     polish: Literal["output_error"] | None
     polish_horizons: tuple[int, ...]
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_horizons(self.polish_horizons)
-
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for missing bounds or a wrong number of weights."""
+        check_horizons(self.polish_horizons)
         self.check_bounded(self.unknowns(nominal, windy=True))
         count = 2 if self.grouped else 2 * len(nominal.dofs)
         if self.weights is not None and len(self.weights) != count:
@@ -285,9 +240,10 @@ class Nsga2(PredictionOptions):
         diagnostics.append(Diagnostic("pareto_chosen", "all", float(chosen), i=chosen, label=rule))
         point = result.points[chosen]
         if self.polish is None:
-            bounds = active_bounds(free, point, box)
-            model, residual = free.model(problem.nominal, point), free.residual(point)
-            identified = Identified(model, residual, diagnostics=tuple(bounds))
+            identified = Identified(
+                free.model(problem.nominal, point), free.residual(point),
+                diagnostics=tuple(active_bounds(free, point, box)),
+            )  # fmt: skip
         else:
             polished = fit_through(self, problem, point, self.polish_horizons, "estimated")
             identified = model_of(self, problem, polished)

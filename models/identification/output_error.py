@@ -4,10 +4,8 @@
 
 over pose and velocity of every degree of freedom, or over weighted outputs; maximum likelihood for
 white measurement noise of standard deviation sigma, Ljung (1999), section 7.4. The predictions are
-those of `nsga2`, Hoyer (2021), section 6.1, the fit is `free_run_fit`. A free run over a long
-recording has many local minima far from the true parameters, one over a short horizon has few. So
-the model is fitted with horizons of growing length (`horizons`, in samples), each fit starting from
-the last one.
+those of `nsga2`, Hoyer (2021), section 6.1, the fit is `free_run_fit`, with horizons of growing
+length, each from the last one.
 """
 
 from collections.abc import Iterator
@@ -22,7 +20,7 @@ from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE, Diagnostic
 from seatrial.models.errors import ConfigurationError, IdentificationError
 from seatrial.models.identification.free_run import Course, deviations
 from seatrial.models.identification.free_run_fit import Effort, Fit, FreeRuns, Stage, grown
-from seatrial.models.identification.linear import TRAINING, check_distinguished
+from seatrial.models.identification.least_squares import TRAINING, check_distinguished
 from seatrial.models.identification.physical_constraints import feasible
 from seatrial.models.identification.predictor import PredictionOptions, active_bounds, check_outputs
 from seatrial.models.identification.problem import Identified, Problem
@@ -44,21 +42,14 @@ InitialState = Literal["measured", "smoothed", "estimated"]
 class OutputError(PredictionOptions):
     """Least squares on the free-run prediction, starting from the nominal parameters.
 
-    The fit uses the `horizons` (samples), then `horizon`. sigma is that of the residuals; or
-    `outputs` are the weights of what is compared, each divided by its standard deviation in its
-    file (`predictor`). `initial_state: estimated` also estimates the initial states of the
-    predictions, `smoothed` takes smoothed measured ones. A prior adds sum_i ((p_i - p_0i) / s_i)^2,
-    times the number of samples that say as much as one independent sample (`structured.inflation`)
-    where sigma is that of the residuals.
+    The fit uses the `horizons` (samples), then `horizon`. A prior adds sum_i ((p_i - p_0i) / s_i)^2
+    times the number of samples that say as much as one independent sample (`structured.inflation`),
+    or once for weighted `outputs`.
     """
 
     horizons: tuple[int, ...]
     initial_state: InitialState
     outputs: dict[str, float] | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_horizons(self.horizons)
 
     @property
     def output_weights(self) -> dict[str, float] | None:
@@ -75,40 +66,30 @@ class OutputError(PredictionOptions):
 
     def check(self, nominal: Vessel, thruster: SecondOrderLag | None, measured: bool) -> None:
         """Raise ConfigurationError for parameters or bounds that do not fit the vessel."""
+        check_horizons(self.horizons)
         self.unknowns(nominal, windy=True)
         if self.outputs is not None:
             check_outputs(self.outputs, nominal)
 
     def identify(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """The residual table of the best parameters, with standard errors.
-
-        Raises IdentificationError when the predictions do not determine the parameters.
-        """
-        fitted = fit_through(self, problem, None, self.horizons, self.initial_state)
-        return model_of(self, problem, fitted)
+        """The table of the best parameters; raises IdentificationError if there is no best one."""
+        fit = fit_through(self, problem, None, self.horizons, self.initial_state)
+        return model_of(self, problem, fit)
 
 
 def check_horizons(horizons: tuple[int, ...]) -> None:
     """Raise ConfigurationError for horizons of fewer than two samples."""
-    if any(horizon < 2 for horizon in horizons):
+    if min(horizons, default=2) < 2:
         raise ConfigurationError(f"horizons must be at least 2 samples, got {list(horizons)}")
 
 
 def fit_through(
-    options: PredictionOptions,
-    problem: Problem,
-    point: Array | None,
-    horizons: tuple[int, ...],
+    options: PredictionOptions, problem: Problem, point: Array | None, horizons: tuple[int, ...],
     initial_state: InitialState,
-) -> Fit:
-    """Fit with growing horizons up to that of the options.
+) -> Fit:  # fmt: skip
+    """Fit with growing `horizons` [samples] up to that of the options.
 
-    Args:
-        options: what is free, predicted and compared.
-        problem: the recording and the nominal model.
-        point: where the fit begins, shape (m,); None: at the nominal parameters.
-        horizons: lengths of the first predictions [samples].
-        initial_state: what is known of the initial states.
+    The fit begins at the `point` (m,); None: at the nominal parameters.
     """
     training = problem.training
     free = options.unknowns(problem.nominal, training.wind is not None)
@@ -172,22 +153,18 @@ def model_of(options: PredictionOptions, problem: Problem, result: Fit) -> Ident
     if bounds or active or result.slow > SLOW_SHARE:
         diagnostics.append(Diagnostic(INTERVAL_OF_ESTIMATE, "all", 1.0))
     return Identified(
-        free.model(problem.nominal, point),
-        free.residual(point),
-        free.std_error(covariance),
-        tuple(diagnostics),
-        device_errors=free.device_errors(np.sqrt(np.diag(covariance))),
+        free.model(problem.nominal, point), free.residual(point), free.std_error(covariance),
+        tuple(diagnostics), device_errors=free.device_errors(np.sqrt(np.diag(covariance))),
         spread=result.spread(problem.nominal),
-    )
+    )  # fmt: skip
 
 
 def condition_of(result: Fit) -> float:
     """Condition number of the scaled Jacobian, every output over its spread.
 
-    The check does not depend on the noise, nor on parameters to which a long free run is
-    exponentially sensitive: a parameter has no effect if its nominal value changes the predictions
-    by less than SINGULAR of their spread. Raises IdentificationError with the names of the
-    parameters when the predictions do not determine them.
+    A parameter has no effect if its nominal value changes the predictions by less than
+    SINGULAR_RATIO of their spread. Raises IdentificationError with the names of the parameters that
+    the predictions do not determine.
     """
     predictor = result.runs.predictor
     relative = result.scale / predictor.compared.spread

@@ -1,29 +1,31 @@
 """Partial least squares regression of the lack of fit. Jervan (2020), sections 3.3 and 4.5.
 
-The equations are in `kernel_pls`. The order of each degree of freedom has the least mean squared
-error on left-out data, see `Selection`. Neighbouring samples are correlated, so blocks are left
-out, not single samples.
+    E = (X - mean X) / (beta std X),   F = (Y - mean Y) / std Y                 (3.3)-(3.4), (4.8)
+    E = T P' + rest,   F = T Q' + rest,   T chosen for the largest covariance    (3.5)-(3.10)
+    Theta_pre = W (P' W)^-1 Q'                                                   (3.11)
+    Theta = Theta_pre std Y / (beta std X),   constant = mean Y - mean X Theta   (3.12)-(3.14)
+
+beta is the number of variables multiplied in a term; (3.12) prints 2 for it. All orders are
+computed from the covariances E'E and E'F by the improved kernel algorithm of Dayal and MacGregor
+(1997), J. Chemometrics 11, 73-85, which deflates E'F only and gives the results of NIPALS.
+
+Covariances are stored as moment matrices Z'Z of Z = [1, X, Y], which are additive: those of all
+samples, or of all but a block, are sums of those of the blocks. The order of each degree of freedom
+has the least mean squared error on left-out data (`Selection`): blocks, not single samples, since
+neighbouring samples are correlated.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from seatrial.models.compiled import kernel
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.constrained_table import finished
-from seatrial.models.identification.kernel_pls import (
-    Block,
-    Columns,
-    LeftOut,
-    all_orders,
-    columns,
-    left_out_mse,
-    mean_squares,
-)
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import CONSTANT, ResidualOptions, Samples, thruster_of
 from seatrial.models.identification.uncertainty import block_bootstrap
@@ -34,18 +36,266 @@ from seatrial.models.vessel.basis import Array, Term
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
-# Blocks, or files, of the training part; the held-out part itself, as in the thesis, whose error is
-# too optimistic.
-Selection = Literal["blocked", "test"]
+EXHAUSTED = 1e-15  # fraction of a variance below which the remainder is rounding
+SQUARINGS = 40
+Selection = Literal["blocked", "test"]  # of the training part; the held-out one, as in the thesis
+
+
+@kernel
+def _dominant(left: Array, w: Array) -> float:
+    """Write the dominant left singular vector of E'F (J, K) to w; return the singular value.
+
+    The eigenvector of (E'F)'(E'F), shape (K, K), is computed by repeated squaring of the matrix.
+    """
+    n_x, n_y = left.shape
+    power = np.zeros((n_y, n_y))
+    for i in range(n_x):
+        for k in range(n_y):
+            for m in range(n_y):
+                power[k, m] += left[i, k] * left[i, m]
+    square = np.empty((n_y, n_y))
+    for _ in range(SQUARINGS if n_y > 1 else 0):
+        trace = np.trace(power)
+        if trace <= 0.0:
+            return 0.0
+        for k in range(n_y):
+            for m in range(n_y):
+                square[k, m] = np.sum(power[k] * power[:, m]) / (trace * trace)
+        power, square = square, power
+    column = power[:, np.argmax(np.diag(power))]
+    for i in range(n_x):
+        w[i] = np.sum(left[i] * column)
+    length, norm = np.sum(w**2), np.sum(column**2)
+    if length <= 0.0:
+        return 0.0
+    w /= np.sqrt(length)
+    return float(np.sqrt(length / norm))
+
+
+@kernel
+def partial_least_squares(
+    xx: Array, xy: Array, weights: Array, loadings: Array, output: Array, coefficients: Array
+) -> int:
+    """Write W, P, Q and Theta_pre of all orders from E'E (J, J) and E'F (J, K).
+
+    w is the dominant left singular vector of E'F; r = w - sum_j (p_j' w) r_j, so that t = E r;
+    p = E'E r / t't, q = (E'F)' r / t't; E'F is deflated by t't p q'. Returns the number of orders
+    computed; the coefficients of higher orders, which explain no more, equal the last ones. What is
+    written must be zero on entry.
+    """
+    orders, n_x, n_y = coefficients.shape
+    left, r, e, w = xy.copy(), np.zeros((orders, n_x)), np.empty(n_x), np.empty(n_x)
+    first, found, exhausted = 0.0, 0, False
+    for a in range(orders):
+        theta, own = coefficients[a], r[a]
+        if a > 0:
+            theta += coefficients[a - 1]
+        if exhausted:
+            continue
+        length = _dominant(left, w)
+        first = max(first, length)
+        own += w
+        for j in range(a):
+            own -= np.sum(loadings[:, j] * w) * r[j]
+        for i in range(n_x):
+            e[i] = 0.0
+            for j in range(n_x):
+                e[i] += xx[i, j] * own[j]
+        variance = np.sum(own * e)
+        least = EXHAUSTED * np.trace(xx) * np.sum(own**2)
+        exhausted = length <= EXHAUSTED * first or variance <= least
+        if exhausted:
+            continue
+        found += 1
+        for k in range(n_y):
+            q = np.sum(left[:, k] * own / variance)
+            for i in range(n_x):
+                left[i, k] -= e[i] * q
+                theta[i, k] += own[i] * q
+            output[k, a] = q
+        for i in range(n_x):
+            weights[i, a], loadings[i, a] = w[i], e[i] / variance
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Z = [1, X, Y] of some samples, X and Y standardised for good conditioning.
+
+    X has the terms that vary; the constant is the first column.
+    """
+
+    z: Array  # (N, 1 + J + K)
+    n_terms: int  # of the samples
+    constant: int  # index of the term 1 among them
+    terms: NDArray[np.int64]  # indices of the J terms that vary
+    beta: Array  # (J,) order of each term, its divisor in (4.8)
+    mean: Array  # (J + K,)
+    scale: Array  # (J + K,)
+
+    @property
+    def n_x(self) -> int:
+        """J, the number of terms."""
+        return len(self.terms)
+
+    @property
+    def y_scale(self) -> Array:
+        """Standard deviation of the K outputs."""
+        return self.scale[self.n_x :]
+
+    @property
+    def x(self) -> Array:
+        """The constant and the terms, (N, 1 + J)."""
+        return self.z[:, : 1 + self.n_x]
+
+    @property
+    def y(self) -> Array:
+        """The outputs, (N, K)."""
+        return self.z[:, 1 + self.n_x :]
+
+    def like(self, samples: Samples) -> Array:
+        """Z of other samples with the same means and scales, (N, 1 + J + K)."""
+        xy = np.hstack([samples.phi[:, self.terms], samples.epsilon])
+        return np.hstack([np.ones((len(xy), 1)), (xy - self.mean) / self.scale])
+
+    def table(self, theta: Array) -> Array:
+        """Coefficients in the units of the samples (n_terms, K) from those on Z (1 + J, K)."""
+        coefficients = np.zeros((self.n_terms, theta.shape[1]))
+        coefficients[self.terms] = theta[1:] * self.y_scale / self.scale[: self.n_x, None]
+        offset = self.mean[self.n_x :] + theta[0] * self.y_scale
+        coefficients[self.constant] = offset - self.mean[: self.n_x] @ coefficients[self.terms]
+        return coefficients
+
+
+def columns(samples: Samples) -> Columns:
+    """Standardised columns of the samples, which have the constant among their terms."""
+    assert samples.constant is not None
+    low, high = np.min(samples.phi, axis=0), np.max(samples.phi, axis=0)
+    terms = np.flatnonzero(high - low > 1e-12 * np.maximum(-low, high))  # the others are constant
+    z = np.hstack([np.ones((len(samples), 1)), samples.phi[:, terms], samples.epsilon])
+    xy = z[:, 1:]  # changed in place to save memory
+    mean = np.mean(xy, axis=0)
+    xy -= mean
+    scale = np.sqrt(np.einsum("nj,nj->j", xy, xy) / len(xy))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    xy /= scale
+    beta = np.array([float(samples.terms[i].order) for i in terms])
+    return Columns(z, len(samples.terms), samples.constant, terms, beta, mean, scale)
+
+
+class Covariances(NamedTuple):
+    """Means and covariances from a moment matrix, and the divisors of (3.3), (3.4), (4.8)."""
+
+    x_mean: Array  # (J,)
+    y_mean: Array  # (K,)
+    xx: Array  # E'E / N, (J, J)
+    xy: Array  # E'F / N, (J, K)
+    x_gain: Array  # (J,) 1 / (beta std X); zero where a column does not vary
+    y_scale: Array  # (K,) std Y
+
+
+def covariances(moment: Array, beta: Array) -> Covariances:
+    """Standardised covariances from Z'Z, whose first column is the constant."""
+    n_x = len(beta)
+    mean = moment[0] / moment[0, 0]
+    spread = (moment / moment[0, 0] - np.outer(mean, mean))[1:, 1:]
+    deviation = np.sqrt(np.clip(np.diag(spread), 0.0, None))
+    x_scale, y_scale = deviation[:n_x], deviation[n_x:]
+    varies = x_scale > 1e-9
+    gain = np.where(varies, 1.0 / np.where(varies, x_scale * beta, 1.0), 0.0)
+    y_scale = np.where(y_scale > 0.0, y_scale, 1.0)
+    xx = spread[:n_x, :n_x] * np.outer(gain, gain)
+    xy = spread[:n_x, n_x:] * gain[:, None] / y_scale
+    return Covariances(mean[1 : 1 + n_x], mean[1 + n_x :], xx, xy, gain, y_scale)
+
+
+def all_orders(moment: Array, beta: Array, orders: int) -> Array:
+    """Coefficients on Z of every order up to `orders`, shape (orders, 1 + J, K)."""
+    c, shape = covariances(moment, beta), (len(beta), orders)
+    pre = np.zeros((orders, *c.xy.shape))
+    partial_least_squares(
+        np.ascontiguousarray(c.xx), np.ascontiguousarray(c.xy), np.zeros(shape), np.zeros(shape),
+        np.zeros((len(c.y_mean), orders)), pre,
+    )  # fmt: skip
+    theta = pre * c.x_gain[:, None] * c.y_scale
+    constant = c.y_mean - np.einsum("j,ajk->ak", c.x_mean, theta)
+    return np.concatenate([constant[:, None, :], theta], axis=1)
+
+
+def output_moment(moment: Array, n_x: int, k: int) -> Array:
+    """The moments of Z with the k-th output only."""
+    rows = np.r_[: 1 + n_x, 1 + n_x + k]
+    return np.asarray(moment[np.ix_(rows, rows)])
+
+
+def mean_squares(moment: Array, theta: Array) -> Array:
+    """Mean squared error on the samples of a moment matrix, (..., K) for theta (..., 1 + J, K)."""
+    n_x = theta.shape[-2]
+    normal, cross = moment[:n_x, :n_x], moment[:n_x, n_x:]
+    square = np.diag(moment)[n_x:]
+    fitted = np.sum(theta * (normal @ theta - 2.0 * cross), axis=-2)
+    return np.asarray(np.clip(square + fitted, 0.0, None) / moment[0, 0])
+
+
+Pair = tuple[Array, Array]  # moment matrices Z'Z of a training part and of what it leaves out
+
+
+class Block(NamedTuple):
+    """Regressors of consecutive samples, the constant first, and their X'X."""
+
+    rows: slice
+    x: Array
+    xx: Array
+
+    @classmethod
+    def of(cls, x: Array, rows: slice) -> "Block":
+        """Some rows of the regressors of all samples (N, 1 + J)."""
+        return cls(rows, x[rows], x[rows].T @ x[rows])
+
+    def moment(self, outputs: Array) -> Array:
+        """Z'Z of Z = [X, Y] for outputs of all samples (N, K)."""
+        y = outputs[self.rows]
+        xy = self.x.T @ y
+        n, k = xy.shape
+        moment = np.empty((n + k, n + k))  # np.block would take longer than the products
+        moment[:n, :n], moment[:n, n:] = self.xx, xy
+        moment[n:, :n], moment[n:, n:] = xy.T, y.T @ y
+        return moment
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """What models are judged on, for any outputs on the same regressors.
+
+    Each of the `blocks` by a model of the others; or other data, by a model of all.
+    """
+
+    blocks: tuple[Block, ...]
+    other: Array | None  # Z'Z of the other data
+
+    def moments(self, outputs: Array) -> list[Array]:
+        """Z'Z of every block, for outputs (N, K)."""
+        return [block.moment(outputs) for block in self.blocks]
+
+    def pairs(self, moments: list[Array]) -> list[Pair]:
+        """Moments of what a model is fitted to and of what it is judged on."""
+        if self.other is not None:
+            return [(np.asarray(sum(moments)), self.other)]
+        others = (moments[:k] + moments[k + 1 :] for k in range(len(moments)))
+        return [(np.asarray(sum(kept)), left) for kept, left in zip(others, moments, strict=True)]
+
+
+def left_out_mse(pairs: list[Pair], score: Callable[[Array, Array], Array]) -> Array:
+    """Mean squared error over all left-out samples; score(training, left out) gives one part's."""
+    sizes = np.array([left[0, 0] for _, left in pairs])
+    return np.asarray(np.tensordot(sizes / np.sum(sizes), [score(*pair) for pair in pairs], axes=1))
 
 
 @dataclass(frozen=True)
 class PartialLeastSquares(ResidualOptions):
     """Common options of the regressions by partial least squares.
 
-    The constant is always in the basis. `bootstrap` is the number of block-bootstrap replicates
-    for standard errors, null for none. The standard errors do not include the bias towards the
-    nominal model.
+    The constant is in the basis. Standard errors do not include the bias towards the nominal model.
     """
 
     folds: Folds
@@ -66,8 +316,8 @@ class PartialLeastSquares(ResidualOptions):
         return columns(samples)
 
     def left_out(
-        self, selection: Selection, problem: Problem, lag: SecondOrderLag | None,
-        samples: Samples, z: Columns,
+        self, selection: Selection, problem: Problem, lag: SecondOrderLag | None, samples: Samples,
+        z: Columns,
     ) -> LeftOut:  # fmt: skip
         """What the models of the training part, `samples` and their columns z, are judged on.
 
@@ -149,10 +399,8 @@ def order_diagnostics(
     diagnostics = []
     for k, dof in enumerate(dofs):
         unit = SQUARE_UNIT[dof]
-        diagnostics += [
-            Diagnostic("order_mse", dof, float(value), unit, i=a + 1, label=selection)
-            for a, value in enumerate(mse[:, k])
-        ]
+        for i, value in enumerate(mse[:, k].tolist(), start=1):
+            diagnostics.append(Diagnostic("order_mse", dof, value, unit, i=i, label=selection))
         diagnostics.append(Diagnostic("selected_order", dof, float(chosen[k] + 1), label=selection))
     return tuple(diagnostics)
 
@@ -161,8 +409,7 @@ def scaled_coefficients(z: Columns, theta: Array, residual: Vessel) -> tuple[Dia
     """Theta_pre, the coefficients between scaled regressors and scaled outputs. Jervan, (3.11).
 
     They have no unit, so their magnitudes say how much each term contributes to the output.
-    `theta` (1 + J, K) are the coefficients on Z of the table `residual`; terms that were dropped
-    are left out.
+    `theta` (1 + J, K) are those on Z of the table `residual`; dropped terms are left out.
     """
     scaled = theta[1:] * z.beta[:, None]  # Z has unit variance, E has 1 / beta
     return tuple(

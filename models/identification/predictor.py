@@ -1,7 +1,6 @@
 """Prediction of a recording as a function of free parameters, with their bounds and options.
 
-What is compared with the recording are its outputs: all states, the velocities alone, or outputs
-with weights,
+What is compared with the recording are all states, the velocities alone, or outputs with weights,
 
     e = weight (y_hat - y) / s
 
@@ -9,7 +8,7 @@ where s is the standard deviation of the measured output y in its file, so that 
 every output counts alike whatever its size. Outputs are poses and velocities, and loads that were
 measured on devices, such as `propeller.thrust`. A measured load that is NaN is left out.
 
-Bounds of free parameters that follow from physics and from the nominal vessel.
+Bounds of each free parameter follow from physics and from the nominal vessel:
 
     inertia on the diagonal     M_ii / factor <= M_ii <= factor M_ii
     inertia off the diagonal    |M_ij| <= sqrt(M_ii M_jj), as in a positive definite matrix
@@ -18,8 +17,7 @@ Bounds of free parameters that follow from physics and from the nominal vessel.
     parameters of devices       the plausible range of the device
 
 with the nominal values on the right. A parameter that is nominally zero has the size that
-would explain the recorded force alone (`structured.prior_deviation`). These are bounds of each
-parameter by itself; constraints between parameters are in `physical_constraints`.
+would explain the recorded force alone (`structured.prior_deviation`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,6 +31,7 @@ from annotated_types import Ge, Gt
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.identification import free_run
 from seatrial.models.identification.free_parameters import (
     NED,
     TABLE,
@@ -44,18 +43,7 @@ from seatrial.models.identification.free_parameters import (
     parse_label,
     with_devices,
 )
-from seatrial.models.identification.free_run import (
-    METRICS,
-    Course,
-    Integrator,
-    course_of,
-    deviations,
-    predict,
-    predict_many,
-    predicted_layout,
-    prediction_errors,
-    spread,
-)
+from seatrial.models.identification.free_run import Course, Integrator
 from seatrial.models.identification.physical_constraints import PhysicalConstraints, dissipates
 from seatrial.models.identification.problem import (
     Force,
@@ -136,11 +124,6 @@ class Outputs:
     recording: Recording | None = None  # with the loads
     loads: tuple[int, ...] = ()  # of the loads of the recording
 
-    @property
-    def angles(self) -> list[int]:
-        """Places of the attitude among the outputs."""
-        return [j for j, unit in enumerate(self.units) if unit == "rad"]
-
     def with_loads(self, errors: Array, nu: Array, devices: Mapping[str, Device]) -> Array:
         """Predicted - measured (N, n) of all outputs, from that of the states.
 
@@ -195,16 +178,13 @@ def check_outputs(weights: Mapping[str, float], nominal: Vessel) -> None:
     """Raise ConfigurationError for an output that is not known, and for a weight of zero."""
     states = (*poses_of(nominal.dofs), *velocities_of(nominal.dofs))
     loads = [f"{name}.{load}" for name, each in nominal.devices.items() for load in each.LOADS]
+    wrong = [name for name in weights if name not in (*states, *loads)]
+    if wrong or not set(weights) & set(states):
+        got, expected = wrong[0] if wrong else "no state", ", ".join((*states, *loads))
+        raise ConfigurationError(f"identifier.outputs: got {got}, expected some of {expected}")
     for name, weight in weights.items():
-        if name not in states and name not in loads:
-            expected = ", ".join((*states, *loads))
-            raise ConfigurationError(f"identifier.outputs: got {name}, expected some of {expected}")
         if not weight > 0.0:
             raise ConfigurationError(f"identifier.outputs.{name} must be positive, got {weight:g}")
-    if not set(weights) & set(states):
-        raise ConfigurationError(
-            f"identifier.outputs: got no state, expected some of {', '.join(states)}"
-        )
 
 
 STEERED_PRIOR = 0.3  # of a parameter of a vessel with inputs, over its nominal size
@@ -233,7 +213,7 @@ class Predictor:
     @cached_property
     def spread(self) -> Array:
         """Standard deviation of each measured state, 1 for one that does not move."""
-        deviation = spread(self.course)
+        deviation = free_run.spread(self.course)
         return np.where(deviation > 0.0, deviation, 1.0)
 
     def predict(self, point: Array, offset: Array | None = None) -> Array:
@@ -250,7 +230,7 @@ class Predictor:
         plant = self.plan.plant(tables[0], inverses[..., 0])
         plant = plant._replace(parameters=self.free.device_parameters(point[None])[:, 0].copy())
         predicted = np.empty_like(course.reached)
-        predict(plant, course, self.integrator == "euler", predicted)
+        free_run.predict(plant, course, self.integrator == "euler", predicted)
         return predicted
 
     def predict_many(self, points: Array, offsets: Array) -> Array:
@@ -262,7 +242,7 @@ class Predictor:
         inverses, realistic = self.plan.inverse_inertia(tables)
         starts = np.stack([self.course.starts(offset) for offset in offsets], axis=2)
         predicted = np.empty((len(points), *self.course.reached.shape))
-        predict_many(
+        free_run.predict_many(
             self.plan.structure, self.plan.entries(tables), inverses,
             self.free.device_parameters(points), self.course, starts,
             self.integrator == "euler", predicted,
@@ -279,33 +259,31 @@ class Predictor:
         return self._compared(self.predict_many(points, offsets), points)
 
     def _compared(self, predicted: Array, points: Array) -> Array:
-        n, columns = len(self.free.nominal.dofs), self.compared.columns
-        nu = predicted[..., -n:]
-        if columns == tuple(range(n, 2 * n)):  # a pose's deviation takes most of the time
-            return np.asarray(nu - self.course.measured[:, n:])
-        course, compared = self.course, self.compared
+        n, course, compared = len(self.free.nominal.dofs), self.course, self.compared
+        if compared.columns == tuple(range(n, 2 * n)):  # a pose's deviation takes most of the time
+            return np.asarray(predicted[..., -n:] - course.measured[:, n:])
         found = []
-        for own, state, point in zip(nu, predicted, points, strict=True):
-            errors = deviations(course.kinematics, course.reached, state)[:, columns]
+        for state, point in zip(predicted, points, strict=True):
+            errors = free_run.deviations(course.kinematics, course.reached, state)
+            errors = errors[:, compared.columns]
             if compared.loads:
-                errors = compared.with_loads(errors, own, self.free.devices(point))
+                errors = compared.with_loads(errors, state[:, -n:], self.free.devices(point))
             found.append(errors)
         return np.array(found)
 
     def errors(self, points: Array, metric: str) -> tuple[Array, Array, Flags]:
         """Prediction errors of n design points (n, m), per state, shape (n, 2 n_dof).
 
-        Also returns the share of rates that had to be limited (n,), and whether the inertia is
-        positive definite (n,).
+        Also the share of limited rates (n,), and whether the inertia is positive definite (n,).
         """
         tables = self.free.tables(points)
         inverse, realistic = self.plan.inverse_inertia(tables)
         errors = np.empty((len(points), len(self.spread)))
         limited = np.empty(len(points))
-        prediction_errors(
+        free_run.prediction_errors(
             self.plan.structure, self.plan.entries(tables), inverse,
             self.free.device_parameters(points), self.course, self.integrator == "euler",
-            METRICS.index(metric), errors, limited,
+            free_run.METRICS.index(metric), errors, limited,
         )  # fmt: skip
         stages = 1 if self.integrator == "euler" else 4
         return errors, limited / (stages * self.course.reached.size), realistic
@@ -321,25 +299,12 @@ def _canonical(label: str) -> str:
 class PredictionOptions(Identifier):
     """Common options of the identifiers that compare predictions with a recording.
 
-    `free` are the coefficients of the table (`table`), further ones as `dof.term`, and parameters
-    of devices, such as `rudder.gamma_R_plus` or `rudder.*`. `parameters` are the coefficients that
-    `table` means, as `dof.term` (null: the nonzero ones of the nominal table). With `coriolis:
-    tied` C(nu) nu follows from the inertia, with `free` each of its coefficients is a parameter.
-    `ned_force` adds a force (`north`, `east`) that is constant in NED (null: for a vessel in
-    surge, sway and yaw commanded by forces), since a free run accumulates unmodelled forces, and
-    `windage` the forces of a measured wind (null: beside the table as it is, for a vessel in surge,
-    sway and yaw).
-    `prior` is the standard deviation of a parameter about the nominal value, over its size (null:
-    none; auto: `STEERED_PRIOR` for a vessel with inputs, none for others), and `deviations` are
-    those of single parameters in SI units, by label or pattern. `bounds` are `dof.term: [lower,
-    upper]`, in any spelling of the term; the other parameters have physical bounds
-    (`physical_bounds`) and all together physical constraints, with the inertia within
-    `inertia_factor` of the nominal one, and symmetric where that is; an axis that free runs predict
-    worse than without identification keeps its nominal equation (null: none of these). `force`
-    drives the prediction (null: the command filtered by the known lag, else the recorded acting
-    force, else the command). A new prediction begins at the measured state every `horizon` samples
-    (null: only one prediction). Rates are limited to `derivative_limit` (m/s, rad/s and per second
-    again).
+    The YAML files say what each option is. A free run accumulates unmodelled forces, hence the
+    `ned_force` and the `windage`. `bounds` are `dof.term: [lower, upper]`, in any spelling of the
+    term; the other parameters have physical bounds (`physical_bounds`), and all together physical
+    constraints. Null stands for: `parameters`, the nonzero ones of the nominal table; `ned_force`,
+    a vessel in surge, sway and yaw commanded by forces; `windage`, beside the whole table of a
+    vessel in surge, sway and yaw; `force`, the best one known.
     """
 
     free: tuple[str, ...]
@@ -394,17 +359,16 @@ class PredictionOptions(Identifier):
             labels = [label for label, _ in nonzero_labels(nominal, self.coriolis)]
         others = [name for name in self.free if name != TABLE]
         own = [name for name in others if name.partition(".")[0] in nominal.dofs]
-        own = [*map(_canonical, own), *(WINDAGE if with_wind else ())]
-        labels += [name for name in own if name not in labels]
+        further = [*map(_canonical, own), *(WINDAGE if with_wind else ())]
+        labels += [name for name in further if name not in labels]
         symmetric = self.inertia_factor is not None
         free = free_parameters(nominal, labels, self.coriolis, with_force, symmetric)
-        free = with_devices(free, [n for n in others if n.partition(".")[0] not in nominal.dofs])
+        free = with_devices(free, [name for name in others if name not in own])
         if not len(free):
             raise ConfigurationError(f"identifier.free: {nominal.name} has nothing to identify")
-        unknown = [label for label in self.bounds if label not in free.labels]
-        if unknown:
+        for label in set(self.bounds) - set(free.labels):
             raise ConfigurationError(
-                f"bounds.{unknown[0]}: not a parameter, expected one of {', '.join(free.labels)}"
+                f"bounds.{label}: not a parameter, expected one of {', '.join(free.labels)}"
             )
         for i, plausible in free.plausible:
             for end in self.bounds.get(free.labels[i], ()):
@@ -415,8 +379,8 @@ class PredictionOptions(Identifier):
         """Predictor of the training part; `horizon` overrides the option."""
         free = self.unknowns(problem.nominal, problem.training.wind is not None)
         nominal = free.nominal
-        plan = predicted_layout(nominal, free.support)
-        course = course_of(
+        plan = free_run.predicted_layout(nominal, free.support)
+        course = free_run.course_of(
             problem.training, problem.thruster, self.force, horizon or self.horizon,
             self.derivative_limit, nominal.attitude,
         )  # fmt: skip
@@ -430,16 +394,14 @@ class PredictionOptions(Identifier):
 
         Raises ConfigurationError for a pattern without a match.
         """
-        relative = self.prior
+        relative, deviation = self.prior, np.full(len(free), np.inf)
         if relative == "auto":
             relative = STEERED_PRIOR if free.nominal.inputs else None
-        deviation = np.full(len(free), np.inf)
         if relative is not None:
             deviation = relative * nominal_sizes(free, recording, self.force)
         for pattern, value in self.deviations.items():
-            named = (
-                _canonical(pattern) if pattern.partition(".")[0] in free.nominal.dofs else pattern
-            )
+            own = pattern.partition(".")[0] in free.nominal.dofs
+            named = _canonical(pattern) if own else pattern
             chosen = [label == named or fnmatchcase(label, pattern) for label in free.labels]
             if not any(chosen):
                 raise ConfigurationError(

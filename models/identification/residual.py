@@ -3,23 +3,18 @@
     epsilon = tau - F0(nu_dot, nu) = Phi theta + rest            Jervan (2020), eqs. (3.20)-(3.22)
 
 All identifiers of a coefficient table share the options of the data (`ResidualOptions`) and the
-samples of Phi and epsilon (`Samples`).
-
-If the thruster lag is not known, it can be estimated. For each natural frequency and damping the
-command is filtered by the lag and regressed on the basis; the pair with the largest R^2 *of the
-filtered force* is chosen,
+samples of Phi and epsilon (`Samples`). If the thruster lag is not known, that can be estimated by
+which the basis explains the filtered command f best,
 
     maximise mean over dof of 1 - |rest|^2 / |f - mean f|^2,    f = lag(command).
 
 Dividing by the variance of the lack of fit instead would favour a lag that increases the force and
-with it the lack of fit. Standard errors of coefficients are those for the estimated lag. On an axis
-with little excitation near the lag's frequency, lag and inertia cannot be distinguished.
+with it the lack of fit. Standard errors of coefficients are those for the estimated lag.
 """
 
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from itertools import pairwise, product
 from typing import Annotated, Any, Literal, Self
 
@@ -57,6 +52,7 @@ SETTLE_S = 10.0  # after this time the unknown initial state of the lag has no e
 FREQUENCIES = np.geomspace(0.3, 20.0, 9)  # [rad/s] grid of the first search
 DAMPINGS = np.geomspace(0.3, 2.0, 4)
 SETTLING_PERIODS = 0.5  # periods of the cut-off after which a filter has forgotten where it began
+BLOCK_ROWS = 2048  # rows in a block of a product or a factorisation
 BLOCK_SAMPLES = 8192  # samples that are evaluated together
 FEW_VALUES = 2**17  # values that are filtered together
 NOTHING_LEFT = 1e-12  # fraction of the force below which the residual is rounding
@@ -71,17 +67,10 @@ class Samples:
     phi: Array  # (N, n_terms)
     epsilon: Array  # (N, n_dof) [N, Nm]
     force: Array  # (N, n_dof) [N, Nm], what epsilon was formed with
-    heading: Array  # (N, 2), cos(psi) and sin(psi)
     file: NDArray[np.int64] | None = None  # (N,)
 
     def __len__(self) -> int:
         return len(self.phi)
-
-    @cached_property
-    def varying(self) -> NDArray[np.int64]:
-        """Indices of the terms that vary; the others are collinear with the constant."""
-        low, high = np.min(self.phi, axis=0), np.max(self.phi, axis=0)
-        return np.flatnonzero(high - low > 1e-12 * np.maximum(-low, high))
 
     def on(self, terms: tuple[Term, ...]) -> "Samples":
         """The same samples over some of their terms."""
@@ -98,16 +87,10 @@ class Samples:
 class ResidualOptions(Identifier):
     """Data options of the identifiers of a residual table.
 
-    `basis`: full (Jervan's 31 terms), physical (those of the nominal model), linear or a list of
-    terms; `extra_terms` are added to it. `force`: the force of the residual; null is filtered if
-    the thruster lag is known, else actual if that is recorded, else commanded. `lowpass_hz`:
-    zero-phase low-pass filter of velocity, acceleration and force; `auto` chooses it, and another
-    of the regressors, by the noise of the recording (`smoothing`). `thruster`: the lag is known
-    (from the vessel), estimated from the recording, or none. `inertia_factor` bounds the inertia
-    about the nominal one, damping dissipates, and an axis that free runs predict worse than without
-    identification keeps its nominal equation (null: none of these). `refinement: free_run` refines
-    the table by free runs over segments of `segment_s` [s] (null: by how fast errors grow). `tune`
-    maps options to values of which free runs over blocks left out choose one.
+    `basis` is one of NAMED_BASES or a list of terms (`choose_basis`). `force` is that of the
+    residual (null: filtered if the thruster lag is known, else actual if that is recorded, else
+    commanded). `lowpass_hz: auto` chooses the zero-phase low-pass filter of velocity, acceleration
+    and force, and another of the regressors, by the noise of the recording (`smoothing`).
     """
 
     basis: str | tuple[str, ...]
@@ -125,7 +108,7 @@ class ResidualOptions(Identifier):
         for name, choices in (self.tune or {}).items():
             if not choices:
                 raise ConfigurationError(f"tune.{name}: got no values, expected at least one")
-        self._tuned()  # each is checked
+        ResidualOptions.alternatives(self, None)  # each is checked
         if isinstance(self.basis, str) and self.basis not in NAMED_BASES:
             raise ConfigurationError(
                 f"basis: got {self.basis!r}, expected {', '.join(NAMED_BASES)} or a list of terms"
@@ -133,10 +116,8 @@ class ResidualOptions(Identifier):
         basis.terms(() if isinstance(self.basis, str) else self.basis)
         basis.terms(self.extra_terms)
         if self.thruster == "estimated" and self.force not in (None, "filtered"):
-            raise ConfigurationError(
-                f"thruster=estimated filters the command: force must be filtered or null, "
-                f"got {self.force}"
-            )
+            got = f"force must be filtered or null, got {self.force}"
+            raise ConfigurationError(f"thruster=estimated filters the command: {got}")
         if self.thruster == "none" and self.force == "filtered":
             raise ConfigurationError("force=filtered needs a thruster lag, got thruster=none")
 
@@ -162,7 +143,22 @@ class ResidualOptions(Identifier):
         terms = choose_basis(self.basis, self.extra_terms, nominal)
         if not terms:
             raise ConfigurationError("identifier.basis: got no terms, expected at least one")
-        _check_terms(terms, nominal)
+        known = {"1", *nominal.velocities, *nominal.accelerations, *basis.ATTITUDE, *nominal.inputs}
+        known |= {*basis.AIR} if nominal.dofs == PLANAR else set()
+        known |= {*basis.SPEED, basis.SIDESLIP} if {"surge", "sway"} <= {*nominal.dofs} else set()
+        known |= {*basis.ANGLES} & {*poses_of(nominal.dofs)} if nominal.dofs != DOFS else set()
+        for term in terms:
+            for name in _variables(term) - known:
+                inputs = f" with inputs {', '.join(nominal.inputs)}" if nominal.inputs else ""
+                raise ConfigurationError(
+                    f"identifier.basis: term {term} has {name}, but {nominal.name} moves in "
+                    f"{', '.join(nominal.dofs)}{inputs}"
+                )
+            if term.name in nominal.accelerations and not nominal.forces_known:
+                raise ConfigurationError(
+                    f"identifier.basis: got {term}, but no force of {nominal.name} is known: the "
+                    "inputs determine its coefficients relative to the inertia only"
+                )
 
     def needs(self) -> Needs:
         """The force, the thruster lag if it must be known, and the low-pass filter."""
@@ -202,25 +198,19 @@ class ResidualOptions(Identifier):
         """This identifier without refinement."""
         return replace(self, refinement="none")
 
-    def alternatives(self, problem: Problem) -> dict[str, Self]:
+    def alternatives(self, problem: Problem | None) -> dict[str, Self]:
         """The identifiers of every combination of the values of `tune`."""
-        return self._tuned()
-
-    def _tuned(self) -> dict[str, Self]:
         if not self.tune:
             return {}
         known, names = {field.name for field in fields(self)} - {"tune"}, list(self.tune)
-        if unknown := [name for name in names if name not in known]:
-            raise ConfigurationError(
-                f"tune: got {unknown[0]!r}, expected options of the identifier: "
-                f"{', '.join(sorted(known))}"
-            )
-        return {
-            f"[{', '.join(names)} = {', '.join(map(str, values))}]": replace(
-                self, **dict(zip(names, values, strict=True)), tune=None
-            )
-            for values in product(*self.tune.values())
-        }
+        for name in set(names) - known:
+            expected = f"expected options of the identifier: {', '.join(sorted(known))}"
+            raise ConfigurationError(f"tune: got {name!r}, {expected}")
+        tuned = {}
+        for values in product(*self.tune.values()):
+            name = f"[{', '.join(names)} = {', '.join(map(str, values))}]"
+            tuned[name] = replace(self, **dict(zip(names, values, strict=True)), tune=None)
+        return tuned
 
     def terms(self, nominal: Vessel) -> tuple[Term, ...]:
         """The basis for a vessel."""
@@ -253,15 +243,10 @@ class ResidualOptions(Identifier):
         return self.lagged(recording, lag).lowpass(smoothing.signals_hz, drop_s)
 
     def samples(
-        self,
-        recording: Recording,
-        nominal: Vessel,
-        lag: SecondOrderLag | None,
+        self, recording: Recording, nominal: Vessel, lag: SecondOrderLag | None,
         terms: tuple[Term, ...] | None = None,
-    ) -> Samples:
-        """Regressors and lack of fit of a recording.
-
-        `terms` are by default those of the options.
+    ) -> Samples:  # fmt: skip
+        """Regressors and lack of fit of a recording; `terms` are by default those of the options.
 
         Raises IdentificationError for values that are not finite or too few samples.
         """
@@ -269,17 +254,18 @@ class ResidualOptions(Identifier):
         filtered = self.filtered(recording, lag, smoothing)
         terms = self.terms(nominal) if terms is None else terms
         parts = evaluated(
-            filtered,
-            lambda part: basis.evaluate((*terms, *HEADING), part.variables()),
+            filtered, lambda part: basis.evaluate(terms, part.variables()),
             lambda part: lack_of_fit(part, nominal, self.force),
             lambda part: reference_force(part, nominal, self.force),
-        )
+        )  # fmt: skip
         phi, epsilon, force = (smoothed(filtered, each, smoothing) for each in parts)
-        phi, heading = phi[:, : len(terms)], phi[:, len(terms) :]
-        phi[:, _with_constant_inputs(terms, recording)] = 0.0
+        if recording.inputs is not None:  # terms of a constant one are multiples of others
+            for name, values in zip(recording.input_names, recording.inputs.T, strict=True):
+                if np.ptp(values) <= NOTHING_LEFT * np.max(np.abs(values)):
+                    phi[:, [name in _variables(term) for term in terms]] = 0.0
         file = None if filtered.file is None else filtered.file[kept(filtered, smoothing)]
-        samples = Samples(terms, phi, epsilon, force, heading, file)
-        if not (np.all(np.isfinite(samples.phi)) and np.all(np.isfinite(samples.epsilon))):
+        samples = Samples(terms, phi, epsilon, force, file)
+        if not (np.all(np.isfinite(phi)) and np.all(np.isfinite(epsilon))):
             raise IdentificationError("the training part has values that are not finite")
         if len(samples) <= len(terms) + 1:
             raise IdentificationError(
@@ -289,41 +275,15 @@ class ResidualOptions(Identifier):
         return samples
 
 
-def _check_terms(terms: tuple[Term, ...], nominal: Vessel) -> None:
-    """Raise ConfigurationError for terms that a vessel does not have, or that are not scaled."""
-    known = {"1", *nominal.velocities, *nominal.accelerations, *basis.ATTITUDE, *nominal.inputs}
-    known |= {*basis.AIR} if nominal.dofs == PLANAR else set()
-    known |= {*basis.SPEED, basis.SIDESLIP} if {"surge", "sway"} <= {*nominal.dofs} else set()
-    known |= {*basis.ANGLES} & {*poses_of(nominal.dofs)} if nominal.dofs != DOFS else set()
-    for term in terms:
-        for code in term.codes:
-            name = basis.VARIABLES[code % basis.N_VARIABLES]
-            if name not in known:
-                raise ConfigurationError(
-                    f"identifier.basis: term {term} has {name}, but {nominal.name} moves in "
-                    f"{', '.join(nominal.dofs)}"
-                    + (f" with inputs {', '.join(nominal.inputs)}" if nominal.inputs else "")
-                )
-        if term.name in nominal.accelerations and not nominal.forces_known:
-            raise ConfigurationError(
-                f"identifier.basis: got {term}, but no force of {nominal.name} is known: the "
-                "inputs determine its coefficients relative to the inertia only"
-            )
+def _variables(term: Term) -> set[str]:
+    """The variables that a term multiplies, of the constant `1`."""
+    return {basis.VARIABLES[code % basis.N_VARIABLES] for code in term.codes}
 
 
-def _with_constant_inputs(terms: tuple[Term, ...], recording: Recording) -> list[int]:
-    """Indices of the terms with an input that is constant: they are multiples of other terms."""
-    constant = {
-        name
-        for k, name in enumerate(recording.input_names)
-        if (values := recording.inputs) is not None
-        and np.ptp(values[:, k]) <= NOTHING_LEFT * np.max(np.abs(values[:, k]))
-    }
-    return [
-        i
-        for i, term in enumerate(terms)
-        if constant & {basis.VARIABLES[code % basis.N_VARIABLES] for code in term.codes}
-    ]
+def turns(n: int, together: int | None = None) -> list[slice]:
+    """Slices of n rows, `together` rows each (None: BLOCK_ROWS)."""
+    rows = together or BLOCK_ROWS
+    return [slice(a, min(a + rows, n)) for a in range(0, n, rows)]
 
 
 def evaluated(filtered: Recording, *functions: Callable[[Recording], Array]) -> list[Array]:
@@ -367,22 +327,20 @@ def thruster_of(
 ) -> tuple[SecondOrderLag | None, tuple[Diagnostic, ...]]:
     """The thruster lag according to `options.thruster`, and the diagnostics of its estimation.
 
-    The estimated one has the largest R^2, by a grid search and the simplex method of Nelder and
-    Mead; cos(psi) and sin(psi) are added to the basis for a constant force. Raises
-    IdentificationError when the training part is too short for it.
+    The estimated one has the largest R^2, by a grid and the simplex method of Nelder and Mead, with
+    HEADING in the basis for a constant force. Raises IdentificationError for too few samples.
     """
     if options.thruster != "estimated":
         return problem.thruster if options.thruster == "known" else None, ()
     training = problem.training
-    samples = options.samples(training, problem.nominal, SecondOrderLag(1.0, 1.0))
+    terms = (*options.terms(problem.nominal), *HEADING)
+    samples = options.samples(training, problem.nominal, SecondOrderLag(1.0, 1.0), terms)
     settled = round(SETTLE_S / training.period_s)
-    fewest = settled + 2 * len(samples.terms)
-    if len(samples) < fewest:
+    if (count := len(samples)) < (fewest := settled + 2 * len(terms)):
         raise IdentificationError(
-            f"thruster=estimated: the training part has {len(samples)} samples, expected at "
-            f"least {fewest}"
+            f"thruster=estimated: the training part has {count} samples, expected {fewest} or more"
         )
-    columns = np.hstack([samples.phi, samples.heading])[settled:]
+    columns = samples.phi[settled:]
     size = np.sqrt(np.mean(columns**2, axis=0))
     u, s, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
     u, fitted = u[:, s > 1e-10 * s[0]], (samples.force - samples.epsilon)[settled:]

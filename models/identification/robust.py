@@ -2,8 +2,7 @@
 
 1. The free parameters of the nominal model are found by a regression with a prior about the
    nominal values and physical constraints (`structured`), on smoothed signals (`smoothing`).
-2. They are refined by free runs over segments whose initial velocities are free
-   (`free_run_fit`).
+2. They are refined by free runs over segments whose initial velocities are free (`free_run_fit`).
 3. Both are repeated with a force that is constant in NED, and with windage where the wind was
    measured. Free runs over blocks left out choose among them (`cross_validation`).
 """
@@ -23,19 +22,21 @@ from seatrial.models.identification.free_parameters import (
     nonzero_labels,
 )
 from seatrial.models.identification.free_run_fit import refined_by_segments
-from seatrial.models.identification.input_terms import input_labels
 from seatrial.models.identification.problem import Identified, Needs, Problem
 from seatrial.models.identification.residual import ResidualOptions, Samples, thruster_of
-from seatrial.models.identification.structured import structure
-from seatrial.models.notation import PLANAR
+from seatrial.models.identification.structured import Structure
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.ranges import Positive
 from seatrial.models.vessel.basis import Term
+from seatrial.models.vessel.devices.device import device_forces
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.thruster import SecondOrderLag
 
 Choice = Literal["none", "ned_force", "windage", "both"]
 DISTURBANCES: tuple[Choice, ...] = ("none", "ned_force", "windage", "both")  # the simplest first
 MIN_SAMPLES = 40  # samples
+SHAFT, ANGLE, SIGNAL = "n", "delta", "pwm"  # of which the names of inputs are made
+AIR = {"surge": ("V_qu_q",), "sway": ("V_qv_q", "u_qv_q"), "yaw": ("V_qv_q", "u_qv_q")}
 SLIGHT = 0.1  # of the force that the nominal model needs: other forces moved the vessel
 
 
@@ -44,10 +45,7 @@ class Robust(ResidualOptions):
     """Structured regression with a prior and constraints, refined by free runs over segments.
 
     The terms of `basis` that the nominal model has are free where it has them, the others in every
-    degree of freedom. `disturbance`: none, ned_force (north, east), windage, or auto by
-    cross-validation. `prior` is the standard deviation of a parameter over its nominal size. With
-    `refinement: none` the regression is the result. `input_terms` adds terms of the inputs beside
-    the devices of the vessel (`input_terms`).
+    degree of freedom. `prior` is the standard deviation of a parameter over its nominal size.
     """
 
     disturbance: Choice | Literal["auto"]
@@ -67,10 +65,8 @@ class Robust(ResidualOptions):
                 f"identifier.input_terms: {nominal.name} has no devices whose inputs have terms"
             )
         if self.disturbance in DISTURBANCES[2:] and nominal.dofs != PLANAR:
-            raise ConfigurationError(
-                f"identifier.disturbance={self.disturbance} needs a vessel in {', '.join(PLANAR)}, "
-                f"got one in {', '.join(nominal.dofs)}"
-            )
+            needed = f"needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(nominal.dofs)}"
+            raise ConfigurationError(f"identifier.disturbance={self.disturbance} {needed}")
 
     def needs(self) -> Needs:
         """The data of the residual, and enough samples for the folds."""
@@ -80,10 +76,10 @@ class Robust(ResidualOptions):
         """The terms of the nominal model and those of the basis."""
         return self.free(nominal).nominal.terms
 
-    def alternatives(self, problem: Problem) -> dict[str, Self]:
+    def alternatives(self, problem: Problem | None) -> dict[str, Self]:
         """The choices of disturbance terms, and those of `tune`."""
         tuned = super().alternatives(problem)
-        if self.disturbance != "auto":
+        if self.disturbance != "auto" or problem is None:
             return tuned
         windy = problem.nominal.dofs == PLANAR and problem.training.wind is not None
         names = DISTURBANCES if windy else DISTURBANCES[:2]
@@ -94,18 +90,14 @@ class Robust(ResidualOptions):
         }
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
-        """Identify the table, refined if that is asked for.
-
-        Raises IdentificationError where the recorded force moved no axis.
-        """
+        """Identify the table; raises IdentificationError where the force moved no axis."""
         lag, diagnostics = thruster_of(self, problem)
         training, windy = problem.training, problem.training.wind is not None
         free = self.free(problem.nominal, (), windy)
         samples = self.samples(training, free.nominal, lag, free.nominal.terms)
-        unexcited = unexcited_axes(samples, problem.nominal)
-        if unexcited:
+        if unexcited := unexcited_axes(samples, problem.nominal):
             free = self.free(problem.nominal, unexcited, windy)
-        model = structure(free, samples, training.nu, self.inertia_factor)
+        model = Structure(free, samples, training.nu, self.inertia_factor)
         change, active = model.regress(self.prior)
         diagnostics += (Diagnostic("smoothing", "all", self.smoothing(training).signals_hz, "Hz"),)
         errors, spread = None, None
@@ -116,10 +108,8 @@ class Robust(ResidualOptions):
                 errors, spread = free.std_error(refined.covariance), refined.spread(problem.nominal)
             diagnostics += (Diagnostic("evaluations", "all", float(refined.evaluations)),)
         residual = free.residual(free.values + change)
-        diagnostics += tuple(
-            Diagnostic("active_constraint", "all", 1.0, label=name) for name in active
-        )
-        diagnostics += tuple(Diagnostic("not_excited", dof, 1.0) for dof in unexcited)
+        active_rows = (Diagnostic("active_constraint", "all", 1.0, label=name) for name in active)
+        diagnostics += (*active_rows, *(Diagnostic("not_excited", dof, 1.0) for dof in unexcited))
         return Identified(problem.nominal + residual, residual, errors, diagnostics, spread=spread)
 
     def free(
@@ -131,15 +121,13 @@ class Robust(ResidualOptions):
         """
         terms = self.terms(nominal)
         dofs = [dof for dof in nominal.dofs if dof not in kept]
-        own = [
-            label
-            for label, term in nonzero_labels(nominal, "tied")
-            if term in terms and label.partition(".")[0] in dofs
-        ]
+        own = [label for label, term in nonzero_labels(nominal, "tied") if term in terms]
+        inputs = input_labels(nominal, windy) if self.input_terms else []
+        own, inputs = (
+            [label for label in each if label.partition(".")[0] in dofs] for each in (own, inputs)
+        )
         new = [f"{dof}.{term}" for term in terms if term not in nominal.terms for dof in dofs]
         windage = WINDAGE if self.disturbance in ("windage", "both") else ()
-        inputs = input_labels(nominal, windy) if self.input_terms else []
-        inputs = [label for label in inputs if label.partition(".")[0] in dofs]
         labels = dict.fromkeys([*own, *new, *windage, *inputs])
         ned_force = self.disturbance in ("ned_force", "both")
         return free_parameters(nominal, list(labels), "tied", ned_force, symmetric=True)
@@ -148,9 +136,8 @@ class Robust(ResidualOptions):
 def unexcited_axes(samples: Samples, nominal: Vessel) -> list[str]:
     """Degrees of freedom whose motion was caused by other forces than the recorded one.
 
-    There the recorded force is far below what the nominal model needs for the motion, and the
-    smallest coefficients fit best. No force at all, as of a rudder ship in sway, says nothing.
-    Raises IdentificationError where these are all.
+    There the recorded force is far below what the nominal model needs for the motion. No force at
+    all, as of a rudder ship in sway, says nothing. Raises IdentificationError where these are all.
     """
     if not nominal.forces_commanded:
         return []
@@ -162,3 +149,38 @@ def unexcited_axes(samples: Samples, nominal: Vessel) -> list[str]:
             "for the motion on every axis: other forces moved the vessel, or its unit is wrong"
         )
     return [nominal.dofs[k] for k in np.flatnonzero(slight)]
+
+
+def input_labels(nominal: Vessel, windy: bool) -> list[str]:
+    """Labels `dof.term` of what the inputs may do beside the devices.
+
+    The devices keep their nominal parameters. Where these are wrong, a table of the hull alone
+    cannot make up for it; polynomials of the inputs can, as in the models of Abkowitz (1964):
+    thrust is a quadratic form of n and u, a rudder in the slipstream acts with the square of a
+    speed between those of ship and slipstream, a thruster in the directions in which it pushes. A
+    model without devices has none, nor has one whose thrusters turn.
+    """
+    kinds = {name: name.partition("_")[0] for name in nominal.inputs}
+    if not nominal.devices or not set(kinds.values()) <= {SHAFT, ANGLE, SIGNAL}:
+        return []
+    shafts = [name for name, kind in kinds.items() if kind == SHAFT]
+    rest = np.zeros((len(kinds), len(nominal.dofs)))
+    pushed = device_forces(
+        nominal.installed, nominal.variables(rest, rest, inputs=np.eye(len(rest)))
+    )
+    terms: dict[str, list[str]] = {dof: [] for dof in nominal.dofs}
+    for dof in terms:
+        ahead = dof == "surge"
+        for n in shafts:
+            terms[dof] += [f"|{n}|{n}", f"{n}^2"]
+            terms[dof] += [f"u{n}", f"u|{n}|"] if ahead else []
+        for p, force in zip(kinds, pushed[:, DOFS.index(dof)], strict=True):
+            if kinds[p] == SIGNAL and force != 0.0:
+                terms[dof] += [p, f"|{p}|{p}", f"u{p}"]
+        for d in (name for name, kind in kinds.items() if kind == ANGLE):
+            speeds = [f"{n}^2" for n in shafts] + [f"|{n}|{n}" for n in shafts] or ["u^2"]
+            if not ahead and shafts:
+                speeds += [f"u{n}" for n in shafts] + [f"u|{n}|" for n in shafts]
+            terms[dof] += [f"{speed}{d}^2" if ahead else f"{speed}{d}" for speed in speeds]
+        terms[dof] += AIR.get(dof, ()) if windy else ()
+    return [f"{dof}.{term}" for dof, own in terms.items() for term in own]

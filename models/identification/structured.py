@@ -1,18 +1,16 @@
 """Regression of the free parameters of a nominal model, with a prior and physical constraints.
 
 The acceleration, the velocity and the force of every sample give one equation per degree of
-freedom that is linear in the parameters dp = p - p_nominal, with the structure of the nominal
-model (`free_parameters`): its Coriolis forces follow the inertia. One quadratic program
+freedom that is linear in the parameters dp = p - p_nominal (`free_parameters`). One quadratic
+program holds all of them together,
 
-    minimise sum_k |W (epsilon_k - Phi_k L dp)|^2 + tau sum_j (dp_j / s_j)^2
+    minimise sum_k |W (epsilon_k - Phi_k L dp)|^2 + tau sum_j (dp_j / s_j)^2.
 
-holds all degrees of freedom together. W is one over the root mean square of each residual, found
-in a few rounds. s_j is the nominal size of a parameter, so a parameter that the recording does
-not determine stays at its nominal value; tau = (1 + rho) / (1 - rho), with rho the lag-1
-correlation of the residual, is the number of samples that say as much as one independent sample.
+W is one over the root mean square of each residual, found in a few rounds. s_j is the nominal size
+of a parameter, so one that the recording does not determine stays at its nominal value;
+tau = (1 + rho) / (1 - rho), with rho the lag-1 correlation of the residual, is the number of
+samples that say as much as one independent sample.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
@@ -56,25 +54,31 @@ def noise_scale(rest: Array, force: Array) -> Array:
     return np.asarray(np.maximum(np.sqrt(np.mean(rest**2, axis=0)), floor))
 
 
-class Structure(NamedTuple):
-    """The parameters of a table, the samples over its terms, the prior, and the constraints."""
+class Structure:
+    """The parameters of a table, the samples over its terms, the prior, and the constraints.
 
-    free: FreeParameters
-    samples: Samples  # over the terms of `free.nominal`
-    size: Array  # (m,) of the parameters, see `prior_deviation`
-    constraints: PhysicalConstraints | None
+    nu (N, n_dof) are the recorded velocities; `inertia_factor` bounds the inertia, None: there are
+    no physical constraints.
+    """
+
+    def __init__(
+        self, free: FreeParameters, samples: Samples, nu: Array, inertia_factor: float | None
+    ) -> None:
+        self.free, self.samples = free, samples
+        self.size = prior_deviation(free, samples.phi, samples.force)  # (m,)
+        self.constraints: PhysicalConstraints | None = None
+        if inertia_factor is not None:
+            self.constraints = PhysicalConstraints(free, nu, inertia_factor, self.size)
 
     def regress(self, prior: float) -> tuple[Array, tuple[str, ...]]:
         """The change (m,) of the nominal parameters, and the names of the active constraints.
 
-        `prior` is the standard deviation of a parameter over its size. Raises IdentificationError
-        without a solution.
+        `prior` is the deviation over the size. Raises IdentificationError without a solution.
         """
         samples, slopes = self.samples, self.free.slopes
         grams, sides = self._moments(samples.epsilon)
         scale, tau = noise_scale(samples.epsilon, samples.force), inflation(samples.epsilon)
-        change = np.zeros(len(self.free))
-        active: tuple[str, ...] = ()
+        change, active = np.zeros(len(self.free)), tuple[str, ...]()
         for _ in range(WEIGHTING_ROUNDS):
             H = np.einsum("d,dij->ij", scale**-2, grams) + np.diag(tau / (prior * self.size) ** 2)
             g = np.einsum("d,dj->j", scale**-2, sides)
@@ -114,20 +118,6 @@ class Structure(NamedTuple):
             np.array([slopes[:, d].T @ gram @ slopes[:, d] for d in dofs]),
             np.array([slopes[:, d].T @ along[:, d] for d in dofs]),
         )
-
-
-def structure(
-    free: FreeParameters, samples: Samples, nu: Array, inertia_factor: float | None
-) -> Structure:
-    """The structure of free parameters; nu (N, n_dof) are the recorded velocities.
-
-    `inertia_factor` bounds the inertia; None: no physical constraints.
-    """
-    size = prior_deviation(free, samples.phi, samples.force)
-    constraints = None
-    if inertia_factor is not None:
-        constraints = PhysicalConstraints(free, nu, inertia_factor, size)
-    return Structure(free, samples, size, constraints)
 
 
 def entries_of(table: Vessel, nominal: Vessel) -> FreeParameters:

@@ -14,27 +14,29 @@ does not lower the MSE adds no terms.
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from seatrial.models.compiled import kernel
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.errors import ConfigurationError
 from seatrial.models.identification.constrained_table import finished
-from seatrial.models.identification.kernel_pls import (
+from seatrial.models.identification.plsr import (
     Block,
     Pair,
+    PartialLeastSquares,
+    Selection,
     all_orders,
     covariances,
     left_out_mse,
     mean_squares,
     output_moment,
     partial_least_squares,
+    scaled_coefficients,
 )
-from seatrial.models.identification.plsr import PartialLeastSquares, Selection, scaled_coefficients
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.identification.residual import thruster_of
 from seatrial.models.notation import SQUARE_UNIT
@@ -53,10 +55,8 @@ def surface(xx: Array, xy: Array, theta: Array) -> None:
     theta (J, J, J): order - 1, number of terms - 1, term; other entries are not changed.
     """
     n = xx.shape[0]
-    kept = np.empty(n, dtype=np.int64)
     for order in range(1, n + 1):
-        for i in range(n):
-            kept[i] = i
+        kept = np.arange(n)
         for count in range(n, max(min(MIN_COUNT, n), order) - 1, -1):
             part, cross = np.empty((count, count)), np.empty((count, 1))
             for i in range(count):
@@ -77,9 +77,7 @@ def surface(xx: Array, xy: Array, theta: Array) -> None:
 
 def whole_surface(moment: Array, beta: Array) -> Array:
     """Coefficients on Z of one output, (order, number of terms, 1 + J, 1); zero where dropped."""
-    n = len(beta)
-    c = covariances(moment, beta)
-    pre = np.zeros((n, n, n))
+    c, pre = covariances(moment, beta), np.zeros((len(beta),) * 3)
     surface(np.ascontiguousarray(c.xx), np.ascontiguousarray(c.xy), pre)
     theta = pre * c.x_gain * c.y_scale
     constant = c.y_mean - theta @ c.x_mean
@@ -107,8 +105,7 @@ Rule = Literal["minimum", "parsimonious", "local_minima"]
 def choose(pairs: list[Pair], moment: Array, beta: Array, selection: Rule) -> Choice:
     """Choose order and terms of one output by the MSE on the left-out data of the pairs.
 
-    If no model is better than the empty one, order 0 and no terms are chosen. Of candidates with
-    the same order the one with the least MSE is chosen.
+    If no model is better than the empty one, order 0 and no terms are chosen.
     """
     n = len(beta)
     mse = left_out_mse(
@@ -149,17 +146,16 @@ def local_minima(mse: Array) -> list[tuple[int, int]]:
     padded = np.pad(np.where(np.isnan(mse), np.inf, mse), 1, constant_values=np.inf)
     around = sliding_window_view(padded, (3, 3)).reshape(*mse.shape, 9)
     lowest = np.all(mse[..., None] < np.delete(around, 4, axis=2), axis=2)
-    return [(int(order), int(count)) for order, count in np.argwhere(lowest)]
+    return [(order, count) for order, count in np.argwhere(lowest).tolist()]
 
 
 def least(mse: Array, resolution: float) -> tuple[int, int]:
     """Indices (order - 1, terms - 1) of the least MSE.
 
-    An MSE below `resolution` is rounding; among such models the one with the most terms, then the
-    highest order, is chosen.
+    Of those below `resolution`, which is rounding, the most terms, then the highest order.
     """
     exact = np.argwhere(mse <= resolution)
-    if len(exact) == 0:
+    if not len(exact):
         exact = np.argwhere(mse == np.nanmin(mse))[:1]
     best, count = max(exact.tolist(), key=lambda at: (at[1], at[0]))
     return best, count
@@ -183,12 +179,11 @@ def fit_stages(moment: Array, beta: Array, stages: list[list[Choice]]) -> list[A
     coefficients = []
     for choices in stages:
         theta = np.zeros((1 + len(beta), len(choices)))
-        for k, choice in enumerate(choices):
-            if choice.order == 0:
-                continue
-            part = restrict(output_moment(moment, len(beta), k), choice.kept)
-            fitted = all_orders(part, beta[choice.kept], choice.order)[-1, :, 0]
-            theta[np.concatenate([[0], 1 + choice.kept]), k] = fitted
+        for k, (order, kept, *_) in enumerate(choices):
+            if order > 0:
+                part = restrict(output_moment(moment, len(beta), k), kept)
+                fitted = all_orders(part, beta[kept], order)[-1, :, 0]
+                theta[np.concatenate([[0], 1 + kept]), k] = fitted
         coefficients.append(theta)
         moment = after(moment, theta)
     return coefficients
@@ -198,18 +193,12 @@ def fit_stages(moment: Array, beta: Array, stages: list[list[Choice]]) -> list[A
 class SurfacePlsr(PartialLeastSquares):
     """PLSR of each degree of freedom alone, with order and terms from its surface.
 
-    `validation` selects the left-out data of the surface, `selection` the model, and `stages` is
-    the number of stages. All bootstrap replicates have the same order and terms.
+    All bootstrap replicates have the same order and terms.
     """
 
     selection: Rule
     validation: Selection
-    stages: int
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 1 <= self.stages <= 10:
-            raise ConfigurationError(f"stages must be 1 to 10, got {self.stages}")
+    stages: Annotated[int, Ge(1), Le(10)]
 
     def estimated(self, problem: Problem, rng: np.random.Generator) -> Identified:
         """Identify the residual table of all stages; the surfaces are diagnostics."""
@@ -257,21 +246,18 @@ def surface_diagnostics(
     diagnostics = []
     for k, (dof, choice) in enumerate(zip(dofs, choices, strict=True)):
         unit = SQUARE_UNIT[dof]
-        for a, j in np.argwhere(~np.isnan(choice.surface_mse)):
-            value = float(choice.surface_mse[a, j] * square[k])
-            i, n = int(a) + 1, int(j) + 1
-            diagnostics.append(Diagnostic(f"surface_mse{suffix}", dof, value, unit, i, n, label))
-        models = float(np.count_nonzero(~np.isnan(choice.surface_mse)))
-        diagnostics.append(Diagnostic(f"surface_models{suffix}", dof, models, label=label))
-        for a, mse in enumerate(choice.order_mse * square[k]):
-            diagnostics.append(
-                Diagnostic(f"order_mse{suffix}", dof, float(mse), unit, a + 1, label=label)
-            )
-        diagnostics.append(
-            Diagnostic(f"selected_order{suffix}", dof, float(choice.order), label=label)
-        )
-        count = float(len(choice.kept))
-        diagnostics.append(Diagnostic(f"selected_variables{suffix}", dof, count, label=label))
+        places = np.argwhere(~np.isnan(choice.surface_mse)).tolist()
+        for a, j in places:
+            value, at = float(choice.surface_mse[a, j] * square[k]), (a + 1, j + 1)
+            diagnostics.append(Diagnostic(f"surface_mse{suffix}", dof, value, unit, *at, label))
+        models, order, count = float(len(places)), float(choice.order), float(len(choice.kept))
+        errors = enumerate((choice.order_mse * square[k]).tolist(), start=1)
+        diagnostics += [
+            Diagnostic(f"surface_models{suffix}", dof, models, label=label),
+            *(Diagnostic(f"order_mse{suffix}", dof, e, unit, i, label=label) for i, e in errors),
+            Diagnostic(f"selected_order{suffix}", dof, order, label=label),
+            Diagnostic(f"selected_variables{suffix}", dof, count, label=label),
+        ]
     return tuple(diagnostics)
 
 

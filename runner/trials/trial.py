@@ -16,8 +16,8 @@ from seatrial.models.diagnostics import TRAINING_TIME, Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.information import persistence
 from seatrial.models.excitation.missions import Mission
+from seatrial.models.identification.auto import identified as protected
 from seatrial.models.identification.calibration import NO_MODEL_ERROR, calibrated
-from seatrial.models.identification.fallback import identified as protected
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import Identified, Problem, with_interval
 from seatrial.models.recording.recorded_file import RecordedFile

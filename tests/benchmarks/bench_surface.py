@@ -6,7 +6,7 @@ import numpy as np
 from sklearn import config_context
 from sklearn.cross_decomposition import PLSRegression
 
-from seatrial.models.identification.kernel_pls import Columns, columns, mean_squares, output_moment
+from seatrial.models.identification.plsr import Columns, columns, mean_squares, output_moment
 from seatrial.models.identification.surface_plsr import MIN_COUNT, exists, whole_surface
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.trials.closed_loop import Streams

@@ -11,8 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seatrial.models.identification.subspace import Realisation, identify_innovations
-from seatrial.models.identification.variant_selection import NAMES, select_variant
+from seatrial.models.identification.subspace import (
+    NAMES,
+    Realisation,
+    identify_innovations,
+    select_variant,
+)
 from tests.data import DATA
 
 COLUMNS = ("name", "inputs", "outputs", "order", "L", "J")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from seatrial.models.identification.attenuation import attenuations, noise_like, noticeable
+from seatrial.models.identification.constrained_table import attenuations, noise_like, noticeable
 from seatrial.models.identification.residual import Samples
 from seatrial.models.recording.signals import central_difference
 from seatrial.models.vessel.basis import terms
@@ -35,7 +35,7 @@ def test_one_regressor_keeps_the_share_of_signal() -> None:
 def test_a_loss_counts_beyond_the_interval_of_all_together() -> None:
     """Bonferroni: of five coefficients each has the interval of 99 %."""
     own, ones, force = terms(["u", "v", "r", "uv", "ur"]), np.ones((5, 1)), np.arange(4.0)[:, None]
-    samples = Samples(own, np.ones((4, 5)), force, force, np.zeros((4, 2)))
+    samples = Samples(own, np.ones((4, 5)), force, force)
     nominal = Vessel("one", ("surge",), own, ones)
     for share, noticed in ((0.99, 0), (1.01, 5)):
         errors = 0.2 / (share * 2.576) * ones

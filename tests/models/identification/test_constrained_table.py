@@ -7,7 +7,7 @@ import pytest
 
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.residual import ResidualOptions
-from seatrial.models.identification.spread import ParameterSpread
+from seatrial.models.identification.uncertainty import ParameterSpread
 from seatrial.models.vessel import basis
 
 

@@ -9,10 +9,9 @@ import pytest
 
 from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, IdentificationError
-from seatrial.models.identification.fallback import WholeTraining, identified
-from seatrial.models.identification.physical_form import physical_form
+from seatrial.models.identification.auto import WholeTraining, identified
+from seatrial.models.identification.dsr import body_pose, forces_of, physical_form, sampled
 from seatrial.models.identification.problem import Identified, Problem
-from seatrial.models.identification.sampled_data import body_pose, forces_of, sampled
 from seatrial.models.notation import PLANAR
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.linearisation import linearise

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from seatrial.models.identification import fallback
+from seatrial.models.identification import auto
+from seatrial.models.identification.auto import held_to_nominal, with_nominal_axes
 from seatrial.models.identification.cross_validation import BlockScore, CrossValidation
-from seatrial.models.identification.fallback import held_to_nominal, undivided, with_nominal_axes
 from seatrial.models.identification.physical_constraints import damping_terms, unphysical
 from seatrial.models.identification.problem import Identified, Identifier, Problem, choose_basis
 from seatrial.models.simulation.statespace import StateSpace
@@ -95,11 +95,11 @@ def test_equations_that_belong_together_stay_or_go_together(calm) -> None:
     validation, nominal = CrossValidation(calm.problem), calm.problem.nominal
     models = [braked(calm.truth, 2, 2.5)] * len(validation.blocks)
     assert validation.score(models).nominal_axes == (2,)
-    score = undivided(validation, models)
+    score = validation.score(models, together=True)
     assert score.nominal_axes == ()
     assert score.models == tuple(models)
     for factor in (5.0, -5.0):  # no mass can be negative
-        score = undivided(validation, [factor * calm.truth] * len(models))
+        score = validation.score([factor * calm.truth] * len(models), together=True)
         assert score.nominal_axes == (0, 1, 2)
         assert score.models == (nominal,) * len(models)
 
@@ -110,7 +110,7 @@ def test_a_state_space_model_is_not_divided(calm, rng) -> None:
     linear = StateSpace(np.eye(1), np.eye(1), np.eye(1), np.eye(1), 1.0)
     for space, lost in ((None, ["yaw"]), (linear, [])):
         given = replace(identified(model, nominal), state_space=space, control_model=linear)
-        found = fallback.identified(Given(given), calm.problem, rng)
+        found = auto.identified(Given(given), calm.problem, rng)
         assert kept(found) == lost
         assert (found.control_model is linear) == (not lost)
 
@@ -119,7 +119,8 @@ def test_equations_without_skill_go_together(constant) -> None:
     """A constant force that neither model knows: no worse than the nominal one is not enough."""
     validation = CrossValidation(constant.problem)
     for model, lost in ((constant.problem.nominal, (0, 1, 2)), (constant.truth, ())):
-        assert undivided(validation, [model] * len(validation.blocks)).nominal_axes == lost
+        score = validation.score([model] * len(validation.blocks), together=True)
+        assert score.nominal_axes == lost
 
 
 @pytest.mark.parametrize("options", [{}, {"refinement": "free_run"}, {"inertia_factor": None}])
@@ -132,7 +133,7 @@ def test_a_regression_that_fails_is_not_the_result(
     wrong = identified(braked(calm.truth, axis, factor), nominal)
     ls = identifier("ls", **options)
     monkeypatch.setattr(type(ls), "estimated", lambda self, problem, rng: wrong)
-    found = fallback.identified(ls, calm.problem, rng)
+    found = auto.identified(ls, calm.problem, rng)
     assert (nominal.dofs[axis] in kept(found)) == ("inertia_factor" not in options)
 
 

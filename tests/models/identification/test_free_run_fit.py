@@ -17,7 +17,7 @@ from seatrial.models.identification.free_run_fit import (
 )
 from seatrial.models.identification.physical_constraints import PhysicalConstraints
 from seatrial.models.identification.predictor import Predictor
-from seatrial.models.identification.structured import structure
+from seatrial.models.identification.structured import Structure
 from tests.trials import excited
 
 SEGMENT_S = 30.0
@@ -111,7 +111,7 @@ def test_short_segments_first_avoid_a_minimum_of_long_ones(identifier) -> None:
     option = identifier("robust", disturbance="ned_force")
     free, training = option.free(problem.nominal), problem.training
     samples = option.samples(training, free.nominal, None, terms=free.nominal.terms)
-    model = structure(free, samples, training.nu, option.inertia_factor)
+    model = Structure(free, samples, training.nu, option.inertia_factor)
     change, _ = model.regress(1.0)
     predictor = segments(training, free, None, None, SEGMENT_S)
     direct = refine(predictor, change, model.size, model.constraints)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from seatrial.models.identification.input_terms import input_labels
+from seatrial.models.identification.robust import input_labels
 from seatrial.models.vessel import basis
 from tests.models.conftest import configured
 

@@ -12,9 +12,8 @@ from seatrial.models.errors import IdentificationError
 from seatrial.models.excitation.commands import open_loop
 from seatrial.models.excitation.setpoints import UNFILTERED
 from seatrial.models.identification import instrumental_variables as iv
-from seatrial.models.identification.instrumental_variables import solve
+from seatrial.models.identification.instrumental_variables import simulated_motion, solve
 from seatrial.models.identification.problem import Problem
-from seatrial.models.identification.simulated_motion import simulated_motion
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import recording_of

@@ -1,19 +1,36 @@
 """The covariance algorithm against NIPALS of scikit-learn and published loadings."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from sklearn.cross_decomposition import PLSRegression
 from sklearn.datasets import load_linnerud
 
-from seatrial.models.identification.kernel_pls import (
+from seatrial.models.identification.plsr import (
     Block,
-    Components,
     LeftOut,
     all_orders,
-    components,
     left_out_mse,
+    partial_least_squares,
 )
 from seatrial.models.recording.recording import blocks
+
+
+class Components(NamedTuple):
+    weights: np.ndarray  # (J, orders)
+    loadings: np.ndarray  # (J, orders)
+    output_loadings: np.ndarray  # (K, orders)
+    coefficients: np.ndarray  # (orders, J, K)
+
+
+def components(xx: np.ndarray, xy: np.ndarray, orders: int) -> Components:
+    (n_x, n_y), shape = xy.shape, (xy.shape[0], orders)
+    found = Components(
+        np.zeros(shape), np.zeros(shape), np.zeros((n_y, orders)), np.zeros((orders, n_x, n_y))
+    )
+    partial_least_squares(np.ascontiguousarray(xx), np.ascontiguousarray(xy), *found)
+    return found
 
 
 def standardised(x: np.ndarray) -> np.ndarray:

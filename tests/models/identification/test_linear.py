@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification import linear
-from seatrial.models.identification.residual import Samples
-from seatrial.models.identification.uncertainty import stationary_covariance
+from seatrial.models.identification import least_squares as linear
+from seatrial.models.identification import residual, uncertainty
+from seatrial.models.identification.residual import Samples, turns
+from seatrial.models.identification.uncertainty import bandwidth, long_run_covariances
 from seatrial.models.vessel import basis
 
 TERMS = basis.terms(["u", "1", "v", "r", "uv", "cos(theta)"])
@@ -16,8 +18,8 @@ TERMS = basis.terms(["u", "1", "v", "r", "uv", "cos(theta)"])
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(linear, "BLOCK_ROWS", 50)
-    monkeypatch.setattr(linear, "PIECE", 90)
+    monkeypatch.setattr(residual, "BLOCK_ROWS", 50)
+    monkeypatch.setattr(uncertainty, "PIECE", 90)
 
 
 def samples_of(n: int, rng: np.random.Generator) -> Samples:
@@ -26,14 +28,14 @@ def samples_of(n: int, rng: np.random.Generator) -> Samples:
     x[:, 3] += 0.9 * x[:, 0] * 1e3
     phi = np.column_stack([x[:, 0], np.ones(n), x[:, 1:], np.full(n, 7.0)])
     epsilon = phi @ rng.standard_normal((6, 2)) + rng.standard_normal((n, 2))
-    return Samples(TERMS, phi, epsilon, epsilon, np.zeros((n, 2)))
+    return Samples(TERMS, phi, epsilon, epsilon)
 
 
 @pytest.mark.parametrize("n", [7, 60, 100, 149, 731])
 def test_r_is_that_of_the_whole(n: int, rng) -> None:
     x = rng.standard_normal((n, 7)) * 10.0 ** np.arange(-3, 4)
     x[:, 1] = 1e-7 * x[:, 0] + x[:, 2] / 100.0
-    R = linear.triangle(x[turn] for turn in linear.turns(n))
+    R = linear.triangle(x[turn] for turn in turns(n))
     np.testing.assert_array_equal(R, np.triu(R))
     np.testing.assert_allclose(R.T @ R, x.T @ x, atol=1e-14 * np.linalg.norm(x) ** 2)
     own = np.linalg.svd(R, compute_uv=False)
@@ -62,6 +64,14 @@ def test_coefficients_of_each_axis_minimise_the_sum(penalty: float, rng) -> None
     assert np.all(found.theta[5] == 0.0)
 
 
+def stationary_covariance(gain: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """G' T G with the weighted autocovariances of the residual in a Toeplitz matrix T."""
+    n, lag = len(rest), np.arange(len(rest))
+    gamma = np.correlate(rest, rest, "full")[n - 1 :] / n
+    width = bandwidth(gamma[:2, None], n)[0]
+    return gain.T @ toeplitz(gamma * np.clip(1.0 - lag / (width + 1.0), 0.0, None)) @ gain
+
+
 @pytest.mark.parametrize("penalty", [0.0, 3.0])
 def test_standard_errors_are_those_of_stationary_residuals(penalty: float, rng) -> None:
     fitted = linear.Decomposition.of(samples_of(400, rng)).fit(penalty * np.array([1.0, 2.0]))
@@ -80,7 +90,7 @@ def test_covariances_in_pieces_are_those_of_the_whole(rho: float, rng) -> None:
 
     columns = rng.standard_normal((1000, 3))
     rest = lfilter([1.0], [1.0, -rho], rng.standard_normal((1000, 2)), axis=0)
-    own = linear.long_run_covariances(lambda rows: columns[rows], rest)
+    own = long_run_covariances(lambda rows: columns[rows], rest)
     for found, e in zip(own, rest.T, strict=True):
         np.testing.assert_allclose(found, stationary_covariance(columns, e), rtol=1e-9, atol=1e-9)
 

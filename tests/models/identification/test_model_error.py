@@ -9,6 +9,7 @@ from seatrial.models.identification import calibration
 from seatrial.models.identification.calibration import (
     LEFT_OUT_GROUPS,
     NO_MODEL_ERROR,
+    NearbyRuns,
     bands,
     calibrated,
     folded,
@@ -17,9 +18,10 @@ from seatrial.models.identification.calibration import (
     weighted_quantile,
 )
 from seatrial.models.identification.free_parameters import free_parameters
+from seatrial.models.identification.free_run import Course
 from seatrial.models.identification.model_error import CORRELATION_S, ModelError, gauss_markov
 from seatrial.models.identification.problem import Identified, NoIdentifier, Problem
-from seatrial.models.identification.spread import ParameterSpread
+from seatrial.models.identification.uncertainty import ParameterSpread
 from seatrial.models.identification.validation import Prediction, prediction
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE
@@ -42,6 +44,12 @@ def ship() -> Problem:
     return excited(*SHIP, "disturbance=calm")[0]
 
 
+def under(runs: NearbyRuns, accelerations: Array) -> Course:
+    """The course of the runs with accelerations (N, n_dof)."""
+    course = runs.own.course
+    return course._replace(weather=course.weather._replace(process=accelerations))
+
+
 def under_accelerations(own: Problem, force: float, seed: int) -> Recording:
     """The training part as the nominal model would sail it under accelerations of known size."""
     training = own.training
@@ -50,7 +58,7 @@ def under_accelerations(own: Problem, force: float, seed: int) -> Recording:
     mean_square = np.mean(runs.rho2, axis=0)
     error = ModelError(1.0, force, 1.0, mean_square, np.zeros(2 * n))
     drawn = error.accelerations(runs.rho2, training.period_s, np.random.default_rng(seed))
-    motion = Prediction(runs.own.plant, runs.under(drawn)).motion()
+    motion = Prediction(runs.own.plant, under(runs, drawn)).motion()
     return replace(training, eta=motion[:, :n], nu=motion[:, n:])
 
 
@@ -166,11 +174,11 @@ def test_accelerations_move_a_run_in_proportion(ship: Problem) -> None:
     error = ModelError(1.0, 0.01, 1.0, np.mean(runs.rho2, axis=0), np.zeros(2 * n))
     drawn = error.accelerations(runs.rho2, ship.training.period_s, np.random.default_rng(0))
     found = [
-        runs.variance([Prediction(runs.own.plant, runs.under(share * drawn))])
+        runs.variance([Prediction(runs.own.plant, under(runs, share * drawn))])
         for share in (DEVIATION_SHARE, 0.5 * DEVIATION_SHARE)
     ]
     np.testing.assert_allclose(found[1], 0.25 * found[0], atol=0.05 * np.max(found[0]))
-    apart = Prediction(runs.own.plant, runs.under(drawn)).motion() - runs.own.motion()
+    apart = Prediction(runs.own.plant, under(runs, drawn)).motion() - runs.own.motion()
     np.testing.assert_allclose(found[0], apart**2, atol=0.05 * np.max(found[0]))
 
 

@@ -39,7 +39,7 @@ REFUSED: dict[tuple[str, str], list[tuple[dict[str, Any], str]]] = {
         ({"force": "filtered"}, "force=filtered: surge_linear has no known thruster lag"),
     ],
     ("surface_plsr", "milliampere"): [
-        ({"stages": 0}, "stages must be 1 to 10, got 0"),
+        ({"stages": 0}, "stages must be at least 1, got 0"),
         ({"selection": "best"}, "selection: got 'best', expected one of minimum, "),
         ({"validation": "peek"}, "validation: got 'peek'"),
     ],

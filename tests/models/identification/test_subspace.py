@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.identification import linear
+from seatrial.models.identification import residual
 from seatrial.models.identification.subspace import (
     identify_innovations,
     largest_gap,
@@ -268,7 +268,7 @@ def test_a_record_in_pieces_is_the_record_at_once(
     times = np.concatenate([np.arange(300), np.arange(200, 1500), np.arange(700, 900)])
     found = []
     for together in (10**6, 97, 20):
-        monkeypatch.setattr(linear, "BLOCK_ROWS", together)
+        monkeypatch.setattr(residual, "BLOCK_ROWS", together)
         model = identify_innovations(y, u, 8, 10, 6, variant, stretch=stretch, times=times).model  # type: ignore[arg-type]
         noise = replace(model, B=model.K, D=np.eye(3), inputs=())
         found.append(np.concatenate([model.markov(20), noise.markov(20)]))

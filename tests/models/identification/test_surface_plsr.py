@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from sklearn.cross_decomposition import PLSRegression
 
-from seatrial.models.identification.kernel_pls import columns, output_moment
+from seatrial.models.identification.plsr import columns, output_moment
 from seatrial.models.identification.problem import lack_of_fit
 from seatrial.models.identification.surface_plsr import local_minima, whole_surface
 from tests.models.identification.known_results import diagnostics

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from seatrial.models.identification.attenuation import derivative_response
+from seatrial.models.identification.constrained_table import derivative_response
 from seatrial.models.recording.signals import lowpass, noise_floor, smoothing_for
 
 PERIOD_S = 0.1
