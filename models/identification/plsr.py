@@ -22,7 +22,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.compiled import kernel
+from seatrial.models.compiled import kernel, lean_kernel
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
 from seatrial.models.identification.constrained_table import finished
@@ -41,6 +41,15 @@ SQUARINGS = 40
 Selection = Literal["blocked", "test"]  # of the training part; the held-out one, as in the thesis
 
 
+@lean_kernel
+def _product(a: Array, b: Array) -> float:
+    """a'b, without the copies that NumPy's expressions make."""
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
 @kernel
 def _dominant(left: Array, w: Array) -> float:
     """Write the dominant left singular vector of E'F (J, K) to w; return the singular value.
@@ -48,24 +57,22 @@ def _dominant(left: Array, w: Array) -> float:
     The eigenvector of (E'F)'(E'F), shape (K, K), is computed by repeated squaring of the matrix.
     """
     n_x, n_y = left.shape
-    power = np.zeros((n_y, n_y))
-    for i in range(n_x):
-        for k in range(n_y):
-            for m in range(n_y):
-                power[k, m] += left[i, k] * left[i, m]
-    square = np.empty((n_y, n_y))
+    power, square = np.empty((2, n_y, n_y))
+    for k in range(n_y):
+        for m in range(n_y):
+            power[k, m] = _product(left[:, k], left[:, m])
     for _ in range(SQUARINGS if n_y > 1 else 0):
         trace = np.trace(power)
         if trace <= 0.0:
             return 0.0
         for k in range(n_y):
             for m in range(n_y):
-                square[k, m] = np.sum(power[k] * power[:, m]) / (trace * trace)
+                square[k, m] = _product(power[k], power[:, m]) / (trace * trace)
         power, square = square, power
     column = power[:, np.argmax(np.diag(power))]
     for i in range(n_x):
-        w[i] = np.sum(left[i] * column)
-    length, norm = np.sum(w**2), np.sum(column**2)
+        w[i] = _product(left[i], column)
+    length, norm = _product(w, w), _product(column, column)
     if length <= 0.0:
         return 0.0
     w /= np.sqrt(length)
@@ -96,19 +103,19 @@ def partial_least_squares(
         first = max(first, length)
         own += w
         for j in range(a):
-            own -= np.sum(loadings[:, j] * w) * r[j]
+            along = _product(loadings[:, j], w)
+            for i in range(n_x):
+                own[i] -= along * r[j, i]
         for i in range(n_x):
-            e[i] = 0.0
-            for j in range(n_x):
-                e[i] += xx[i, j] * own[j]
-        variance = np.sum(own * e)
-        least = EXHAUSTED * np.trace(xx) * np.sum(own**2)
+            e[i] = _product(xx[i], own)
+        variance = _product(own, e)
+        least = EXHAUSTED * np.trace(xx) * _product(own, own)
         exhausted = length <= EXHAUSTED * first or variance <= least
         if exhausted:
             continue
         found += 1
         for k in range(n_y):
-            q = np.sum(left[:, k] * own / variance)
+            q = _product(left[:, k], own) / variance
             for i in range(n_x):
                 left[i, k] -= e[i] * q
                 theta[i, k] += own[i] * q

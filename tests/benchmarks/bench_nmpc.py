@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from docs.vessels import parameters_of
-from seatrial.models.control.nmpc import Nmpc, _step
+from seatrial.models.control.controller import PythonTable
+from seatrial.models.control.nmpc import Nmpc
+from seatrial.models.simulation.registry import CONTROLLERS
 from seatrial.models.simulation.voyage import NO_OUTLOOK
 from seatrial.models.vessel.basis import Array
 from tests.trials import composed
@@ -39,9 +41,11 @@ def test_a_command(stated: Callable[..., None], where: str, obstacles: tuple[Arr
 
     def command() -> float:
         begun = time.process_time()
-        for _ in range(table.every):
+        for _ in range(table.design.every):
             measured = pose + 0.01 * rng.normal(size=3)
-            _step(table, memory, measured, pose, target, pose, pose, tau, tau.copy())
+            CONTROLLERS[PythonTable](
+                table, memory, measured, pose, target, pose, pose, tau, tau.copy()
+            )
         spent = time.process_time() - begun
         pose[:] = memory.estimated.x[:3]
         return spent
