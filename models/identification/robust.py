@@ -165,9 +165,8 @@ def input_labels(nominal: Vessel, windy: bool) -> list[str]:
         return []
     shafts = [name for name, kind in kinds.items() if kind == SHAFT]
     rest = np.zeros((len(kinds), len(nominal.dofs)))
-    pushed = device_forces(
-        nominal.installed, nominal.variables(rest, rest, inputs=np.eye(len(rest)))
-    )
+    one_each = nominal.variables(rest, rest, inputs=np.eye(len(rest)))
+    pushed = device_forces(nominal.installed, one_each)
     terms: dict[str, list[str]] = {dof: [] for dof in nominal.dofs}
     for dof in terms:
         ahead = dof == "surge"
@@ -178,9 +177,8 @@ def input_labels(nominal: Vessel, windy: bool) -> list[str]:
             if kinds[p] == SIGNAL and force != 0.0:
                 terms[dof] += [p, f"|{p}|{p}", f"u{p}"]
         for d in (name for name, kind in kinds.items() if kind == ANGLE):
-            speeds = [f"{n}^2" for n in shafts] + [f"|{n}|{n}" for n in shafts] or ["u^2"]
-            if not ahead and shafts:
-                speeds += [f"u{n}" for n in shafts] + [f"u|{n}|" for n in shafts]
+            forms = ("{0}^2", "|{0}|{0}", "u{0}", "u|{0}|")[: 2 if ahead else 4]
+            speeds = [form.format(n) for form in forms for n in shafts] or ["u^2"]
             terms[dof] += [f"{speed}{d}^2" if ahead else f"{speed}{d}" for speed in speeds]
         terms[dof] += AIR.get(dof, ()) if windy else ()
     return [f"{dof}.{term}" for dof, own in terms.items() for term in own]
