@@ -158,9 +158,11 @@ def free_run_errors(model: StateSpace, held_out: Sampled, recording: Recording) 
     The drift is the distance travelled at the end, in body axes: |y_N - y_0|.
     """
     first = np.flatnonzero(recording.piece_starts)[np.unique(held_out.stretch)]
+    edges = np.flatnonzero(np.diff(held_out.stretch)) + 1
+    stretches = zip(*(np.split(each, edges) for each in (held_out.y, held_out.u)), strict=True)
     free, drift = [], np.zeros(len(recording.dofs))
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable model may diverge
-        for start, (y, u) in zip(first, held_out.parts(), strict=True):
+        for start, (y, u) in zip(first, stretches, strict=True):
             free.append(model.simulate(u, np.concatenate([y[0], recording.nu[start]])))
             drift = np.maximum(drift, np.abs(y[-1] - y[0]))
         rmse = np.sqrt(np.mean(np.square(held_out.y - np.vstack(free)), axis=0))
