@@ -30,7 +30,10 @@ PLAUSIBLE_S = (0.005, 15.0)  # [s] of a sample time
 LONGEST_STEP = 1e3  # of an epoch in s: numbers with longer steps count us or ns since the start
 RISING = 0.9  # share of steps of a time that rise
 DATE = re.compile(r"(\d{4}|\d\d?)([./-])(\d\d?)\2(\d{4}|\d\d?)(?!\d)")  # the year first or last
-ZONE = r"(?<=\d) ?(?:(?![AaPp][Mm])[A-Za-z]{2,5}|[Zz])$"  # only differences matter
+# A date before a time, and a zone, of which only differences matter: as pyarrow searches.
+DAY = r"^(\d{4}|\d\d?)[./-](\d\d?)[./-](\d{4}|\d\d?)[T, _]*"
+ZONE = r"(\d) ?(?:[A-Za-z]{3,5}|UT|[Zz])$"
+DATES = ("ISO8601", "%Y-%m-%d %I:%M:%S %p", "%Y-%m-%d %I:%M:%S.%f %p", "mixed")
 CLOCK = re.compile(r"-?\d{1,2}:\d{2}")
 # Titles of times, most telling first, with or without a unit.
 TITLES = re.compile("(?:" + "|".join((
@@ -53,9 +56,9 @@ def seconds(source: Source, column: Column) -> Array:
     name = source.find(column.name) or column.name
     text = _first_text(source, name)
     if column.format or any(form.match(text) for form in (CLOCK, DATE)):
-        if (name, column) not in source.times:
-            source.times[name, column] = _of_texts(source, name, column)
-        times = source.times[name, column]
+        if (name, column.format) not in source.times:
+            source.times[name, column.format] = _of_texts(source, name, column.format)
+        times = source.times[name, column.format]
     else:
         times = source.numbers(name, gaps=True)
         unit = column.unit or source.units.get(name) or unit_in_title(name, ("s",))
@@ -92,7 +95,7 @@ def _packed(values: Array) -> Array | None:
         return None
     start = np.zeros(len(values))
     if np.nanmin(day) > 0.0:
-        start = _since_1970(pd.Series(day).map("{:.0f}".format), "%Y%m%d")
+        start = _since_1970(pd.Series(day).map("{:.0f}".format), ("%Y%m%d",))
     if np.all(np.isnan(start)):
         return None
     return _unrolled(start + np.array([3600.0, 60.0, 1.0]) @ parts, (DAY_S,), 0.5)
@@ -120,42 +123,41 @@ def _epoch(times: Array) -> str | None:
     return next((unit for unit in likely if step * factor(unit, "s") <= LONGEST_STEP), None)
 
 
-def _of_texts(source: Source, name: str, column: Column) -> Array:
+def _of_texts(source: Source, name: str, form: str | None) -> Array:
     """Dates, or times of day with midnight passed, as seconds."""
-    cells = pd.Series([str(cell).strip() for cell in source.columns[name]])
+    cells = pd.Series(source.columns[name]).astype("str").str.strip()
     texts = cells.mask(cells.str.lower().isin(MISSING))
-    if column.format is not None:
-        whole = _since_1970(texts, column.format.removesuffix(".%f"))  # without a fraction
-        times = _since_1970(texts, column.format)
-        times = np.where(np.isnan(times), whole, times)
+    if form is not None:
+        times = _since_1970(texts, (form, form.removesuffix(".%f")))  # without a fraction
     elif CLOCK.match(_first_text(source, name)):
-        whole = texts.str.replace(ZONE, "", regex=True).str.replace(",", ".")
+        whole = texts.str.replace(ZONE, r"\1", regex=True).str.replace(",", ".")
         whole = whole.where(whole.str.count(":") != 1, whole + ":00")
         times = pd.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy(copy=True)
         times = _unrolled(times, (DAY_S,), 0.5)
     else:
-        times = _of_dates(source, name, texts.str.replace(ZONE, "", regex=True))
+        dates = texts.where(texts.str.match(DAY)).str.replace(ZONE, r"\1", regex=True)
+        written = dates.str.replace(DAY, _order(source, name, texts) + " ", regex=True)
+        times = _since_1970(written.str.strip(), DATES)
     wrong = np.isnan(times) & texts.notna().to_numpy()
     if np.sum(wrong) >= 0.5 * np.sum(texts.notna()):  # few others stand for no time
         row = int(np.argmax(wrong))
-        expected = f"a date and time such as {column.format or '2025-04-11T11:51:09.416Z'}"
+        expected = f"a date and time such as {form or '2025-04-11T11:51:09.416Z'}"
         raise source.refused(row, name, expected)
     return np.asarray(times, dtype=np.float64)
 
 
-def _of_dates(source: Source, name: str, texts: "pd.Series[str]") -> Array:
-    """Dates as seconds; of those with the year last, the one order of day and month that fits."""
+def _order(source: Source, name: str, texts: "pd.Series[str]") -> str:
+    """Year, month and day of dates by their place; with the year last, as the days tell."""
     text = _first_text(source, name)
     first, sign, _, last = DATE.findall(text)[0]
-    year = r"\4" if len(last) == 4 else r"20\4"
-    orders = [r"\1-\3-\4"] if len(first) == 4 else [rf"{year}-\3-\1", rf"{year}-\1-\3"]
-    written = [texts.str.replace(DATE, order, n=1, regex=True) for order in orders]
-    begun = [pd.to_datetime(each.dropna().iloc[:1], format="ISO8601", utc=True, errors="coerce")
-              for each in written]  # fmt: skip
-    form = "ISO8601" if any(each.notna().all() for each in begun) else "mixed"  # which is slow
-    times = [_since_1970(each, form) for each in written]
-    lost = [int(np.sum(np.isnan(each))) for each in times]
-    if len(times) == 2 and sign != "." and lost[0] == lost[1] < len(texts):
+    if len(first) == 4:
+        return r"\1-\2-\3"
+    year = r"\3" if len(last) == 4 else r"20\3"
+    orders = [rf"{year}-\2-\1", rf"{year}-\1-\2"]
+    days = texts.str.slice(0, 10).drop_duplicates().str.extract(f"({DAY})")[0].drop_duplicates()
+    lost = [int(np.sum(np.isnan(_since_1970(days.str.replace(DAY, order, regex=True), DATES[:1]))))
+            for order in orders]  # fmt: skip
+    if sign != "." and lost[0] == lost[1] < len(days):
         known = DATE.sub(r"25\g<2>12\g<2>2024", text, count=1)
         form = pd.tseries.api.guess_datetime_format(known, dayfirst=True)
         form = form or f"%d{sign}%m{sign}%Y %I:%M:%S %p"
@@ -164,13 +166,18 @@ def _of_dates(source: Source, name: str, texts: "pd.Series[str]") -> Array:
             f"{source.path}, column {name}: got {text!r}, is the day or the month first? "
             f"columns.time: {{column: {name}, format: '{form}'}}"
         )
-    return times[int(np.argmin(lost))]
+    return orders[int(np.argmin(lost))]
 
 
-def _since_1970(texts: "pd.Series[str]", form: str) -> Array:
-    stamps = pd.to_datetime(texts, format=form, utc=True, errors="coerce")
-    times = stamps.astype("datetime64[ns, UTC]").astype(np.int64).to_numpy() * 1e-9
-    return np.where(stamps.isna(), np.nan, times)
+def _since_1970(texts: "pd.Series[str]", forms: Sequence[str]) -> Array:
+    """Dates as seconds (N,), each by the first of the formats that fits it; NaN where none does."""
+    times = np.full(len(texts), np.nan)
+    for form in forms:
+        left = np.isnan(times) & texts.notna().to_numpy()
+        stamps = pd.to_datetime(texts[left], format=form, utc=True, errors="coerce")
+        known = stamps.astype("datetime64[ns, UTC]").astype(np.int64).to_numpy() * 1e-9
+        times[left] = np.where(stamps.isna(), np.nan, known)
+    return times
 
 
 def is_later(t: Array) -> NDArray[np.bool_]:

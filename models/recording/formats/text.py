@@ -47,7 +47,7 @@ SIDES = {"lat": ("N", "S"), "lon": ("E", "W")}
 def read(path: Path, options: ReadOptions) -> tuple[list[Source], Sequence[str]]:
     """The columns of a text file; raises RecordingError if it cannot be read as a table."""
     data, left_out = decoded(path, options.text.encoding)
-    annotated = re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE)  # by InfluxDB
+    annotated = re.search(rb"^#(group|datatype|default)\b", data[:4096], re.MULTILINE)  # by InfluxDB
     parts = re.split(rb"\n\r?\n(?=#)", data.strip()) if annotated else [data]
     return _wide([table(path, part, options) for part in parts]), left_out
 
@@ -68,7 +68,7 @@ def decoded(path: Path, encoding: str | None) -> tuple[bytes, Sequence[str]]:
     if b"\0" in data:
         got = f"{path}: got binary data or text that is not {encoding}"
         raise RecordingError(f"{got}; excitation.text.encoding=latin-1 reads another encoding")
-    if not data.strip():
+    if not data or data.isspace():
         raise RecordingError(f"{path}: is empty, expected a header and samples")
     return data, said
 
@@ -166,7 +166,8 @@ def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bo
 
 def _rows(data: bytes, separator: str, top: int = 0) -> Iterator[tuple[int, list[str]]]:
     """The line on which each row below `top` lines ends, and its cells; not of blank lines."""
-    reader = csv.reader(io.StringIO(data.decode(), newline=""), delimiter=separator)
+    text = io.TextIOWrapper(io.BytesIO(data), "utf-8", newline="")
+    reader = csv.reader(text, delimiter=separator)
     return ((reader.line_num, row) for row in reader if row and reader.line_num > top)
 
 
@@ -296,10 +297,12 @@ def column_of_cells(cells: Any) -> tuple[Values, str]:
     try:
         numbers = cells.cast("float64").to_pandas()  # as most columns are
     except pa.ArrowInvalid:
-        numbers = pd.to_numeric(cells.to_pandas(), errors="coerce")
+        fits = pc.match_substring_regex(cells, f"^{NUMBER.pattern}$")
         missing = pc.is_in(pc.ascii_lower(cells), value_set=pa.array(sorted(MISSING)))
-        if numbers.count() < (1.0 - FEW) * (len(cells) - missing.true_count):
+        if fits.true_count < (1.0 - FEW) * (len(cells) - missing.true_count):
             return cells.to_pandas().to_numpy(np.object_), ""
+        plain = pc.if_else(fits, pc.utf8_ltrim(cells, "+"), None)
+        numbers = plain.cast("float64").to_pandas()
     values = numbers.where(numbers.abs() <= MAX_NUMBER).to_numpy()
     words = pc.value_counts(pc.filter(cells, pa.array(np.isnan(values)))).to_pylist()
     said = [f"{row['counts']} of {len(cells)} cells are {row['values']}" for row in words
