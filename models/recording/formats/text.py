@@ -6,7 +6,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import reduce
-from itertools import chain, count, islice, takewhile
+from itertools import chain, count, islice
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -47,7 +47,7 @@ SIDES = {"lat": ("N", "S"), "lon": ("E", "W")}
 def read(path: Path, options: ReadOptions) -> tuple[list[Source], Sequence[str]]:
     """The columns of a text file; raises RecordingError if it cannot be read as a table."""
     data, left_out = decoded(path, options.text.encoding)
-    annotated = re.search(rb"^#(group|datatype|default)\b", data[:4096], re.MULTILINE)  # by InfluxDB
+    annotated = re.search(rb"^#(group|datatype|default)\b", data[:4096], re.M)  # by InfluxDB
     parts = re.split(rb"\n\r?\n(?=#)", data.strip()) if annotated else [data]
     return _wide([table(path, part, options) for part in parts]), left_out
 
@@ -136,16 +136,16 @@ def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bo
     """The text without comments and decimal commas, comments above, separator, if that is white."""
     skipped, above = options.text.skip_lines, list[str]()
     data = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data)
-    lines = [line.strip(" \r") for line in data[:65536].decode(errors="replace").split("\n")]
-    twice = (mark for mark in MARKS if [line[: len(mark)] for line in lines[:2]] == [mark, mark])
+    head = data[:65536].decode(errors="replace")
+    twice = (mark for mark in MARKS if re.match(rf"(\s*{mark}.*\n){{2}}", head))
     if mark := options.text.comment and next(twice, options.text.comment):
-        comments = takewhile(lambda line: not line or line.startswith(mark), lines)
-        above = [line.lstrip(mark).strip() for line in comments]
-        lines = ["" if line.startswith(mark) else line for line in lines]
-        sign = rb"^[ \t]*" + re.escape(mark.encode()) + rb"[^\r\n]*"
-        data = re.sub(sign, b"", data, flags=re.MULTILINE) if mark.encode() in data else data
+        sign = rf"^[ \t]*(?:{re.escape(mark)})+(.*)"
+        above = re.findall(sign, head, re.MULTILINE)
+        if mark.encode() in data:
+            data = re.sub(sign.encode(), b"", data, flags=re.MULTILINE)
     data = b"\n" * skipped + b"".join(data.split(b"\n", skipped)[skipped:])
-    lines = [line for line in lines[skipped:] if line][:SAMPLE_LINES]
+    lines = [line.strip(" \r") for line in data[:65536].decode(errors="replace").split("\n")]
+    lines = [line for line in lines if line][:SAMPLE_LINES]
 
     def most(mark: str) -> int:  # lines that a separator cuts alike; words only if numbers
         rows = (line.split(mark.strip(" ") or None) for line in lines)
@@ -247,18 +247,13 @@ def table_source(
 
     `t [s]` is the column `t` in `s`, a column without title is c1, c2 ... Columns whose names
     differ by the unit only keep their titles. Of columns of one title with equal cells one is kept,
-    others are `x.1`, `x.2` ...; where titles repeat, those after a title without cells have it
-    before them. `cell` is a cell of the file by row and number of the column.
+    others are `x.1`, `x.2` ... `cell` is a cell of the file by row and number of the column.
     """
     titles, every, known = zip(*columns, strict=True)
     written = [title.strip() or f"c{i}" for i, title in enumerate(titles, 1)]
-    read, group = [column_of_cells(cells) for cells in every], ""
-    repeated = len(set(written)) < len(written)
+    read = [column_of_cells(cells) for cells in every]
     lines, places = list(left_out), defaultdict[str, list[int]](list)
     for i, (values, _) in enumerate(read):
-        if repeated and titles[i].strip():
-            empty, title = pd.isna(values).all(), written[i]
-            group, written[i] = (f"{title}.", title) if empty else (group, group + title)
         if any(pd.Series(values).equals(pd.Series(read[j][0])) for j in places[written[i]]):
             lines.append(f"column {written[i]}: stands again, with equal cells")
         else:

@@ -358,15 +358,12 @@ def test_exports_of_influxdb(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sources["imu"].numbers("v"), np.arange(4.0))
 
 
-def test_degrees_and_minutes_and_repeated_groups(tmp_path: Path) -> None:
+def test_degrees_and_minutes(tmp_path: Path) -> None:
     angles = one(file(tmp_path, "a.csv", "lat,N/S,lon\n" + 2 * "4030.0,S,1130.0\n"))
     assert (angles.columns["lat"].tolist(), angles.units["lat"]) == ([-40.5, -40.5], "deg")
     assert angles.columns["lon"].tolist() == [11.5, 11.5]
     sideways = "lateral_velocity,longitudinal_velocity\n150,20\n150,20\n"  # no latitude
     assert one(file(tmp_path, "a.csv", sideways)).columns["lateral_velocity"][0] == 150.0
-    text = "t,position,x,y,linear,x,y\n" + "".join(f"{k},,{k},1,,{2 * k},3\n" for k in range(3))
-    titles = ["t", "position", "position.x", "position.y", "linear", "linear.x", "linear.y"]
-    assert list(one(file(tmp_path, "b.csv", text)).columns) == titles
 
 
 def test_text_of_gliders(tmp_path: Path) -> None:
