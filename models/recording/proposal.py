@@ -289,13 +289,14 @@ def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen)
             chosen[f"inputs.{name if name in INPUTS else c.full}"] = c
     for name in wanted:
         used, words = {c.full for c in chosen.values()}, words_of(name)
+        free = [c for c in every if len(c.values) and c.full not in used]
         same = [c for c in kinds.get(words[0], []) if c.full not in used]
-        titled = [c for c in every if len(c.values) and words_of(c.name)[: len(words)] == words]
         fitting = (
-            [c for c in titled if words_of(c.name) == words and c.full not in used][:1]
-            or [c for c in same if _side(c.name) == _side(name)]
-            or (same if not _side(name) else [])
-            or [c for c in titled if words[0] not in kinds and c.full not in used]
+            [c for c in free if words_of(c.name) == words][:1]
+            or [c for c in same if _side(name) in ("", _side(c.name))]
+            or [
+                c for c in free if words[0] not in kinds and words_of(c.name)[: len(words)] == words
+            ]
         )
         if len(fitting) == 1:
             chosen[f"inputs.{name}"] = fitting[0]

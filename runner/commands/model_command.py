@@ -61,10 +61,9 @@ def model(
     columns = reader.columns
     foreign = [key for key in columns.inputs if vessel is None and key not in INPUTS]
     if foreign or not (columns.inputs or columns.force or columns.actual_force):
-        got = f"inputs: got {foreign[0]!r}" if foreign else "got neither forces nor inputs"
         raise ConfigurationError(
-            f"{map_file}: {got}, expected what moved the boat: force: {{surge: COLUMN, ...}}, or "
-            f"inputs, some of {', '.join(INPUTS)}"
+            f"{map_file}: got inputs {', '.join(columns.inputs) or 'none'}, expected force: "
+            f"{{surge: COLUMN, ...}}, or inputs, some of {', '.join(INPUTS)}"
         )
     if vessel is None and length is not None:
         vessel = _drafted_vessel(name, length, mass, reader.account(PLANAR)[0].values, force)

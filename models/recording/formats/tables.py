@@ -97,8 +97,7 @@ def _sources(path: Path, leaves: Iterable[tuple[str, str, Any, str]]) -> Content
             group = groups[top, rows.shape[1]]
             group += [(f"{name}[{i}]", row, unit) for i, row in enumerate(rows)]
         else:
-            shape = " x ".join(map(str, values.shape))
-            kind = f"arrays of {shape} {values.dtype}" if shape else "single values"
+            kind = f"{values.dtype} of shape {values.shape}"
             kind = value if isinstance(value, str) else "text" if text else kind
             lost[kind].append(f"{top}.{name}" if top else name)
     each = sorted(groups.items(), key=lambda item: -len(item[1]))
@@ -119,10 +118,8 @@ def _placed(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str
     else:
         cells = [k for k, key in enumerate(place) if isinstance(key, int)]
         own = cells[-1] + 1 if cells else int(len(place) > 1)  # the rest is the name
-        name = ".".join(
-            map(str, place[own:] or [key for key in place if isinstance(key, str)][-1:])
-        )
-        yield "/".join(map(str, place[:own])), name, value, ""
+        named = place[own:] or [key for key in place if isinstance(key, str)][-1:]
+        yield "/".join(map(str, place[:own])), ".".join(map(str, named)), value, ""
 
 
 def _rows(cells: list[Any]) -> object:

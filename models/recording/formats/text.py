@@ -272,7 +272,8 @@ def table_source(
             result[own], unit = np.asarray(result[own], float) / 10.0 ** int(scale[1]), "deg"
         units |= {own: unit} if unit else {}
         lines += [f"column {own}: {reason}"] if reason else []
-    lines += [*_dates(result, units), *_angles(result, units)]
+    lines += _dates(result, units)
+    _angles(result, units)
     changed = {own: written[i] for own, i in numbers.items() if own != written[i]}
     place = None if cell is None else lambda row, column: cell(row, numbers.get(column, 0))
     return Source(name, path, result, units, changed, tuple(dict.fromkeys(lines)), place)
@@ -289,15 +290,11 @@ def column_of_cells(cells: Any) -> tuple[Values, str]:
             return values.to_numpy(np.float64, na_value=np.nan), ""
         cells = values.astype(str).mask(values.isna(), "").to_list()
     cells = pa.array(cells, pa.string())
-    try:
-        numbers = cells.cast("float64").to_pandas()  # as most columns are
-    except pa.ArrowInvalid:
-        fits = pc.match_substring_regex(cells, f"^{NUMBER.pattern}$")
-        missing = pc.is_in(pc.ascii_lower(cells), value_set=pa.array(sorted(MISSING)))
-        if fits.true_count < (1.0 - FEW) * (len(cells) - missing.true_count):
-            return cells.to_pandas().to_numpy(np.object_), ""
-        plain = pc.if_else(fits, pc.utf8_ltrim(cells, "+"), None)
-        numbers = plain.cast("float64").to_pandas()
+    fits = pc.match_substring_regex(cells, f"^{NUMBER.pattern}$")
+    missing = pc.is_in(pc.ascii_lower(cells), value_set=pa.array(sorted(MISSING)))
+    if fits.true_count < (1.0 - FEW) * (len(cells) - missing.true_count):
+        return cells.to_pandas().to_numpy(np.object_), ""
+    numbers = pc.if_else(fits, pc.utf8_ltrim(cells, "+"), None).cast("float64").to_pandas()
     values = numbers.where(numbers.abs() <= MAX_NUMBER).to_numpy()
     words = pc.value_counts(pc.filter(cells, pa.array(np.isnan(values)))).to_pylist()
     said = [f"{row['counts']} of {len(cells)} cells are {row['values']}" for row in words
@@ -322,29 +319,17 @@ def _dates(columns: dict[str, Values], units: dict[str, str]) -> Iterator[str]:
             yield f"columns {', '.join(own.values())}: read as the time {name}"
 
 
-def _angles(columns: dict[str, Values], units: dict[str, str]) -> Iterator[str]:
-    """Read angles that are written as degrees and minutes, the number DDMM.mm, as degrees.
+def _angles(columns: dict[str, Values], units: dict[str, str]) -> None:
+    """Read angles whose unit is lat or lon, degrees and minutes as the number DDMM.mm, as degrees.
 
-    Their unit is lat or lon, or both are of this form; a column of letters may stand beside them.
+    A column of letters may stand beside them.
     """
-    numbers = [name for name, values in columns.items() if values.dtype != np.object_]
-    known = {name: units[name] for name in numbers if units.get(name) in SIDES}
-    titled = {kind: name for name in numbers for kind in SIDES
-              if re.search(rf"(?i)\b{kind}(g?itude|g)?(?![a-z])", name)}  # fmt: skip
-    sizes = pd.DataFrame({kind: np.abs(columns[name]) for kind, name in titled.items()})
-    if (
-        len(titled) == 2
-        and 90.0 < sizes["lat"].max() <= 9000.0
-        and (sizes % 100.0).max().max() < 60.0
-    ):
-        known |= {name: kind for kind, name in titled.items()}
-    for name, kind in known.items():
-        whole = np.trunc(columns[name] / 100.0)
-        angles = whole + (columns[name] - 100.0 * whole) / 60.0
-        angles[np.abs(angles) > 180.0] = np.nan  # where a glider had no position
-        texts = (cells for cells in columns.values() if cells.dtype == np.object_)
-        sides = (cells for cells in texts if {""} < {*cells, ""} <= {*SIDES[kind], ""})
-        columns[name] = np.where(next(sides, np.array("")) == SIDES[kind][1], -angles, angles)
-        if units.get(name) not in SIDES:
-            yield f"column {name}: degrees and minutes, read as degrees"
-        units[name] = "deg"
+    texts = [cells for cells in columns.values() if cells.dtype == np.object_]
+    for name, kind in units.items():
+        if kind in SIDES and columns[name].dtype != np.object_:
+            whole = np.trunc(columns[name] / 100.0)
+            angles = whole + (columns[name] - 100.0 * whole) / 60.0
+            angles[np.abs(angles) > 180.0] = np.nan  # where a glider had no position
+            sides = (cells for cells in texts if {""} < {*cells, ""} <= {*SIDES[kind], ""})
+            columns[name] = np.where(next(sides, np.array("")) == SIDES[kind][1], -angles, angles)
+            units[name] = "deg"
