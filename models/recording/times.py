@@ -231,12 +231,11 @@ def _clock(source: Source, name: str, titles: dict[str, str]) -> tuple[Column, A
         return None  # a day without its time
     try:
         t = seconds(source, column)
-        for other, title in titles.items():
-            rest = title.startswith(stem) and title[len(stem) :].strip("_") in RESTS
-            if rest and np.all(t[np.isfinite(t)] % 1.0 == 0.0):
-                part = np.nanmax(np.abs(_rest(source, other)), initial=0.0)
-                column = replace(column, nanoseconds=other) if 0.0 < part < 1.0 else column
-                t = seconds(source, column)
+        if np.all(t[np.isfinite(t)] % 1.0 == 0.0):
+            rests = [other for other, title in titles.items() if title.startswith(stem)
+                     and title[len(stem) :].strip("_") in RESTS]  # fmt: skip
+            parts = (o for o in rests if 0.0 < np.nanmax(_rest(source, o), initial=0.0) < 1.0)
+            column = replace(column, nanoseconds=next(parts, None))
     except (ConfigurationError, RecordingError):
         return None
     steps = np.diff(t[np.isfinite(t)])

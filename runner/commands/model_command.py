@@ -15,8 +15,7 @@ from seatrial.models.vessel import scales
 from seatrial.models.vessel.basis import INPUTS, Array
 from seatrial.runner import export
 from seatrial.runner.commands import init
-from seatrial.runner.commands.data_commands import Force, VesselName, map_columns
-from seatrial.runner.commands.data_convert import File, MapFile
+from seatrial.runner.commands.data_commands import File, Force, MapFile, VesselName, map_columns
 from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.configuration.recording_map import read_map, reader_of

@@ -5,7 +5,6 @@ import io
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import reduce
 from itertools import chain, count, islice
 from pathlib import Path
 from textwrap import shorten
@@ -76,7 +75,7 @@ def decoded(path: Path, encoding: str | None) -> tuple[bytes, Sequence[str]]:
 def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None) -> Source:
     """The columns of a text as a source; raises RecordingError if it is not a table.
 
-    A few rows of another length than the header, or that repeat it, are left out.
+    A few rows of another length than the header are left out.
     """
     names = options.text.names
     data, commented, separator, white = _plain(data, options)
@@ -115,19 +114,13 @@ def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None
         got = f"{path}, line {line}: got {len(row)} cells, expected {width}"
         raise RecordingError(f"{got} as in the header (separator {separator!r})")
     columns = [pc.utf8_trim_whitespace(column.combine_chunks()) for column in stored.columns]
-    again = reduce(pc.and_, map(pc.equal, columns, written))
-    counts = {f"rows with more or fewer than {width} cells": len(other),
-              "lines that repeat the header": again.true_count if any(written) else 0}  # fmt: skip
-    if any(written):
-        columns = [pc.filter(column, pc.invert(again)) for column in columns]
 
     def cell(row: int, place: int) -> tuple[str, str]:
-        samples = (each for each in _rows(data, separator, top) if len(each[1]) == width
-                   and [text.strip() for text in each[1]] != written)  # fmt: skip
+        samples = (each for each in _rows(data, separator, top) if len(each[1]) == width)
         line, found = next(islice(samples, row, None))
         return f"line {line}", found[place]
 
-    said = [f"{there} {reason}" for reason, there in counts.items() if there]
+    said = [f"{len(other)} rows with more or fewer than {width} cells"] if other else []
     triples = zip(names or written, columns, units, strict=True)
     return table_source(name or path.stem, path, triples, said, cell)
 
@@ -225,11 +218,10 @@ def _wide(parts: list[Source]) -> list[Source]:
         frame["_time"] = (times - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
     lost = ", ".join(name for name in frame if name not in (*tags, *LONG))
     unique = frame.dropna(subset="_time").drop_duplicates([*tags, *keys])
-    counts = {f"columns {lost}: not of the values of this long table": len(lost),
-              f"{len(frame) - len(unique)} values without a time, or at times that repeat":
-                  len(frame) - len(unique)}  # fmt: skip
-    said = [line for part in parts for line in part.left_out]
-    said, result = [*said, *(why for why, n in counts.items() if n)], list[Source]()
+    said, result = [line for part in parts for line in part.left_out], list[Source]()
+    said += [f"columns {lost}: not of the values of this long table"] if lost else []
+    if count := len(frame) - len(unique):
+        said.append(f"{count} values without a time, or at times that repeat")
     for key, rows in unique.groupby(tags) if tags else [((), unique)]:
         wide = rows.pivot(index="_time", columns="_field", values="_value")
         cells = wide.fillna("").astype(str) if "_value" in texts else wide
