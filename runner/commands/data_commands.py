@@ -5,6 +5,7 @@ import json
 from collections.abc import Sequence
 from contextlib import suppress
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -54,11 +55,7 @@ Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", hel
 VesselName = Annotated[str | None, typer.Option("--vessel", help="Vessel whose inputs are mapped.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 app.command()(get)
-
-
-def main(words: Sequence[str]) -> int:
-    """Run `seatrial data` with the words that follow it; returns the exit code."""
-    return run_typer(app, words)
+main = partial(run_typer, app)  # of the words that follow `seatrial data`
 
 
 @app.command()

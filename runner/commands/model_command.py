@@ -1,7 +1,8 @@
 """`seatrial model LOG`: from a boat's log to a model that sails, in one command."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,11 +27,7 @@ Length = Annotated[float | None, typer.Option("--length", help="[m] between perp
 Mass = Annotated[float | None, typer.Option("--mass", help="[kg] displacement.")]
 Database = Annotated[Path, typer.Option("--results-dir", help="Where the run is stored.")]
 app = typer.Typer(name="seatrial model", add_completion=False, pretty_exceptions_enable=False)
-
-
-def main(words: Sequence[str]) -> int:
-    """Run `seatrial model` with the words that follow it; returns the exit code."""
-    return run_typer(app, words)
+main = partial(run_typer, app)  # of the words that follow `seatrial model`
 
 
 @app.command()

@@ -159,8 +159,8 @@ def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bo
 
 def _rows(data: bytes, separator: str, top: int = 0) -> Iterator[tuple[int, list[str]]]:
     """The line on which each row below `top` lines ends, and its cells; not of blank lines."""
-    text = io.TextIOWrapper(io.BytesIO(data), "utf-8", newline="")
-    reader = csv.reader(text, delimiter=separator)
+    lines = io.TextIOWrapper(io.BytesIO(data), "utf-8", newline="")
+    reader = csv.reader(lines, delimiter=separator)
     return ((reader.line_num, row) for row in reader if row and reader.line_num > top)
 
 
@@ -239,7 +239,8 @@ def table_source(
 
     `t [s]` is the column `t` in `s`, a column without title is c1, c2 ... Columns whose names
     differ by the unit only keep their titles. Of columns of one title with equal cells one is kept,
-    others are `x.1`, `x.2` ... `cell` is a cell of the file by row and number of the column.
+    others are `x.1`, `x.2` ... Angles of the units lat and lon may have a column of letters beside
+    them. `cell` is a cell of the file by row and number of the column.
     """
     titles, every, known = zip(*columns, strict=True)
     written = [title.strip() or f"c{i}" for i, title in enumerate(titles, 1)]
@@ -265,7 +266,15 @@ def table_source(
         units |= {own: unit} if unit else {}
         lines += [f"column {own}: {reason}"] if reason else []
     lines += _dates(result, units)
-    _angles(result, units)
+    texts = [cells for cells in result.values() if cells.dtype == np.object_]
+    for own, kind in units.items():  # degrees and minutes as the number DDMM.mm
+        if kind in SIDES and result[own].dtype != np.object_:
+            whole = np.trunc(result[own] / 100.0)
+            angles = whole + (result[own] - 100.0 * whole) / 60.0
+            angles[np.abs(angles) > 180.0] = np.nan  # where a glider had no position
+            sides = (cells for cells in texts if {""} < {*cells, ""} <= {*SIDES[kind], ""})
+            result[own] = np.where(next(sides, np.array("")) == SIDES[kind][1], -angles, angles)
+            units[own] = "deg"
     changed = {own: written[i] for own, i in numbers.items() if own != written[i]}
     place = None if cell is None else lambda row, column: cell(row, numbers.get(column, 0))
     return Source(name, path, result, units, changed, tuple(dict.fromkeys(lines)), place)
@@ -309,19 +318,3 @@ def _dates(columns: dict[str, Values], units: dict[str, str]) -> Iterator[str]:
             name = stem or "date_time"
             columns[name], units[name] = moments.dt.total_seconds().to_numpy(), "s"
             yield f"columns {', '.join(own.values())}: read as the time {name}"
-
-
-def _angles(columns: dict[str, Values], units: dict[str, str]) -> None:
-    """Read angles whose unit is lat or lon, degrees and minutes as the number DDMM.mm, as degrees.
-
-    A column of letters may stand beside them.
-    """
-    texts = [cells for cells in columns.values() if cells.dtype == np.object_]
-    for name, kind in units.items():
-        if kind in SIDES and columns[name].dtype != np.object_:
-            whole = np.trunc(columns[name] / 100.0)
-            angles = whole + (columns[name] - 100.0 * whole) / 60.0
-            angles[np.abs(angles) > 180.0] = np.nan  # where a glider had no position
-            sides = (cells for cells in texts if {""} < {*cells, ""} <= {*SIDES[kind], ""})
-            columns[name] = np.where(next(sides, np.array("")) == SIDES[kind][1], -angles, angles)
-            units[name] = "deg"
