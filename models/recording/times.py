@@ -124,19 +124,39 @@ def _epoch(times: Array) -> str | None:
 
 
 def _of_texts(source: Source, name: str, form: str | None) -> Array:
-    """Dates, or times of day with midnight passed, as seconds."""
+    """Dates, or times of day with midnight passed, as seconds.
+
+    Of dates with the year last, the order of day and month is the one that fits all days.
+    """
+    text = _first_text(source, name)
     cells = pd.Series(source.columns[name]).astype("str").str.strip()
     texts = cells.mask(cells.str.lower().isin(MISSING))
+    plain = texts.str.replace(ZONE, r"\1", regex=True)
     if form is not None:
         times = _since_1970(texts, (form, form.removesuffix(".%f")))  # without a fraction
-    elif CLOCK.match(_first_text(source, name)):
-        whole = texts.str.replace(ZONE, r"\1", regex=True).str.replace(",", ".")
+    elif CLOCK.match(text):
+        whole = plain.str.replace(",", ".")
         whole = whole.where(whole.str.count(":") != 1, whole + ":00")
         times = pd.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy(copy=True)
         times = _unrolled(times, (DAY_S,), 0.5)
     else:
-        dates = texts.where(texts.str.match(DAY)).str.replace(ZONE, r"\1", regex=True)
-        written = dates.str.replace(DAY, _order(source, name, texts) + " ", regex=True)
+        first, sign, _, last = DATE.findall(text)[0]
+        year = r"\3" if len(last) == 4 else r"20\3"
+        orders = [rf"{year}-\2-\1 ", rf"{year}-\1-\2 "] if len(first) < 4 else [r"\1-\2-\3 "]
+        days = texts.str.slice(0, 10).drop_duplicates().str.extract(f"({DAY})")[0].drop_duplicates()
+        tried = (days.str.replace(DAY, order, regex=True).str.strip() for order in orders)
+        lost = [int(np.sum(np.isnan(_since_1970(each, DATES[:1])))) for each in tried]
+        if sign != "." and len(lost) == 2 and lost[0] == lost[1] < len(days):
+            known = DATE.sub(r"25\g<2>12\g<2>2024", text, count=1)
+            guess = pd.tseries.api.guess_datetime_format(known, dayfirst=True)
+            guess = guess or f"%d{sign}%m{sign}%Y %I:%M:%S %p"
+            guess = guess if len(last) == 4 else guess.replace("%Y", "%y")
+            raise RecordingError(
+                f"{source.path}, column {name}: got {text!r}, is the day or the month first? "
+                f"columns.time: {{column: {name}, format: '{guess}'}}"
+            )
+        dates = plain.where(plain.str.match(DAY))
+        written = dates.str.replace(DAY, orders[int(np.argmin(lost))], regex=True)
         times = _since_1970(written.str.strip(), DATES)
     wrong = np.isnan(times) & texts.notna().to_numpy()
     if np.sum(wrong) >= 0.5 * np.sum(texts.notna()):  # few others stand for no time
@@ -144,29 +164,6 @@ def _of_texts(source: Source, name: str, form: str | None) -> Array:
         expected = f"a date and time such as {form or '2025-04-11T11:51:09.416Z'}"
         raise source.refused(row, name, expected)
     return np.asarray(times, dtype=np.float64)
-
-
-def _order(source: Source, name: str, texts: "pd.Series[str]") -> str:
-    """Year, month and day of dates by their place; with the year last, as the days tell."""
-    text = _first_text(source, name)
-    first, sign, _, last = DATE.findall(text)[0]
-    if len(first) == 4:
-        return r"\1-\2-\3"
-    year = r"\3" if len(last) == 4 else r"20\3"
-    orders = [rf"{year}-\2-\1", rf"{year}-\1-\2"]
-    days = texts.str.slice(0, 10).drop_duplicates().str.extract(f"({DAY})")[0].drop_duplicates()
-    lost = [int(np.sum(np.isnan(_since_1970(days.str.replace(DAY, order, regex=True), DATES[:1]))))
-            for order in orders]  # fmt: skip
-    if sign != "." and lost[0] == lost[1] < len(days):
-        known = DATE.sub(r"25\g<2>12\g<2>2024", text, count=1)
-        form = pd.tseries.api.guess_datetime_format(known, dayfirst=True)
-        form = form or f"%d{sign}%m{sign}%Y %I:%M:%S %p"
-        form = form if len(last) == 4 else form.replace("%Y", "%y")
-        raise RecordingError(
-            f"{source.path}, column {name}: got {text!r}, is the day or the month first? "
-            f"columns.time: {{column: {name}, format: '{form}'}}"
-        )
-    return orders[int(np.argmin(lost))]
 
 
 def _since_1970(texts: "pd.Series[str]", forms: Sequence[str]) -> Array:
@@ -209,46 +206,45 @@ def _alike(t: Array, other: Array) -> bool:
 
 
 def clocks(source: Source) -> list[tuple[Column, Array]]:
-    """The columns of a source that are times by their titles, most telling first, in s (N,)."""
+    """The columns of a source that are times by their titles, and rise, in s (N,).
+
+    They have what else is needed to read them; the most telling title is first.
+    """
     titles = {name: "_".join(words_of(name)) for name in source.columns}
-    ranks = dict[str, int]()
+    named, ranks = {title: name for name, title in titles.items()}, dict[str, int]()
     for name, title in titles.items():
         match = TITLES.fullmatch(title)
         if match or DATE.match(_first_text(source, name)):
             ranks[name] = (match.lastindex if match else None) or TITLES.groups + 1
-    known = (_clock(source, name, titles) for name in sorted(ranks, key=lambda name: ranks[name]))
-    return [clock for clock in known if clock]
-
-
-def _clock(source: Source, name: str, titles: dict[str, str]) -> tuple[Column, Array] | None:
-    """A column as a time, with what else is needed to read it; None if it does not rise."""
-    named, text = {title: other for other, title in titles.items()}, _first_text(source, name)
-    stem = re.sub(r"(secs?|time|date)$", "", titles[name])
-    days = (named.get(title, name) for title in (f"{stem}date", "date", "day"))
-    day = next((other for other in days if other != name), None)
-    column = Column(name, date=day if CLOCK.match(text) else None)
-    if text and not set(text) & set(":T"):
-        return None  # a day without its time
-    try:
-        t = seconds(source, column)
-        if np.all(t[np.isfinite(t)] % 1.0 == 0.0):
-            rests = [other for other, title in titles.items() if title.startswith(stem)
-                     and title[len(stem) :].strip("_") in RESTS]  # fmt: skip
-            parts = (o for o in rests if 0.0 < np.nanmax(_rest(source, o), initial=0.0) < 1.0)
-            column = replace(column, nanoseconds=next(parts, None))
-    except (ConfigurationError, RecordingError):
-        return None
-    steps = np.diff(t[np.isfinite(t)])
-    if not len(steps) or not np.mean(steps >= 0.0) >= RISING or not np.any(steps > 0.0):
-        return None
-    if not text and not source.units.get(name):
-        step, (least, most) = float(np.median(steps[steps > 0.0])), PLAUSIBLE_S
-        each = ("s", "ms", "us", "ns", "day")
-        likely = (unit for unit in each if least <= step * factor(unit, "s") <= most)
-        known = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
-        unit = known or next(likely, None)
-        column = replace(column, unit=None if unit == "s" else unit)
-    return column, seconds(source, column)
+    known = list[tuple[Column, Array]]()
+    for name in sorted(ranks, key=lambda name: ranks[name]):
+        text, stem = _first_text(source, name), re.sub(r"(secs?|time|date)$", "", titles[name])
+        days = (named.get(title, name) for title in (f"{stem}date", "date", "day"))
+        day = next((other for other in days if other != name), None)
+        column = Column(name, date=day if CLOCK.match(text) else None)
+        if text and not set(text) & set(":T"):
+            continue  # a day without its time
+        try:
+            t = seconds(source, column)
+            if np.all(t[np.isfinite(t)] % 1.0 == 0.0):
+                rests = [other for other, title in titles.items() if title.startswith(stem)
+                         and title[len(stem) :].strip("_") in RESTS]  # fmt: skip
+                parts = (o for o in rests if 0.0 < np.nanmax(_rest(source, o), initial=0.0) < 1.0)
+                column = replace(column, nanoseconds=next(parts, None))
+        except (ConfigurationError, RecordingError):
+            continue
+        steps = np.diff(t[np.isfinite(t)])
+        if not np.any(steps > 0.0) or np.mean(steps >= 0.0) < RISING:
+            continue
+        if not text and not source.units.get(name):
+            step, (least, most) = float(np.median(steps[steps > 0.0])), PLAUSIBLE_S
+            each = ("s", "ms", "us", "ns", "day")
+            likely = (unit for unit in each if least <= step * factor(unit, "s") <= most)
+            unit = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
+            unit = unit or next(likely, None)
+            column = replace(column, unit=None if unit == "s" else unit)
+        known.append((column, seconds(source, column)))
+    return known
 
 
 def disagreement(source: Source, used: Column) -> str | None:
