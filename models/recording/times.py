@@ -91,12 +91,10 @@ def _packed(values: Array) -> Array | None:
     parts = np.array([clock // 1e4, clock // 100.0 % 100.0, clock % 100.0])
     if not len(known) or np.ptp(known) <= 40.0 or np.min(known) < 0.0:
         return None
-    if np.any(np.nanmax(parts, axis=1) >= (24.0, 60.0, 60.0)):
-        return None
     start = np.zeros(len(values))
-    if np.nanmin(day) > 0.0:
+    if np.min(known) >= 1e6:
         start = _since_1970(pd.Series(day).map("{:.0f}".format), ("%Y%m%d",))
-    if np.all(np.isnan(start)):
+    if np.all(np.isnan(start)) or np.any(np.nanmax(parts, axis=1) >= (24.0, 60.0, 60.0)):
         return None
     return _unrolled(start + np.array([3600.0, 60.0, 1.0]) @ parts, (DAY_S,), 0.5)
 

@@ -44,12 +44,8 @@ app = typer.Typer(
 )  # fmt: skip
 File = Annotated[Path, typer.Argument(help="A file, or a folder with one file per topic.")]
 Target = Annotated[Path, typer.Argument(metavar="OUT.parquet", help="File to write (.parquet).")]
-MapFile = Annotated[
-    Path | None, typer.Option("--map", metavar="MAP.yaml", help="Map of the columns.")
-]
-Axes = Annotated[
-    str | None, typer.Option("--dofs", metavar="surge,sway,...", help="Default: those mapped.")
-]
+MapFile = Annotated[Path | None, typer.Option("--map", metavar="MAP.yaml", help="Map of columns.")]
+Axes = Annotated[str | None, typer.Option(metavar="surge,sway,...", help="Default: those mapped.")]
 Html = Annotated[Path | None, typer.Option("--html", metavar="OUT", help="A page with figures.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="MAP.yaml", help="File to write.")]
 VesselName = Annotated[str | None, typer.Option("--vessel", help="Vessel whose inputs are mapped.")]
@@ -109,11 +105,9 @@ def drafted(file: Path, wanted: Sequence[str] = ()) -> Proposal:
     try:
         reader = reader_of(file, options_of(deepcopy(node)))
         known = examine(reader, reader.columns.moving)
-        if known is None:
-            asked += doubts(sources, reader.columns).values()
-        else:
+        asked += known.questions if known else doubts(sources, reader.columns).values()
+        if known:
             left_out = [*reader.account(known.recording.dofs)[0].left_out, *known.not_compared]
-            asked += known.questions
     except FAULTS as error:
         known, asked = None, [*asked, str(error)]
     for problem in known.problems if known else ():

@@ -119,8 +119,8 @@ def _report(reader: Any, run: int) -> None:
     """Print the errors of predicting the mean motion, which a useful model must beat."""
     rows = [row for row in reader.metrics(run) if row.name == METRIC and row.stage == "validation"]
     errors = {(row.dof, row.model): row.value for row in rows if row.value is not None}
-    for dof in (dof for dof, model in errors if model == "mean_motion"):
-        error = errors[dof, "mean_motion"]
-        better = errors.get((dof, "identified"), np.inf) < error
-        skill = "" if better else ": the model is no better than the mean motion"
-        typer.echo(f"mean motion, {dof}: {error:.4g} {VELOCITY_UNIT[dof]}{skill}")
+    for (dof, model), error in errors.items():
+        if model == "mean_motion":
+            better = errors.get((dof, "identified"), np.inf) < error
+            skill = "" if better else ": the model is no better than the mean motion"
+            typer.echo(f"mean motion, {dof}: {error:.4g} {VELOCITY_UNIT[dof]}{skill}")

@@ -51,9 +51,8 @@ Key = tuple[str, str]  # what a message is, and who sent it
 
 def read_excel(path: Path, options: ReadOptions) -> Contents:
     """The sheets of a workbook, read like the text that their cells would be."""
-    sources, left_out = [], []
     text = replace(options.text, separator=",", decimal=".", encoding=None, comment=None)
-    options = replace(options, text=text)
+    options, sources, left_out = replace(options, text=text), [], []
     book = pd.read_excel(path, sheet_name=None, header=None, keep_default_na=False)
     for name, sheet in book.items():
         try:
