@@ -5,7 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -90,35 +90,33 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     chosen = _motion([c for c in candidates if not (wanted and c.option.startswith("force."))])
     asked = [*_actions(every, wanted, chosen)]
     clock, line = _clock(chosen, times, sources)
-    sure, columns = [line], defaultdict[str, dict[str, object]](dict)
+    sure, columns = [line], defaultdict[str, Any](dict)
     for option, c in chosen.items():
         kind, _, name = option.partition(".")
         columns[kind][name] = c.full
+        group, key, frame = AXES_OF.get(option, ("", "", "any"))
+        if c.frame == frame:
+            columns[group][key] = frame
+        if c.frame == "magnetic":
+            asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
     for option, reading in readings(sources, ColumnMap(clock, **columns)).items():
         (kind, _, name), unit, origin = option.partition("."), reading.unit, reading.known_from
         known = unit if targets_of(option) and origin != SI_ASSUMED else ""
         sure.append(f"{option}: {reading.column}" + (f" in {unit} ({origin})" if known else ""))
         if known and origin != "the file" and si_factor(option, unit) != 1.0:
             columns[kind][name] = {"column": reading.column, "unit": unit}
-    for option, c in chosen.items():
-        group, key, frame = AXES_OF.get(option, ("", "", "any"))
-        if c.frame == frame:
-            columns[group][key] = frame
-        if c.frame == "magnetic":
-            asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
     asked += _doubts(every, chosen)
     notes = [f"column {name}:*: no column of time" for name in sources if name not in times]
     notes += [f"column {name}:*: like those of another source, which is longer"
               for name in times if name not in longest.values()]  # fmt: skip
     used = {c.full for c in chosen.values()}
     for c in every:
-        missing = np.isnan(c.values).sum()
         if c.full not in used:
             name = re.sub(r"\[\d+\]$", "[...]", c.full)  # the elements of an array as one
             reason = "look like inputs, not mapped" if c.option.startswith("inputs") else "not used"
             reason = (reason if c.moves else "do not move") if len(c.values) else "not numbers"
             notes.append(f"column {name}: {reason}")
-        elif missing:
+        elif missing := np.isnan(c.values).sum():
             rows = f"{c.full} ({missing} of {len(c.values)})"
             notes.append(f"column {rows}: without a value in some rows, though mapped")
     node = {"time": clock.written, **columns}

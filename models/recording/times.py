@@ -68,7 +68,8 @@ def seconds(source: Source, column: Column) -> Array:
             size = factor(unit or _epoch(times) or "s", "s")
             times = _unrolled(times * size, (WORD * size, WEEK_S, DAY_S), 0.95)
     if column.nanoseconds is not None:
-        times = times + _rest(source, column.nanoseconds)
+        unit = unit_in_title(f"of {column.nanoseconds}", ("s",)) or "ns"
+        times = times + source.numbers(column.nanoseconds, gaps=True) * factor(unit, "s")
     if column.date is not None:
         times = seconds(source, Column(column.date)) + times % DAY_S
     if column.uniform and len(times) > 1:
@@ -97,12 +98,6 @@ def _packed(values: Array) -> Array | None:
     if np.all(np.isnan(start)) or np.any(np.nanmax(parts, axis=1) >= (24.0, 60.0, 60.0)):
         return None
     return _unrolled(start + np.array([3600.0, 60.0, 1.0]) @ parts, (DAY_S,), 0.5)
-
-
-def _rest(source: Source, name: str) -> Array:
-    """The rest [s] of the seconds beside them, (N,): in ns, or the unit in the title."""
-    unit = unit_in_title(f"of {name}", ("s",)) or "ns"
-    return source.numbers(name, gaps=True) * factor(unit, "s")
 
 
 def _first_text(source: Source, name: str) -> str:
@@ -225,10 +220,10 @@ def clocks(source: Source) -> list[tuple[Column, Array]]:
         try:
             t = seconds(source, column)
             if np.all(t[np.isfinite(t)] % 1.0 == 0.0):
-                rests = [other for other, title in titles.items() if title.startswith(stem)
-                         and title[len(stem) :].strip("_") in RESTS]  # fmt: skip
-                parts = (o for o in rests if 0.0 < np.nanmax(_rest(source, o), initial=0.0) < 1.0)
-                column = replace(column, nanoseconds=next(parts, None))
+                rests = (f"{stem.strip('_')}_{word}".strip("_") for word in RESTS)
+                tried = (replace(column, nanoseconds=named[r]) for r in rests if r in named)
+                fits = (c for c in tried if 0.0 < np.nanmax(seconds(source, c) - t, initial=0) < 1)
+                column = next(fits, column)
         except (ConfigurationError, RecordingError):
             continue
         steps = np.diff(t[np.isfinite(t)])

@@ -208,8 +208,8 @@ def _wide(parts: list[Source]) -> list[Source]:
     alike = all({*known.values()} <= {*part.columns} for part in parts)
     if not alike or columns[known["_field"]].dtype != np.object_:
         return parts
-    names = {name: k for k, name in known.items()}
-    frame = pd.concat([pd.DataFrame(part.columns) for part in parts]).rename(columns=names)
+    frame = pd.concat([pd.DataFrame(part.columns) for part in parts])
+    frame = frame.rename(columns={name: k for k, name in known.items()})
     texts, keys = [*frame.select_dtypes(exclude="number")], ["_time", "_field"]
     tags = [name for name in texts if name not in (*LONG, "_start", "_stop", "result")
             and (name == "_measurement" or frame[name].nunique() > 1)]  # fmt: skip
