@@ -3,40 +3,36 @@
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
-from textwrap import shorten
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.column_map import (
-    BEARINGS,
     QUATERNION,
     Column,
-    factor,
-    target_of,
+    ColumnMap,
+    si_factor,
     targets_of,
     words_of,
 )  # fmt: skip
-from seatrial.models.recording.column_map import INPUTS as UNITS_OF_INPUTS
 from seatrial.models.recording.quantities import KIND_OF, WORDS, Quantity, quantity
-from seatrial.models.recording.reader import stated_unit
+from seatrial.models.recording.reader import SI_ASSUMED, readings, stated_unit, together
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import clocks, find_time
 from seatrial.models.vessel.basis import INPUTS, Array
 
 SYMBOLS = {"eta": "x y z phi theta psi", "nu": "u v w p q r", "tau": "x y z k m n"}  # of matrices
 PLANE = ("x", "y", "z", "phi", "psi", "yaw", "roll")  # of which two stand beside a heading theta
-NUMBERED = re.compile(r"(.*?)[\[(_.]?(\d)[\])]?")
 RUN = re.compile(r"(.*)/\d+")
 PART = re.compile(r"(.*?)([wxyz]|\d)[\])]?")
 SIDES = {"port": "1", "left": "1", "starboard": "2", "stbd": "2", "right": "2"}
 RANKS = {"reference": 3, "estimate": 0, "raw": 2}  # of sources by their names, others between
 MIN_SAMPLES = 30  # of a record that is preferred to others
+UNKNOWN = Quantity("", strange=99)
 UNIT_LENGTH = 0.05  # largest deviation of the length of a quaternion from one
 AXES_OF = {  # where a map states the axes or reference of a column
     **dict.fromkeys(("velocity.surge", "velocity.sway"), ("frames", "velocity", "earth")),
@@ -88,37 +84,43 @@ def propose(sources: Mapping[str, Source], wanted: Sequence[str] = ()) -> Propos
     for name in sorted(times, key=lambda name: -len(sources[name])):
         number = RUN.fullmatch(name)
         longest.setdefault((number[1], *sources[name].columns) if number else (name,), name)
-    used = [name for name in times if name in longest.values()]
-    every, texts = _candidates([sources[name] for name in used], len(sources) > 1)
+    every = _candidates([sources[name] for name in longest.values()], len(sources) > 1)
     acting = {f"force.{dof}" for dof in PLANAR}  # also where they are zero
     candidates = [c for c in every if c.moves or c.option in acting]
     chosen = _motion([c for c in candidates if not (wanted and c.option.startswith("force."))])
     asked = [*_actions(every, wanted, chosen)]
     clock, line = _clock(chosen, times, sources)
-    sure, columns = [line], defaultdict[str, dict[str, object]](dict)
-    stated = {o: stated_unit(c.source, c.name, targets_of(o)) for o, c in chosen.items()}
+    sure, columns = [line], defaultdict[str, Any](dict)
     for option, c in chosen.items():
         kind, _, name = option.partition(".")
-        beside = ((told[0], f"as {chosen[o].name}") for o, told in stated.items()
-                  if told and chosen[o].source is c.source
-                  and targets_of(o) == targets_of(option) != UNITS_OF_INPUTS
-                  and (o.startswith(f"{kind}.") or {o, option} <= {*BEARINGS}))  # fmt: skip
-        unit, origin = stated[option] or next(beside, ("", ""))
-        sure.append(f"{option}: {c.full}" + (f" in {unit} ({origin})" if unit else ""))
-        target = target_of(unit, targets_of(option)) or ""
-        written = unit and origin != "the file" and factor(unit, target) != 1.0
-        columns[kind][name] = {"column": c.full, "unit": unit} if written else c.full
+        columns[kind][name] = c.full
         group, key, frame = AXES_OF.get(option, ("", "", "any"))
         if c.frame == frame:
             columns[group][key] = frame
         if c.frame == "magnetic":
             asked.append(f"{c.full} is a magnetic heading: is its variation to be ignored?")
-    left = [("no column of time", name) for name in sources if name not in times]
-    left += [("of the same columns as another", name) for name in times if name not in used]
-    left += [("not numbers", name) for name in texts]
-    lines = _left_out(left, every, {c.full for c in chosen.values()})
+    for option, reading in readings(sources, ColumnMap(clock, **columns)).items():
+        (kind, _, name), unit, origin = option.partition("."), reading.unit, reading.known_from
+        known = unit if targets_of(option) and origin != SI_ASSUMED else ""
+        sure.append(f"{option}: {reading.column}" + (f" in {unit} ({origin})" if known else ""))
+        if known and origin != "the file" and si_factor(option, unit) != 1.0:
+            columns[kind][name] = {"column": reading.column, "unit": unit}
     asked += _doubts(every, chosen)
-    return Proposal({"time": clock, **columns}, tuple(sure), tuple(asked), tuple(lines))
+    notes = [f"column {name}:*: no column of time" for name in sources if name not in times]
+    notes += [f"column {name}:*: like those of another source, which is longer"
+              for name in times if name not in longest.values()]  # fmt: skip
+    used = {c.full for c in chosen.values()}
+    for c in every:
+        if c.full not in used:
+            name = re.sub(r"\[\d+\]$", "[...]", c.full)  # the elements of an array as one
+            reason = "look like inputs, not mapped" if c.option.startswith("inputs") else "not used"
+            reason = (reason if c.moves else "do not move") if len(c.values) else "not numbers"
+            notes.append(f"column {name}: {reason}")
+        elif missing := np.isnan(c.values).sum():
+            rows = f"{c.full} ({missing} of {len(c.values)})"
+            notes.append(f"column {rows}: without a value in some rows, though mapped")
+    node = {"time": clock.written, **columns}
+    return Proposal(node, tuple(sure), tuple(asked), tuple(together(notes)))
 
 
 def _doubts(every: Sequence[_Candidate], chosen: Chosen) -> Iterator[str]:
@@ -133,96 +135,74 @@ def _doubts(every: Sequence[_Candidate], chosen: Chosen) -> Iterator[str]:
         yield "which column is the heading (a course is none)? position: {yaw: COLUMN}"
 
 
-def _left_out(
-    left: list[tuple[str, str]], every: Sequence[_Candidate], used: set[str]
-) -> Iterator[str]:
-    """Lines of what is not in the map, by reason; those of `left` are known."""
-    for c in every:
-        reason = "look like inputs, not mapped" if c.option.startswith("inputs") else "not used"
-        if c.full not in used:  # the elements of an array as one
-            name = re.sub(r"\[\d+\]$", "[...]", c.full)
-            left.append((reason if c.moves else "do not move", name))
-        elif missing := np.isnan(c.values).sum():
-            name = f"{c.full} ({missing} of {len(c.values)})"
-            left.append(("without a value in some rows, though mapped", name))
-    for why in dict.fromkeys(why for why, _ in left):
-        names = dict.fromkeys(name for reason, name in left if reason == why)
-        yield shorten(f"{why}: {', '.join(names)}", 600, placeholder=" ...")
-
-
-def _candidates(sources: Sequence[Source], many: bool) -> tuple[list[_Candidate], list[str]]:
-    """Columns of numbers, the likeliest first, and the names of others.
+def _candidates(sources: Sequence[Source], many: bool) -> list[_Candidate]:
+    """The columns but those of time, the likeliest first; those of text have no values.
 
     What moves comes first; then what is measured, estimates, sources with more of the motion.
     """
-    every, texts = list[_Candidate](), list[str]()
+    every = list[_Candidate]()
     for source in sources:
         words = {word.rstrip("0123456789") for word in words_of(source.name)}
         rank = next((rank for kind, rank in RANKS.items() if words & WORDS[kind]), 1)
-        titles, quaternion = _titles(source), _quaternion(source)
         used = {name for c, _ in clocks(source) for name in (c.name, c.nanoseconds, c.date)}
+        beside = _beside(source)
         for name in (name for name in source.columns if name not in used):
+            text = source.columns[name].dtype == np.object_
+            values = np.empty(0) if text else source.numbers(name, gaps=True)
+            titles = () if text else (name, source.titles.get(name, name))
+            results = (quantity(t, source.name, source.units.get(name)) for t in titles)
+            result = beside.get(name) or next(filter(None, results), UNKNOWN)
+            moves = "orientation" in result.option or np.any(np.diff(values[~np.isnan(values)]))
             full = f"{source.name}:{name}" if many else name
-            try:
-                values = source.numbers(name, gaps=True)
-            except RecordingError:
-                texts.append(full)
-                continue
-            known_as = [titles[name]] if name in titles else [name, source.titles.get(name, name)]
-            results = (quantity(t, source.name, source.units.get(name)) for t in known_as)
-            result = next(filter(None, results), Quantity("", strange=99))
-            result = quaternion.get(name, result)
-            moves = name in quaternion or bool(np.any(np.diff(values[~np.isnan(values)])))
-            every.append(_Candidate(source, name, full, *result, rank, values, moves))
+            every.append(_Candidate(source, name, full, *result, rank, values, bool(moves)))
     motion = ("position", "velocity", "geodetic", "orientation")
     covered = Counter(c.source.name for c in every if c.moves and c.option.startswith(motion))
     every.sort(key=lambda c: (not c.moves, len(c.values) < MIN_SAMPLES, c.commanded, c.rank,
                               -covered[c.source.name], c.source.name, c.frame == "magnetic",
                               c.strange))  # fmt: skip
-    return every, texts
+    return every
 
 
-def _titles(source: Source) -> dict[str, str]:
-    """Titles of the columns of matrices, `eta[2]` of three is psi, and of the forces X, Y, N."""
-    forces = {"X", "N"} <= set(source.columns)
-    result = {letter: f"tau {letter}" for letter in "XYZKMN"} if forces else {}
-    if {"N", "E"} <= set(source.columns):
-        result |= {"N": "position north", "E": "position east", "D": "position down", "U": "up"}
-    for name in source.columns:  # a pose in the plane, as of ROS: x, y and theta
-        beside = {axis for axis in PLANE if re.sub("(?i)theta$", axis, name) in source.columns}
-        if name.lower().endswith("theta") and beside == {"x", "y"}:
-            result |= {name: "yaw", "w": "yaw rate", "omega": "yaw rate"}
-    groups = defaultdict[str, list[str]](list)
-    for name in source.columns:
-        if match := NUMBERED.fullmatch(name):
-            groups[match[1]].append(name)
-    for stem, names in groups.items():
+def _beside(source: Source) -> dict[str, Quantity]:
+    """What columns mean that tell it together: matrices, quaternions, a pose, the forces X, Y, N.
+
+    `eta[2]` of three is psi; four columns that differ in a letter or number, and are of length one,
+    are a quaternion.
+    """
+    numeric = [name for name, values in source.columns.items() if values.dtype != np.object_]
+    titles, result = dict[str, str](), dict[str, Quantity]()
+    if {"X", "N"} <= {*numeric}:
+        titles = {letter: f"tau {letter}" for letter in "XYZKMN"}
+    if {"N", "E"} <= {*numeric}:
+        titles |= {"N": "position north", "E": "position east", "D": "position down", "U": "up"}
+    groups = defaultdict[str, dict[str, str]](dict)
+    for name in numeric:
+        if match := PART.fullmatch(name):
+            groups[match[1]][match[2]] = name
+        beside = {axis for axis in PLANE if re.sub("(?i)theta$", axis, name) in numeric}
+        if name.lower().endswith("theta") and beside == {"x", "y"}:  # a pose in the plane
+            titles |= {name: "yaw", "w": "yaw rate", "omega": "yaw rate"}
+    for stem, parts in groups.items():
         words = [w for w in words_of(stem) if w != "dot" and w not in WORDS["neutral"]]
         last = (words or words_of(source.name) or [""])[-1]
         axes = SYMBOLS.get(last, "x y z").split()
-        axes = axes if len(names) == len(axes) else [*axes[:2], axes[-1]]
-        if len(names) == len(axes) and (last in (*SYMBOLS, "xyz") or last in KIND_OF):
+        axes = axes if len(parts) == len(axes) else [*axes[:2], axes[-1]]
+        known = last in (*SYMBOLS, "xyz") or last in KIND_OF
+        if known and len(parts) == len(axes) and "".join(parts).isdigit():
             stem = last if not words and last in SYMBOLS else stem
-            result |= {n: f"{stem} {axis}" for n, axis in zip(names, axes, strict=True)}
-    return result
-
-
-def _quaternion(source: Source) -> dict[str, Quantity]:
-    """Four columns that differ in w, x, y, z, or a number, and are of length one together."""
-    groups = defaultdict[str, dict[str, str]](dict)
-    for name in source.columns:
-        if (match := PART.fullmatch(name)) and not set(words_of(name)) & WORDS["reference"]:
-            groups[match[1]][match[2]] = name
-    for parts, order in product(groups.values(), ("wxyz", "0123", "1234")):
-        with suppress(KeyError, RecordingError):
-            values = np.array([source.numbers(parts[part], gaps=True) for part in order])
+            titles |= {n: f"{stem} {axis}" for n, axis in zip(parts.values(), axes, strict=True)}
+        orders = (order for order in ("wxyz", "0123", "1234") if {*order} <= {*parts})
+        for order in orders if not {*words_of(stem)} & WORDS["reference"] else ():
+            values = np.array([source.columns[parts[part]] for part in order])
             apart = np.abs(np.linalg.norm(values, axis=0) - 1.0)
-            if np.any(apart < UNIT_LENGTH) and not np.any(apart > UNIT_LENGTH):
+            if np.any(apart < UNIT_LENGTH) and not np.any(apart > UNIT_LENGTH) and not result:
                 size = np.nansum(values**2, axis=1)  # x and y are small, z is not
-                last = order != "wxyz" and size[0] < size[2]
-                named = zip("xyzw" if last else "wxyz", order, strict=True)
-                return {parts[part]: Quantity(f"orientation.{q}") for q, part in named}
-    return {}
+                order_of = "xyzw" if order != "wxyz" and size[0] < size[2] else "wxyz"
+                result = {parts[part]: Quantity(f"orientation.{q}")
+                          for q, part in zip(order_of, order, strict=True)}  # fmt: skip
+    named = {name: quantity(title, source.name, source.units.get(name)) or UNKNOWN
+             for name, title in titles.items()}  # fmt: skip
+    return named | result
 
 
 def _motion(candidates: Sequence[_Candidate]) -> Chosen:
@@ -241,11 +221,14 @@ def _motion(candidates: Sequence[_Candidate]) -> Chosen:
             if best := own or ([] if only else all_of(option)):
                 chosen[option] = best[0]
 
-    latitude, yaw, whole = map(first, ("geodetic.latitude", "position.yaw", "orientation.w"))
-    across = [c.source for c in all_of("position.sway")]
-    # a path has two coordinates, of one instrument
-    x = next((c for c in all_of("position.surge")
-              if c.source in across or not (across or latitude)), None)  # fmt: skip
+    def pair(option: str, other: str) -> _Candidate | None:  # a path has two, of one instrument
+        beside = [c.source for c in all_of(other)]
+        return next((c for c in all_of(option) if c.source in beside), None)
+
+    latitude, x = (pair("geodetic.latitude", "geodetic.longitude"),
+                   pair("position.surge", "position.sway"))  # fmt: skip
+    x = x or (None if latitude or first("position.sway") else first("position.surge"))
+    yaw, whole = first("position.yaw"), first("orientation.w")
     order = [c.source.name for c in candidates]
     if latitude and not (x and order.index(x.source.name) <= order.index(latitude.source.name)):
         take("geodetic", ("latitude", "longitude", "altitude"), latitude)
@@ -304,13 +287,14 @@ def _actions(every: Sequence[_Candidate], wanted: Sequence[str], chosen: Chosen)
             chosen[f"inputs.{name if name in INPUTS else c.full}"] = c
     for name in wanted:
         used, words = {c.full for c in chosen.values()}, words_of(name)
+        free = [c for c in every if len(c.values) and c.full not in used]
         same = [c for c in kinds.get(words[0], []) if c.full not in used]
-        titled = [c for c in every if words_of(c.name)[: len(words)] == words]
         fitting = (
-            [c for c in titled if words_of(c.name) == words and c.full not in used][:1]
-            or [c for c in same if _side(c.name) == _side(name)]
-            or (same if not _side(name) else [])
-            or [c for c in titled if words[0] not in kinds and c.full not in used]
+            [c for c in free if words_of(c.name) == words][:1]
+            or [c for c in same if _side(name) in ("", _side(c.name))]
+            or [
+                c for c in free if words[0] not in kinds and words_of(c.name)[: len(words)] == words
+            ]
         )
         if len(fitting) == 1:
             chosen[f"inputs.{name}"] = fitting[0]
@@ -327,7 +311,7 @@ def _side(name: str) -> str:
 
 def _clock(
     chosen: Chosen, times: Mapping[str, Column], sources: Mapping[str, Source]
-) -> tuple[object, str]:
+) -> tuple[Column, str]:
     """The clock that most of the sources in use have, as in a map, and where it is known from."""
     used = dict.fromkeys(c.source.name for c in chosen.values()) or times
     shared = Counter(clock.name for name in used for clock, _ in clocks(sources[name]))
@@ -337,4 +321,4 @@ def _clock(
     unit, origin = stated_unit(holder, clock.name, ("s",)) or guessed
     text = holder.columns[clock.name].dtype == np.object_
     how = "dates or times of day" if text else f"in {unit} ({origin})"
-    return clock.written, f"time: {clock.name} {how}"
+    return clock, f"time: {clock.name} {how}"

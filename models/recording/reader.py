@@ -172,7 +172,7 @@ class Reading:
         except RecordingError as error:
             named = str(path) in str(error)
             raise error if named else RecordingError(f"{path}: {error}") from error
-        return ReadSignals(t, known, tuple(read.values()), tuple(_together(notes)))
+        return ReadSignals(t, known, tuple(read.values()), tuple(together(notes)))
 
     def _channels(self, sources: Sources, read: Readings, notes: list[str]) -> Channels:
         """The columns in SI units on their clocks, by option."""
@@ -316,7 +316,7 @@ def join_channels(
     return t, {key: channel.at(t, rate_hz) for key, channel in channels.items()}
 
 
-def _together(notes: Sequence[str]) -> Iterator[str]:
+def together(notes: Sequence[str]) -> Iterator[str]:
     """The notes, those that differ by the column only in one line."""
     groups = defaultdict[str, list[str]](list)
     for note in dict.fromkeys(notes):
@@ -397,7 +397,9 @@ def readings(
             unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
             beside = [  # columns of the same quantity, in the same source
                 other.name for o, other in columns.specs.items()
-                if kind in KINDS and o.startswith(f"{kind}.") and units.targets_of(o) == targets
+                if units.targets_of(o) == targets and (
+                    {o, option} <= {*units.BEARINGS} or (kind in KINDS and o.startswith(f"{kind}."))
+                )
             ]  # fmt: skip
             for title in (None, *beside):
                 plain = source.find(title.rpartition(":")[2]) if title else name

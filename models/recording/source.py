@@ -54,12 +54,12 @@ FORMATS = {
         ".h5 .hdf5", "tables.read_hdf5", "h5py", rb"(?:.{512})?\x89HDF"
     ),  # MATLAB 7.3
     "netcdf": FileFormat(".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]"),
-    "ardupilot": FileFormat(".bin .tlog", "messages.read_ardupilot", "pymavlink", MAVLINK),
-    "nmea": FileFormat(".nmea .nma", "messages.read_nmea", "pynmea2", NMEA),
+    "ardupilot": FileFormat(".bin .tlog", "tables.read_ardupilot", "pymavlink", MAVLINK),
+    "nmea": FileFormat(".nmea .nma", "tables.read_nmea", "pynmea2", NMEA),
     "parquet": FileFormat(".parquet .pq", "tables.read_parquet", None, rb"PAR1"),
     "mat": FileFormat(".mat", "tables.read_matlab", None, rb"MATLAB [^7]"),
-    "rosbag": FileFormat(".bag .db3 .mcap", "messages.read_bag", "rosbags", BAG),
-    "ulog": FileFormat(".ulg .ulog", "messages.read_ulog", "pyulog", rb"ULog\x01"),
+    "rosbag": FileFormat(".bag .db3 .mcap", "tables.read_bag", "rosbags", BAG),
+    "ulog": FileFormat(".ulg .ulog", "tables.read_ulog", "pyulog", rb"ULog\x01"),
 }
 EXTRAS = {"rosbag": "ros", "hdf5": "mat"}  # others are called as their format
 SUFFIXES = {suffix: name for name, form in FORMATS.items() for suffix in form.suffixes.split()}

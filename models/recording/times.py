@@ -30,7 +30,10 @@ PLAUSIBLE_S = (0.005, 15.0)  # [s] of a sample time
 LONGEST_STEP = 1e3  # of an epoch in s: numbers with longer steps count us or ns since the start
 RISING = 0.9  # share of steps of a time that rise
 DATE = re.compile(r"(\d{4}|\d\d?)([./-])(\d\d?)\2(\d{4}|\d\d?)(?!\d)")  # the year first or last
-ZONE = r"(?<=\d) ?(?:(?![AaPp][Mm])[A-Za-z]{2,5}|[Zz])$"  # only differences matter
+# A date before a time, and a zone, of which only differences matter: as pyarrow searches.
+DAY = r"^(\d{4}|\d\d?)[./-](\d\d?)[./-](\d{4}|\d\d?)[T, _]*"
+ZONE = r"(\d) ?(?:[A-Za-z]{3,5}|UT|[Zz])$"
+DATES = ("ISO8601", "%Y-%m-%d %I:%M:%S %p", "%Y-%m-%d %I:%M:%S.%f %p", "mixed")
 CLOCK = re.compile(r"-?\d{1,2}:\d{2}")
 # Titles of times, most telling first, with or without a unit.
 TITLES = re.compile("(?:" + "|".join((
@@ -53,9 +56,9 @@ def seconds(source: Source, column: Column) -> Array:
     name = source.find(column.name) or column.name
     text = _first_text(source, name)
     if column.format or any(form.match(text) for form in (CLOCK, DATE)):
-        if (name, column) not in source.times:
-            source.times[name, column] = _of_texts(source, name, column)
-        times = source.times[name, column]
+        if (name, column.format) not in source.times:
+            source.times[name, column.format] = _of_texts(source, name, column.format)
+        times = source.times[name, column.format]
     else:
         times = source.numbers(name, gaps=True)
         unit = column.unit or source.units.get(name) or unit_in_title(name, ("s",))
@@ -65,7 +68,8 @@ def seconds(source: Source, column: Column) -> Array:
             size = factor(unit or _epoch(times) or "s", "s")
             times = _unrolled(times * size, (WORD * size, WEEK_S, DAY_S), 0.95)
     if column.nanoseconds is not None:
-        times = times + _rest(source, column.nanoseconds)
+        unit = unit_in_title(f"of {column.nanoseconds}", ("s",)) or "ns"
+        times = times + source.numbers(column.nanoseconds, gaps=True) * factor(unit, "s")
     if column.date is not None:
         times = seconds(source, Column(column.date)) + times % DAY_S
     if column.uniform and len(times) > 1:
@@ -88,20 +92,12 @@ def _packed(values: Array) -> Array | None:
     parts = np.array([clock // 1e4, clock // 100.0 % 100.0, clock % 100.0])
     if not len(known) or np.ptp(known) <= 40.0 or np.min(known) < 0.0:
         return None
-    if np.any(np.nanmax(parts, axis=1) >= (24.0, 60.0, 60.0)):
-        return None
     start = np.zeros(len(values))
-    if np.nanmin(day) > 0.0:
-        start = _since_1970(pd.Series(day).map("{:.0f}".format), "%Y%m%d")
-    if np.all(np.isnan(start)):
+    if np.min(known) >= 1e6:
+        start = _since_1970(pd.Series(day).map("{:.0f}".format), ("%Y%m%d",))
+    if np.all(np.isnan(start)) or np.any(np.nanmax(parts, axis=1) >= (24.0, 60.0, 60.0)):
         return None
     return _unrolled(start + np.array([3600.0, 60.0, 1.0]) @ parts, (DAY_S,), 0.5)
-
-
-def _rest(source: Source, name: str) -> Array:
-    """The rest [s] of the seconds beside them, (N,): in ns, or the unit in the title."""
-    unit = unit_in_title(f"of {name}", ("s",)) or "ns"
-    return source.numbers(name, gaps=True) * factor(unit, "s")
 
 
 def _first_text(source: Source, name: str) -> str:
@@ -120,57 +116,58 @@ def _epoch(times: Array) -> str | None:
     return next((unit for unit in likely if step * factor(unit, "s") <= LONGEST_STEP), None)
 
 
-def _of_texts(source: Source, name: str, column: Column) -> Array:
-    """Dates, or times of day with midnight passed, as seconds."""
-    cells = pd.Series([str(cell).strip() for cell in source.columns[name]])
+def _of_texts(source: Source, name: str, form: str | None) -> Array:
+    """Dates, or times of day with midnight passed, as seconds.
+
+    Of dates with the year last, the order of day and month is the one that fits all days.
+    """
+    text = _first_text(source, name)
+    cells = pd.Series(source.columns[name]).astype("str").str.strip()
     texts = cells.mask(cells.str.lower().isin(MISSING))
-    if column.format is not None:
-        whole = _since_1970(texts, column.format.removesuffix(".%f"))  # without a fraction
-        times = _since_1970(texts, column.format)
-        times = np.where(np.isnan(times), whole, times)
-    elif CLOCK.match(_first_text(source, name)):
-        whole = texts.str.replace(ZONE, "", regex=True).str.replace(",", ".")
+    plain = texts.str.replace(ZONE, r"\1", regex=True)
+    if form is not None:
+        times = _since_1970(texts, (form, form.removesuffix(".%f")))  # without a fraction
+    elif CLOCK.match(text):
+        whole = plain.str.replace(",", ".")
         whole = whole.where(whole.str.count(":") != 1, whole + ":00")
         times = pd.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy(copy=True)
         times = _unrolled(times, (DAY_S,), 0.5)
     else:
-        times = _of_dates(source, name, texts.str.replace(ZONE, "", regex=True))
+        first, sign, _, last = DATE.findall(text)[0]
+        year = r"\3" if len(last) == 4 else r"20\3"
+        orders = [rf"{year}-\2-\1 ", rf"{year}-\1-\2 "] if len(first) < 4 else [r"\1-\2-\3 "]
+        days = texts.str.slice(0, 10).drop_duplicates().str.extract(f"({DAY})")[0].drop_duplicates()
+        tried = (days.str.replace(DAY, order, regex=True).str.strip() for order in orders)
+        lost = [int(np.sum(np.isnan(_since_1970(each, DATES[:1])))) for each in tried]
+        if sign != "." and len(lost) == 2 and lost[0] == lost[1] < len(days):
+            known = DATE.sub(r"25\g<2>12\g<2>2024", text, count=1)
+            guess = pd.tseries.api.guess_datetime_format(known, dayfirst=True)
+            guess = guess or f"%d{sign}%m{sign}%Y %I:%M:%S %p"
+            guess = guess if len(last) == 4 else guess.replace("%Y", "%y")
+            raise RecordingError(
+                f"{source.path}, column {name}: got {text!r}, is the day or the month first? "
+                f"columns.time: {{column: {name}, format: '{guess}'}}"
+            )
+        dates = plain.where(plain.str.match(DAY))
+        written = dates.str.replace(DAY, orders[int(np.argmin(lost))], regex=True)
+        times = _since_1970(written.str.strip(), DATES)
     wrong = np.isnan(times) & texts.notna().to_numpy()
     if np.sum(wrong) >= 0.5 * np.sum(texts.notna()):  # few others stand for no time
         row = int(np.argmax(wrong))
-        expected = f"a date and time such as {column.format or '2025-04-11T11:51:09.416Z'}"
+        expected = f"a date and time such as {form or '2025-04-11T11:51:09.416Z'}"
         raise source.refused(row, name, expected)
     return np.asarray(times, dtype=np.float64)
 
 
-def _of_dates(source: Source, name: str, texts: "pd.Series[str]") -> Array:
-    """Dates as seconds; of those with the year last, the one order of day and month that fits."""
-    text = _first_text(source, name)
-    first, sign, _, last = DATE.findall(text)[0]
-    year = r"\4" if len(last) == 4 else r"20\4"
-    orders = [r"\1-\3-\4"] if len(first) == 4 else [rf"{year}-\3-\1", rf"{year}-\1-\3"]
-    written = [texts.str.replace(DATE, order, n=1, regex=True) for order in orders]
-    begun = [pd.to_datetime(each.dropna().iloc[:1], format="ISO8601", utc=True, errors="coerce")
-              for each in written]  # fmt: skip
-    form = "ISO8601" if any(each.notna().all() for each in begun) else "mixed"  # which is slow
-    times = [_since_1970(each, form) for each in written]
-    lost = [int(np.sum(np.isnan(each))) for each in times]
-    if len(times) == 2 and sign != "." and lost[0] == lost[1] < len(texts):
-        known = DATE.sub(r"25\g<2>12\g<2>2024", text, count=1)
-        form = pd.tseries.api.guess_datetime_format(known, dayfirst=True)
-        form = form or f"%d{sign}%m{sign}%Y %I:%M:%S %p"
-        form = form if len(last) == 4 else form.replace("%Y", "%y")
-        raise RecordingError(
-            f"{source.path}, column {name}: got {text!r}, is the day or the month first? "
-            f"columns.time: {{column: {name}, format: '{form}'}}"
-        )
-    return times[int(np.argmin(lost))]
-
-
-def _since_1970(texts: "pd.Series[str]", form: str) -> Array:
-    stamps = pd.to_datetime(texts, format=form, utc=True, errors="coerce")
-    times = stamps.astype("datetime64[ns, UTC]").astype(np.int64).to_numpy() * 1e-9
-    return np.where(stamps.isna(), np.nan, times)
+def _since_1970(texts: "pd.Series[str]", forms: Sequence[str]) -> Array:
+    """Dates as seconds (N,), each by the first of the formats that fits it; NaN where none does."""
+    times = np.full(len(texts), np.nan)
+    for form in forms:
+        left = np.isnan(times) & texts.notna().to_numpy()
+        stamps = pd.to_datetime(texts[left], format=form, utc=True, errors="coerce")
+        known = stamps.astype("datetime64[ns, UTC]").astype(np.int64).to_numpy() * 1e-9
+        times[left] = np.where(stamps.isna(), np.nan, known)
+    return times
 
 
 def is_later(t: Array) -> NDArray[np.bool_]:
@@ -202,47 +199,45 @@ def _alike(t: Array, other: Array) -> bool:
 
 
 def clocks(source: Source) -> list[tuple[Column, Array]]:
-    """The columns of a source that are times by their titles, most telling first, in s (N,)."""
+    """The columns of a source that are times by their titles, and rise, in s (N,).
+
+    They have what else is needed to read them; the most telling title is first.
+    """
     titles = {name: "_".join(words_of(name)) for name in source.columns}
-    ranks = dict[str, int]()
+    named, ranks = {title: name for name, title in titles.items()}, dict[str, int]()
     for name, title in titles.items():
         match = TITLES.fullmatch(title)
         if match or DATE.match(_first_text(source, name)):
             ranks[name] = (match.lastindex if match else None) or TITLES.groups + 1
-    known = (_clock(source, name, titles) for name in sorted(ranks, key=lambda name: ranks[name]))
-    return [clock for clock in known if clock]
-
-
-def _clock(source: Source, name: str, titles: dict[str, str]) -> tuple[Column, Array] | None:
-    """A column as a time, with what else is needed to read it; None if it does not rise."""
-    named, text = {title: other for other, title in titles.items()}, _first_text(source, name)
-    stem = re.sub(r"(secs?|time|date)$", "", titles[name])
-    days = (named.get(title, name) for title in (f"{stem}date", "date", "day"))
-    day = next((other for other in days if other != name), None)
-    column = Column(name, date=day if CLOCK.match(text) else None)
-    if text and not set(text) & set(":T"):
-        return None  # a day without its time
-    try:
-        t = seconds(source, column)
-        for other, title in titles.items():
-            rest = title.startswith(stem) and title[len(stem) :].strip("_") in RESTS
-            if rest and np.all(t[np.isfinite(t)] % 1.0 == 0.0):
-                part = np.nanmax(np.abs(_rest(source, other)), initial=0.0)
-                column = replace(column, nanoseconds=other) if 0.0 < part < 1.0 else column
-                t = seconds(source, column)
-    except (ConfigurationError, RecordingError):
-        return None
-    steps = np.diff(t[np.isfinite(t)])
-    if not len(steps) or not np.mean(steps >= 0.0) >= RISING or not np.any(steps > 0.0):
-        return None
-    if not text and not source.units.get(name):
-        step, (least, most) = float(np.median(steps[steps > 0.0])), PLAUSIBLE_S
-        each = ("s", "ms", "us", "ns", "day")
-        likely = (unit for unit in each if least <= step * factor(unit, "s") <= most)
-        known = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
-        unit = known or next(likely, None)
-        column = replace(column, unit=None if unit == "s" else unit)
-    return column, seconds(source, column)
+    known = list[tuple[Column, Array]]()
+    for name in sorted(ranks, key=lambda name: ranks[name]):
+        text, stem = _first_text(source, name), re.sub(r"(secs?|time|date)$", "", titles[name])
+        days = (named.get(title, name) for title in (f"{stem}date", "date", "day"))
+        day = next((other for other in days if other != name), None)
+        column = Column(name, date=day if CLOCK.match(text) else None)
+        if text and not set(text) & set(":T"):
+            continue  # a day without its time
+        try:
+            t = seconds(source, column)
+            if np.all(t[np.isfinite(t)] % 1.0 == 0.0):
+                rests = (f"{stem.strip('_')}_{word}".strip("_") for word in RESTS)
+                tried = (replace(column, nanoseconds=named[r]) for r in rests if r in named)
+                fits = (c for c in tried if 0.0 < np.nanmax(seconds(source, c) - t, initial=0) < 1)
+                column = next(fits, column)
+        except (ConfigurationError, RecordingError):
+            continue
+        steps = np.diff(t[np.isfinite(t)])
+        if not np.any(steps > 0.0) or np.mean(steps >= 0.0) < RISING:
+            continue
+        if not text and not source.units.get(name):
+            step, (least, most) = float(np.median(steps[steps > 0.0])), PLAUSIBLE_S
+            each = ("s", "ms", "us", "ns", "day")
+            likely = (unit for unit in each if least <= step * factor(unit, "s") <= most)
+            unit = unit_in_title(name, ("s",)) or _epoch(source.numbers(name, gaps=True))
+            unit = unit or next(likely, None)
+            column = replace(column, unit=None if unit == "s" else unit)
+        known.append((column, seconds(source, column)))
+    return known
 
 
 def disagreement(source: Source, used: Column) -> str | None:

@@ -1,7 +1,8 @@
 """`seatrial model LOG`: from a boat's log to a model that sails, in one command."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,8 +16,7 @@ from seatrial.models.vessel import scales
 from seatrial.models.vessel.basis import INPUTS, Array
 from seatrial.runner import export
 from seatrial.runner.commands import init
-from seatrial.runner.commands.data_commands import Force, VesselName, map_columns
-from seatrial.runner.commands.data_convert import File, MapFile
+from seatrial.runner.commands.data_commands import File, Force, MapFile, VesselName, map_columns
 from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.compare.frame import open_results
 from seatrial.runner.configuration.recording_map import read_map, reader_of
@@ -27,11 +27,7 @@ Length = Annotated[float | None, typer.Option("--length", help="[m] between perp
 Mass = Annotated[float | None, typer.Option("--mass", help="[kg] displacement.")]
 Database = Annotated[Path, typer.Option("--results-dir", help="Where the run is stored.")]
 app = typer.Typer(name="seatrial model", add_completion=False, pretty_exceptions_enable=False)
-
-
-def main(words: Sequence[str]) -> int:
-    """Run `seatrial model` with the words that follow it; returns the exit code."""
-    return run_typer(app, words)
+main = partial(run_typer, app)  # of the words that follow `seatrial model`
 
 
 @app.command()
@@ -61,10 +57,9 @@ def model(
     columns = reader.columns
     foreign = [key for key in columns.inputs if vessel is None and key not in INPUTS]
     if foreign or not (columns.inputs or columns.force or columns.actual_force):
-        got = f"inputs: got {foreign[0]!r}" if foreign else "got neither forces nor inputs"
         raise ConfigurationError(
-            f"{map_file}: {got}, expected what moved the boat: force: {{surge: COLUMN, ...}}, or "
-            f"inputs, some of {', '.join(INPUTS)}"
+            f"{map_file}: got inputs {', '.join(columns.inputs) or 'none'}, expected force: "
+            f"{{surge: COLUMN, ...}}, or inputs, some of {', '.join(INPUTS)}"
         )
     if vessel is None and length is not None:
         vessel = _drafted_vessel(name, length, mass, reader.account(PLANAR)[0].values, force)
@@ -124,8 +119,8 @@ def _report(reader: Any, run: int) -> None:
     """Print the errors of predicting the mean motion, which a useful model must beat."""
     rows = [row for row in reader.metrics(run) if row.name == METRIC and row.stage == "validation"]
     errors = {(row.dof, row.model): row.value for row in rows if row.value is not None}
-    for dof in (dof for dof, model in errors if model == "mean_motion"):
-        error = errors[dof, "mean_motion"]
-        better = errors.get((dof, "identified"), np.inf) < error
-        skill = "" if better else ": the model is no better than the mean motion"
-        typer.echo(f"mean motion, {dof}: {error:.4g} {VELOCITY_UNIT[dof]}{skill}")
+    for (dof, model), error in errors.items():
+        if model == "mean_motion":
+            better = errors.get((dof, "identified"), np.inf) < error
+            skill = "" if better else ": the model is no better than the mean motion"
+            typer.echo(f"mean motion, {dof}: {error:.4g} {VELOCITY_UNIT[dof]}{skill}")

@@ -17,7 +17,7 @@ from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import wrap
 from seatrial.runner.commands import data_commands, recording_report
-from seatrial.runner.commands.data_convert import write_recording
+from seatrial.runner.commands.data_commands import write_recording
 from seatrial.runner.configuration.recording_map import read_map, reader_of
 from tests.data import DATA
 from tests.runner.command import Command
@@ -55,7 +55,7 @@ def test_units_and_signs_that_the_check_tried_are_in_the_map(tmp_path: Path, dat
     knots = {"surge": {"column": "u", "unit": "knot"}, "sway": {"column": "v", "unit": "knot"}}
     assert node["velocity"] == {**knots, "yaw": {"column": "-r", "unit": "deg/s"}}
     assert node["position"] == {"surge": "x", "sway": "y", "yaw": {"column": "psi", "unit": "deg"}}
-    assert "left out: do not move: note" in shown.err
+    assert "left out: column note: do not move" in shown.err
     assert "{column: psi, unit: deg}" in shown.err
 
 

@@ -102,7 +102,7 @@ def test_what_cannot_be_done_is_one_line(seatrial: Command) -> None:
     table.to_csv(seatrial.folder / "motion.csv", index=False)
     answer = seatrial("model", "motion.csv", "--length", "6")
     assert answer.code == 2
-    assert "motion.map.yaml: got neither forces nor inputs" in answer.err
+    assert "motion.map.yaml: got inputs none, expected force" in answer.err
     assert not (seatrial.folder / "conf").exists()
 
 

@@ -5,8 +5,7 @@ import io
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import reduce
-from itertools import chain, count, islice, takewhile
+from itertools import chain, count, islice
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -47,7 +46,7 @@ SIDES = {"lat": ("N", "S"), "lon": ("E", "W")}
 def read(path: Path, options: ReadOptions) -> tuple[list[Source], Sequence[str]]:
     """The columns of a text file; raises RecordingError if it cannot be read as a table."""
     data, left_out = decoded(path, options.text.encoding)
-    annotated = re.search(rb"^#(group|datatype|default)\b", data, re.MULTILINE)  # by InfluxDB
+    annotated = re.search(rb"^#(group|datatype|default)\b", data[:4096], re.M)  # by InfluxDB
     parts = re.split(rb"\n\r?\n(?=#)", data.strip()) if annotated else [data]
     return _wide([table(path, part, options) for part in parts]), left_out
 
@@ -68,7 +67,7 @@ def decoded(path: Path, encoding: str | None) -> tuple[bytes, Sequence[str]]:
     if b"\0" in data:
         got = f"{path}: got binary data or text that is not {encoding}"
         raise RecordingError(f"{got}; excitation.text.encoding=latin-1 reads another encoding")
-    if not data.strip():
+    if not data or data.isspace():
         raise RecordingError(f"{path}: is empty, expected a header and samples")
     return data, said
 
@@ -76,7 +75,7 @@ def decoded(path: Path, encoding: str | None) -> tuple[bytes, Sequence[str]]:
 def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None) -> Source:
     """The columns of a text as a source; raises RecordingError if it is not a table.
 
-    A few rows of another length than the header, or that repeat it, are left out.
+    A few rows of another length than the header are left out.
     """
     names = options.text.names
     data, commented, separator, white = _plain(data, options)
@@ -115,19 +114,13 @@ def table(path: Path, data: bytes, options: ReadOptions, name: str | None = None
         got = f"{path}, line {line}: got {len(row)} cells, expected {width}"
         raise RecordingError(f"{got} as in the header (separator {separator!r})")
     columns = [pc.utf8_trim_whitespace(column.combine_chunks()) for column in stored.columns]
-    again = reduce(pc.and_, map(pc.equal, columns, written))
-    counts = {f"rows with more or fewer than {width} cells": len(other),
-              "lines that repeat the header": again.true_count if any(written) else 0}  # fmt: skip
-    if any(written):
-        columns = [pc.filter(column, pc.invert(again)) for column in columns]
 
     def cell(row: int, place: int) -> tuple[str, str]:
-        samples = (each for each in _rows(data, separator, top) if len(each[1]) == width
-                   and [text.strip() for text in each[1]] != written)  # fmt: skip
+        samples = (each for each in _rows(data, separator, top) if len(each[1]) == width)
         line, found = next(islice(samples, row, None))
         return f"line {line}", found[place]
 
-    said = [f"{there} {reason}" for reason, there in counts.items() if there]
+    said = [f"{len(other)} rows with more or fewer than {width} cells"] if other else []
     triples = zip(names or written, columns, units, strict=True)
     return table_source(name or path.stem, path, triples, said, cell)
 
@@ -136,16 +129,16 @@ def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bo
     """The text without comments and decimal commas, comments above, separator, if that is white."""
     skipped, above = options.text.skip_lines, list[str]()
     data = re.sub(rb"\n[ \t]+(?=\r?\n)", b"\n", data)
-    lines = [line.strip(" \r") for line in data[:65536].decode(errors="replace").split("\n")]
-    twice = (mark for mark in MARKS if [line[: len(mark)] for line in lines[:2]] == [mark, mark])
+    head = data[:65536].decode(errors="replace")
+    twice = (mark for mark in MARKS if re.match(rf"(\s*{mark}.*\n){{2}}", head))
     if mark := options.text.comment and next(twice, options.text.comment):
-        comments = takewhile(lambda line: not line or line.startswith(mark), lines)
-        above = [line.lstrip(mark).strip() for line in comments]
-        lines = ["" if line.startswith(mark) else line for line in lines]
-        sign = rb"^[ \t]*" + re.escape(mark.encode()) + rb"[^\r\n]*"
-        data = re.sub(sign, b"", data, flags=re.MULTILINE) if mark.encode() in data else data
+        sign = rf"^[ \t]*(?:{re.escape(mark)})+(.*)"
+        above = re.findall(sign, head, re.MULTILINE)
+        if mark.encode() in data:
+            data = re.sub(sign.encode(), b"", data, flags=re.MULTILINE)
     data = b"\n" * skipped + b"".join(data.split(b"\n", skipped)[skipped:])
-    lines = [line for line in lines[skipped:] if line][:SAMPLE_LINES]
+    lines = [line.strip(" \r") for line in data[:65536].decode(errors="replace").split("\n")]
+    lines = [line for line in lines if line][:SAMPLE_LINES]
 
     def most(mark: str) -> int:  # lines that a separator cuts alike; words only if numbers
         rows = (line.split(mark.strip(" ") or None) for line in lines)
@@ -166,7 +159,8 @@ def _plain(data: bytes, options: ReadOptions) -> tuple[bytes, list[str], str, bo
 
 def _rows(data: bytes, separator: str, top: int = 0) -> Iterator[tuple[int, list[str]]]:
     """The line on which each row below `top` lines ends, and its cells; not of blank lines."""
-    reader = csv.reader(io.StringIO(data.decode(), newline=""), delimiter=separator)
+    lines = io.TextIOWrapper(io.BytesIO(data), "utf-8", newline="")
+    reader = csv.reader(lines, delimiter=separator)
     return ((reader.line_num, row) for row in reader if row and reader.line_num > top)
 
 
@@ -214,8 +208,8 @@ def _wide(parts: list[Source]) -> list[Source]:
     alike = all({*known.values()} <= {*part.columns} for part in parts)
     if not alike or columns[known["_field"]].dtype != np.object_:
         return parts
-    names = {name: k for k, name in known.items()}
-    frame = pd.concat([pd.DataFrame(part.columns) for part in parts]).rename(columns=names)
+    frame = pd.concat([pd.DataFrame(part.columns) for part in parts])
+    frame = frame.rename(columns={name: k for k, name in known.items()})
     texts, keys = [*frame.select_dtypes(exclude="number")], ["_time", "_field"]
     tags = [name for name in texts if name not in (*LONG, "_start", "_stop", "result")
             and (name == "_measurement" or frame[name].nunique() > 1)]  # fmt: skip
@@ -224,11 +218,10 @@ def _wide(parts: list[Source]) -> list[Source]:
         frame["_time"] = (times - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
     lost = ", ".join(name for name in frame if name not in (*tags, *LONG))
     unique = frame.dropna(subset="_time").drop_duplicates([*tags, *keys])
-    counts = {f"columns {lost}: not of the values of this long table": len(lost),
-              f"{len(frame) - len(unique)} values without a time, or at times that repeat":
-                  len(frame) - len(unique)}  # fmt: skip
-    said = [line for part in parts for line in part.left_out]
-    said, result = [*said, *(why for why, n in counts.items() if n)], list[Source]()
+    said, result = [line for part in parts for line in part.left_out], list[Source]()
+    said += [f"columns {lost}: not of the values of this long table"] if lost else []
+    if count := len(frame) - len(unique):
+        said.append(f"{count} values without a time, or at times that repeat")
     for key, rows in unique.groupby(tags) if tags else [((), unique)]:
         wide = rows.pivot(index="_time", columns="_field", values="_value")
         cells = wide.fillna("").astype(str) if "_value" in texts else wide
@@ -246,18 +239,14 @@ def table_source(
 
     `t [s]` is the column `t` in `s`, a column without title is c1, c2 ... Columns whose names
     differ by the unit only keep their titles. Of columns of one title with equal cells one is kept,
-    others are `x.1`, `x.2` ...; where titles repeat, those after a title without cells have it
-    before them. `cell` is a cell of the file by row and number of the column.
+    others are `x.1`, `x.2` ... Angles of the units lat and lon may have a column of letters beside
+    them. `cell` is a cell of the file by row and number of the column.
     """
     titles, every, known = zip(*columns, strict=True)
     written = [title.strip() or f"c{i}" for i, title in enumerate(titles, 1)]
-    read, group = [column_of_cells(cells) for cells in every], ""
-    repeated = len(set(written)) < len(written)
+    read = [column_of_cells(cells) for cells in every]
     lines, places = list(left_out), defaultdict[str, list[int]](list)
     for i, (values, _) in enumerate(read):
-        if repeated and titles[i].strip():
-            empty, title = pd.isna(values).all(), written[i]
-            group, written[i] = (f"{title}.", title) if empty else (group, group + title)
         if any(pd.Series(values).equals(pd.Series(read[j][0])) for j in places[written[i]]):
             lines.append(f"column {written[i]}: stands again, with equal cells")
         else:
@@ -276,7 +265,16 @@ def table_source(
             result[own], unit = np.asarray(result[own], float) / 10.0 ** int(scale[1]), "deg"
         units |= {own: unit} if unit else {}
         lines += [f"column {own}: {reason}"] if reason else []
-    lines += [*_dates(result, units), *_angles(result, units)]
+    lines += _dates(result, units)
+    texts = [cells for cells in result.values() if cells.dtype == np.object_]
+    for own, kind in units.items():  # degrees and minutes as the number DDMM.mm
+        if kind in SIDES and result[own].dtype != np.object_:
+            whole = np.trunc(result[own] / 100.0)
+            angles = whole + (result[own] - 100.0 * whole) / 60.0
+            angles[np.abs(angles) > 180.0] = np.nan  # where a glider had no position
+            sides = (cells for cells in texts if {""} < {*cells, ""} <= {*SIDES[kind], ""})
+            result[own] = np.where(next(sides, np.array("")) == SIDES[kind][1], -angles, angles)
+            units[own] = "deg"
     changed = {own: written[i] for own, i in numbers.items() if own != written[i]}
     place = None if cell is None else lambda row, column: cell(row, numbers.get(column, 0))
     return Source(name, path, result, units, changed, tuple(dict.fromkeys(lines)), place)
@@ -293,13 +291,11 @@ def column_of_cells(cells: Any) -> tuple[Values, str]:
             return values.to_numpy(np.float64, na_value=np.nan), ""
         cells = values.astype(str).mask(values.isna(), "").to_list()
     cells = pa.array(cells, pa.string())
-    try:
-        numbers = cells.cast("float64").to_pandas()  # as most columns are
-    except pa.ArrowInvalid:
-        numbers = pd.to_numeric(cells.to_pandas(), errors="coerce")
-        missing = pc.is_in(pc.ascii_lower(cells), value_set=pa.array(sorted(MISSING)))
-        if numbers.count() < (1.0 - FEW) * (len(cells) - missing.true_count):
-            return cells.to_pandas().to_numpy(np.object_), ""
+    fits = pc.match_substring_regex(cells, f"^{NUMBER.pattern}$")
+    missing = pc.is_in(pc.ascii_lower(cells), value_set=pa.array(sorted(MISSING)))
+    if fits.true_count < (1.0 - FEW) * (len(cells) - missing.true_count):
+        return cells.to_pandas().to_numpy(np.object_), ""
+    numbers = pc.if_else(fits, pc.utf8_ltrim(cells, "+"), None).cast("float64").to_pandas()
     values = numbers.where(numbers.abs() <= MAX_NUMBER).to_numpy()
     words = pc.value_counts(pc.filter(cells, pa.array(np.isnan(values)))).to_pylist()
     said = [f"{row['counts']} of {len(cells)} cells are {row['values']}" for row in words
@@ -322,31 +318,3 @@ def _dates(columns: dict[str, Values], units: dict[str, str]) -> Iterator[str]:
             name = stem or "date_time"
             columns[name], units[name] = moments.dt.total_seconds().to_numpy(), "s"
             yield f"columns {', '.join(own.values())}: read as the time {name}"
-
-
-def _angles(columns: dict[str, Values], units: dict[str, str]) -> Iterator[str]:
-    """Read angles that are written as degrees and minutes, the number DDMM.mm, as degrees.
-
-    Their unit is lat or lon, or both are of this form; a column of letters may stand beside them.
-    """
-    numbers = [name for name, values in columns.items() if values.dtype != np.object_]
-    known = {name: units[name] for name in numbers if units.get(name) in SIDES}
-    titled = {kind: name for name in numbers for kind in SIDES
-              if re.search(rf"(?i)\b{kind}(g?itude|g)?(?![a-z])", name)}  # fmt: skip
-    sizes = pd.DataFrame({kind: np.abs(columns[name]) for kind, name in titled.items()})
-    if (
-        len(titled) == 2
-        and 90.0 < sizes["lat"].max() <= 9000.0
-        and (sizes % 100.0).max().max() < 60.0
-    ):
-        known |= {name: kind for kind, name in titled.items()}
-    for name, kind in known.items():
-        whole = np.trunc(columns[name] / 100.0)
-        angles = whole + (columns[name] - 100.0 * whole) / 60.0
-        angles[np.abs(angles) > 180.0] = np.nan  # where a glider had no position
-        texts = (cells for cells in columns.values() if cells.dtype == np.object_)
-        sides = (cells for cells in texts if {""} < {*cells, ""} <= {*SIDES[kind], ""})
-        columns[name] = np.where(next(sides, np.array("")) == SIDES[kind][1], -angles, angles)
-        if units.get(name) not in SIDES:
-            yield f"column {name}: degrees and minutes, read as degrees"
-        units[name] = "deg"

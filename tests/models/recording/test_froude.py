@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.runner.commands.data_convert import write_recording
+from seatrial.runner.commands.data_commands import write_recording
 from seatrial.runner.configuration import recording_map
 from tests.models.recording.test_file_set import reader
 

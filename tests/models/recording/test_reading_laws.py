@@ -52,6 +52,7 @@ def source_of(folder: Path, table: dict[str, Any]) -> Source:
         ("Date", STAMPS.strftime("%d.%m.%y %H:%M:%S.%f")),
         ("Date", (STAMPS + pd.Timedelta(days=10)).strftime("%d/%m/%yT%H:%M:%S.%f")),
         ("Date", (STAMPS + pd.Timedelta(days=10)).strftime("%m/%d/%Y %I:%M:%S.%f %p")),
+        ("Date", (STAMPS + pd.Timedelta(days=10)).strftime("%d/%m/%Y, %H:%M:%S.%f")),
         ("datetime", STAMPS.strftime("%Y-%m-%dT%H:%M:%S.%fZ")),
         ("_time", STAMPS.strftime("%Y/%m/%d %H:%M:%S.%f")),
         ("elapsed_time_s", T),
