@@ -239,14 +239,19 @@ def table_source(
 
     `t [s]` is the column `t` in `s`, a column without title is c1, c2 ... Columns whose names
     differ by the unit only keep their titles. Of columns of one title with equal cells one is kept,
-    others are `x.1`, `x.2` ... Angles of the units lat and lon may have a column of letters beside
-    them. `cell` is a cell of the file by row and number of the column.
+    others are `x.1`, `x.2` ...; where titles repeat, those after a title without cells have it
+    before them. Angles of the units lat and lon may have a column of letters beside them. `cell` is
+    a cell of the file by row and number of the column.
     """
     titles, every, known = zip(*columns, strict=True)
     written = [title.strip() or f"c{i}" for i, title in enumerate(titles, 1)]
-    read = [column_of_cells(cells) for cells in every]
+    read, group = [column_of_cells(cells) for cells in every], ""
+    repeated = len(set(written)) < len(written)
     lines, places = list(left_out), defaultdict[str, list[int]](list)
     for i, (values, _) in enumerate(read):
+        if repeated and titles[i].strip():
+            empty, title = pd.isna(values).all(), written[i]
+            group, written[i] = (f"{title}.", title) if empty else (group, group + title)
         if any(pd.Series(values).equals(pd.Series(read[j][0])) for j in places[written[i]]):
             lines.append(f"column {written[i]}: stands again, with equal cells")
         else:

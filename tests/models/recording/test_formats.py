@@ -358,6 +358,13 @@ def test_exports_of_influxdb(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sources["imu"].numbers("v"), np.arange(4.0))
 
 
+def test_titles_that_repeat_have_the_title_without_cells_before_them(tmp_path: Path) -> None:
+    """As exports of messages of ROS write them."""
+    text = "t,position,x,y,linear,x,y\n" + "".join(f"{k},,{k},1,,{2 * k},3\n" for k in range(3))
+    titles = ["t", "position", "position.x", "position.y", "linear", "linear.x", "linear.y"]
+    assert list(one(file(tmp_path, "b.csv", text)).columns) == titles
+
+
 def test_degrees_and_minutes(tmp_path: Path) -> None:
     angles = one(file(tmp_path, "a.csv", "lat [lat],N/S,lon [lon]\n" + 2 * "4030.0,S,1130.0\n"))
     assert (angles.columns["lat"].tolist(), angles.units["lat"]) == ([-40.5, -40.5], "deg")
