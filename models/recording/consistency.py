@@ -15,13 +15,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording import signals
 from seatrial.models.recording.recording import Recording, attitude_of, piecewise
 from seatrial.models.vessel.basis import Array
@@ -176,51 +175,25 @@ def _path_and_rates(
     return path, rates
 
 
-class QualityCheck(NamedTuple):
-    """error = measured - calculated, Hoyer (2021), section 5.4.4.
+def quality_checks(recording: Recording) -> dict[str, tuple[Array, Array]]:
+    """What was measured and what follows from the rest, (N, n_dof); Hoyer (2021), section 5.4.4.
 
-    `integrated_velocity` compares the pose with the integral of the velocity from the first pose,
-    in m or rad, and shows drift. `differentiated_position` compares the velocity with the
-    derivative of the pose, in m/s or rad/s, and shows wrong signs, frames and time stamps.
-    """
-
-    check: str
-    dof: str
-    unit: str
-    measured: Array  # (N,)
-    calculated: Array  # (N,)
-
-    @property
-    def error(self) -> Array:
-        """measured - calculated, shape (N,)."""
-        return self.measured - self.calculated
-
-    @property
-    def maximum(self) -> float:
-        """Largest magnitude of the error."""
-        return float(np.max(np.abs(self.error)))
-
-
-def quality_checks(recording: Recording) -> list[QualityCheck]:
-    """Both checks of every degree of freedom, piece by piece.
-
+    `integrated_velocity` compares the pose with the integral of the velocity from the first pose of
+    each piece, in m or rad, and shows drift. `differentiated_position` compares the velocity with
+    the derivative of the pose, in m/s or rad/s, and shows wrong signs, frames and time stamps.
     Where surge, sway and yaw are there, velocities are turned by the attitude; axes that are not
     there, such as heave, which pitch would turn, are taken as zero.
     """
-    dofs, edges, nu = recording.dofs, recording.edges, np.zeros((len(recording), 6))
-    nu[:, [DOFS.index(dof) for dof in dofs]] = recording.nu
-    attitude, along = attitude_of(dofs, recording.eta), nu.copy()
+    index, nu = [DOFS.index(dof) for dof in recording.dofs], np.zeros((len(recording), 6))
+    nu[:, index] = recording.nu
+    attitude, along = attitude_of(recording.dofs, recording.eta), nu.copy()
     pose, rates = _path_and_rates(recording, attitude)
-    if set(PLANAR) <= set(dofs):
+    if set(PLANAR) <= set(recording.dofs):
         along[:, :3] = np.einsum("nij,nj->ni", pose_jacobian(attitude)[:, :3, :3], nu[:, :3])
     way = partial(scipy.integrate.cumulative_trapezoid, dx=recording.period_s, axis=0, initial=0.0)
-    integral = piecewise(lambda x, v: x[0] + way(v), edges, pose, along)
-    kinds = (("integrated_velocity", POSE_UNIT, pose, integral),
-             ("differentiated_position", VELOCITY_UNIT, nu, rates))  # fmt: skip
-    return [
-        QualityCheck(name, dof, unit[dof], *(x[:, DOFS.index(dof)] for x in (measured, calculated)))
-        for dof in dofs for name, unit, measured, calculated in kinds
-    ]  # fmt: skip
+    integral = piecewise(lambda x, v: x[0] + way(v), recording.edges, pose, along)
+    return {"integrated_velocity": (pose[:, index], integral[:, index]),
+            "differentiated_position": (nu[:, index], rates[:, index])}  # fmt: skip
 
 
 def _filtered(

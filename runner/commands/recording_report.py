@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seatrial.models.notation import DOFS, velocities_of
+from seatrial.models.notation import DOFS, POSE_UNIT, VELOCITY_UNIT, velocities_of
 from seatrial.models.recording.column_map import targets_of
 from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.diagnosis import Examination, examine
@@ -17,7 +17,6 @@ from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import piece_starts
 from seatrial.models.recording.signals import Sampling, noise_floor, outliers, sampling
 from seatrial.models.recording.times import seconds
-from seatrial.models.vessel.basis import Array
 from seatrial.runner.compare.blocks import bullets
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import TextTable, grid_of
@@ -152,23 +151,21 @@ def recording_page(name: str, report: Report) -> str:
 def figure(known: Examination) -> "Figure":
     """Errors of both checks of Hoyer (2021), 5.4.4, and velocities beside those of the pose.
 
-    Velocities are below the cut-off. Nothing is drawn across a gap.
+    One row for each axis; velocities are below the cut-off. Nothing is drawn across a gap.
     """
     from seatrial.runner.compare.plots import style
 
-    recording, panels = known.recording, list[tuple[str, Array]]()
-    for check in quality_checks(recording):
-        panels.append((f"error of {check.dof} [{check.unit}]", check.error[:, None]))
-        if check.check == "differentiated_position":
-            both = np.column_stack([check.calculated, check.measured])
-            name = f"{velocities_of([check.dof])[0]} [{check.unit}]"
-            panels.append((name, recording.lowpassed(both, known.result.cutoff_hz)))
-    sheet, every = style.panels(len(panels) // 3, 3, 2.2, 1.5, share_x=True)
-    for axes, (label, values) in zip(every, panels, strict=True):
+    recording, dofs = known.recording, known.recording.dofs
+    (pose, integral), (nu, rates) = quality_checks(recording).values()
+    both = recording.lowpassed(np.stack([rates, nu], axis=-1), known.result.cutoff_hz)
+    sheet, every = style.panels(len(dofs), 3, 2.2, 1.5, share_x=True)
+    for i, axes in enumerate(every):
+        dof, values = dofs[i // 3], (pose - integral, nu - rates, both)[i % 3][:, i // 3]
+        name = velocities_of([dof])[0] if i % 3 == 2 else f"error of {dof}"
+        axes.set_ylabel(f"{name} [{(VELOCITY_UNIT if i % 3 else POSE_UNIT)[dof]}]")
         for a, b in pairwise(recording.edges):
             axes.plot(recording.t[a:b] - recording.t[0], values[a:b], linewidth=1.0)
             axes.set_prop_cycle(None)
-        axes.set_ylabel(label)
     for axes in every[-3:]:
         axes.set_xlabel("Time [s]")
     return sheet
