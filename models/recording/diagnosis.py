@@ -29,13 +29,11 @@ from seatrial.models.recording.column_map import (
 )
 from seatrial.models.recording.consistency import AS_GOOD, SAME_SCALE, SURE
 from seatrial.models.recording.quantities import quantity
-from seatrial.models.recording.reader import FAULTS, SI_ASSUMED, clock_of
+from seatrial.models.recording.reader import FAULTS, SI_ASSUMED
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.signals import original_rate, sampling
 from seatrial.models.recording.source import Source
-from seatrial.models.recording.times import seconds
-from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
 UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filter or sensor
@@ -79,7 +77,7 @@ Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.su
 class RecordingDefect:
     """What is wrong with some axes of a recording, and the change of options that fixes it."""
 
-    # scale | sign | swap | earth | frame | heading | clock | time | resampled | question | unknown
+    # scale | sign | swap | earth | frame | heading | clock | resampled | question | unknown
     kind: str
     axes: tuple[str, ...]
     message: str
@@ -338,38 +336,35 @@ class _Case:
             text = f"the velocities are {abs(lag):.3g} s {where} the pose"
             change = {"columns.delay_s.velocity": float(f"{lag + delay:.3g}")}
             yield RecordingDefect("clock", (), text, change, lag)
-        time, scale = columns.clock, float(np.median([abs(axis.scale) for axis in axes] or [1.0]))
-        same = all(1.0 / SAME_SCALE < abs(a.scale) / scale < SAME_SCALE and a.off for a in axes)
-        unit, value = _unit(time.unit or "s", "time", scale)
-        if unit and same and len({axis.dof in ANGLES for axis in axes}) == 2:
-            text = f"the derivative of the pose is {scale:.3g} times the velocity on every axis"
-            change = {"columns.time": replace(time, unit=unit).written}
-            yield RecordingDefect("time", tuple(axis.dof for axis in axes), text, change, value)
-        else:
-            yield from self._scales()
+        yield from self._scales(axes)
 
-    def _scales(self) -> Iterator[RecordingDefect]:
-        """Axes in another unit, those in the same one together; what is of no unit is a question.
+    def _scales(self, axes: Sequence[consistency.Agreement]) -> Iterator[RecordingDefect]:
+        """Certain axes in another unit, those in the same one together; others are a question.
 
-        A small angle between bow and heading explains the scale of an axis aside.
+        One factor on the rates of positions and of angles is one on time. A small angle between bow
+        and heading explains the scale of an axis aside.
         """
-        text, specs = "the derivative of the pose is {:.3g} times the velocity", self.specs
+        text, columns = "the derivative of the pose is {:.3g} times the velocity", self.file.columns
+        specs = {**self.specs, "time": columns.clock}
         mean, deviation = (dict(zip(self.recording.dofs, f(self.recording.nu, axis=0), strict=True))
                            for f in (np.mean, np.std))  # fmt: skip
         ahead = any(axis.dof == "surge" and not axis.off for axis in self.result.axes)
+        median = float(np.median([abs(axis.scale) for axis in axes] or [1.0]))
+        near = (a.off and 1.0 / SAME_SCALE < abs(a.scale) / median < SAME_SCALE for a in axes)
+        same = len({axis.dof in ANGLES for axis in axes}) == 2 and all(near)
         units = defaultdict[tuple[str, float], dict[str, str]](dict)  # option by axis
-        for axis in (axis for axis in self.result.axes if axis.certain and axis.off):
-            size, own = abs(axis.scale), f"velocity.{axis.dof}"
-            if self.file.columns.ground and axis.dof in LINEAR[:2]:
-                own = "ground.speed"
+        for axis in (axis for axis in axes if axis.off):
+            size, own = median if same else abs(axis.scale), f"velocity.{axis.dof}"
+            own = "ground.speed" if columns.ground and axis.dof in LINEAR[:2] else own
             error = abs(size - 1.0) * deviation[axis.dof]
             if ahead and axis.dof in LINEAR and error < SMALL_ANGLE * abs(mean["surge"]):
                 line = f"{text.format(size)}, as by a lever arm or a late or turned heading"
                 yield RecordingDefect("unknown", (axis.dof,), line, value=size)
                 continue
-            for option, sense in ((own, 1), (f"position.{axis.dof}", -1)):
-                now = self.readings[option].unit or targets_of(option)[0] if option in specs else ""
-                unit, value = _unit(now, option, size**sense) if now else ("", 1.0)
+            options = [("time", 1)] if same else []
+            for option, sense in (*options, (own, 1), (f"position.{axis.dof}", -1)):
+                now = columns.clock if option == "time" else self.readings.get(option)
+                unit, value = _unit(now.unit, option, size**sense) if now else ("", 1.0)
                 if unit:
                     units[unit, value**sense][axis.dof] = option
                     break
@@ -384,19 +379,17 @@ class _Case:
 
     def slower(self) -> RecordingDefect | None:
         """Whether all columns of motion of a source were interpolated from slower ones."""
-        motion = defaultdict[str, dict[tuple[str, bool], list[Array]]](dict)
+        times = reader.clocks(self.sources, self.file.columns)
+        motion = defaultdict[str, Any](lambda: defaultdict(list))
         for option, reading in self.readings.items():
             kind, _, dof = option.partition(".")
-            if kind in ("position", "velocity"):
-                alike = motion[reading.source.name].setdefault((kind, dof in ANGLES), [])
-                alike.append(reading.values)
+            if kind in reader.MOTION:  # by itself: a heading and its rate may have no noise
+                motion[reading.source.name][kind, dof in ANGLES].append(reading.values)
         for name, groups in motion.items():
-            t = seconds(self.sources[name], clock_of(self.sources[name], self.file.columns))
-            own = sampling(t).rate_hz
+            t, own = times[name], sampling(times[name]).rate_hz
             edges = piece_edges(t, 1.0 / own) if own else [0, len(t)]
             longest = int(np.argmax(np.diff(edges)))  # without a gap
-            first, last = edges[longest : longest + 2]
-            rows = slice(first, min(last, first + MOST_SAMPLES))
+            rows = slice(edges[longest], min(edges[longest + 1], edges[longest] + MOST_SAMPLES))
             rates = [original_rate(np.column_stack(x)[rows], own) for x in groups.values()]
             if None in rates:
                 continue
@@ -423,10 +416,7 @@ def _not_compared(columns: ColumnMap, known: Sequence[str]) -> tuple[str, ...]:
 
 def _blocks(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Source] | None:
     """Even blocks of the time of long sources; None if they are short."""
-    clocks = dict[str, Array]()
-    for name, source in sources.items():
-        with suppress(*FAULTS):
-            clocks[name] = seconds(source, clock_of(source, columns))
+    clocks = reader.clocks(sources, columns)
     longest = max(map(len, clocks.values()), default=0)
     if longest <= MOST_SAMPLES:
         return None
@@ -469,10 +459,10 @@ def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
     return result
 
 
-def _unit(now: str, option: str, ratio: float) -> tuple[str, float]:
+def _unit(now: str | None, option: str, ratio: float) -> tuple[str, float]:
     """The unit that gives `ratio` times the values in `now`, and its ratio; empty: none does."""
     si = next(iter(targets_of(option)), "s")
-    ratios = {unit: factor(unit, si) / factor(now, si) for unit in UNITS[si]}
+    ratios = {unit: factor(unit, si) / factor(now or si, si) for unit in UNITS[si]}
     unit = min(ratios, key=lambda unit: abs(np.log(ratio / ratios[unit])))
     near = abs(np.log(ratio / ratios[unit])) < np.log(NEAR_SCALE)
     return (unit, ratios[unit]) if near else ("", 1.0)

@@ -12,11 +12,10 @@ from seatrial.models.notation import DOFS, POSE_UNIT, VELOCITY_UNIT, velocities_
 from seatrial.models.recording.column_map import targets_of
 from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.diagnosis import Examination, examine
-from seatrial.models.recording.reader import BRIDGED, FAULTS, ReadSignals, clock_of, readings
+from seatrial.models.recording.reader import FAULTS, ReadSignals, clocks, readings
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import piece_starts
 from seatrial.models.recording.signals import Sampling, noise_floor, outliers, sampling
-from seatrial.models.recording.times import seconds
 from seatrial.runner.compare.blocks import bullets
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import TextTable, grid_of
@@ -25,10 +24,8 @@ from seatrial.runner.compare.page import Section, page, picture
 if TYPE_CHECKING:  # slow to import
     from matplotlib.figure import Figure
 
-MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
 MOST_OUTLIERS = 0.02  # share of the samples of a velocity
 MOST_MISSING = 0.01  # share of the duration of a source in gaps
-SHORT_S = 120.0  # [s] below which a recording is short
 SAMPLING = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "at [s]",
             "missing", "repeated times")  # fmt: skip
 RANGES = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
@@ -43,9 +40,8 @@ def report(file: RecordedFile) -> Report:
     """Examine a recording by its map; what cannot be read is said, the rest is reported."""
     sources, columns, samplings = file.sources(), file.columns, dict[str, Sampling]()
     used = {reading.source.name: reading for reading in readings(sources, columns).values()}
-    for name, source in sources.items():
+    for name, t in clocks(sources, columns).items():
         with suppress(*FAULTS):
-            t = seconds(source, clock_of(source, columns))
             samplings[name] = sampling(t[~np.isnan(used[name].values)] if name in used else t)
     turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
@@ -117,18 +113,7 @@ def _advice(samplings: Mapping[str, Sampling], known: Examination | None) -> Ite
         if s.gaps and s.missing > MOST_MISSING:
             missing = f"{s.gaps} gaps, {100.0 * s.missing:.0f} % missing"
             yield f"{name}: {missing}: excitation.at_gap=split leaves gaps over max_gap_s out"
-    if known is None:
-        return
-    recording = known.recording
-    length = float(recording.t[-1] - recording.t[0])
-    name, slowest = min(samplings.items(), key=lambda item: item[1].rate_hz or np.inf)
-    kept = len(recording) * recording.period_s
-    if kept <= MIN_SHARE_LEFT * length and slowest.rate_hz > 0.0:
-        bridged = f"excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the steps of"
-        yield f"{kept:.0f} of {length:.0f} s are kept, the rest is in gaps: {bridged} {name}"
-    if length < SHORT_S:
-        yield f"the recording lasts {length:.0f} s: run several minutes"
-    for axis in known.result.axes:
+    for axis in known.result.axes if known else ():
         if not axis.excited:
             yield f"{axis.dof} hardly moves: add manoeuvres that excite it"
 
