@@ -14,7 +14,6 @@ sigma_x and sigma_y / (rho sigma_x): Frisch (1934). A low-passed signal of T sec
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 import scipy
@@ -33,12 +32,11 @@ LONGEST_LAG_S = 5.0  # [s]
 SURE = 0.5  # correlation of an axis whose scale is known
 LEAST_TRUSTED = 0.3  # correlation of an excited axis below which a trial refuses a recording
 SAME_SCALE = 1.39  # scales within this factor of one are nearer to it than to the knot
-CERTAIN = 3.0  # standard errors that make a difference of two correlations
+CERTAIN = 3.0  # standard errors that make a difference
 EXCITED_VARIANCE = 10.0  # variance of an excited signal, in that of its noise below the cut-off
 CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
 BLOCK, REGULAR = 100, 80  # samples among which jumps are looked for, and those that are none
 JUMP = 10.0  # times the largest second difference of these
-ALMOST_ONE = 0.999  # correlations above it are equal
 
 
 @dataclass(frozen=True)
@@ -70,13 +68,9 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Consistency:
-    """Agreement of each axis, and by how much the velocities are behind the pose.
-
-    `swaps` are pairs of axes that agree better if their velocities are exchanged.
-    """
+    """Agreement of each axis, and by how much the velocities are behind the pose."""
 
     axes: tuple[Agreement, ...]
-    swaps: tuple[tuple[str, str], ...]
     cutoff_hz: float
     lag_s: float
     lag_error_s: float
@@ -113,9 +107,8 @@ def consistency(
     cutoff, both = _filtered(both, groups, cutoffs)
     observed, expected = both.nu, both.nu_dot
     count = 2.0 * cutoff * period * len(recording)  # independent samples of a signal below it
-    rho = correlations(observed, expected)
-    z = np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE))  # Fisher's, and its standard error
-    error = float(1.0 / np.sqrt(max(count - 3.0, 1.0)))
+    rho = np.diag(correlations(observed, expected))
+    z = np.arctanh(np.minimum(np.abs(rho), 0.999)) * np.sqrt(max(count - 3.0, 1.0))  # Fisher's
     white = np.array([[1.0], [(2.0 * np.pi * cutoff) ** 2 / 3.0]]) * 2.0 * period * cutoff
     floor = np.maximum(EXCITED_VARIANCE * noise**2 * white, CONSTANT_VARIANCE)  # below the cut-off
     mean, deviation = (np.array([f(x, axis=0) for x in (observed, expected)])
@@ -124,18 +117,13 @@ def consistency(
     with np.errstate(divide="ignore", invalid="ignore"):
         scales = np.select(  # means tell it where they exceed the variation, as on a way
             [np.all(np.abs(mean) > deviation, axis=0), np.all(deviation > 0.0, axis=0)],
-            [mean[1] / mean[0], np.copysign(deviation[1] / deviation[0], np.diag(rho))], 1.0,
+            [mean[1] / mean[0], np.copysign(deviation[1] / deviation[0], rho)], 1.0,
         )  # fmt: skip
-    certain = excited & (np.diag(z) > CERTAIN * error)
-    columns = (dofs, *(x.tolist() for x in (np.diag(rho), scales, moves, excited, certain)))
+    certain = excited & (z > CERTAIN)
+    columns = (dofs, *(x.tolist() for x in (rho, scales, moves, excited, certain)))
     axes = tuple(Agreement(*values) for values in zip(*columns, strict=True))
-    swaps = []  # pairs whose z rises by CERTAIN for each axis that moves, and falls for none
-    for i, j in (pair for group in groups for pair in combinations(group, 2)):
-        better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if moves[a]]
-        if better and min(better) > 0.0 and sum(better) > CERTAIN * error * len(better):
-            swaps.append((dofs[i], dofs[j]))
     used = [i for group in groups for i in group if excited[i]]
-    return Consistency(axes, tuple(swaps), cutoff, *_lags(both, used, cutoff, count))
+    return Consistency(axes, cutoff, *_lags(both, used, cutoff, count))
 
 
 def _compared(recording: Recording, recorded: Sequence[str]) -> tuple[Recording, Array]:
@@ -277,7 +265,7 @@ def without_jumps(path: Array) -> Array:
 
     A jump is between two second differences that are `JUMP` times as large as the largest of the
     `REGULAR` smallest ones of their `BLOCK`. Where these are zero, as of values that are held or
-    signals.interpolated, nothing is known of jumps.
+    interpolated, nothing is known of jumps.
     """
     count = (len(path) - 2) // BLOCK
     if count < 1:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -263,7 +264,12 @@ class _Case:
 
     def _guesses(self) -> Iterator[RecordingDefect]:
         """What no correlation of one axis tells; two guesses together where the bow tells it."""
-        degrees = list(self._degrees())
+        degrees, velocities = list(self._degrees()), self.file.columns.velocity
+        for pair in (pair for kind in (LINEAR, ANGLES) for pair in combinations(kind, 2)):
+            if set(pair) <= set(velocities):
+                a, b = (f"velocity.{dof}" for dof in pair)
+                change = _change({a: self.specs[b], b: self.specs[a]})
+                yield RecordingDefect("swap", pair, "the velocities are exchanged", change)
         if not any(problem.kind in ("earth", "frame", "heading") for problem in self.problems):
             yield from self._turns(self.file)
         yield from degrees
@@ -319,10 +325,6 @@ class _Case:
         One factor on all rates, of positions and of angles, is one on time.
         """
         result, columns, specs = self.result, self.file.columns, self.specs
-        for pair in result.swaps:
-            a, b = (f"velocity.{dof}" for dof in pair)
-            change = _change({a: specs[b], b: specs[a]}) if {a, b} <= set(specs) else {}
-            yield RecordingDefect("swap", pair, "the velocities are exchanged", change)
         axes = [axis for axis in result.axes if axis.certain]
         for axis in (axis for axis in axes if axis.correlation < 0.0):
             option, text = f"velocity.{axis.dof}", "the velocity has the wrong sign"
@@ -420,13 +422,13 @@ def _blocks(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Sour
     longest = max(map(len, clocks.values()), default=0)
     if longest <= MOST_SAMPLES:
         return None
-    every, cut = np.concatenate(list(clocks.values())), dict[str, Source]()
-    start, length = float(np.nanmin(every)), float(np.nanmax(every) - np.nanmin(every))
+    every, result = np.concatenate([*clocks.values()]), dict(sources)
+    start, end = float(np.nanmin(every)), float(np.nanmax(every))
     for name, t in clocks.items():
-        rows = (t - start) / length * BLOCKS % 1.0 < MOST_SAMPLES / longest  # not those of NaN
+        rows = (t - start) / (end - start) * BLOCKS % 1.0 < MOST_SAMPLES / longest  # none of NaN
         cells = {title: cells[rows] for title, cells in sources[name].columns.items()}
-        cut[name] = replace(sources[name], columns=cells)
-    return {**sources, **cut}
+        result[name] = replace(sources[name], columns=cells)
+    return result
 
 
 def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
