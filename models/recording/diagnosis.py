@@ -137,19 +137,30 @@ def examine(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
 
     None if the recording cannot be read in any of them. Of a long one, changes are tried on blocks.
     """
-    poses, speeds = set(file.columns.posed), set(file.columns.moving)
+    columns, poses, speeds = file.columns, set(file.columns.posed), set(file.columns.moving)
     for own in (poses & (speeds | set(PLANAR)), poses & speeds, set(dofs)):
         known = tuple(dof for dof in DOFS if dof in own)
         with suppress(*FAULTS):
             if known:
                 whole, sources = file.recording(known), file.sources()
-                case, rate = _Case(file, whole, sources), file.resample_hz or 1.0 / whole.period_s
-                if (blocks := _blocks(sources, file.columns)) is not None:
-                    part = replace(file, resample_hz=rate, at_gap="split")
-                    with suppress(*FAULTS):
-                        case = _Case(part, part.recording(known, blocks), sources, blocks)
-                return _examined(case, whole)
-    return None
+                break
+    else:
+        return None
+    case = _Case(file, whole, sources)
+    if (blocks := _blocks(sources, columns)) is not None:
+        rate = file.resample_hz or 1.0 / whole.period_s
+        part = replace(file, resample_hz=rate, at_gap="split")
+        with suppress(*FAULTS):
+            case = _Case(part, part.recording(known, blocks), sources, blocks)
+    turned = poses & set(ANGLES) and speeds & set(LINEAR) & set(known)
+    lacking = {
+        "velocity": [dof for dof in known if dof not in speeds],
+        "pose": [dof for dof in DOFS if dof in speeds - poses],
+        "pose or force": [dof for dof in PLANAR if turned and dof not in known],
+    }
+    needed = "is recorded, which comparing pose and velocity needs"
+    lines = [f"no {what} in {' and '.join(x)} {needed}" for what, x in lacking.items() if x]
+    return replace(_examined(case, whole), not_compared=tuple(lines))
 
 
 def _examined(case: "_Case", whole: Recording) -> Examination:
@@ -177,8 +188,7 @@ def _examined(case: "_Case", whole: Recording) -> Examination:
                         f"correlation of {axis.correlation:.2f}", value=axis.correlation)
         for axis in case.result.untrusted if axis.dof not in named
     ]  # fmt: skip
-    lacking = _not_compared(case.file.columns, whole.dofs)
-    return Examination(result, tuple(problems), whole, tuple(questions), lacking)
+    return Examination(result, tuple(problems), whole, tuple(questions))
 
 
 @dataclass(frozen=True)
@@ -280,17 +290,17 @@ class _Case:
 
     def _turns(self, file: RecordedFile) -> Iterator[RecordingDefect]:
         """Other axes and headings than those with which a file is read."""
-        heading, x = (file.columns.specs[option] if (option := f"position.{dof}") in self.readings
-                      else None for dof in ("yaw", "surge"))  # fmt: skip
-        titled = bool(x and {"n", "north", "northing"} & set(words_of(x.name)))
-        titled |= bool(file.columns.geodetic)
-        flat, tells = set(PLANAR) <= set(self.recording.dofs), self.along or self.aside
-        now = vars(file.columns.frames) | ({"positive": heading.positive} if heading else {})
+        heading, x = (file.columns.specs.get(f"position.{dof}") for dof in ("yaw", "surge"))
+        free = vars(file.columns.frames) | ({"positive": heading.positive} if heading else {})
+        if file.columns.geodetic or (x and {"n", "north", "northing"} & set(words_of(x.name))):
+            del free["position"]
+        if not (self.along or self.aside):
+            free = {option: now for option, now in free.items() if SENSES[option][0] != "heading"}
+        flat = set(PLANAR) <= set(self.recording.dofs)
         for options in TURNS if flat else ():
-            if ((titled and "position" in options) or not set(options) <= set(now)
-                    or (not tells and {"positive", "attitude"} & set(options))):  # fmt: skip
+            if not set(options) <= free.keys():
                 continue
-            new = {option: OTHER[now[option]] for option in options}
+            new = {option: OTHER[free[option]] for option in options}
             text = ", ".join(SENSES[option][2].format(value) for option, value in new.items())
             change = {f"columns.frames.{k}": v for k, v in new.items() if k != "positive"}
             if "positive" in new:
@@ -401,19 +411,6 @@ class _Case:
                 text = f"the columns are interpolated from {nice:g} Hz, the file has {own:.3g} Hz"
                 return RecordingDefect("resampled", (), text, {"resample_hz": nice}, nice)
         return None
-
-
-def _not_compared(columns: ColumnMap, known: Sequence[str]) -> tuple[str, ...]:
-    """Which quantity is missing for a comparison, and where."""
-    poses, speeds = set(columns.posed), set(columns.moving)
-    turned = poses & set(ANGLES) and speeds & set(LINEAR) & set(known)
-    lacking = {
-        "velocity": [dof for dof in known if dof not in speeds],
-        "pose": [dof for dof in DOFS if dof in speeds - poses],
-        "pose or force": [dof for dof in PLANAR if turned and dof not in known],
-    }
-    needed = "is recorded, which comparing pose and velocity needs"
-    return tuple(f"no {what} in {' and '.join(x)} {needed}" for what, x in lacking.items() if x)
 
 
 def _blocks(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Source] | None:
