@@ -17,6 +17,7 @@ from functools import partial
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
@@ -73,8 +74,7 @@ class Consistency:
     axes: tuple[Agreement, ...]
     cutoff_hz: float
     lag_s: float
-    lag_error_s: float
-    shared: bool  # all axes are behind, or all ahead, as by a clock
+    lag_error_s: float  # infinite unless all axes are behind, or all ahead, as by a clock
 
     @property
     def quality(self) -> float:
@@ -93,19 +93,28 @@ def consistency(
 ) -> Consistency:
     """Compare the pose and the velocity of a recording.
 
+    Linear velocities are left out if the path cannot be turned into body axes.
+
     Args:
         recording: the recording.
         recorded: axes whose velocity is recorded, not differentiated from the pose, with which it
             would agree by construction.
         cutoff_hz: of the low-pass; None: where they agree best.
     """
-    both, noise = _compared(recording, recorded)
-    dofs, period = both.dofs, recording.period_s
-    groups = [[i for i, dof in enumerate(dofs) if dof in DOFS[k : k + 3]] for k in (0, 3)]
-    groups = [group for group in groups if group]
+    period, level = recording.period_s, not np.any(recording.attitude)
+    path, rates = _path_and_rates(recording, recording.attitude, without_jumps)
+    floor = signals.noise_floor(path, recording.piece_starts, period).deviation
+    floor[:3] = np.max(floor[:3])  # the axes are turned into each other
+    turns = level or set(PLANAR) <= set(recording.dofs)
+    used = [i for i, dof in enumerate(recording.dofs)
+            if dof in recorded and (turns or dof not in DOFS[:3])]  # fmt: skip
+    dofs = tuple(recording.dofs[i] for i in used)
+    index, nu = [DOFS.index(dof) for dof in dofs], recording.nu[:, used]
+    noise = np.stack([recording.noise.deviation[used], floor[index]])
+    both = Recording(dofs, recording.t, nu, nu, rates[:, index], 0.0 * nu, recording.attitude)
     cutoffs = [cutoff_hz] if cutoff_hz else [band * 0.5 / period for band in BANDS]
-    cutoff, both = _filtered(both, groups, cutoffs)
-    observed, expected = both.nu, both.nu_dot
+    cutoff, both = _filtered(both, cutoffs)
+    observed, expected = both.nu, both.nu_dot  # of the body, and of the pose
     count = 2.0 * cutoff * period * len(recording)  # independent samples of a signal below it
     rho = np.diag(correlations(observed, expected))
     z = np.arctanh(np.minimum(np.abs(rho), 0.999)) * np.sqrt(max(count - 3.0, 1.0))  # Fisher's
@@ -122,26 +131,7 @@ def consistency(
     certain = excited & (z > CERTAIN)
     columns = (dofs, *(x.tolist() for x in (rho, scales, moves, excited, certain)))
     axes = tuple(Agreement(*values) for values in zip(*columns, strict=True))
-    used = [i for group in groups for i in group if excited[i]]
-    return Consistency(axes, cutoff, *_lags(both, used, cutoff, count))
-
-
-def _compared(recording: Recording, recorded: Sequence[str]) -> tuple[Recording, Array]:
-    """A recording with the velocities of the pose as `nu_dot`; noise of either source (2, k).
-
-    Linear velocities are left out if the path cannot be turned into body axes.
-    """
-    dofs, turns = recording.dofs, set(PLANAR) <= set(recording.dofs)
-    path, rates = _path_and_rates(recording, recording.attitude, without_jumps)
-    noise = signals.noise_floor(path, recording.piece_starts, recording.period_s).deviation
-    noise[:3] = np.max(noise[:3])  # the axes are turned into each other
-    level = turns or not np.any(recording.attitude)
-    used = [i for i, dof in enumerate(dofs) if dof in recorded and (level or dof not in DOFS[:3])]
-    index = [DOFS.index(dofs[i]) for i in used]
-    nu = recording.nu[:, used]
-    both = Recording(tuple(dofs[i] for i in used), recording.t, nu, nu, rates[:, index],
-                     np.zeros_like(nu), recording.attitude)  # fmt: skip
-    return both, np.stack([recording.noise.deviation[used], noise[index]])
+    return Consistency(axes, cutoff, *_lags(both, np.flatnonzero(excited), cutoff, count))
 
 
 def _path_and_rates(
@@ -184,15 +174,14 @@ def quality_checks(recording: Recording) -> dict[str, tuple[Array, Array]]:
             "differentiated_position": (nu[:, index], rates[:, index])}  # fmt: skip
 
 
-def _filtered(
-    both: Recording, groups: Sequence[Sequence[int]], cutoffs: Sequence[float]
-) -> tuple[float, Recording]:
+def _filtered(both: Recording, cutoffs: Sequence[float]) -> tuple[float, Recording]:
     """The widest band in which velocities and rates agree best, and the recording below it.
 
     Pieces begin and end half a period of the cut-off away from their ends. Bands with fewer than
     `MIN_INDEPENDENT` independent samples are left out.
     """
     best, result = -1.0, (cutoffs[0], both)
+    groups = np.split(np.arange(len(both.dofs)), [sum(dof in DOFS[:3] for dof in both.dofs)])
     for cutoff in cutoffs:
         if best >= 0.0 and 2.0 * cutoff * both.period_s * len(both) < MIN_INDEPENDENT:
             break
@@ -201,26 +190,27 @@ def _filtered(
         except RecordingError:  # all pieces are too short
             smooth = both
         rho = np.abs(correlations(smooth.nu, smooth.nu_dot))
-        score = sum(float(np.mean(np.max(rho[np.ix_(g, g)], axis=1))) for g in groups)
+        score = sum(float(np.mean(np.max(rho[np.ix_(g, g)], axis=1))) for g in groups if len(g))
         if best < 0.0 or score > best + AS_GOOD:
             best, result = score, (cutoff, smooth)
     return result
 
 
 def _lags(
-    both: Recording, used: Sequence[int], cutoff_hz: float, count: float
-) -> tuple[float, float, bool]:
-    """By how much velocities are behind the pose, its standard error [s], and whether all are.
+    both: Recording, used: NDArray[np.intp], cutoff_hz: float, count: float
+) -> tuple[float, float]:
+    """By how much velocities are behind the pose, and its standard error [s].
 
     The peak of the sum of the normalised cross-correlations of the axes, which must agree in sign.
     The error of a delay between band-limited signals of correlation rho with n independent samples
     is sqrt((1 / rho^2 - 1) / n) / (2 pi f_rms); Carter (1987), Proc IEEE 75(2). A clock that is
-    apart delays all axes alike, a filter some more than others.
+    apart delays all axes alike, a filter some more than others: unless all are behind, or all
+    ahead, the error is infinite.
     """
     period = both.period_s
     most = min(round(LONGEST_LAG_S / period), len(both) // 4)
-    if not used or not most:
-        return 0.0, np.inf, False
+    if not len(used) or not most:
+        return 0.0, np.inf
     apart = np.repeat(np.array(both.edges[1:-1], dtype=np.int64), most)  # nothing shifts over gaps
     a, b = (np.insert(x - np.mean(x, axis=0), apart, 0.0, axis=0)
             for x in (both.nu[:, used], both.nu_dot[:, used]))  # fmt: skip
@@ -237,7 +227,7 @@ def _lags(
     share = max(1.0 / max(float(np.max(np.abs(rho))), 0.01) ** 2 - 1.0, 1e-6)
     error = np.sqrt(share / count) / (2.0 * np.pi * cutoff_hz / np.sqrt(3.0))
     shared = bool(own) and (min(own) > 0.0 or max(own) < 0.0)
-    return (total - most) * period, float(error), shared
+    return (total - most) * period, float(error) if shared else np.inf
 
 
 def _peak(curve: Array) -> float:

@@ -226,11 +226,6 @@ class _Case:
         return {option: reading for option, reading in known.items() if option.startswith(kinds)}
 
     @property
-    def specs(self) -> dict[str, Column]:
-        """Their columns as the map has them."""
-        return {option: self.file.columns.specs[option] for option in self.readings}
-
-    @property
     def along(self) -> bool:
         """Whether velocities along the body are recorded, which tell the heading."""
         columns = self.file.columns
@@ -274,11 +269,11 @@ class _Case:
 
     def _guesses(self) -> Iterator[RecordingDefect]:
         """What no correlation of one axis tells; two guesses together where the bow tells it."""
-        degrees, velocities = list(self._degrees()), self.file.columns.velocity
+        degrees, specs = list(self._degrees()), self.file.columns.specs
         for pair in (pair for kind in (LINEAR, ANGLES) for pair in combinations(kind, 2)):
-            if set(pair) <= set(velocities):
-                a, b = (f"velocity.{dof}" for dof in pair)
-                change = _change({a: self.specs[b], b: self.specs[a]})
+            a, b = (f"velocity.{dof}" for dof in pair)
+            if {a, b} <= specs.keys():
+                change = _change({a: specs[b], b: specs[a]})
                 yield RecordingDefect("swap", pair, "the velocities are exchanged", change)
         if not any(problem.kind in ("earth", "frame", "heading") for problem in self.problems):
             yield from self._turns(self.file)
@@ -316,34 +311,30 @@ class _Case:
 
     def _degrees(self) -> Iterator[RecordingDefect]:
         """Degrees of angles, and of rates beside them, whose unit is not stated."""
-        free = {option: spec for option, spec in self.specs.items()
-                if self.readings[option].known_from == SI_ASSUMED}  # fmt: skip
+        free = {option: self.file.columns.specs[option] for option, reading in self.readings.items()
+                if reading.known_from == SI_ASSUMED}  # fmt: skip
         angles = [option for option in BEARINGS if option in free]
-        yaw = [option for option in angles if option == "position.yaw"]
+        yaw = {"position.yaw"} & set(angles)
         rates = [option for dof in ANGLES if (option := f"velocity.{dof}") in free]
         groups = angles, [o for o in angles if o not in yaw], yaw, [*angles, *rates]
         for group in filter(None, groups):
             new = {o: replace(free[o], unit="deg/s" if o in rates else "deg") for o in group}
             axes = tuple(dof for dof in ANGLES if f"position.{dof}" in group)
-            also = " and their rates" if group[-1] in rates else ""
-            text = f"the angles of the pose{also} are in degrees"
+            text = "the angles are in degrees"
             yield RecordingDefect("scale", axes, text, _change(new), 180.0 / np.pi)
 
     def told(self) -> Iterator[RecordingDefect]:
-        """What correlations and scales tell, with changes that may mend it.
-
-        One factor on all rates, of positions and of angles, is one on time.
-        """
-        result, columns, specs = self.result, self.file.columns, self.specs
+        """What correlations and scales tell, with changes that may mend it."""
+        result, columns = self.result, self.file.columns
         axes = [axis for axis in result.axes if axis.certain]
         for axis in (axis for axis in axes if axis.correlation < 0.0):
             option, text = f"velocity.{axis.dof}", "the velocity has the wrong sign"
             new = {o: replace(spec, column=f"-{spec.column}".removeprefix("--"))
-                   for o, spec in specs.items() if o == option}  # fmt: skip
+                   for o, spec in columns.specs.items() if o == option}  # fmt: skip
             yield RecordingDefect("sign", (axis.dof,), text, _change(new), -1.0)
         lag, delay = result.lag_s, columns.delay_s.get("velocity", 0.0)
         least = consistency.CERTAIN * result.lag_error_s
-        if result.shared and abs(lag) >= max(SAMPLES_APART * self.recording.period_s, least):
+        if abs(lag) >= max(SAMPLES_APART * self.recording.period_s, least):
             where = "behind" if lag > 0.0 else "ahead of"
             text = f"the velocities are {abs(lag):.3g} s {where} the pose"
             change = {"columns.delay_s.velocity": float(f"{lag + delay:.3g}")}
@@ -357,9 +348,8 @@ class _Case:
         and heading explains the scale of an axis aside.
         """
         text, columns = "the derivative of the pose is {:.3g} times the velocity", self.file.columns
-        specs = {**self.specs, "time": columns.clock}
-        mean, deviation = (dict(zip(self.recording.dofs, f(self.recording.nu, axis=0), strict=True))
-                           for f in (np.mean, np.std))  # fmt: skip
+        specs = {**columns.specs, "time": columns.clock}
+        nu = dict(zip(self.recording.dofs, self.recording.nu.T, strict=True))
         ahead = any(axis.dof == "surge" and not axis.off for axis in self.result.axes)
         median = float(np.median([abs(axis.scale) for axis in axes] or [1.0]))
         near = (a.off and 1.0 / SAME_SCALE < abs(a.scale) / median < SAME_SCALE for a in axes)
@@ -368,13 +358,13 @@ class _Case:
         for axis in (axis for axis in axes if axis.off):
             size, own = median if same else abs(axis.scale), f"velocity.{axis.dof}"
             own = "ground.speed" if columns.ground and axis.dof in LINEAR[:2] else own
-            error = abs(size - 1.0) * deviation[axis.dof]
-            if ahead and axis.dof in LINEAR and error < SMALL_ANGLE * abs(mean["surge"]):
+            error = abs(size - 1.0) * np.std(nu[axis.dof])
+            if ahead and axis.dof in LINEAR and error < SMALL_ANGLE * abs(np.mean(nu["surge"])):
                 line = f"{text.format(size)}, as by a lever arm or a late or turned heading"
                 yield RecordingDefect("unknown", (axis.dof,), line, value=size)
                 continue
-            options = [("time", 1)] if same else []
-            for option, sense in (*options, (own, 1), (f"position.{axis.dof}", -1)):
+            time = [("time", 1)] if same else []
+            for option, sense in (*time, (own, 1), (f"position.{axis.dof}", -1)):
                 now = columns.clock if option == "time" else self.readings.get(option)
                 unit, value = _unit(now.unit, option, size**sense) if now else ("", 1.0)
                 if unit:

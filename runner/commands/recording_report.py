@@ -69,9 +69,14 @@ def report(file: RecordedFile) -> Report:
                 for axis in result.axes]  # fmt: skip
         tables.append(grid_of(f"{title} {lag:+.3f} s behind", AXES, axes))
         tables.append(grid_of("Ranges", RANGES, [*_ranges(signals, counts)], 2, digits=3))
-    slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
     lines += [f"left out: {line}" for line in signals.left_out]
-    lines += [f"next: {line}" for line in _advice(slow, known)]
+    for name, s in samplings.items():
+        if s.gaps and s.missing > MOST_MISSING and (name in used or len(sources) == 1):
+            missing = f"{name}: {s.gaps} gaps, {100.0 * s.missing:.0f} % missing"
+            lines.append(f"next: {missing}: excitation.at_gap=split leaves gaps over max_gap_s out")
+    for axis in known.result.axes if known else ():
+        if not axis.excited:
+            lines.append(f"next: {axis.dof} hardly moves: add manoeuvres that excite it")
     return lines, [table for table in tables if table.rows], known
 
 
@@ -102,20 +107,6 @@ def _ranges(signals: ReadSignals, counts: Mapping[str, int]) -> Iterator[tuple[s
         numbers = (np.nanmin(x), np.nanmax(x), np.nanstd(x), noise.deviation[0])
         unit = targets[0] if len(targets) == 1 else "-"
         yield option, unit, *map(float, numbers), counts.get(option, "-")
-
-
-def _advice(samplings: Mapping[str, Sampling], known: Examination | None) -> Iterator[str]:
-    """What to do next, by the sampling of the sources in use and the motion."""
-    for name, s in samplings.items():
-        if s.not_later:
-            rounded = "columns.time: {column: NAME, uniform: true} if they are rounded"
-            yield f"{name}: {s.not_later} times are not later than the one before: {rounded}"
-        if s.gaps and s.missing > MOST_MISSING:
-            missing = f"{s.gaps} gaps, {100.0 * s.missing:.0f} % missing"
-            yield f"{name}: {missing}: excitation.at_gap=split leaves gaps over max_gap_s out"
-    for axis in known.result.axes if known else ():
-        if not axis.excited:
-            yield f"{axis.dof} hardly moves: add manoeuvres that excite it"
 
 
 def recording_page(name: str, report: Report) -> str:
