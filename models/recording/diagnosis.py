@@ -49,7 +49,7 @@ LARGE = {  # hardly rad, or 1/s
 }  # fmt: skip
 SMALL_ANGLE = 0.05  # [rad] by which a heading is easily wrong
 PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
-LINEAR, ANGLES, YAW = DOFS[:3], DOFS[3:], ("yaw",)
+LINEAR, ANGLES, YAW, DEGREES = DOFS[:3], DOFS[3:], ("yaw",), 180.0 / np.pi
 UNITS = {  # that people record, by that of SI
     "m/s": ("m/s", "knot", "km/h", "ft/s", "cm/s", "mm/s"),
     "rad/s": ("rad/s", "deg/s", "rpm", "mrad/s", "deg/min"),
@@ -214,8 +214,7 @@ class _Case:
     @cached_property
     def result(self) -> consistency.Consistency:
         """How pose and velocity agree."""
-        moving = self.file.columns.moving
-        return consistency.consistency(self.recording, moving, self.cutoff_hz)
+        return consistency.consistency(self.recording, self.file.columns.moving, self.cutoff_hz)
 
     @cached_property
     def readings(self) -> Mapping[str, reader.ColumnReading]:
@@ -320,8 +319,7 @@ class _Case:
         for group in filter(None, groups):
             new = {o: replace(free[o], unit="deg/s" if o in rates else "deg") for o in group}
             axes = tuple(dof for dof in ANGLES if f"position.{dof}" in group)
-            text = "the angles are in degrees"
-            yield RecordingDefect("scale", axes, text, _change(new), 180.0 / np.pi)
+            yield RecordingDefect("scale", axes, "the angles are in degrees", _change(new), DEGREES)
 
     def told(self) -> Iterator[RecordingDefect]:
         """What correlations and scales tell, with changes that may mend it."""
