@@ -14,14 +14,13 @@ sigma_x and sigma_y / (rho sigma_x): Frisch (1934). A low-passed signal of T sec
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.notation import DOFS, PLANAR, POSE_UNIT, VELOCITY_UNIT
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording import signals
 from seatrial.models.recording.recording import Recording, attitude_of, piecewise
 from seatrial.models.vessel.basis import Array
@@ -34,12 +33,11 @@ LONGEST_LAG_S = 5.0  # [s]
 SURE = 0.5  # correlation of an axis whose scale is known
 LEAST_TRUSTED = 0.3  # correlation of an excited axis below which a trial refuses a recording
 SAME_SCALE = 1.39  # scales within this factor of one are nearer to it than to the knot
-CERTAIN = 3.0  # standard errors that make a difference of two correlations
+CERTAIN = 3.0  # standard errors that make a difference
 EXCITED_VARIANCE = 10.0  # variance of an excited signal, in that of its noise below the cut-off
 CONSTANT_VARIANCE = 1e-12  # variance of a signal that does not move
 BLOCK, REGULAR = 100, 80  # samples among which jumps are looked for, and those that are none
 JUMP = 10.0  # times the largest second difference of these
-ALMOST_ONE = 0.999  # correlations above it are equal
 
 
 @dataclass(frozen=True)
@@ -71,17 +69,12 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Consistency:
-    """Agreement of each axis, and by how much the velocities are behind the pose.
-
-    `swaps` are pairs of axes that agree better if their velocities are exchanged.
-    """
+    """Agreement of each axis, and by how much the velocities are behind the pose."""
 
     axes: tuple[Agreement, ...]
-    swaps: tuple[tuple[str, str], ...]
     cutoff_hz: float
     lag_s: float
-    lag_error_s: float
-    shared: bool  # all axes are behind, or all ahead, as by a clock
+    lag_error_s: float  # infinite unless all axes are behind, or all ahead, as by a clock
 
     @property
     def quality(self) -> float:
@@ -100,23 +93,31 @@ def consistency(
 ) -> Consistency:
     """Compare the pose and the velocity of a recording.
 
+    Linear velocities are left out if the path cannot be turned into body axes.
+
     Args:
         recording: the recording.
         recorded: axes whose velocity is recorded, not differentiated from the pose, with which it
             would agree by construction.
         cutoff_hz: of the low-pass; None: where they agree best.
     """
-    both, noise = _compared(recording, recorded)
-    dofs, period = both.dofs, recording.period_s
-    groups = [[i for i, dof in enumerate(dofs) if dof in DOFS[k : k + 3]] for k in (0, 3)]
-    groups = [group for group in groups if group]
+    period, level = recording.period_s, not np.any(recording.attitude)
+    path, rates = _path_and_rates(recording, recording.attitude, without_jumps)
+    floor = signals.noise_floor(path, recording.piece_starts, period).deviation
+    floor[:3] = np.max(floor[:3])  # the axes are turned into each other
+    turns = level or set(PLANAR) <= set(recording.dofs)
+    used = [i for i, dof in enumerate(recording.dofs)
+            if dof in recorded and (turns or dof not in DOFS[:3])]  # fmt: skip
+    dofs = tuple(recording.dofs[i] for i in used)
+    index, nu = [DOFS.index(dof) for dof in dofs], recording.nu[:, used]
+    noise = np.stack([recording.noise.deviation[used], floor[index]])
+    both = Recording(dofs, recording.t, nu, nu, rates[:, index], 0.0 * nu, recording.attitude)
     cutoffs = [cutoff_hz] if cutoff_hz else [band * 0.5 / period for band in BANDS]
-    cutoff, both = _filtered(both, groups, cutoffs)
-    observed, expected = both.nu, both.nu_dot
+    cutoff, both = _filtered(both, cutoffs)
+    observed, expected = both.nu, both.nu_dot  # of the body, and of the pose
     count = 2.0 * cutoff * period * len(recording)  # independent samples of a signal below it
-    rho = correlations(observed, expected)
-    z = np.arctanh(np.minimum(np.abs(rho), ALMOST_ONE))  # Fisher's, and its standard error
-    error = float(1.0 / np.sqrt(max(count - 3.0, 1.0)))
+    rho = np.diag(correlations(observed, expected))
+    z = np.arctanh(np.minimum(np.abs(rho), 0.999)) * np.sqrt(max(count - 3.0, 1.0))  # Fisher's
     white = np.array([[1.0], [(2.0 * np.pi * cutoff) ** 2 / 3.0]]) * 2.0 * period * cutoff
     floor = np.maximum(EXCITED_VARIANCE * noise**2 * white, CONSTANT_VARIANCE)  # below the cut-off
     mean, deviation = (np.array([f(x, axis=0) for x in (observed, expected)])
@@ -125,36 +126,12 @@ def consistency(
     with np.errstate(divide="ignore", invalid="ignore"):
         scales = np.select(  # means tell it where they exceed the variation, as on a way
             [np.all(np.abs(mean) > deviation, axis=0), np.all(deviation > 0.0, axis=0)],
-            [mean[1] / mean[0], np.copysign(deviation[1] / deviation[0], np.diag(rho))], 1.0,
+            [mean[1] / mean[0], np.copysign(deviation[1] / deviation[0], rho)], 1.0,
         )  # fmt: skip
-    certain = excited & (np.diag(z) > CERTAIN * error)
-    columns = (dofs, *(x.tolist() for x in (np.diag(rho), scales, moves, excited, certain)))
+    certain = excited & (z > CERTAIN)
+    columns = (dofs, *(x.tolist() for x in (rho, scales, moves, excited, certain)))
     axes = tuple(Agreement(*values) for values in zip(*columns, strict=True))
-    swaps = []  # pairs whose z rises by CERTAIN for each axis that moves, and falls for none
-    for i, j in (pair for group in groups for pair in combinations(group, 2)):
-        better = [z[a, b] - z[a, a] for a, b in ((i, j), (j, i)) if moves[a]]
-        if better and min(better) > 0.0 and sum(better) > CERTAIN * error * len(better):
-            swaps.append((dofs[i], dofs[j]))
-    used = [i for group in groups for i in group if excited[i]]
-    return Consistency(axes, tuple(swaps), cutoff, *_lags(both, used, cutoff, count))
-
-
-def _compared(recording: Recording, recorded: Sequence[str]) -> tuple[Recording, Array]:
-    """A recording with the velocities of the pose as `nu_dot`; noise of either source (2, k).
-
-    Linear velocities are left out if the path cannot be turned into body axes.
-    """
-    dofs, turns = recording.dofs, set(PLANAR) <= set(recording.dofs)
-    path, rates = _path_and_rates(recording, recording.attitude, without_jumps)
-    noise = signals.noise_floor(path, recording.piece_starts, recording.period_s).deviation
-    noise[:3] = np.max(noise[:3])  # the axes are turned into each other
-    level = turns or not np.any(recording.attitude)
-    used = [i for i, dof in enumerate(dofs) if dof in recorded and (level or dof not in DOFS[:3])]
-    index = [DOFS.index(dofs[i]) for i in used]
-    nu = recording.nu[:, used]
-    both = Recording(tuple(dofs[i] for i in used), recording.t, nu, nu, rates[:, index],
-                     np.zeros_like(nu), recording.attitude)  # fmt: skip
-    return both, np.stack([recording.noise.deviation[used], noise[index]])
+    return Consistency(axes, cutoff, *_lags(both, np.flatnonzero(excited), cutoff, count))
 
 
 def _path_and_rates(
@@ -176,62 +153,35 @@ def _path_and_rates(
     return path, rates
 
 
-class QualityCheck(NamedTuple):
-    """error = measured - calculated, Hoyer (2021), section 5.4.4.
+def quality_checks(recording: Recording) -> dict[str, tuple[Array, Array]]:
+    """What was measured and what follows from the rest, (N, n_dof); Hoyer (2021), section 5.4.4.
 
-    `integrated_velocity` compares the pose with the integral of the velocity from the first pose,
-    in m or rad, and shows drift. `differentiated_position` compares the velocity with the
-    derivative of the pose, in m/s or rad/s, and shows wrong signs, frames and time stamps.
-    """
-
-    check: str
-    dof: str
-    unit: str
-    measured: Array  # (N,)
-    calculated: Array  # (N,)
-
-    @property
-    def error(self) -> Array:
-        """measured - calculated, shape (N,)."""
-        return self.measured - self.calculated
-
-    @property
-    def maximum(self) -> float:
-        """Largest magnitude of the error."""
-        return float(np.max(np.abs(self.error)))
-
-
-def quality_checks(recording: Recording) -> list[QualityCheck]:
-    """Both checks of every degree of freedom, piece by piece.
-
+    `integrated_velocity` compares the pose with the integral of the velocity from the first pose of
+    each piece, in m or rad, and shows drift. `differentiated_position` compares the velocity with
+    the derivative of the pose, in m/s or rad/s, and shows wrong signs, frames and time stamps.
     Where surge, sway and yaw are there, velocities are turned by the attitude; axes that are not
     there, such as heave, which pitch would turn, are taken as zero.
     """
-    dofs, edges, nu = recording.dofs, recording.edges, np.zeros((len(recording), 6))
-    nu[:, [DOFS.index(dof) for dof in dofs]] = recording.nu
-    attitude, along = attitude_of(dofs, recording.eta), nu.copy()
+    index, nu = [DOFS.index(dof) for dof in recording.dofs], np.zeros((len(recording), 6))
+    nu[:, index] = recording.nu
+    attitude, along = attitude_of(recording.dofs, recording.eta), nu.copy()
     pose, rates = _path_and_rates(recording, attitude)
-    if set(PLANAR) <= set(dofs):
+    if set(PLANAR) <= set(recording.dofs):
         along[:, :3] = np.einsum("nij,nj->ni", pose_jacobian(attitude)[:, :3, :3], nu[:, :3])
     way = partial(scipy.integrate.cumulative_trapezoid, dx=recording.period_s, axis=0, initial=0.0)
-    integral = piecewise(lambda x, v: x[0] + way(v), edges, pose, along)
-    kinds = (("integrated_velocity", POSE_UNIT, pose, integral),
-             ("differentiated_position", VELOCITY_UNIT, nu, rates))  # fmt: skip
-    return [
-        QualityCheck(name, dof, unit[dof], *(x[:, DOFS.index(dof)] for x in (measured, calculated)))
-        for dof in dofs for name, unit, measured, calculated in kinds
-    ]  # fmt: skip
+    integral = piecewise(lambda x, v: x[0] + way(v), recording.edges, pose, along)
+    return {"integrated_velocity": (pose[:, index], integral[:, index]),
+            "differentiated_position": (nu[:, index], rates[:, index])}  # fmt: skip
 
 
-def _filtered(
-    both: Recording, groups: Sequence[Sequence[int]], cutoffs: Sequence[float]
-) -> tuple[float, Recording]:
+def _filtered(both: Recording, cutoffs: Sequence[float]) -> tuple[float, Recording]:
     """The widest band in which velocities and rates agree best, and the recording below it.
 
     Pieces begin and end half a period of the cut-off away from their ends. Bands with fewer than
     `MIN_INDEPENDENT` independent samples are left out.
     """
     best, result = -1.0, (cutoffs[0], both)
+    groups = np.split(np.arange(len(both.dofs)), [sum(dof in DOFS[:3] for dof in both.dofs)])
     for cutoff in cutoffs:
         if best >= 0.0 and 2.0 * cutoff * both.period_s * len(both) < MIN_INDEPENDENT:
             break
@@ -240,26 +190,27 @@ def _filtered(
         except RecordingError:  # all pieces are too short
             smooth = both
         rho = np.abs(correlations(smooth.nu, smooth.nu_dot))
-        score = sum(float(np.mean(np.max(rho[np.ix_(g, g)], axis=1))) for g in groups)
+        score = sum(float(np.mean(np.max(rho[np.ix_(g, g)], axis=1))) for g in groups if len(g))
         if best < 0.0 or score > best + AS_GOOD:
             best, result = score, (cutoff, smooth)
     return result
 
 
 def _lags(
-    both: Recording, used: Sequence[int], cutoff_hz: float, count: float
-) -> tuple[float, float, bool]:
-    """By how much velocities are behind the pose, its standard error [s], and whether all are.
+    both: Recording, used: NDArray[np.intp], cutoff_hz: float, count: float
+) -> tuple[float, float]:
+    """By how much velocities are behind the pose, and its standard error [s].
 
     The peak of the sum of the normalised cross-correlations of the axes, which must agree in sign.
     The error of a delay between band-limited signals of correlation rho with n independent samples
     is sqrt((1 / rho^2 - 1) / n) / (2 pi f_rms); Carter (1987), Proc IEEE 75(2). A clock that is
-    apart delays all axes alike, a filter some more than others.
+    apart delays all axes alike, a filter some more than others: unless all are behind, or all
+    ahead, the error is infinite.
     """
     period = both.period_s
     most = min(round(LONGEST_LAG_S / period), len(both) // 4)
-    if not used or not most:
-        return 0.0, np.inf, False
+    if not len(used) or not most:
+        return 0.0, np.inf
     apart = np.repeat(np.array(both.edges[1:-1], dtype=np.int64), most)  # nothing shifts over gaps
     a, b = (np.insert(x - np.mean(x, axis=0), apart, 0.0, axis=0)
             for x in (both.nu[:, used], both.nu_dot[:, used]))  # fmt: skip
@@ -276,7 +227,7 @@ def _lags(
     share = max(1.0 / max(float(np.max(np.abs(rho))), 0.01) ** 2 - 1.0, 1e-6)
     error = np.sqrt(share / count) / (2.0 * np.pi * cutoff_hz / np.sqrt(3.0))
     shared = bool(own) and (min(own) > 0.0 or max(own) < 0.0)
-    return (total - most) * period, float(error), shared
+    return (total - most) * period, float(error) if shared else np.inf
 
 
 def _peak(curve: Array) -> float:
@@ -304,7 +255,7 @@ def without_jumps(path: Array) -> Array:
 
     A jump is between two second differences that are `JUMP` times as large as the largest of the
     `REGULAR` smallest ones of their `BLOCK`. Where these are zero, as of values that are held or
-    signals.interpolated, nothing is known of jumps.
+    interpolated, nothing is known of jumps.
     """
     count = (len(path) - 2) // BLOCK
     if count < 1:

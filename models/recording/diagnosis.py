@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -29,13 +30,11 @@ from seatrial.models.recording.column_map import (
 )
 from seatrial.models.recording.consistency import AS_GOOD, SAME_SCALE, SURE
 from seatrial.models.recording.quantities import quantity
-from seatrial.models.recording.reader import FAULTS, SI_ASSUMED, clock_of
+from seatrial.models.recording.reader import FAULTS, SI_ASSUMED
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.signals import original_rate, sampling
 from seatrial.models.recording.source import Source
-from seatrial.models.recording.times import seconds
-from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
 UNNAMED = 2.0  # a scale within this factor that is of no unit is that of a filter or sensor
@@ -50,7 +49,7 @@ LARGE = {  # hardly rad, or 1/s
 }  # fmt: skip
 SMALL_ANGLE = 0.05  # [rad] by which a heading is easily wrong
 PULSE_US = (800.0, 2300.0)  # widths that are sent to servos and speed controllers
-LINEAR, ANGLES, YAW = DOFS[:3], DOFS[3:], ("yaw",)
+LINEAR, ANGLES, YAW, DEGREES = DOFS[:3], DOFS[3:], ("yaw",), 180.0 / np.pi
 UNITS = {  # that people record, by that of SI
     "m/s": ("m/s", "knot", "km/h", "ft/s", "cm/s", "mm/s"),
     "rad/s": ("rad/s", "deg/s", "rpm", "mrad/s", "deg/min"),
@@ -79,7 +78,7 @@ Change = Mapping[str, Any]  # options of excitation, such as columns.velocity.su
 class RecordingDefect:
     """What is wrong with some axes of a recording, and the change of options that fixes it."""
 
-    # scale | sign | swap | earth | frame | heading | clock | time | resampled | question | unknown
+    # scale | sign | swap | earth | frame | heading | clock | resampled | question | unknown
     kind: str
     axes: tuple[str, ...]
     message: str
@@ -138,19 +137,30 @@ def examine(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
 
     None if the recording cannot be read in any of them. Of a long one, changes are tried on blocks.
     """
-    poses, speeds = set(file.columns.posed), set(file.columns.moving)
+    columns, poses, speeds = file.columns, set(file.columns.posed), set(file.columns.moving)
     for own in (poses & (speeds | set(PLANAR)), poses & speeds, set(dofs)):
         known = tuple(dof for dof in DOFS if dof in own)
         with suppress(*FAULTS):
             if known:
                 whole, sources = file.recording(known), file.sources()
-                case, rate = _Case(file, whole, sources), file.resample_hz or 1.0 / whole.period_s
-                if (blocks := _blocks(sources, file.columns)) is not None:
-                    part = replace(file, resample_hz=rate, at_gap="split")
-                    with suppress(*FAULTS):
-                        case = _Case(part, part.recording(known, blocks), sources, blocks)
-                return _examined(case, whole)
-    return None
+                break
+    else:
+        return None
+    case = _Case(file, whole, sources)
+    if (blocks := _blocks(sources, columns)) is not None:
+        rate = file.resample_hz or 1.0 / whole.period_s
+        part = replace(file, resample_hz=rate, at_gap="split")
+        with suppress(*FAULTS):
+            case = _Case(part, part.recording(known, blocks), sources, blocks)
+    turned = poses & set(ANGLES) and speeds & set(LINEAR) & set(known)
+    lacking = {
+        "velocity": [dof for dof in known if dof not in speeds],
+        "pose": [dof for dof in DOFS if dof in speeds - poses],
+        "pose or force": [dof for dof in PLANAR if turned and dof not in known],
+    }
+    needed = "is recorded, which comparing pose and velocity needs"
+    lines = [f"no {what} in {' and '.join(x)} {needed}" for what, x in lacking.items() if x]
+    return replace(_examined(case, whole), not_compared=tuple(lines))
 
 
 def _examined(case: "_Case", whole: Recording) -> Examination:
@@ -178,8 +188,7 @@ def _examined(case: "_Case", whole: Recording) -> Examination:
                         f"correlation of {axis.correlation:.2f}", value=axis.correlation)
         for axis in case.result.untrusted if axis.dof not in named
     ]  # fmt: skip
-    lacking = _not_compared(case.file.columns, whole.dofs)
-    return Examination(result, tuple(problems), whole, tuple(questions), lacking)
+    return Examination(result, tuple(problems), whole, tuple(questions))
 
 
 @dataclass(frozen=True)
@@ -205,8 +214,7 @@ class _Case:
     @cached_property
     def result(self) -> consistency.Consistency:
         """How pose and velocity agree."""
-        moving = self.file.columns.moving
-        return consistency.consistency(self.recording, moving, self.cutoff_hz)
+        return consistency.consistency(self.recording, self.file.columns.moving, self.cutoff_hz)
 
     @cached_property
     def readings(self) -> Mapping[str, reader.ColumnReading]:
@@ -215,11 +223,6 @@ class _Case:
         known = reader.readings(self.sources, self.file.columns, used)
         kinds = ("position.", "velocity.", "ground.", "wind.")
         return {option: reading for option, reading in known.items() if option.startswith(kinds)}
-
-    @property
-    def specs(self) -> dict[str, Column]:
-        """Their columns as the map has them."""
-        return {option: self.file.columns.specs[option] for option in self.readings}
 
     @property
     def along(self) -> bool:
@@ -265,7 +268,12 @@ class _Case:
 
     def _guesses(self) -> Iterator[RecordingDefect]:
         """What no correlation of one axis tells; two guesses together where the bow tells it."""
-        degrees = list(self._degrees())
+        degrees, specs = list(self._degrees()), self.file.columns.specs
+        for pair in (pair for kind in (LINEAR, ANGLES) for pair in combinations(kind, 2)):
+            a, b = (f"velocity.{dof}" for dof in pair)
+            if {a, b} <= specs.keys():
+                change = _change({a: specs[b], b: specs[a]})
+                yield RecordingDefect("swap", pair, "the velocities are exchanged", change)
         if not any(problem.kind in ("earth", "frame", "heading") for problem in self.problems):
             yield from self._turns(self.file)
         yield from degrees
@@ -276,17 +284,17 @@ class _Case:
 
     def _turns(self, file: RecordedFile) -> Iterator[RecordingDefect]:
         """Other axes and headings than those with which a file is read."""
-        heading, x = (file.columns.specs[option] if (option := f"position.{dof}") in self.readings
-                      else None for dof in ("yaw", "surge"))  # fmt: skip
-        titled = bool(x and {"n", "north", "northing"} & set(words_of(x.name)))
-        titled |= bool(file.columns.geodetic)
-        flat, tells = set(PLANAR) <= set(self.recording.dofs), self.along or self.aside
-        now = vars(file.columns.frames) | ({"positive": heading.positive} if heading else {})
+        heading, x = (file.columns.specs.get(f"position.{dof}") for dof in ("yaw", "surge"))
+        free = vars(file.columns.frames) | ({"positive": heading.positive} if heading else {})
+        if file.columns.geodetic or (x and {"n", "north", "northing"} & set(words_of(x.name))):
+            del free["position"]
+        if not (self.along or self.aside):
+            free = {option: now for option, now in free.items() if SENSES[option][0] != "heading"}
+        flat = set(PLANAR) <= set(self.recording.dofs)
         for options in TURNS if flat else ():
-            if ((titled and "position" in options) or not set(options) <= set(now)
-                    or (not tells and {"positive", "attitude"} & set(options))):  # fmt: skip
+            if not set(options) <= free.keys():
                 continue
-            new = {option: OTHER[now[option]] for option in options}
+            new = {option: OTHER[free[option]] for option in options}
             text = ", ".join(SENSES[option][2].format(value) for option, value in new.items())
             change = {f"columns.frames.{k}": v for k, v in new.items() if k != "positive"}
             if "positive" in new:
@@ -302,74 +310,61 @@ class _Case:
 
     def _degrees(self) -> Iterator[RecordingDefect]:
         """Degrees of angles, and of rates beside them, whose unit is not stated."""
-        free = {option: spec for option, spec in self.specs.items()
-                if self.readings[option].known_from == SI_ASSUMED}  # fmt: skip
+        free = {option: self.file.columns.specs[option] for option, reading in self.readings.items()
+                if reading.known_from == SI_ASSUMED}  # fmt: skip
         angles = [option for option in BEARINGS if option in free]
-        yaw = [option for option in angles if option == "position.yaw"]
+        yaw = {"position.yaw"} & set(angles)
         rates = [option for dof in ANGLES if (option := f"velocity.{dof}") in free]
         groups = angles, [o for o in angles if o not in yaw], yaw, [*angles, *rates]
         for group in filter(None, groups):
             new = {o: replace(free[o], unit="deg/s" if o in rates else "deg") for o in group}
             axes = tuple(dof for dof in ANGLES if f"position.{dof}" in group)
-            also = " and their rates" if group[-1] in rates else ""
-            text = f"the angles of the pose{also} are in degrees"
-            yield RecordingDefect("scale", axes, text, _change(new), 180.0 / np.pi)
+            yield RecordingDefect("scale", axes, "the angles are in degrees", _change(new), DEGREES)
 
     def told(self) -> Iterator[RecordingDefect]:
-        """What correlations and scales tell, with changes that may mend it.
-
-        One factor on all rates, of positions and of angles, is one on time.
-        """
-        result, columns, specs = self.result, self.file.columns, self.specs
-        for pair in result.swaps:
-            a, b = (f"velocity.{dof}" for dof in pair)
-            change = _change({a: specs[b], b: specs[a]}) if {a, b} <= set(specs) else {}
-            yield RecordingDefect("swap", pair, "the velocities are exchanged", change)
+        """What correlations and scales tell, with changes that may mend it."""
+        result, columns = self.result, self.file.columns
         axes = [axis for axis in result.axes if axis.certain]
         for axis in (axis for axis in axes if axis.correlation < 0.0):
             option, text = f"velocity.{axis.dof}", "the velocity has the wrong sign"
             new = {o: replace(spec, column=f"-{spec.column}".removeprefix("--"))
-                   for o, spec in specs.items() if o == option}  # fmt: skip
+                   for o, spec in columns.specs.items() if o == option}  # fmt: skip
             yield RecordingDefect("sign", (axis.dof,), text, _change(new), -1.0)
         lag, delay = result.lag_s, columns.delay_s.get("velocity", 0.0)
         least = consistency.CERTAIN * result.lag_error_s
-        if result.shared and abs(lag) >= max(SAMPLES_APART * self.recording.period_s, least):
+        if abs(lag) >= max(SAMPLES_APART * self.recording.period_s, least):
             where = "behind" if lag > 0.0 else "ahead of"
             text = f"the velocities are {abs(lag):.3g} s {where} the pose"
             change = {"columns.delay_s.velocity": float(f"{lag + delay:.3g}")}
             yield RecordingDefect("clock", (), text, change, lag)
-        time, scale = columns.clock, float(np.median([abs(axis.scale) for axis in axes] or [1.0]))
-        same = all(1.0 / SAME_SCALE < abs(a.scale) / scale < SAME_SCALE and a.off for a in axes)
-        unit, value = _unit(time.unit or "s", "time", scale)
-        if unit and same and len({axis.dof in ANGLES for axis in axes}) == 2:
-            text = f"the derivative of the pose is {scale:.3g} times the velocity on every axis"
-            change = {"columns.time": replace(time, unit=unit).written}
-            yield RecordingDefect("time", tuple(axis.dof for axis in axes), text, change, value)
-        else:
-            yield from self._scales()
+        yield from self._scales(axes)
 
-    def _scales(self) -> Iterator[RecordingDefect]:
-        """Axes in another unit, those in the same one together; what is of no unit is a question.
+    def _scales(self, axes: Sequence[consistency.Agreement]) -> Iterator[RecordingDefect]:
+        """Certain axes in another unit, those in the same one together; others are a question.
 
-        A small angle between bow and heading explains the scale of an axis aside.
+        One factor on the rates of positions and of angles is one on time. A small angle between bow
+        and heading explains the scale of an axis aside.
         """
-        text, specs = "the derivative of the pose is {:.3g} times the velocity", self.specs
-        mean, deviation = (dict(zip(self.recording.dofs, f(self.recording.nu, axis=0), strict=True))
-                           for f in (np.mean, np.std))  # fmt: skip
+        text, columns = "the derivative of the pose is {:.3g} times the velocity", self.file.columns
+        specs = {**columns.specs, "time": columns.clock}
+        nu = dict(zip(self.recording.dofs, self.recording.nu.T, strict=True))
         ahead = any(axis.dof == "surge" and not axis.off for axis in self.result.axes)
+        median = float(np.median([abs(axis.scale) for axis in axes] or [1.0]))
+        near = (a.off and 1.0 / SAME_SCALE < abs(a.scale) / median < SAME_SCALE for a in axes)
+        same = len({axis.dof in ANGLES for axis in axes}) == 2 and all(near)
         units = defaultdict[tuple[str, float], dict[str, str]](dict)  # option by axis
-        for axis in (axis for axis in self.result.axes if axis.certain and axis.off):
-            size, own = abs(axis.scale), f"velocity.{axis.dof}"
-            if self.file.columns.ground and axis.dof in LINEAR[:2]:
-                own = "ground.speed"
-            error = abs(size - 1.0) * deviation[axis.dof]
-            if ahead and axis.dof in LINEAR and error < SMALL_ANGLE * abs(mean["surge"]):
+        for axis in (axis for axis in axes if axis.off):
+            size, own = median if same else abs(axis.scale), f"velocity.{axis.dof}"
+            own = "ground.speed" if columns.ground and axis.dof in LINEAR[:2] else own
+            error = abs(size - 1.0) * np.std(nu[axis.dof])
+            if ahead and axis.dof in LINEAR and error < SMALL_ANGLE * abs(np.mean(nu["surge"])):
                 line = f"{text.format(size)}, as by a lever arm or a late or turned heading"
                 yield RecordingDefect("unknown", (axis.dof,), line, value=size)
                 continue
-            for option, sense in ((own, 1), (f"position.{axis.dof}", -1)):
-                now = self.readings[option].unit or targets_of(option)[0] if option in specs else ""
-                unit, value = _unit(now, option, size**sense) if now else ("", 1.0)
+            time = [("time", 1)] if same else []
+            for option, sense in (*time, (own, 1), (f"position.{axis.dof}", -1)):
+                now = columns.clock if option == "time" else self.readings.get(option)
+                unit, value = _unit(now.unit, option, size**sense) if now else ("", 1.0)
                 if unit:
                     units[unit, value**sense][axis.dof] = option
                     break
@@ -384,19 +379,17 @@ class _Case:
 
     def slower(self) -> RecordingDefect | None:
         """Whether all columns of motion of a source were interpolated from slower ones."""
-        motion = defaultdict[str, dict[tuple[str, bool], list[Array]]](dict)
+        times = reader.clocks(self.sources, self.file.columns)
+        motion = defaultdict[str, Any](lambda: defaultdict(list))
         for option, reading in self.readings.items():
             kind, _, dof = option.partition(".")
-            if kind in ("position", "velocity"):
-                alike = motion[reading.source.name].setdefault((kind, dof in ANGLES), [])
-                alike.append(reading.values)
+            if kind in reader.MOTION:  # by itself: a heading and its rate may have no noise
+                motion[reading.source.name][kind, dof in ANGLES].append(reading.values)
         for name, groups in motion.items():
-            t = seconds(self.sources[name], clock_of(self.sources[name], self.file.columns))
-            own = sampling(t).rate_hz
+            t, own = times[name], sampling(times[name]).rate_hz
             edges = piece_edges(t, 1.0 / own) if own else [0, len(t)]
             longest = int(np.argmax(np.diff(edges)))  # without a gap
-            first, last = edges[longest : longest + 2]
-            rows = slice(first, min(last, first + MOST_SAMPLES))
+            rows = slice(edges[longest], min(edges[longest + 1], edges[longest] + MOST_SAMPLES))
             rates = [original_rate(np.column_stack(x)[rows], own) for x in groups.values()]
             if None in rates:
                 continue
@@ -408,35 +401,19 @@ class _Case:
         return None
 
 
-def _not_compared(columns: ColumnMap, known: Sequence[str]) -> tuple[str, ...]:
-    """Which quantity is missing for a comparison, and where."""
-    poses, speeds = set(columns.posed), set(columns.moving)
-    turned = poses & set(ANGLES) and speeds & set(LINEAR) & set(known)
-    lacking = {
-        "velocity": [dof for dof in known if dof not in speeds],
-        "pose": [dof for dof in DOFS if dof in speeds - poses],
-        "pose or force": [dof for dof in PLANAR if turned and dof not in known],
-    }
-    needed = "is recorded, which comparing pose and velocity needs"
-    return tuple(f"no {what} in {' and '.join(x)} {needed}" for what, x in lacking.items() if x)
-
-
 def _blocks(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Source] | None:
     """Even blocks of the time of long sources; None if they are short."""
-    clocks = dict[str, Array]()
-    for name, source in sources.items():
-        with suppress(*FAULTS):
-            clocks[name] = seconds(source, clock_of(source, columns))
+    clocks = reader.clocks(sources, columns)
     longest = max(map(len, clocks.values()), default=0)
     if longest <= MOST_SAMPLES:
         return None
-    every, cut = np.concatenate(list(clocks.values())), dict[str, Source]()
-    start, length = float(np.nanmin(every)), float(np.nanmax(every) - np.nanmin(every))
+    every, result = np.concatenate([*clocks.values()]), dict(sources)
+    start, end = float(np.nanmin(every)), float(np.nanmax(every))
     for name, t in clocks.items():
-        rows = (t - start) / length * BLOCKS % 1.0 < MOST_SAMPLES / longest  # not those of NaN
+        rows = (t - start) / (end - start) * BLOCKS % 1.0 < MOST_SAMPLES / longest  # none of NaN
         cells = {title: cells[rows] for title, cells in sources[name].columns.items()}
-        cut[name] = replace(sources[name], columns=cells)
-    return {**sources, **cut}
+        result[name] = replace(sources[name], columns=cells)
+    return result
 
 
 def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
@@ -469,10 +446,10 @@ def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
     return result
 
 
-def _unit(now: str, option: str, ratio: float) -> tuple[str, float]:
+def _unit(now: str | None, option: str, ratio: float) -> tuple[str, float]:
     """The unit that gives `ratio` times the values in `now`, and its ratio; empty: none does."""
     si = next(iter(targets_of(option)), "s")
-    ratios = {unit: factor(unit, si) / factor(now, si) for unit in UNITS[si]}
+    ratios = {unit: factor(unit, si) / factor(now or si, si) for unit in UNITS[si]}
     unit = min(ratios, key=lambda unit: abs(np.log(ratio / ratios[unit])))
     near = abs(np.log(ratio / ratios[unit])) < np.log(NEAR_SCALE)
     return (unit, ratios[unit]) if near else ("", 1.0)

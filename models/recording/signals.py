@@ -74,10 +74,9 @@ def original_rate(values: Array, rate_hz: float) -> float | None:
     if len(values) < MIN_SAMPLES or np.any(np.isnan(values)):
         return None
     steps = np.diff(values, axis=0)
-    moving = np.std(steps, axis=0) > 0.0
-    if not np.any(moving):
+    steps = steps[:, np.std(steps, axis=0) > 0.0]
+    if not steps.size:
         return None
-    steps = steps[:, moving]
     bends = np.diff(steps, axis=0)
     bent = np.any(np.abs(bends) > STRAIGHT_LINE * np.std(steps, axis=0), axis=1)
     if (stepping := float(np.mean(np.any(steps != 0.0, axis=1)))) < 1.0 - MADE_UP:

@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seatrial.models.notation import DOFS, velocities_of
+from seatrial.models.notation import DOFS, POSE_UNIT, VELOCITY_UNIT, velocities_of
 from seatrial.models.recording.column_map import targets_of
 from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.diagnosis import Examination, examine
-from seatrial.models.recording.reader import BRIDGED, FAULTS, ReadSignals, clock_of, readings
+from seatrial.models.recording.reader import FAULTS, ReadSignals, clocks, readings
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import piece_starts
 from seatrial.models.recording.signals import Sampling, noise_floor, outliers, sampling
-from seatrial.models.recording.times import seconds
-from seatrial.models.vessel.basis import Array
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import TextTable, grid_of
 from seatrial.runner.compare.page import Section, bullets, page, picture
@@ -25,10 +23,8 @@ from seatrial.runner.compare.page import Section, bullets, page, picture
 if TYPE_CHECKING:  # slow to import
     from matplotlib.figure import Figure
 
-MIN_SHARE_LEFT = 0.5  # share of a recording: less is left where ordinary steps count as gaps
 MOST_OUTLIERS = 0.02  # share of the samples of a velocity
 MOST_MISSING = 0.01  # share of the duration of a source in gaps
-SHORT_S = 120.0  # [s] below which a recording is short
 SAMPLING = ("source", "rows", "duration [s]", "rate [Hz]", "gaps", "longest [s]", "at [s]",
             "missing", "repeated times")  # fmt: skip
 RANGES = ("signal", "unit", "least", "most", "deviation", "noise", "outliers")
@@ -43,9 +39,8 @@ def report(file: RecordedFile) -> Report:
     """Examine a recording by its map; what cannot be read is said, the rest is reported."""
     sources, columns, samplings = file.sources(), file.columns, dict[str, Sampling]()
     used = {reading.source.name: reading for reading in readings(sources, columns).values()}
-    for name, source in sources.items():
+    for name, t in clocks(sources, columns).items():
         with suppress(*FAULTS):
-            t = seconds(source, clock_of(source, columns))
             samplings[name] = sampling(t[~np.isnan(used[name].values)] if name in used else t)
     turning = "yaw" in columns.posed  # its rate may be missing: it is then differentiated
     dofs = tuple(dof for dof in DOFS if dof in columns.moving or (dof == "yaw" and turning))
@@ -73,9 +68,14 @@ def report(file: RecordedFile) -> Report:
                 for axis in result.axes]  # fmt: skip
         tables.append(grid_of(f"{title} {lag:+.3f} s behind", AXES, axes))
         tables.append(grid_of("Ranges", RANGES, [*_ranges(signals, counts)], 2, digits=3))
-    slow = {name: s for name, s in samplings.items() if name in used or len(sources) == 1}
     lines += [f"left out: {line}" for line in signals.left_out]
-    lines += [f"next: {line}" for line in _advice(slow, known)]
+    for name, s in samplings.items():
+        if s.gaps and s.missing > MOST_MISSING and (name in used or len(sources) == 1):
+            missing = f"{name}: {s.gaps} gaps, {100.0 * s.missing:.0f} % missing"
+            lines.append(f"next: {missing}: excitation.at_gap=split leaves gaps over max_gap_s out")
+    for axis in known.result.axes if known else ():
+        if not axis.excited:
+            lines.append(f"next: {axis.dof} hardly moves: add manoeuvres that excite it")
     return lines, [table for table in tables if table.rows], known
 
 
@@ -108,31 +108,6 @@ def _ranges(signals: ReadSignals, counts: Mapping[str, int]) -> Iterator[tuple[s
         yield option, unit, *map(float, numbers), counts.get(option, "-")
 
 
-def _advice(samplings: Mapping[str, Sampling], known: Examination | None) -> Iterator[str]:
-    """What to do next, by the sampling of the sources in use and the motion."""
-    for name, s in samplings.items():
-        if s.not_later:
-            rounded = "columns.time: {column: NAME, uniform: true} if they are rounded"
-            yield f"{name}: {s.not_later} times are not later than the one before: {rounded}"
-        if s.gaps and s.missing > MOST_MISSING:
-            missing = f"{s.gaps} gaps, {100.0 * s.missing:.0f} % missing"
-            yield f"{name}: {missing}: excitation.at_gap=split leaves gaps over max_gap_s out"
-    if known is None:
-        return
-    recording = known.recording
-    length = float(recording.t[-1] - recording.t[0])
-    name, slowest = min(samplings.items(), key=lambda item: item[1].rate_hz or np.inf)
-    kept = len(recording) * recording.period_s
-    if kept <= MIN_SHARE_LEFT * length and slowest.rate_hz > 0.0:
-        bridged = f"excitation.max_gap_s={BRIDGED / slowest.rate_hz:.2g} bridges the steps of"
-        yield f"{kept:.0f} of {length:.0f} s are kept, the rest is in gaps: {bridged} {name}"
-    if length < SHORT_S:
-        yield f"the recording lasts {length:.0f} s: run several minutes"
-    for axis in known.result.axes:
-        if not axis.excited:
-            yield f"{axis.dof} hardly moves: add manoeuvres that excite it"
-
-
 def recording_page(name: str, report: Report) -> str:
     """The report of a file as one HTML file."""
     from seatrial.runner.compare.plots import style  # slow to import
@@ -151,23 +126,21 @@ def recording_page(name: str, report: Report) -> str:
 def figure(known: Examination) -> "Figure":
     """Errors of both checks of Hoyer (2021), 5.4.4, and velocities beside those of the pose.
 
-    Velocities are below the cut-off. Nothing is drawn across a gap.
+    One row for each axis; velocities are below the cut-off. Nothing is drawn across a gap.
     """
     from seatrial.runner.compare.plots import style
 
-    recording, panels = known.recording, list[tuple[str, Array]]()
-    for check in quality_checks(recording):
-        panels.append((f"error of {check.dof} [{check.unit}]", check.error[:, None]))
-        if check.check == "differentiated_position":
-            both = np.column_stack([check.calculated, check.measured])
-            name = f"{velocities_of([check.dof])[0]} [{check.unit}]"
-            panels.append((name, recording.lowpassed(both, known.result.cutoff_hz)))
-    sheet, every = style.panels(len(panels) // 3, 3, 2.2, 1.5, share_x=True)
-    for axes, (label, values) in zip(every, panels, strict=True):
+    recording, dofs = known.recording, known.recording.dofs
+    (pose, integral), (nu, rates) = quality_checks(recording).values()
+    both = recording.lowpassed(np.stack([rates, nu], axis=-1), known.result.cutoff_hz)
+    sheet, every = style.panels(len(dofs), 3, 2.2, 1.5, share_x=True)
+    for i, axes in enumerate(every):
+        dof, values = dofs[i // 3], (pose - integral, nu - rates, both)[i % 3][:, i // 3]
+        name = velocities_of([dof])[0] if i % 3 == 2 else f"error of {dof}"
+        axes.set_ylabel(f"{name} [{(VELOCITY_UNIT if i % 3 else POSE_UNIT)[dof]}]")
         for a, b in pairwise(recording.edges):
             axes.plot(recording.t[a:b] - recording.t[0], values[a:b], linewidth=1.0)
             axes.set_prop_cycle(None)
-        axes.set_ylabel(label)
     for axes in every[-3:]:
         axes.set_xlabel("Time [s]")
     return sheet

@@ -31,8 +31,11 @@ def of_file(file: RecordedFile, recording: Recording) -> Results:
     differentiated.
     """
     quality = [
-        metric(f"{check.check}_error_max", "identification", "plant", check.dof, check.maximum)
-        for check in quality_checks(recording)
+        metric(f"{check}_error_max", "identification", "plant", dof, float(error))
+        for check, (measured, calculated) in quality_checks(recording).items()
+        for dof, error in zip(
+            recording.dofs, np.max(np.abs(measured - calculated), axis=0), strict=True
+        )
     ]
     return Results(quality, diagnostics=recording_checks.diagnostics(file, recording.dofs))
 

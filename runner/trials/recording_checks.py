@@ -29,13 +29,13 @@ def refuse(file: RecordedFile, dofs: Sequence[str]) -> None:
     known = None if file.trust else examined(file, dofs)
     for axis in known.result.untrusted if known else ():
         if known and axis.dof in dofs:
-            cures = [f"{problem}; " for problem in known.problems if axis.dof in problem.axes]
-            cures += [f"{problem}; " for problem in known.problems]
+            cures = sorted(known.problems, key=lambda problem: axis.dof not in problem.axes)
+            cure = f"{cures[0]}; " if cures else ""
             name = ", ".join(map(str, file.files().values()))
             raise RecordingError(
                 f"{name}: {axis.dof}: got a correlation of {axis.correlation:.2f} between the "
                 f"velocity and the derivative of the pose, expected {LEAST_TRUSTED} or more; "
-                f"{next(iter(cures), '')}excitation.trust=true overrides"
+                f"{cure}excitation.trust=true overrides"
             )
 
 

@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,9 @@ import yaml
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import Column, ColumnMap
-from seatrial.models.recording.consistency import Consistency
-from seatrial.models.recording.diagnosis import Examination, examine
+from seatrial.models.recording.diagnosis import examine
 from seatrial.models.recording.reader import Reading
-from seatrial.models.recording.recording import Recording
-from seatrial.models.recording.signals import sampling
 from seatrial.models.recording.source import ReadOptions, read_sources
-from seatrial.runner.commands.recording_report import _advice
 from seatrial.runner.configuration.recording_map import options_of, reader_of
 from tests.data import DATA
 from tests.runner.command import Command
@@ -100,22 +95,6 @@ def test_a_folder_of_topics_is_mapped_and_examined(name: str, tmp_path: Path, da
     if name == "nlp1":
         assert "navigation/nav_estimate: 15 gaps" in shown
     assert "<svg" in html.read_text()
-
-
-def test_a_source_whose_ordinary_steps_count_as_gaps() -> None:
-    """A tenth of 100 s at 0.9 Hz is left: the option that keeps the rest is named."""
-    t = np.concatenate([10.0 * k + 0.1 * np.arange(10) for k in range(11)])
-    zero = np.zeros((len(t), 1))
-    recording = Recording(("surge",), t, zero, zero, zero, zero, np.zeros((len(t), 3)))
-    slow = sampling(np.arange(0.0, 101.0, 1.0 / 0.9))
-    known = Examination(Consistency((), (), 1.0, 0.0, 1.0, False), (), recording)
-    advice = list(_advice({"fix": sampling(np.arange(0.0, 101.0, 0.1)), "pose": slow}, known))
-    assert advice[0] == (
-        "11 of 101 s are kept, the rest is in gaps: excitation.max_gap_s=2.8 bridges the steps of "
-        "pose"
-    )
-    even = replace(known, recording=replace(recording, t=0.1 * np.arange(len(t))))
-    assert not any("max_gap_s" in line for line in _advice({"pose": slow}, even))
 
 
 BELUGA = ("vessel=beluga_diagonal", "excitation=recording", "identifier=none")

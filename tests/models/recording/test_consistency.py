@@ -236,6 +236,7 @@ def test_heading_is_the_same_wrapped_or_over_several_turns(tmp_path: Path) -> No
          {"velocity.surge": "v", "velocity.sway": "u"}),
         ({"u": motion().nu[:, 1] / KNOT, "v": motion().nu[:, 0]},
          {"velocity.surge": "v", "velocity.sway": {"column": "u", "unit": "knot"}}),
+        ({"t": 1e3 * motion().t}, {"time": {"column": "t", "unit": "ms"}}),
     ],
 )  # fmt: skip
 def test_the_change_of_a_problem_mends_it(
