@@ -6,9 +6,8 @@ velocities are turned into our frames, the sensor is moved to the origin of the 
 velocities that were not recorded are differentiated from the pose. What is left out is said.
 """
 
-import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -159,20 +158,28 @@ class Reading:
         try:
             read = readings(sources, self.columns, wanted(self.columns, dofs))
             channels = self._channels(sources, read, notes)
-            replaced, rule = list[str](), self.outliers
+            rule = self.outliers
             for option, channel in channels.items() if rule.replace else ():
                 valid, values = ~np.isnan(channel.values), channel.values.copy()
                 wrong = signals.outliers(values[valid], rule.window, rule.deviations)
                 values[valid] = signals.interpolated(channel.t[valid], values[valid], wrong)
                 channels[option] = channel._replace(values=values)
-                replaced += [f"{read[option].name} {np.sum(wrong)}"] if np.any(wrong) else []
-            notes += [f"outliers are replaced: {', '.join(replaced)}"] if replaced else []
+                told = f"column {read[option].name}: {np.sum(wrong)} outliers are replaced"
+                notes += [told] if np.any(wrong) else []
             t, known = self._on_one_clock(channels, read, notes)
             known = _in_our_frames(t, known, self.columns, np.radians(self.heading_deg))
         except RecordingError as error:
             named = str(path) in str(error)
             raise error if named else RecordingError(f"{path}: {error}") from error
-        return ReadSignals(t, known, tuple(read.values()), tuple(_together(notes)))
+        groups = defaultdict[str, list[str]](list)  # the columns of each note
+        for note in dict.fromkeys(notes):
+            name, _, text = note.partition(": ") if note.startswith("column ") else ("", "", note)
+            groups[text] += [name.removeprefix("column ")] if name else []
+        left_out = []
+        for text, names in groups.items():
+            columns = shorten(", ".join(names), 300, placeholder=" ...")
+            left_out.append(f"column{'s' * (len(names) > 1)} {columns}: {text}" if names else text)
+        return ReadSignals(t, known, tuple(read.values()), tuple(left_out))
 
     def _channels(self, sources: Sources, read: Readings, notes: list[str]) -> Channels:
         """The columns in SI units on their clocks, by option."""
@@ -181,11 +188,16 @@ class Reading:
         for source in {reading.source.name: reading.source for reading in read.values()}.values():
             line = disagreement(source, clock_of(source, self.columns))
             notes += [line] if line else []
-        times, channels = clocks(sources, self.columns), Channels()
+        times, firsts, channels = dict[str, Array](), [np.inf], Channels()
+        for source in sources.values():  # of all, so that the start does not depend on the vessel
+            with suppress(*FAULTS, ValueError):
+                times[source.name] = seconds(source, clock_of(source, self.columns))
+                firsts.append(float(np.nanmin(times[source.name])))
+        start = min(firsts) if EPOCH_S < min(firsts) < np.inf else 0.0  # the first of any date
         for option, reading in read.items():
             spec, delays = self.columns.specs[option], self.columns.delay_s
             kind, name, values = option.partition(".")[0], reading.source.name, reading.values
-            t = times[name] - delays.get(name, delays.get(kind, 0.0))
+            t = times[name] - start - delays.get(name, delays.get(kind, 0.0))
             missing = {sign * size: 0.5 * size for size in SENTINELS for sign in (1.0, -1.0)}
             missing |= dict.fromkeys(NO_FIX.get(option, ()), 0.5)
             for size, near in missing.items():  # where nothing else is near
@@ -222,27 +234,27 @@ class Reading:
         Without `resample_hz` the rate is that of the slowest velocity, or position, rounded.
         """
         t, rate, longest = None, self.resample_hz, self.max_gap_s
+        known = {option: channel.values for option, channel in channels.items()}
         alone = len({reading.source.name for reading in read.values()}) == 1
         if alone and rate is None and not self.columns.delay_s:
             t = self._shared_clock(channels, read)
         if t is None:
             channels = {option: c.cleaned(notes) for option, c in channels.items()}
-        if rate is None:
-            pose = ("position", "geodetic", "orientation")
-            every = ([c.t for o, c in channels.items() if o.startswith(kinds) and len(c.t) > 1]
-                     for kinds in ("velocity", pose, ""))  # fmt: skip
-            steps = (float(np.median(np.diff(times))) for times in next(filter(None, every), ()))
-            rate = float(f"{1.0 / max(steps, default=1.0):.2g}")
-            longest = max(longest, BRIDGED / rate)
-        known = {option: channel.values for option, channel in channels.items()}
-        if t is None:
+            if rate is None:
+                pose = ("position", "geodetic", "orientation")
+                every = ([c.t for o, c in channels.items() if o.startswith(kinds) and len(c.t) > 1]
+                         for kinds in ("velocity", pose, ""))  # fmt: skip
+                slowest = max((np.median(np.diff(x)) for x in next(filter(None, every), ())),
+                              default=1.0)  # fmt: skip
+                rate = float(f"{1.0 / slowest:.2g}")
+                longest = max(longest, BRIDGED / rate)
             t, known = join_channels(channels, rate, longest, self.at_gap)
         whole = min(float(c.t[-1]) for c in channels.values())
         whole -= max(float(c.t[0]) for c in channels.values())
         period = float(np.median(np.diff(t)))
         lost, pieces = whole - len(t) * period, len(recordings.piece_edges(t, period)) - 1
         if pieces > 1 or lost >= 2.0 * period:
-            told = f"{lost:.3g} of {whole:.4g} s are in gaps of more than {longest:g} s: left out"
+            told = f"{lost:.3g} of {whole:.4g} s are in gaps: left out"
             notes.append(f"{told}, {pieces} pieces remain")
         return t, known
 
@@ -255,20 +267,16 @@ class Reading:
         t, source = next(iter(channels.values())).t, next(iter(read.values())).source
         if len(t) < 2:
             return None
-        steps, clock = np.diff(t), clock_of(source, self.columns).name
-        period = float(np.median(steps))
-        even = np.abs(steps - period) <= recordings.UNIFORMITY * abs(period)
-        even |= (self.at_gap == "split") & (steps > GAP * period)
-        # rows that are wrong, the column that is, and what it should hold
-        for wrong, name, expected in (
-            *((np.isnan(c.values), read[o].name, "a finite number") for o, c in channels.items()),
-            (np.isnan(t), clock, "a finite number"),
-            (np.append(False, steps <= 0.0), clock, "time to increase"),
-            (np.append(False, ~even), clock, f"steps of {period:.6g} s"),
-        ):
+        steps, split = np.diff(t), self.at_gap == "split"
+        period = float(np.nanmedian(steps))
+        even = np.abs(steps - period) < recordings.UNIFORMITY * period
+        uneven = np.append(np.isnan(t[0]), ~(even | (split & (steps > GAP * period))))
+        gaps = ((np.isnan(c.values), read[o].name, "a finite number") for o, c in channels.items())
+        rising = f"time to increase by equal steps, here {period:.6g} s"
+        for wrong, name, expected in (*gaps, (uneven, clock_of(source, self.columns).name, rising)):
+            if np.any(wrong) and split:
+                return None
             if np.any(wrong):
-                if self.at_gap == "split":
-                    return None
                 grid = "excitation.resample_hz=RATE puts the columns on a uniform grid"
                 raise source.refused(int(np.argmax(wrong)), name, f"{expected}; {grid}")
         return t
@@ -316,17 +324,6 @@ def join_channels(
     return t, {key: channel.at(t, rate_hz) for key, channel in channels.items()}
 
 
-def _together(notes: Sequence[str]) -> Iterator[str]:
-    """The notes, those that differ by the column only in one line."""
-    groups = defaultdict[str, list[str]](list)
-    for note in dict.fromkeys(notes):
-        match = re.fullmatch(r"column (.+?): (.*)", note)
-        groups[match[2] if match else note].append(match[1] if match else "")
-    for text, names in groups.items():
-        columns = shorten(", ".join(names), 300, placeholder=" ...")
-        yield f"column{'s' * (len(names) > 1)} {columns}: {text}" if columns else text
-
-
 def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, bool]:
     """The options whose columns a vessel with some degrees of freedom uses, and if it needs them.
 
@@ -357,20 +354,6 @@ def clock_of(source: Source, columns: ColumnMap) -> Column:
             return replace(time, column=name)
     known = find_time(source)
     return known or replace(time, column=column({source.name: source}, time.name)[1])  # raises
-
-
-def clocks(sources: Sources, columns: ColumnMap) -> dict[str, Array]:
-    """The times [s] of the rows of each source that has some, (N,), less the first date of any.
-
-    They do not depend on the vessel; of dates only differences matter.
-    """
-    times, firsts = dict[str, Array](), [np.inf]
-    for source in sources.values():
-        with suppress(*FAULTS, ValueError):
-            times[source.name] = seconds(source, clock_of(source, columns))
-            firsts.append(float(np.nanmin(times[source.name])))
-    start = min(firsts)
-    return {name: t - start if EPOCH_S < start < np.inf else t for name, t in times.items()}
 
 
 def readings(

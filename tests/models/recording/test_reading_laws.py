@@ -204,7 +204,7 @@ def test_nothing_vanishes_in_silence(tmp_path: Path) -> None:
     assert "column psi: 1 cells are 511: missing values" in said
     assert "columns x, y, psi, u, v, r: 2 samples are not later than the one before" in said
     assert "1 times repeat" in said
-    assert "in gaps of more than 1 s: left out, 2 pieces remain" in said
+    assert "in gaps: left out, 2 pieces remain" in said
     assert np.min(signals.values["velocity.surge"]) > 1.0
 
 

@@ -99,7 +99,7 @@ def test_outliers_are_counted_and_replaced_only_when_asked(tmp_path: Path) -> No
     assert kept.read(("surge",)).nu[40, 0] == 1000.0
     reader = excitation(path, outliers={"replace": True})
     replaced = reader.read(("surge",))
-    assert reader.account(("surge",))[0].left_out == ("outliers are replaced: surge_vel 1",)
+    assert reader.account(("surge",))[0].left_out == ("column surge_vel: 1 outliers are replaced",)
     assert replaced.nu[40, 0] == pytest.approx(0.01 * 40**2, abs=0.011)
     assert replaced.nu_dot[40, 0] == pytest.approx(8.0)
 
@@ -240,9 +240,15 @@ def test_a_damaged_file_is_refused_or_read_but_nothing_else(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"Time": "0.3"}, "column Time, line 7: got '0.3', expected time to increase"),
-        ({"Time": "0.55"}, "column Time, line 7: got '0.55', expected steps of 0.1 s"),
-        ({"Time": ""}, "column Time, line 7: got an empty cell, expected a finite number"),
+        (
+            {"Time": "0.3"},
+            "column Time, line 7: got '0.3', expected time to increase by equal steps",
+        ),
+        (
+            {"Time": "0.55"},
+            "column Time, line 7: got '0.55', expected time to increase by equal steps, here 0.1 s",
+        ),
+        ({"Time": ""}, "column Time, line 7: got an empty cell, expected time to increase"),
         ({"force_x": "  "}, "column force_x, line 7: got an empty cell, expected a finite number"),
         ({"force_x": "NaN"}, "column force_x, line 7: got 'NaN', expected a finite number"),
         ({"force_x": "1e31"}, "column force_x, line 7: got '1e31', expected a finite number"),
