@@ -85,13 +85,6 @@ class Column:
     neutral: float = 0.0
     full: float | None = None
 
-    def __post_init__(self) -> None:
-        if not self.name:
-            raise ConfigurationError(f"got {self.column!r}, expected the name of a column")
-        if self.full is not None and self.full == self.neutral:
-            text = f"neutral and full are {self.full:g}, expected two numbers"
-            raise ConfigurationError(f"column {self.name}: {text}")
-
     @property
     def name(self) -> str:
         """The name in the file, or `source:name`."""
@@ -161,7 +154,10 @@ class ColumnMap:
     water: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        len(self.specs)  # names that are wrong, or empty, are refused
+        for option, column in {"time": self.clock, **self.specs}.items():
+            if not column.name or column.full == column.neutral:
+                expected = "expected a name, and two numbers for neutral and full"
+                raise ConfigurationError(f"columns.{option}: got {column.written}, {expected}")
 
     @property
     def clock(self) -> Column:
@@ -197,11 +193,8 @@ class ColumnMap:
                 some = f"{', '.join(needed)} of " if 0 < len(needed) < len(names) else ""
                 expected = f"expected {some}{', '.join(names)}"
                 raise ConfigurationError(f"columns.{kind}: got {got}, {expected}")
-            for option, spec in ((f"{kind}.{name}", spec) for name, spec in group.items()):
-                try:
-                    result[option] = spec if isinstance(spec, Column) else Column(spec)
-                except ConfigurationError as error:
-                    raise ConfigurationError(f"columns.{option}: {error}") from error
+            for name, spec in group.items():
+                result[f"{kind}.{name}"] = spec if isinstance(spec, Column) else Column(spec)
         return result
 
     def check(self, dofs: Sequence[str]) -> None:

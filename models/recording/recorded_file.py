@@ -35,25 +35,22 @@ class FileForm:
     text: TextOptions = field(default_factory=TextOptions)
 
 
-def file_set(train: Sequence[str], test: Sequence[str]) -> tuple[list[Path], list[Path]]:
+def matched(patterns: Sequence[str]) -> list[Path]:
     """The files that patterns such as `runs/*.csv` match, each pattern's in order of their names.
 
-    Raises ConfigurationError if a pattern matches nothing, or a file is in both.
+    Raises ConfigurationError if a pattern matches nothing.
     """
-    every: dict[str, dict[Path, None]] = {"train": {}, "test": {}}
-    patterns = [*(("train", pattern) for pattern in train), *(("test", name) for name in test)]
-    for option, pattern in patterns:
+    every = dict[Path, None]()
+    for pattern in patterns:
         wanted = str(Path(pattern).expanduser())
         # Path.glob takes no absolute patterns.
         files = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
         if not files:
-            got = f"got {pattern}, which matches no file"
-            raise ConfigurationError(f"excitation.{option}: {got}, expected recordings")
-        every[option] |= dict.fromkeys(map(Path, sorted(files)))
-    if both := every["train"].keys() & every["test"].keys():
-        got = f"got {min(both)}, which excitation.train has too"
-        raise ConfigurationError(f"excitation.test: {got}, expected each file once")
-    return [*every["train"]], [*every["test"]]
+            raise ConfigurationError(
+                f"excitation: got {pattern}, which matches no file, expected recordings"
+            )
+        every |= dict.fromkeys(map(Path, sorted(files)))
+    return [*every]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +107,11 @@ class RecordedFile(Reading):
         """The files of `train` and of `test`, or the one of `path`."""
         if not self.train:
             return {"path": [Path(self.path or "").expanduser()]}
-        return dict(zip(("train", "test"), file_set(self.train, self.test), strict=True))
+        train, test = matched(self.train), matched(self.test)
+        if both := set(train) & set(test):
+            got = f"got {min(both)}, which excitation.train has too"
+            raise ConfigurationError(f"excitation.test: {got}, expected each file once")
+        return {"train": train, "test": test}
 
     @cached_property
     def readers(self) -> dict[Path, "RecordedFile"]:
@@ -227,10 +228,8 @@ class RecordedFile(Reading):
             return half(len(t), self.train_fraction)
         train, test = np.zeros((2, len(t)), dtype=np.bool_)
         for number, path in enumerate(self.readers):
-            rows, tested = (
-                np.flatnonzero(file == number),
-                not self.test or path in self._sets["test"],
-            )
+            rows = np.flatnonzero(file == number)
+            tested = not self.test or path in self._sets["test"]
             own = half(len(rows), self.train_fraction)
             train[rows] = not tested if self.test else own.train
             late = t[rows] >= t[rows[0]] + self.initial_s

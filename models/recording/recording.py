@@ -126,12 +126,7 @@ class Recording:
         A command is constant over its sample, an acting force linear between the samples.
         """
         start = self.force(kind)
-        return _held(start, start if start is self.tau else following(start))
-
-    def held_inputs(self) -> Array:
-        """Inputs, linear between the samples, as `held_force` has forces, (N, 3, n_inputs)."""
-        assert self.inputs is not None
-        return _held(self.inputs, following(self.inputs))
+        return held(start, start if start is self.tau else following(start))
 
     def variables(self) -> Array:
         """Variables of the basis functions, shape (N, N_VARIABLES)."""
@@ -219,7 +214,8 @@ def following(values: Array) -> Array:
     return np.concatenate([values[1:], values[-1:]])
 
 
-def _held(start: Array, end: Array) -> Array:
+def held(start: Array, end: Array) -> Array:
+    """Values at the start, middle and end of each sample, shape (N, 3, n)."""
     return np.stack([start, 0.5 * (start + end), end], axis=1)
 
 

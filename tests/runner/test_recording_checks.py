@@ -76,8 +76,8 @@ def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:
     reading = Reading(columns=ColumnMap("t", inputs={"pwm_1": spec}))
     values = reading.signals(path, read_sources(path, ReadOptions()), ()).values["inputs.pwm_1"]
     np.testing.assert_allclose(values, [0.0, 1.0, -1.0])
-    with pytest.raises(ConfigurationError, match="neutral and full are 1900, expected two numbers"):
-        Column("pwm", neutral=1900.0, full=1900.0)
+    with pytest.raises(ConfigurationError, match="expected a name, and two numbers"):
+        ColumnMap("t", inputs={"pwm_1": Column("pwm", neutral=1900.0, full=1900.0)})
 
 
 @pytest.mark.data
