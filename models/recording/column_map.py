@@ -7,10 +7,19 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import ACCELERATION_UNIT, DOFS, FORCE_UNIT, POSE_UNIT, VELOCITY_UNIT
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import (
+    ACCELERATION_UNIT,
+    DOFS,
+    FORCE_UNIT,
+    PLANAR,
+    POSE_UNIT,
+    VELOCITY_UNIT,
+)
+from seatrial.models.recording.source import Source, column
+from seatrial.models.vessel.basis import Array
 
 if TYPE_CHECKING:  # slow to import
     import pint
@@ -19,10 +28,14 @@ else:
 
     pint = lazy_loader.load("pint")
 
+FAULTS = (ConfigurationError, RecordingError)
 KINDS = ("position", "velocity", "acceleration", "force", "actual_force")  # by degree of freedom
 QUATERNION = ("w", "x", "y", "z")
 TURNS = "revolution/s"  # in which the shaft speed of a vessel is given
 INPUTS = ("rad", TURNS, "N", "N*m", "m/s", "")  # of the inputs of a vessel
+FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
+MOTION, IN_THE_PLANE = ("position", "velocity"), ("wind", "air", "ground", "water")
+SI_ASSUMED = "no unit is stated: SI"
 OWN = {"inputs": INPUTS, "commands": INPUTS, "loads": ("N",)}  # kinds with names of the user
 SI = {
     "position": POSE_UNIT, "velocity": VELOCITY_UNIT, "acceleration": ACCELERATION_UNIT,
@@ -154,10 +167,10 @@ class ColumnMap:
     water: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for option, column in {"time": self.clock, **self.specs}.items():
-            if not column.name or column.full == column.neutral:
+        for option, spec in {"time": self.clock, **self.specs}.items():
+            if not spec.name or spec.full == spec.neutral:
                 expected = "expected a name, and two numbers for neutral and full"
-                raise ConfigurationError(f"columns.{option}: got {column.written}, {expected}")
+                raise ConfigurationError(f"columns.{option}: got {spec.written!r}, {expected}")
 
     @property
     def clock(self) -> Column:
@@ -261,3 +274,85 @@ def targets_of(option: str) -> tuple[str, ...]:
     """The units in which an option such as `velocity.surge` is kept, any of which may be meant."""
     kind, _, name = option.partition(".")
     return OWN.get(kind) or ((SI[kind][name],) if kind in SI else ())
+
+
+class ColumnReading(NamedTuple):
+    """With which unit and sign a column was read, where they are known from, and its source."""
+
+    option: str
+    column: str  # as the map has it
+    unit: str
+    known_from: str
+    source: Source
+    name: str  # in the source
+
+    @property
+    def values(self) -> Array:
+        """The numbers of the column as recorded, shape (N,); NaN where missing."""
+        return self.source.numbers(self.name, gaps=True)
+
+
+def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, bool]:
+    """The options whose columns a vessel with some degrees of freedom uses, and if it needs them.
+
+    The attitude is used where it is recorded, also by a vessel that does not turn.
+    """
+    arm, angles, used = any(columns.lever_arm_m), DOFS[3:], dict[str, bool]()
+    turned = columns.frames != Frames() or arm or bool(columns.geodetic or columns.ground)
+    turned = turned or not set(dofs) <= set(columns.moving)
+    for option in columns.specs:
+        kind, _, dof = option.partition(".")
+        angle, posed = dof in angles, kind == "position"
+        if kind in KINDS:
+            needed = dof in dofs or (turned and not angle and kind in MOTION)
+            needed |= arm and angle and kind == "velocity"
+            replaced = posed and (columns.orientation if angle else columns.geodetic)
+            if (needed or (angle and posed)) and not replaced:
+                used[option] = needed
+        elif kind not in IN_THE_PLANE or set(PLANAR) <= set(dofs):
+            used[option] = kind != "orientation" or turned or bool(set(angles) & set(dofs))
+    return used
+
+
+def readings(
+    sources: Mapping[str, Source], columns: ColumnMap, used: Mapping[str, bool] | None = None
+) -> dict[str, ColumnReading]:
+    """How each mapped column is read, by option; the first that tells its unit counts.
+
+    `used` are the options that are read, and whether each is needed; None: those that are there.
+    Raises RecordingError if a needed column does not exist.
+    """
+    result = {}
+    used = dict.fromkeys(columns.specs, False) if used is None else used
+    for option, needed in used.items():
+        spec, targets = columns.specs[option], targets_of(option)
+        kind = option.partition(".")[0]
+        try:
+            source, name = column(sources, spec.name)
+        except RecordingError:
+            if needed:
+                raise
+            continue
+        unit, origin = spec.unit or "", "the map"
+        if spec.unit is None and spec.full is None and targets:
+            unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
+            beside = [  # columns of the same quantity, in the same source
+                other.name for o, other in columns.specs.items()
+                if kind in KINDS and o.startswith(f"{kind}.") and targets_of(o) == targets
+            ]  # fmt: skip
+            for title in (None, *beside):
+                plain = source.find(title.rpartition(":")[2]) if title else name
+                if plain and (stated := stated_unit(source, plain, targets)):
+                    unit, origin = stated[0], f"{title} beside it" if title else stated[1]
+                    break
+        result[option] = ColumnReading(option, spec.column, unit, origin, source, name)
+    return result
+
+
+def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str, str] | None:
+    """The unit of a column by the metadata of the file or by its title, and which it is."""
+    stated = source.units.get(name)
+    if stated and target_of(stated, targets) is not None:
+        return stated, "the file"
+    titled = unit_in_title(source.titles.get(name, name), targets)
+    return (titled, "the title") if titled else None

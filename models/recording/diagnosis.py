@@ -17,9 +17,12 @@ import numpy as np
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording import consistency, reader
+from seatrial.models.recording import column_map, consistency
 from seatrial.models.recording.column_map import (
     BEARINGS,
+    FAULTS,
+    FLIPPED,
+    SI_ASSUMED,
     Column,
     ColumnMap,
     factor,
@@ -29,12 +32,11 @@ from seatrial.models.recording.column_map import (
 )
 from seatrial.models.recording.consistency import AS_GOOD, SAME_SCALE, SURE
 from seatrial.models.recording.quantities import quantity
-from seatrial.models.recording.reader import FAULTS, SI_ASSUMED, clock_of
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.signals import original_rate, sampling
 from seatrial.models.recording.source import Source
-from seatrial.models.recording.times import seconds
+from seatrial.models.recording.times import clock_of, seconds
 from seatrial.models.vessel.basis import Array
 
 NEAR_SCALE = 1.25  # a scale is that of a unit within this factor
@@ -63,7 +65,7 @@ OTHER = {"body": "earth", "earth": "body", "NED": "ENU", "ENU": "NED", "FRD": "F
 SENSES = {
     "velocity": ("earth", LINEAR, "the velocities are along the axes of the {}"),
     "position": ("frame", LINEAR, "the positions are {}"),
-    "body": ("frame", reader.FLIPPED, "the axes of the body are {}"),
+    "body": ("frame", FLIPPED, "the axes of the body are {}"),
     "attitude": ("heading", YAW, "the attitude is of {}"),
     "positive": ("heading", YAW, "the heading counts {}"),
 }
@@ -209,10 +211,10 @@ class _Case:
         return consistency.consistency(self.recording, moving, self.cutoff_hz)
 
     @cached_property
-    def readings(self) -> Mapping[str, reader.ColumnReading]:
+    def readings(self) -> Mapping[str, column_map.ColumnReading]:
         """How the columns of motion are read, by option."""
-        used = dict.fromkeys(reader.wanted(self.file.columns, DOFS), False)
-        known = reader.readings(self.sources, self.file.columns, used)
+        used = dict.fromkeys(column_map.wanted(self.file.columns, DOFS), False)
+        known = column_map.readings(self.sources, self.file.columns, used)
         kinds = ("position.", "velocity.", "ground.", "wind.")
         return {option: reading for option, reading in known.items() if option.startswith(kinds)}
 
@@ -442,7 +444,7 @@ def _blocks(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Sour
 def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
     """Questions about columns without a stated unit whose values reach far, by option."""
     result, speed = dict[str, str](), columns.specs.get("ground.speed")
-    for option, reading in reader.readings(sources, columns).items():
+    for option, reading in column_map.readings(sources, columns).items():
         (kind, _, key), name = option.partition("."), reading.column.removeprefix("-")
         of = ((kind == "inputs" and quantity(reading.name)) or reading).option
         values = np.empty(0)

@@ -18,13 +18,13 @@ from seatrial.models.recording.column_map import (
     QUATERNION,
     Column,
     factor,
+    stated_unit,
     target_of,
     targets_of,
     words_of,
 )  # fmt: skip
 from seatrial.models.recording.column_map import INPUTS as UNITS_OF_INPUTS
 from seatrial.models.recording.quantities import KIND_OF, WORDS, Quantity, quantity
-from seatrial.models.recording.reader import stated_unit
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import clocks, find_time
 from seatrial.models.vessel.basis import INPUTS, Array

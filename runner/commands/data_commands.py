@@ -9,9 +9,9 @@ import typer
 import yaml
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.recording.column_map import FAULTS
 from seatrial.models.recording.diagnosis import doubts, examine, with_option
 from seatrial.models.recording.proposal import Proposal, propose
-from seatrial.models.recording.reader import FAULTS
 from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.runner.commands.benchmark import get
 from seatrial.runner.commands.data_convert import File, MapFile, convert

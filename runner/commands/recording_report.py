@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seatrial.models.notation import DOFS, velocities_of
-from seatrial.models.recording.column_map import targets_of
+from seatrial.models.recording.column_map import FAULTS, readings, targets_of
 from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.diagnosis import Examination, examine
-from seatrial.models.recording.reader import BRIDGED, FAULTS, ReadSignals, clock_of, readings
-from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.recording.recorded_file import BRIDGED, ReadSignals, RecordedFile
 from seatrial.models.recording.recording import piece_starts
 from seatrial.models.recording.signals import Sampling, noise_floor, outliers, sampling
-from seatrial.models.recording.times import seconds
+from seatrial.models.recording.times import clock_of, seconds
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.compare.blocks import bullets
 from seatrial.runner.compare.formats import html_table

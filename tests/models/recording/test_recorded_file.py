@@ -191,7 +191,7 @@ def test_splits_of_a_file(tmp_path: Path) -> None:
         ({"trip_starts_s": [10, 0], "training_trips": [1]}, "must increase, got [10.0, 0.0]"),
         ({"trip_starts_s": [9, 9], "training_trips": [1]}, "must increase, got [9.0, 9.0]"),
         ({"columns": {"velocity": {"sideways": "v"}}}, "got sideways, expected surge, sway"),
-        ({"columns": {"force": {"surge": "-"}}}, "force.surge: got '-', expected the name of a"),
+        ({"columns": {"force": {"surge": "-"}}}, "force.surge: got '-', expected a name"),
     ],
 )  # fmt: skip
 def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
