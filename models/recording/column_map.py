@@ -9,15 +9,9 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
+from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, RecordingError
-from seatrial.models.notation import (
-    ACCELERATION_UNIT,
-    DOFS,
-    FORCE_UNIT,
-    PLANAR,
-    POSE_UNIT,
-    VELOCITY_UNIT,
-)
+from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.source import Source, column
 from seatrial.models.vessel.basis import Array
 
@@ -38,8 +32,9 @@ MOTION, IN_THE_PLANE = ("position", "velocity"), ("wind", "air", "ground", "wate
 SI_ASSUMED = "no unit is stated: SI"
 OWN = {"inputs": INPUTS, "commands": INPUTS, "loads": ("N",)}  # kinds with names of the user
 SI = {
-    "position": POSE_UNIT, "velocity": VELOCITY_UNIT, "acceleration": ACCELERATION_UNIT,
-    "force": FORCE_UNIT, "actual_force": FORCE_UNIT, "wind": {"speed": "m/s", "direction": "rad"},
+    "position": notation.POSE_UNIT, "velocity": notation.VELOCITY_UNIT,
+    "acceleration": notation.ACCELERATION_UNIT, "force": notation.FORCE_UNIT,
+    "actual_force": notation.FORCE_UNIT, "wind": {"speed": "m/s", "direction": "rad"},
     "ground": {"speed": "m/s", "course": "rad"}, "water": {"speed": "m/s"},
     "current": {"north": "m/s", "east": "m/s"}, "air": {"surge": "m/s", "sway": "m/s"},
     "geodetic": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
@@ -178,17 +173,15 @@ class ColumnMap:
         return self.time if isinstance(self.time, Column) else Column(self.time)
 
     @property
-    def posed(self) -> tuple[str, ...]:
+    def posed(self) -> set[str]:
         """Degrees of freedom whose position or angle is mapped."""
-        known = {*self.position, *DOFS[: len(self.geodetic or ())]}
-        known |= set(DOFS[3:]) if self.orientation else set()
-        return tuple(dof for dof in DOFS if dof in known)
+        angles = DOFS[3:] if self.orientation else ()
+        return {*self.position, *DOFS[: len(self.geodetic or ())], *angles}
 
     @property
-    def moving(self) -> tuple[str, ...]:
+    def moving(self) -> set[str]:
         """Degrees of freedom whose velocity is recorded, in body axes or over ground."""
-        known = {*self.velocity, *(DOFS[:2] if self.ground else ())}
-        return tuple(dof for dof in DOFS if dof in known)
+        return {*self.velocity, *(DOFS[:2] if self.ground else ())}
 
     @cached_property
     def specs(self) -> Mapping[str, Column]:

@@ -207,7 +207,7 @@ class _Case:
     @cached_property
     def result(self) -> consistency.Consistency:
         """How pose and velocity agree."""
-        moving = self.file.columns.moving
+        moving = tuple(self.file.columns.moving)
         return consistency.consistency(self.recording, moving, self.cutoff_hz)
 
     @cached_property

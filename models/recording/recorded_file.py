@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from glob import glob, has_magic
 from pathlib import Path
 from textwrap import shorten
@@ -41,7 +41,6 @@ else:
 
     pymap3d = lazy_loader.load("pymap3d")
 
-HELD_SIGNALS = ("force", "commands")  # constant until the next sample
 BRIDGED = 2.5  # sample times that joining fills at any rate
 QUATERNION_ERROR = 0.05  # of the length of a quaternion: a larger one means a wrong column
 COMPOSED = ("orientation", "geodetic", "ground", "water", "wind")  # of which motion is made
@@ -79,7 +78,7 @@ class ReadSignals(NamedTuple):
     left_out: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FileForm:
     """Columns and format of some of several files."""
 
@@ -99,15 +98,14 @@ def matched(patterns: Sequence[str]) -> list[Path]:
         # Path.glob takes no absolute patterns.
         files = glob(wanted, recursive=True) if has_magic(wanted) else [wanted]  # noqa: PTH207
         if not files:
-            raise ConfigurationError(
-                f"excitation: got {pattern}, which matches no file, expected recordings"
-            )
+            got = f"got {pattern}, which matches no file"
+            raise ConfigurationError(f"excitation: {got}, expected recordings")
         every |= dict.fromkeys(map(Path, sorted(files)))
     return [*every]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedFile:
+class RecordedFile(FileForm):
     """A measured file as excitation, which is read, checked and cut instead of simulated.
 
     The samples strictly between `start_s` and `end_s` are used (null: all). The first
@@ -117,7 +115,6 @@ class RecordedFile:
     not tested on. The files of `test` may have columns of their own, `tested`.
     """
 
-    columns: ColumnMap
     resample_hz: Positive | None = None  # None: as recorded, else the rate of the slowest state
     max_gap_s: Positive = 1.0
     at_gap: AtGap = "refuse"
@@ -133,8 +130,6 @@ class RecordedFile:
     test: tuple[str, ...] = ()
     initial_s: NotNegative = 0.0
     tested: FileForm | None = None  # of the files of `test`, if it is another one
-    format: str | None = None
-    text: TextOptions = field(default_factory=TextOptions)
     messages: tuple[str, ...] = ()  # files of message definitions, for bags without them
     trust: bool = False  # also what does not agree
     manoeuvre: OrderedManoeuvre = field(default_factory=OrderedManoeuvre)
@@ -158,34 +153,33 @@ class RecordedFile:
         if problem := next((text for text, there in problems.items() if there), None):
             raise ConfigurationError(problem)
         half(2, self.train_fraction)
-        if starts := self.trip_starts_s:
-            recordings.by_trips(np.array(starts), starts, self.training_trips)
+        if self.trip_starts_s:
+            self.split(np.array(self.trip_starts_s))  # refuses wrong trips
 
     @cached_property
-    def _sets(self) -> dict[str, list[Path]]:
-        """The files of `train` and of `test`, or the one of `path`."""
+    def _own(self) -> dict[str, Path]:
+        """The files of the recording by their options: `path`, or `train[0]` and so on."""
         if not self.train:
-            return {"path": [Path(self.path or "").expanduser()]}
+            return {"path": Path(self.path or "").expanduser()}
         train, test = matched(self.train), matched(self.test)
         if both := set(train) & set(test):
             got = f"got {min(both)}, which excitation.train has too"
             raise ConfigurationError(f"excitation.test: {got}, expected each file once")
-        return {"train": train, "test": test}
+        return {f"{option}[{i}]": path for option, files in (("train", train), ("test", test))
+                for i, path in enumerate(files)}  # fmt: skip
 
     @cached_property
     def readers(self) -> dict[Path, "RecordedFile"]:
         """The files of the recording, each with what reads it: those of `test` as `tested`."""
         tested = replace(self, **vars(self.tested)) if self.tested else self
-        return {path: tested if option == "test" else self
-                for option, files in self._sets.items() for path in files}  # fmt: skip
+        return {path: tested if option.startswith("test") else self
+                for option, path in self._own.items()}  # fmt: skip
 
     def files(self) -> dict[str, Path]:
         """The files that are read, by option."""
-        own = {option if option == "path" else f"{option}[{i}]": path
-               for option, files in self._sets.items() for i, path in enumerate(files)}  # fmt: skip
         messages = {f"messages[{i}]": path for i, path in enumerate(self.messages)}
         others = {"map": self.map, "test_map": self.test_map} | messages
-        return own | {name: Path(path).expanduser() for name, path in others.items() if path}
+        return self._own | {name: Path(path).expanduser() for name, path in others.items() if path}
 
     def sources(self, path: Path | None = None) -> dict[str, Source]:
         """The columns of a file as recorded, of the first one by default."""
@@ -296,7 +290,8 @@ class RecordedFile:
                 values[valid] = kinematics.unroll(values[valid])
                 values = -values if spec.positive == "anticlockwise" else values
                 values = values + 0.5 * np.pi if spec.zero == "east" else values
-            channels[option] = Channel(t, values, kind in HELD_SIGNALS, f"column {spec.name}")
+            held = kind in ("force", "commands")  # until the next sample
+            channels[option] = Channel(t, values, held, f"column {spec.name}")
         if (parts := {f"orientation.{part}" for part in QUATERNION}) <= channels.keys():
             quaternions = np.column_stack([channels[name].values for name in sorted(parts)])
             lengths = np.linalg.norm(quaternions, axis=1)
@@ -314,13 +309,27 @@ class RecordedFile:
         """The times (N,) of all channels, and their values then: joined unless they share a clock.
 
         Without `resample_hz` the rate is that of the slowest velocity, or position, rounded.
+        Channels of one source stay as they are if they are complete and rise by equal steps, longer
+        ones at gaps with `split`; `refuse` raises RecordingError for others, with line and column.
         """
-        t, rate, longest = None, self.resample_hz, self.max_gap_s
+        t, source = next(iter(channels.values())).t, next(iter(read.values())).source
+        rate, longest, split = self.resample_hz, self.max_gap_s, self.at_gap == "split"
         known = {option: channel.values for option, channel in channels.items()}
-        alone = len({reading.source.name for reading in read.values()}) == 1
-        if alone and rate is None and not self.columns.delay_s:
-            t = self._shared_clock(channels, read)
-        if t is None:
+        apart = len({reading.source.name for reading in read.values()}) > 1 or len(t) < 2
+        if not (apart := apart or rate is not None or bool(self.columns.delay_s)):
+            period = float(np.nanmedian(np.diff(t)))
+            even = np.abs(np.diff(t) - period) < recordings.UNIFORMITY * period
+            even |= split & (np.diff(t) > signals.GAP * period)
+            faults = [(np.isnan(x), read[o].name, "a finite number") for o, x in known.items()]
+            rising = f"time to increase by equal steps, here {period:.6g} s"
+            clock = clock_of(source, self.columns).name
+            faults.append((np.append(np.isnan(t[0]), ~even), clock, rising))
+            for wrong, name, expected in faults:
+                if np.any(wrong) and not split:
+                    grid = "excitation.resample_hz=RATE puts the columns on a uniform grid"
+                    raise source.refused(int(np.argmax(wrong)), name, f"{expected}; {grid}")
+                apart |= bool(np.any(wrong))
+        if apart:
             channels = {option: c.cleaned(notes) for option, c in channels.items()}
             if rate is None:
                 pose = ("position", "geodetic", "orientation")
@@ -339,29 +348,6 @@ class RecordedFile:
             told = f"{lost:.3g} of {whole:.4g} s are in gaps: left out"
             notes.append(f"{told}, {pieces} pieces remain")
         return t, known
-
-    def _shared_clock(self, channels: Channels, read: Readings) -> Array | None:
-        """The times (N,) [s] of channels of one source, complete and rising by equal steps.
-
-        `split` allows longer steps at gaps, and gives None for others, as channels can be joined;
-        `refuse` raises RecordingError, with line and column.
-        """
-        t, source = next(iter(channels.values())).t, next(iter(read.values())).source
-        if len(t) < 2:
-            return None
-        steps, split = np.diff(t), self.at_gap == "split"
-        period = float(np.nanmedian(steps))
-        even = np.abs(steps - period) < recordings.UNIFORMITY * period
-        uneven = np.append(np.isnan(t[0]), ~(even | (split & (steps > signals.GAP * period))))
-        gaps = ((np.isnan(c.values), read[o].name, "a finite number") for o, c in channels.items())
-        rising = f"time to increase by equal steps, here {period:.6g} s"
-        for wrong, name, expected in (*gaps, (uneven, clock_of(source, self.columns).name, rising)):
-            if np.any(wrong) and split:
-                return None
-            if np.any(wrong):
-                grid = "excitation.resample_hz=RATE puts the columns on a uniform grid"
-                raise source.refused(int(np.argmax(wrong)), name, f"{expected}; {grid}")
-        return t
 
     def _cut(self, path: Path, read: ReadSignals, dofs: Sequence[str]) -> Recording:
         """The recording of one file in its window, with what is missing derived from the rest.
@@ -383,8 +369,8 @@ class RecordedFile:
             got = f"{path}: got {count} samples with {start:g} < t < {end:g} s, expected at least 2"
             raise RecordingError(f"{got}; the file holds {t[0]:g} to {t[-1]:g} s")
         period, nu = recordings.sample_time(t), stack("velocity", dofs)
-        difference = partial(signals.central_difference, period_s=period)
-        nu_dot = recordings.piecewise(difference, recordings.piece_edges(t, period), nu)
+        edges = recordings.piece_edges(t, period)
+        nu_dot = recordings.piecewise(lambda x: signals.central_difference(x, period), edges, nu)
         level = dict.fromkeys((f"position.{dof}" for dof in DOFS[3:]), 0.0 * t)
         rates = {f"acceleration.{d}": x for d, x in zip(dofs, nu_dot.T, strict=True)}
         t, nu, known = t[rows], nu[rows], {o: x[rows] for o, x in (level | rates | known).items()}
@@ -412,16 +398,25 @@ class RecordedFile:
 
         Its times are t (N,) [s], `file` (N,) the number of the file of each sample, of several. A
         file is not tested on in its first `initial_s` [s]: a free run starts from what is measured
-        then. Raises ConfigurationError if too little is left for one of them.
+        then. A trip lasts until the next one; samples before the first are in neither set. Jervan
+        (2020), section 5.3, trains on trips 1 and 3. Raises ConfigurationError if too little is
+        left for one of them.
         """
         if self.trip_starts_s:
-            return recordings.by_trips(t, self.trip_starts_s, self.training_trips)
+            trip = np.searchsorted(self.trip_starts_s, t, side="right")
+            train = np.isin(trip, self.training_trips) & (trip > 0)
+            test = ~train & (trip > 0)
+            if np.any(np.diff(self.trip_starts_s) <= 0.0) or not (np.any(train) and np.any(test)):
+                got = f"got {list(self.training_trips)} of trips at {list(self.trip_starts_s)}"
+                expected = "expected some for training, some for testing, at increasing times"
+                raise ConfigurationError(f"training_trips: {got} s, {expected}")
+            return Split(train, test)
         if file is None:
             return half(len(t), self.train_fraction)
         train, test = np.zeros((2, len(t)), dtype=np.bool_)
-        for number, path in enumerate(self.readers):
+        for number, (option, path) in enumerate(self._own.items()):
             rows = np.flatnonzero(file == number)
-            tested = not self.test or path in self._sets["test"]
+            tested = not self.test or option.startswith("test")
             own = half(len(rows), self.train_fraction)
             train[rows] = not tested if self.test else own.train
             late = t[rows] >= t[rows[0]] + self.initial_s

@@ -286,20 +286,6 @@ class Channel(NamedTuple):
     held: bool = False
     name: str = ""  # for messages
 
-    def gaps(self, t: Array, longest_s: float) -> Array:
-        """The time [s] without a sample at times t (n,), where longer than `longest_s`; else 0."""
-        before = np.searchsorted(self.t, t, side="right") - 1  # the same as after on a sample
-        after = np.minimum(np.searchsorted(self.t, t), len(self.t) - 1)
-        length = (t if self.held else self.t[after]) - self.t[before]
-        return np.asarray(np.where(length > longest_s * (1.0 + TIME_ROUNDING), length, 0.0))
-
-    def at(self, t: Array, rate_hz: float) -> Array:
-        """The values at times t (n,)."""
-        if not self.held:
-            return np.interp(t, self.t, self.values)
-        now = np.searchsorted(self.t, t + TIME_ROUNDING / rate_hz, side="right") - 1
-        return np.asarray(self.values[now])
-
     def cleaned(self, notes: list[str]) -> "Channel":
         """Without missing values, and samples that are not later than all before; `notes` tell."""
         timeless = np.isnan(self.t)
@@ -339,21 +325,24 @@ def join_channels(
     rows = np.arange(count)  # of the grid, without those in gaps of the channels before
     for channel in channels.values():
         t = start + rows / rate_hz
-        gaps = channel.gaps(t, max_gap_s)
+        before = channel.t[np.searchsorted(channel.t, t, side="right") - 1]
+        after = np.minimum(np.searchsorted(channel.t, t), len(channel.t) - 1)  # or on a sample
+        length = (t if channel.held else channel.t[after]) - before
+        gaps = length > max_gap_s * (1.0 + TIME_ROUNDING)
         if at_gap == "refuse" and np.any(gaps):
-            k = int(np.argmax(gaps > 0.0))
-            before = channel.t[channel.t <= t[k]][-1]
-            got = f"got no sample for {gaps[k]:.6g} s after {before:.6g} s"
+            k = int(np.argmax(gaps))
+            got = f"got no sample for {length[k]:.6g} s after {before[k]:.6g} s"
             expected = f"expected at most {max_gap_s:g} s; excitation.at_gap=split leaves gaps out"
             raise RecordingError(f"{channel.name}: {got}, {expected}")
-        rows = rows[gaps == 0.0]
+        rows = rows[~gaps]
     stretches = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     rows = np.concatenate([part if len(part) >= MIN_STRETCH else part[:0] for part in stretches])
     if not len(rows):
-        got = (
-            f"{last} begins at {start:g} s, {first} ends at {stop:g} s, gaps exceed {max_gap_s:g} s"
-        )
-        text = f"got no {MIN_STRETCH} samples at {rate_hz:g} Hz that all columns cover"
-        raise RecordingError(f"{text}: {got}")
-    t = start + rows / rate_hz
-    return t, {key: channel.at(t, rate_hz) for key, channel in channels.items()}
+        got = f"got no {MIN_STRETCH} samples at {rate_hz:g} Hz that all columns cover"
+        raise RecordingError(f"{got}: {last} begins at {start:g} s, {first} ends at {stop:g} s")
+    t, values = start + rows / rate_hz, dict[str, Array]()
+    for option, channel in channels.items():
+        now = np.searchsorted(channel.t, t + TIME_ROUNDING / rate_hz, side="right") - 1
+        between = np.interp(t, channel.t, channel.values)
+        values[option] = channel.values[now] if channel.held else between
+    return t, values

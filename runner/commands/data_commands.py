@@ -89,7 +89,7 @@ def drafted(file: Path, wanted: Sequence[str] = ()) -> Proposal:
     left_out = [line for source in sources.values() for line in source.left_out]
     try:
         reader = reader_of(file, options_of(deepcopy(node)))
-        known = examine(reader, reader.columns.moving)
+        known = examine(reader, tuple(reader.columns.moving))
         if known is None:
             asked += doubts(sources, reader.columns).values()
         else:

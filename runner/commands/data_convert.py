@@ -40,8 +40,6 @@ def convert(file: File, target: Target, map_file: MapFile = None, dofs: Axes = N
     node = read_map(map_file) if map_file else {}
     reader = reader_of(file, node)
     axes = [name.strip() for name in dofs.split(",")] if dofs is not None else []
-    if unknown := [name for name in axes if name not in DOFS]:
-        raise ConfigurationError(f"--dofs: got {unknown[0]}, expected some of {', '.join(DOFS)}")
     for dof in DOFS if dofs is None else ():
         with suppress(ConfigurationError):
             reader.check((dof,))
