@@ -264,16 +264,11 @@ class RecordedFile(FileForm):
         for source in {reading.source.name: reading.source for reading in read.values()}.values():
             line = times.disagreement(source, clock_of(source, self.columns))
             notes += [line] if line else []
-        clocks, firsts, channels = dict[str, Array](), [np.inf], Channels()
-        for source in sources.values():  # of all, so that the start does not depend on the vessel
-            with suppress(*FAULTS, ValueError):
-                clocks[source.name] = times.seconds(source, clock_of(source, self.columns))
-                firsts.append(float(np.nanmin(clocks[source.name])))
-        start = min(firsts) if times.EPOCH_S < min(firsts) < np.inf else 0.0  # of dates
+        times_of, channels = clocks(sources, self.columns), Channels()
         for option, reading in read.items():
             spec, delays = self.columns.specs[option], self.columns.delay_s
             kind, name, values = option.partition(".")[0], reading.source.name, reading.values
-            t = clocks[name] - start - delays.get(name, delays.get(kind, 0.0))
+            t = times_of[name] - delays.get(name, delays.get(kind, 0.0))
             missing = {sign * size: 0.5 * size for size in SENTINELS for sign in (1.0, -1.0)}
             missing |= dict.fromkeys(NO_FIX.get(option, ()), 0.5)
             for size, near in missing.items():  # where nothing else is near
@@ -426,6 +421,20 @@ class RecordedFile(FileForm):
                 length = f"{np.ptp(t[rows]):g} s long; expected at least {LEAST_SAMPLES}"
                 raise ConfigurationError(f"excitation.initial_s: {got}, {length}")
         return Split(train, test)
+
+
+def clocks(sources: Sources, columns: ColumnMap) -> dict[str, Array]:
+    """The times [s] of the rows of each source that has some, (N,), less the first date of any.
+
+    They do not depend on the vessel; of dates only differences matter.
+    """
+    known, firsts = dict[str, Array](), [np.inf]
+    for source in sources.values():
+        with suppress(*FAULTS, ValueError):
+            known[source.name] = times.seconds(source, clock_of(source, columns))
+            firsts.append(float(np.nanmin(known[source.name])))
+    start = min(firsts)
+    return {name: t - start if times.EPOCH_S < start < np.inf else t for name, t in known.items()}
 
 
 def _in_our_frames(t: Array, known: Signals, columns: ColumnMap, heading: float) -> Signals:
