@@ -20,7 +20,7 @@ from seatrial.models.elementary import where
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import ACCELERATIONS, poses_of
 from seatrial.models.packs import WIDTH, as_packs
-from seatrial.models.recording.recording import Recording
+from seatrial.models.recording.recording import Recording, following, held
 from seatrial.models.simulation.dynamics import WORK_SHAPE, Scratch, scratch_in, scratch_size, step
 from seatrial.models.vessel.basis import ANGLES, ATTITUDE, INPUTS, N_VARIABLES, VARIABLES, Array
 from seatrial.models.vessel.plant_table import Flags, Layout, PlantTable
@@ -136,12 +136,12 @@ def held_force(recording: Recording, thruster: SecondOrderLag | None, kind: str 
     if thruster is None and recording.without_lag and kind is None:
         kind = "commanded"
     if recording.inputs is not None:
-        return recording.held_inputs()
-    held = recording.held_force(kind)
+        return held(recording.inputs, following(recording.inputs))
+    force = recording.held_force(kind)
     if thruster is not None and recording.force(kind) is recording.tau_filtered:
-        start, end = held[:, 0], held[:, 2]
-        held[:, 1] = _middle_of_lag(thruster, recording.period_s, start, end, recording.tau)
-    return held
+        start, end = force[:, 0], force[:, 2]
+        force[:, 1] = _middle_of_lag(thruster, recording.period_s, start, end, recording.tau)
+    return force
 
 
 def _middle_of_lag(

@@ -3,14 +3,18 @@
 import re
 import unicodedata
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Literal
+from textwrap import shorten
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import ACCELERATION_UNIT, DOFS, FORCE_UNIT, POSE_UNIT, VELOCITY_UNIT
+from seatrial.models import notation
+from seatrial.models.errors import ConfigurationError, RecordingError
+from seatrial.models.notation import DOFS, PLANAR
+from seatrial.models.recording.source import Source, column
+from seatrial.models.vessel.basis import Array
 
 if TYPE_CHECKING:  # slow to import
     import pint
@@ -19,14 +23,19 @@ else:
 
     pint = lazy_loader.load("pint")
 
+FAULTS = (ConfigurationError, RecordingError)
 KINDS = ("position", "velocity", "acceleration", "force", "actual_force")  # by degree of freedom
 QUATERNION = ("w", "x", "y", "z")
 TURNS = "revolution/s"  # in which the shaft speed of a vessel is given
 INPUTS = ("rad", TURNS, "N", "N*m", "m/s", "")  # of the inputs of a vessel
+FLIPPED = ("sway", "heave", "pitch", "yaw")  # of forward, left, up axes
+MOTION, IN_THE_PLANE = ("position", "velocity"), ("wind", "air", "ground", "water")
+SI_ASSUMED = "no unit is stated: SI"
 OWN = {"inputs": INPUTS, "commands": INPUTS, "loads": ("N",)}  # kinds with names of the user
 SI = {
-    "position": POSE_UNIT, "velocity": VELOCITY_UNIT, "acceleration": ACCELERATION_UNIT,
-    "force": FORCE_UNIT, "actual_force": FORCE_UNIT, "wind": {"speed": "m/s", "direction": "rad"},
+    "position": notation.POSE_UNIT, "velocity": notation.VELOCITY_UNIT,
+    "acceleration": notation.ACCELERATION_UNIT, "force": notation.FORCE_UNIT,
+    "actual_force": notation.FORCE_UNIT, "wind": {"speed": "m/s", "direction": "rad"},
     "ground": {"speed": "m/s", "course": "rad"}, "water": {"speed": "m/s"},
     "current": {"north": "m/s", "east": "m/s"}, "air": {"surge": "m/s", "sway": "m/s"},
     "geodetic": {"latitude": "deg", "longitude": "deg", "altitude": "m"},
@@ -84,13 +93,6 @@ class Column:
     uniform: bool = False
     neutral: float = 0.0
     full: float | None = None
-
-    def __post_init__(self) -> None:
-        if not self.name:
-            raise ConfigurationError(f"got {self.column!r}, expected the name of a column")
-        if self.full is not None and self.full == self.neutral:
-            text = f"neutral and full are {self.full:g}, expected two numbers"
-            raise ConfigurationError(f"column {self.name}: {text}")
 
     @property
     def name(self) -> str:
@@ -161,7 +163,10 @@ class ColumnMap:
     water: Columns = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        len(self.specs)  # names that are wrong, or empty, are refused
+        for option, spec in {"time": self.clock, **self.specs}.items():
+            if not spec.name or spec.full == spec.neutral:
+                expected = "expected a name, and two numbers for neutral and full"
+                raise ConfigurationError(f"columns.{option}: got {spec.written!r}, {expected}")
 
     @property
     def clock(self) -> Column:
@@ -169,17 +174,15 @@ class ColumnMap:
         return self.time if isinstance(self.time, Column) else Column(self.time)
 
     @property
-    def posed(self) -> tuple[str, ...]:
+    def posed(self) -> set[str]:
         """Degrees of freedom whose position or angle is mapped."""
-        known = {*self.position, *DOFS[: len(self.geodetic or ())]}
-        known |= set(DOFS[3:]) if self.orientation else set()
-        return tuple(dof for dof in DOFS if dof in known)
+        angles = DOFS[3:] if self.orientation else ()
+        return {*self.position, *DOFS[: len(self.geodetic or ())], *angles}
 
     @property
-    def moving(self) -> tuple[str, ...]:
+    def moving(self) -> set[str]:
         """Degrees of freedom whose velocity is recorded, in body axes or over ground."""
-        known = {*self.velocity, *(DOFS[:2] if self.ground else ())}
-        return tuple(dof for dof in DOFS if dof in known)
+        return {*self.velocity, *(DOFS[:2] if self.ground else ())}
 
     @cached_property
     def specs(self) -> Mapping[str, Column]:
@@ -197,11 +200,8 @@ class ColumnMap:
                 some = f"{', '.join(needed)} of " if 0 < len(needed) < len(names) else ""
                 expected = f"expected {some}{', '.join(names)}"
                 raise ConfigurationError(f"columns.{kind}: got {got}, {expected}")
-            for option, spec in ((f"{kind}.{name}", spec) for name, spec in group.items()):
-                try:
-                    result[option] = spec if isinstance(spec, Column) else Column(spec)
-                except ConfigurationError as error:
-                    raise ConfigurationError(f"columns.{option}: {error}") from error
+            for name, spec in group.items():
+                result[f"{kind}.{name}"] = spec if isinstance(spec, Column) else Column(spec)
         return result
 
     def check(self, dofs: Sequence[str]) -> None:
@@ -268,3 +268,98 @@ def targets_of(option: str) -> tuple[str, ...]:
     """The units in which an option such as `velocity.surge` is kept, any of which may be meant."""
     kind, _, name = option.partition(".")
     return OWN.get(kind) or ((SI[kind][name],) if kind in SI else ())
+
+
+class ColumnReading(NamedTuple):
+    """With which unit and sign a column was read, where they are known from, and its source."""
+
+    option: str
+    column: str  # as the map has it
+    unit: str
+    known_from: str
+    source: Source
+    name: str  # in the source
+
+    @property
+    def values(self) -> Array:
+        """The numbers of the column as recorded, shape (N,); NaN where missing."""
+        return self.source.numbers(self.name, gaps=True)
+
+
+def wanted(columns: ColumnMap, dofs: Sequence[str]) -> dict[str, bool]:
+    """The options whose columns a vessel with some degrees of freedom uses, and if it needs them.
+
+    The attitude is used where it is recorded, also by a vessel that does not turn.
+    """
+    arm, angles, used = any(columns.lever_arm_m), DOFS[3:], dict[str, bool]()
+    turned = columns.frames != Frames() or arm or bool(columns.geodetic or columns.ground)
+    turned = turned or not set(dofs) <= set(columns.moving)
+    for option in columns.specs:
+        kind, _, dof = option.partition(".")
+        angle, posed = dof in angles, kind == "position"
+        if kind in KINDS:
+            needed = dof in dofs or (turned and not angle and kind in MOTION)
+            needed |= arm and angle and kind == "velocity"
+            replaced = posed and (columns.orientation if angle else columns.geodetic)
+            if (needed or (angle and posed)) and not replaced:
+                used[option] = needed
+        elif kind not in IN_THE_PLANE or set(PLANAR) <= set(dofs):
+            used[option] = kind != "orientation" or turned or bool(set(angles) & set(dofs))
+    return used
+
+
+def readings(
+    sources: Mapping[str, Source], columns: ColumnMap, used: Mapping[str, bool] | None = None
+) -> dict[str, ColumnReading]:
+    """How each mapped column is read, by option; the first that tells its unit counts.
+
+    `used` are the options that are read, and whether each is needed; None: those that are there.
+    Raises RecordingError if a needed column does not exist.
+    """
+    result = {}
+    used = dict.fromkeys(columns.specs, False) if used is None else used
+    for option, needed in used.items():
+        spec, targets = columns.specs[option], targets_of(option)
+        kind = option.partition(".")[0]
+        try:
+            source, name = column(sources, spec.name)
+        except RecordingError:
+            if needed:
+                raise
+            continue
+        unit, origin = spec.unit or "", "the map"
+        if spec.unit is None and spec.full is None and targets:
+            unit, origin = (targets[0] if len(targets) == 1 else ""), SI_ASSUMED
+            beside = [  # columns of the same quantity, in the same source
+                other.name for o, other in columns.specs.items()
+                if targets_of(o) == targets and (
+                    {o, option} <= {*BEARINGS} or (kind in KINDS and o.startswith(f"{kind}."))
+                )
+            ]  # fmt: skip
+            for title in (None, *beside):
+                plain = source.find(title.rpartition(":")[2]) if title else name
+                if plain and (stated := stated_unit(source, plain, targets)):
+                    unit, origin = stated[0], f"{title} beside it" if title else stated[1]
+                    break
+        result[option] = ColumnReading(option, spec.column, unit, origin, source, name)
+    return result
+
+
+def stated_unit(source: Source, name: str, targets: Sequence[str]) -> tuple[str, str] | None:
+    """The unit of a column by the metadata of the file or by its title, and which it is."""
+    stated = source.units.get(name)
+    if stated and target_of(stated, targets) is not None:
+        return stated, "the file"
+    titled = unit_in_title(source.titles.get(name, name), targets)
+    return (titled, "the title") if titled else None
+
+
+def together(notes: Sequence[str]) -> Iterator[str]:
+    """What was left out, lines that differ by the column only in one."""
+    groups = defaultdict[str, list[str]](list)
+    for note in dict.fromkeys(notes):
+        name, _, text = note.partition(": ") if note.startswith("column ") else ("", "", note)
+        groups[text] += [name.removeprefix("column ")] if name else []
+    for text, names in groups.items():
+        columns = shorten(", ".join(names), 300, placeholder=" ...")
+        yield f"column{'s' * (len(names) > 1)} {columns}: {text}" if names else text

@@ -18,7 +18,7 @@ import numpy as np
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
-from seatrial.models.recording import consistency, reader
+from seatrial.models.recording import column_map, consistency, recorded_file
 from seatrial.models.recording.column_map import (
     BEARINGS,
     Column,
@@ -30,7 +30,6 @@ from seatrial.models.recording.column_map import (
 )
 from seatrial.models.recording.consistency import AS_GOOD, SAME_SCALE, SURE
 from seatrial.models.recording.quantities import quantity
-from seatrial.models.recording.reader import FAULTS, SI_ASSUMED
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording, piece_edges
 from seatrial.models.recording.signals import original_rate, sampling
@@ -62,7 +61,7 @@ OTHER = {"body": "earth", "earth": "body", "NED": "ENU", "ENU": "NED", "FRD": "F
 SENSES = {
     "velocity": ("earth", LINEAR, "the velocities are along the axes of the {}"),
     "position": ("frame", LINEAR, "the positions are {}"),
-    "body": ("frame", reader.FLIPPED, "the axes of the body are {}"),
+    "body": ("frame", column_map.FLIPPED, "the axes of the body are {}"),
     "attitude": ("heading", YAW, "the attitude is of {}"),
     "positive": ("heading", YAW, "the heading counts {}"),
 }
@@ -140,7 +139,7 @@ def examine(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
     columns, poses, speeds = file.columns, set(file.columns.posed), set(file.columns.moving)
     for own in (poses & (speeds | set(PLANAR)), poses & speeds, set(dofs)):
         known = tuple(dof for dof in DOFS if dof in own)
-        with suppress(*FAULTS):
+        with suppress(*column_map.FAULTS):
             if known:
                 whole, sources = file.recording(known), file.sources()
                 break
@@ -150,7 +149,7 @@ def examine(file: RecordedFile, dofs: Sequence[str]) -> Examination | None:
     if (blocks := _blocks(sources, columns)) is not None:
         rate = file.resample_hz or 1.0 / whole.period_s
         part = replace(file, resample_hz=rate, at_gap="split")
-        with suppress(*FAULTS):
+        with suppress(*column_map.FAULTS):
             case = _Case(part, part.recording(known, blocks), sources, blocks)
     turned = poses & set(ANGLES) and speeds & set(LINEAR) & set(known)
     lacking = {
@@ -204,7 +203,7 @@ class _Case:
 
     def read(self, defect: RecordingDefect, cutoff_hz: float | None = None) -> "_Case | None":
         """The recording read with the change of a problem; None if it cannot be."""
-        with suppress(*FAULTS):
+        with suppress(*column_map.FAULTS):
             file, problems = changed(self.file, defect.change), (*self.problems, defect)
             recording = file.recording(self.recording.dofs, self.blocks)
             return replace(self, file=file, recording=recording, problems=problems,
@@ -214,13 +213,14 @@ class _Case:
     @cached_property
     def result(self) -> consistency.Consistency:
         """How pose and velocity agree."""
-        return consistency.consistency(self.recording, self.file.columns.moving, self.cutoff_hz)
+        moving = tuple(self.file.columns.moving)
+        return consistency.consistency(self.recording, moving, self.cutoff_hz)
 
     @cached_property
-    def readings(self) -> Mapping[str, reader.ColumnReading]:
+    def readings(self) -> Mapping[str, column_map.ColumnReading]:
         """How the columns of motion are read, by option."""
-        used = dict.fromkeys(reader.wanted(self.file.columns, DOFS), False)
-        known = reader.readings(self.sources, self.file.columns, used)
+        used = dict.fromkeys(column_map.wanted(self.file.columns, DOFS), False)
+        known = column_map.readings(self.sources, self.file.columns, used)
         kinds = ("position.", "velocity.", "ground.", "wind.")
         return {option: reading for option, reading in known.items() if option.startswith(kinds)}
 
@@ -257,10 +257,8 @@ class _Case:
             ahead = after.ahead if self.aside and after.ahead > AHEAD else 0.0
             gain = after.result.quality - self.result.quality + ahead
             worse = after.ahead < ASIDE and self.ahead > AHEAD
-            worse |= any(
-                new.quality < old.quality - AS_GOOD and old.correlation > SURE
-                for old, new in zip(self.result.axes, after.result.axes, strict=True)
-            )
+            pairs = zip(self.result.axes, after.result.axes, strict=True)
+            worse |= any(b.quality < a.quality - AS_GOOD and a.correlation > SURE for a, b in pairs)
             if gain > (defect in guesses) * AS_GOOD and not worse:
                 tried.append((gain, after))
         most = max((gain for gain, _ in tried), default=0.0)
@@ -311,7 +309,7 @@ class _Case:
     def _degrees(self) -> Iterator[RecordingDefect]:
         """Degrees of angles, and of rates beside them, whose unit is not stated."""
         free = {option: self.file.columns.specs[option] for option, reading in self.readings.items()
-                if reading.known_from == SI_ASSUMED}  # fmt: skip
+                if reading.known_from == column_map.SI_ASSUMED}  # fmt: skip
         angles = [option for option in BEARINGS if option in free]
         yaw = {"position.yaw"} & set(angles)
         rates = [option for dof in ANGLES if (option := f"velocity.{dof}") in free]
@@ -379,11 +377,11 @@ class _Case:
 
     def slower(self) -> RecordingDefect | None:
         """Whether all columns of motion of a source were interpolated from slower ones."""
-        times = reader.clocks(self.sources, self.file.columns)
+        times = recorded_file.clocks(self.sources, self.file.columns)
         motion = defaultdict[str, Any](lambda: defaultdict(list))
         for option, reading in self.readings.items():
             kind, _, dof = option.partition(".")
-            if kind in reader.MOTION:  # by itself: a heading and its rate may have no noise
+            if kind in column_map.MOTION:  # by itself: a heading and its rate may have no noise
                 motion[reading.source.name][kind, dof in ANGLES].append(reading.values)
         for name, groups in motion.items():
             t, own = times[name], sampling(times[name]).rate_hz
@@ -403,7 +401,7 @@ class _Case:
 
 def _blocks(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Source] | None:
     """Even blocks of the time of long sources; None if they are short."""
-    clocks = reader.clocks(sources, columns)
+    clocks = recorded_file.clocks(sources, columns)
     longest = max(map(len, clocks.values()), default=0)
     if longest <= MOST_SAMPLES:
         return None
@@ -419,14 +417,14 @@ def _blocks(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, Sour
 def doubts(sources: Mapping[str, Source], columns: ColumnMap) -> dict[str, str]:
     """Questions about columns without a stated unit whose values reach far, by option."""
     result, speed = dict[str, str](), columns.specs.get("ground.speed")
-    for option, reading in reader.readings(sources, columns).items():
+    for option, reading in column_map.readings(sources, columns).items():
         (kind, _, key), name = option.partition("."), reading.column.removeprefix("-")
         of = ((kind == "inputs" and quantity(reading.name)) or reading).option
         values = np.empty(0)
         with suppress(RecordingError):
             values = reading.values[~np.isnan(reading.values)]
         driven = option.startswith("inputs.pwm") and columns.specs[option].full is None
-        if not len(values) or not (driven or reading.known_from == SI_ASSUMED):
+        if not len(values) or not (driven or reading.known_from == column_map.SI_ASSUMED):
             continue
         least, most = float(np.min(values)), float(np.max(values))
         largest, steps = max(-least, most), np.abs(np.diff(values))

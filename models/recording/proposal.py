@@ -13,14 +13,17 @@ from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS, PLANAR
 from seatrial.models.recording.column_map import (
     QUATERNION,
+    SI_ASSUMED,
     Column,
     ColumnMap,
+    readings,
     si_factor,
+    stated_unit,
     targets_of,
+    together,
     words_of,
 )  # fmt: skip
 from seatrial.models.recording.quantities import KIND_OF, WORDS, Quantity, quantity
-from seatrial.models.recording.reader import SI_ASSUMED, readings, stated_unit, together
 from seatrial.models.recording.source import Source
 from seatrial.models.recording.times import clocks, find_time
 from seatrial.models.vessel.basis import INPUTS, Array

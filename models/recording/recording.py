@@ -1,8 +1,8 @@
 """Recordings: sampled motion and force of a vessel, simulated or measured, and their splits."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
@@ -126,12 +126,7 @@ class Recording:
         A command is constant over its sample, an acting force linear between the samples.
         """
         start = self.force(kind)
-        return _held(start, start if start is self.tau else following(start))
-
-    def held_inputs(self) -> Array:
-        """Inputs, linear between the samples, as `held_force` has forces, (N, 3, n_inputs)."""
-        assert self.inputs is not None
-        return _held(self.inputs, following(self.inputs))
+        return held(start, start if start is self.tau else following(start))
 
     def variables(self) -> Array:
         """Variables of the basis functions, shape (N, N_VARIABLES)."""
@@ -147,24 +142,17 @@ class Recording:
         """
         if cutoff_hz is None:
             return self
-        if (cutoff_hz, drop_s) not in self._filtered:
-            check_cutoff(cutoff_hz, self.period_s)
-            drop, pieces = round(drop_s / self.period_s), self.pieces()
-            if (longest := max(map(len, pieces))) < (least := 2 * drop + MIN_PIECE):
-                raise RecordingError(f"got {longest} samples, too few for a low-pass filter")
-            inner = []
-            for piece in (piece for piece in pieces if len(piece) >= least):
-                smooth = piece.sampled
-                for name in SMOOTHED & smooth.keys():
-                    smooth[name] = lowpass(smooth[name], cutoff_hz, piece.period_s)
-                inner.append(replace(piece, **smooth).part(slice(drop, len(piece) - drop)))
-            self._filtered[cutoff_hz, drop_s] = joined(inner)
-        return self._filtered[cutoff_hz, drop_s]
-
-    @cached_property
-    def _filtered(self) -> dict[tuple[float, float], "Recording"]:
-        """The results of `lowpass`: identifiers that are compared ask for the same ones."""
-        return {}
+        check_cutoff(cutoff_hz, self.period_s)
+        drop, pieces = round(drop_s / self.period_s), self.pieces()
+        if (longest := max(map(len, pieces))) < (least := 2 * drop + MIN_PIECE):
+            raise RecordingError(f"got {longest} samples, too few for a low-pass filter")
+        inner = []
+        for piece in (piece for piece in pieces if len(piece) >= least):
+            smooth = piece.sampled
+            for name in SMOOTHED & smooth.keys():
+                smooth[name] = lowpass(smooth[name], cutoff_hz, piece.period_s)
+            inner.append(replace(piece, **smooth).part(slice(drop, len(piece) - drop)))
+        return joined(inner)
 
     def interior(self, drop_s: float) -> Mask:
         """Samples (N,) at least `drop_s` [s] from the ends of their pieces."""
@@ -175,8 +163,7 @@ class Recording:
 
     def lowpassed(self, values: Array, cutoff_hz: float) -> Array:
         """Zero-phase low-pass of columns (N, k) that belong to the samples, piece by piece."""
-        smooth = partial(lowpass, cutoff_hz=cutoff_hz, period_s=self.period_s)
-        return piecewise(smooth, self.edges, values)
+        return piecewise(lambda x: lowpass(x, cutoff_hz, self.period_s), self.edges, values)
 
     def pieces(self) -> list["Recording"]:
         """The segments without a gap in time, such as the trips of the training part."""
@@ -219,15 +206,15 @@ def following(values: Array) -> Array:
     return np.concatenate([values[1:], values[-1:]])
 
 
-def _held(start: Array, end: Array) -> Array:
+def held(start: Array, end: Array) -> Array:
+    """Values at the start, middle and end of each sample, shape (N, 3, n)."""
     return np.stack([start, 0.5 * (start + end), end], axis=1)
 
 
 def check_cutoff(cutoff_hz: float | None, period_s: float) -> None:
     """Raise ConfigurationError unless the cut-off is below half the sample rate; period [s]."""
-    highest = 0.5 / period_s
-    if cutoff_hz is not None and not 0.0 < cutoff_hz < highest:
-        text = f"must lie between 0 and {highest:g}, got {cutoff_hz:g}"
+    if cutoff_hz is not None and not 0.0 < cutoff_hz < 0.5 / period_s:
+        text = f"must lie between 0 and {0.5 / period_s:g}, got {cutoff_hz:g}"
         raise ConfigurationError(f"identifier.lowpass_hz {text}")
 
 
@@ -256,10 +243,8 @@ def end_to_end(parts: Sequence[R]) -> R:
     period, t, end = first.period_s, [first.t], float(first.t[-1])
     for part in parts[1:]:
         if part.dofs != first.dofs or abs(part.period_s - period) > UNIFORMITY * period:
-            got, expected = (
-                f"{', '.join(one.dofs)} every {one.period_s:g} s" for one in (part, first)
-            )
-            text = f"got {got}, expected {expected} as in the first; resample_hz sets one"
+            got = [f"{', '.join(one.dofs)} every {one.period_s:g} s" for one in (part, first)]
+            text = f"got {got[0]}, expected {got[1]} as in the first; resample_hz sets one"
             raise RecordingError(f"{part.place}: {text}")
         steps = (float(part.t[0]) - end) / period
         follows = steps > 0.5 and abs(steps - round(steps)) < UNIFORMITY
@@ -309,23 +294,6 @@ def half(n: int, fraction: float = 0.5) -> Split:
         raise ConfigurationError(f"train_fraction must lie between 0 and 1, got {fraction:g}")
     train = np.arange(n) < fraction * n - 1e-9
     return Split(train, ~train)
-
-
-def by_trips(t: Array, starts_s: Sequence[float], training: Collection[int]) -> Split:
-    """The `training` trips, counted from 1, and the others for testing.
-
-    A trip begins at its start [s] and lasts until the next one; samples before the first are in
-    neither set. Jervan (2020), section 5.3, uses trips 1 and 3 for training, 2 and 4 for testing.
-    """
-    if np.any(np.diff(starts_s) <= 0.0):
-        raise ConfigurationError(f"trip_starts_s must increase, got {list(starts_s)}")
-    trip = np.searchsorted(starts_s, t, side="right")
-    selected = np.isin(trip, list(training))
-    split = Split(selected & (trip > 0), ~selected & (trip > 0))
-    if not np.any(split.train) or not np.any(split.test):
-        got = f"got {list(training)} of trips {np.unique(trip[trip > 0]).tolist()}"
-        raise ConfigurationError(f"training_trips must leave trips for training and testing, {got}")
-    return split
 
 
 def blocked_k_fold(n: int, count: int, file: NDArray[np.int64] | None = None) -> tuple[Split, ...]:

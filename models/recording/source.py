@@ -45,14 +45,13 @@ class FileFormat(NamedTuple):
 
 NMEA = rb"(?:[^\n]{0,200}\n){0,20}?[^\n]{0,100}[$!](?:[A-Z]{2}[A-Z\d]{3}|P[A-Z]{3,}),[^\n]*[,*]"
 MAVLINK = rb"\xa3\x95|FMT, ?\d|.{8}[\xfd\xfe].{5,}"
+HDF = rb"(?:.{512})?\x89HDF"  # also MATLAB 7.3
 BAG = rb"#ROSBAG|\x89MCAP|SQLite format 3\0"
 FORMATS = {
     "csv": FileFormat(".csv .tsv", "text.read"),
     "dat": FileFormat(".dat .txt .asc .dba .log", "text.read"),
     "excel": FileFormat(".xlsx .xlsm", "tables.read_excel", "openpyxl", rb"PK\x03\x04"),
-    "hdf5": FileFormat(
-        ".h5 .hdf5", "tables.read_hdf5", "h5py", rb"(?:.{512})?\x89HDF"
-    ),  # MATLAB 7.3
+    "hdf5": FileFormat(".h5 .hdf5", "tables.read_hdf5", "h5py", HDF),
     "netcdf": FileFormat(".nc .nc4 .cdf", "tables.read_netcdf", "xarray", rb"CDF[\x01\x02\x05]"),
     "ardupilot": FileFormat(".bin .tlog", "tables.read_ardupilot", "pymavlink", MAVLINK),
     "nmea": FileFormat(".nmea .nma", "tables.read_nmea", "pynmea2", NMEA),
@@ -201,8 +200,7 @@ def _sources(path: Path, options: ReadOptions, stamp: tuple[object, ...]) -> dic
         files = [file for file in sorted(path.rglob("*"))
                  if SUFFIXES.get(file.suffix.lower()) in kinds and file.is_file()]  # fmt: skip
     if not files:
-        problem = "is not a regular file" if path.exists() else "there is no such file"
-        problem = "is a folder without recordings" if path.is_dir() else problem
+        problem = "holds no recording" if path.exists() else "there is no such file"
         shown = str(path).replace("\0", "\\0")
         raise RecordingError(f"{shown}: {problem}, expected a recording: {', '.join(SUFFIXES)}")
     names = {f: f.relative_to(path).with_suffix("").as_posix() for f in files if f != path}

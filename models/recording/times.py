@@ -3,15 +3,16 @@
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.recording.column_map import TITLES as UNIT_TITLES
-from seatrial.models.recording.column_map import Column, factor, unit_in_title, words_of
+from seatrial.models.recording.column_map import Column, ColumnMap, factor, unit_in_title, words_of
 from seatrial.models.recording.source import MISSING, Source
+from seatrial.models.recording.source import column as column_of
 from seatrial.models.vessel.basis import Array
 
 if TYPE_CHECKING:  # slow to import
@@ -44,6 +45,10 @@ TITLES = re.compile("(?:" + "|".join((
     r"(.*_stamp(?:_sec|_secs)?|(?:.*_)?time(?:stamp)?(?:_.*)?|(?:.*_)?utc(?:_.*)?|(?:gps_|i_?)?tow)",
     r"((?:.*_)?(?:sec|secs|seconds)(?:_of_.*)?)",
 )) + ")(?:_(?:s|sec|secs|ms|us|ns|usec|msec))?")  # fmt: skip
+MOST_SAMPLES = 100  # on the grid, for each sample of the channel with the most
+MIN_STRETCH = 3  # samples of a stretch: a derivative of second order needs as many
+TIME_ROUNDING = 1e-6  # of a sample time
+AtGap = Literal["refuse", "split"]
 APART = 0.5  # of a sample time: two clocks that disagree by more are named
 
 
@@ -256,3 +261,83 @@ def disagreement(source: Source, used: Column) -> str | None:
                 f"columns.time: {written} reads the other"
             )
     return None
+
+
+def clock_of(source: Source, columns: ColumnMap) -> Column:
+    """The time of a source: that of the map, which may be named `source:column`, or its own."""
+    time = columns.clock
+    for name in (time.name, time.name.rpartition(":")[2]):
+        if source.find(name) is not None:
+            return replace(time, column=name)
+    known = find_time(source)
+    return known or replace(time, column=column_of({source.name: source}, time.name)[1])  # raises
+
+
+class Channel(NamedTuple):
+    """A signal on its own clock: a state is interpolated, a command held until the next."""
+
+    t: Array  # (N,) [s], increasing
+    values: Array  # (N,)
+    held: bool = False
+    name: str = ""  # for messages
+
+    def cleaned(self, notes: list[str]) -> "Channel":
+        """Without missing values, and samples that are not later than all before; `notes` tell."""
+        timeless = np.isnan(self.t)
+        if np.any(timeless):
+            notes.append(f"{np.sum(timeless)} rows have no time: left out")
+        valid = ~(np.isnan(self.values) | timeless)
+        t, values = self.t[valid], self.values[valid]
+        if not np.all(later := is_later(t)):
+            back, same = np.sum(np.diff(t) < 0.0), np.sum(np.diff(t) == 0.0)
+            text = f"not later than the one before ({same} times repeat, {back} go back): left out"
+            notes.append(f"{self.name}: {np.sum(~later)} samples are {text}")
+        return self._replace(t=t[later], values=values[later])
+
+
+Channels = dict[str, Channel]  # by option
+
+
+def join_channels(
+    channels: Channels, rate_hz: float, max_gap_s: float, at_gap: AtGap = "refuse"
+) -> tuple[Array, dict[str, Array]]:
+    """Interpolate states linearly, and hold commands, on one uniform grid of times (n,) [s].
+
+    The grid starts where the last channel starts and ends where the first one ends. A time longer
+    than `max_gap_s` [s] without a sample of one of the channels is a gap: `refuse` raises
+    RecordingError, `split` leaves it out of the grid. The channels have no missing values, and
+    angles are unrolled. There is no anti-aliasing filter.
+    """
+    if short := next((c for c in channels.values() if len(c.t) < 2), None):
+        raise RecordingError(f"{short.name}: got {len(short.t)} samples, expected at least 2")
+    start, last = max((float(c.t[0]), c.name) for c in channels.values())
+    end, first = min((float(c.t[-1]) + max_gap_s * c.held, c.name) for c in channels.values())
+    stop = min(end, max(float(c.t[-1]) for c in channels.values()))
+    count = int(np.floor((stop - start) * rate_hz * (1.0 + 1e-12) + 1e-9)) + 1
+    if count > MOST_SAMPLES * (most := max(len(channel.t) for channel in channels.values())):
+        got = f"got {count:.3g} samples from the {most} recorded, at resample_hz={rate_hz:g}"
+        raise RecordingError(f"{got}; expected at most {MOST_SAMPLES} times as many")
+    rows = np.arange(count)  # of the grid, without those in gaps of the channels before
+    for channel in channels.values():
+        t = start + rows / rate_hz
+        before = channel.t[np.searchsorted(channel.t, t, side="right") - 1]
+        after = np.minimum(np.searchsorted(channel.t, t), len(channel.t) - 1)  # or on a sample
+        length = (t if channel.held else channel.t[after]) - before
+        gaps = length > max_gap_s * (1.0 + TIME_ROUNDING)
+        if at_gap == "refuse" and np.any(gaps):
+            k = int(np.argmax(gaps))
+            got = f"got no sample for {length[k]:.6g} s after {before[k]:.6g} s"
+            expected = f"expected at most {max_gap_s:g} s; excitation.at_gap=split leaves gaps out"
+            raise RecordingError(f"{channel.name}: {got}, {expected}")
+        rows = rows[~gaps]
+    stretches = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    rows = np.concatenate([part if len(part) >= MIN_STRETCH else part[:0] for part in stretches])
+    if not len(rows):
+        got = f"got no {MIN_STRETCH} samples at {rate_hz:g} Hz that all columns cover"
+        raise RecordingError(f"{got}: {last} begins at {start:g} s, {first} ends at {stop:g} s")
+    t, values = start + rows / rate_hz, dict[str, Array]()
+    for option, channel in channels.items():
+        now = np.searchsorted(channel.t, t + TIME_ROUNDING / rate_hz, side="right") - 1
+        between = np.interp(t, channel.t, channel.values)
+        values[option] = channel.values[now] if channel.held else between
+    return t, values

@@ -18,10 +18,9 @@ from pyarrow import parquet
 
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.notation import DOFS, accelerations_of, poses_of, velocities_of
-from seatrial.models.recording.column_map import targets_of
+from seatrial.models.recording.column_map import FAULTS, targets_of
 from seatrial.models.recording.diagnosis import doubts, examine, with_option
 from seatrial.models.recording.proposal import Proposal, propose
-from seatrial.models.recording.reader import FAULTS
 from seatrial.models.recording.recording import Recording
 from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.runner.commands.benchmark import get
@@ -104,7 +103,7 @@ def drafted(file: Path, wanted: Sequence[str] = ()) -> Proposal:
     left_out = [line for source in sources.values() for line in source.left_out]
     try:
         reader = reader_of(file, options_of(deepcopy(node)))
-        known = examine(reader, reader.columns.moving)
+        known = examine(reader, tuple(reader.columns.moving))
         asked += known.questions if known else doubts(sources, reader.columns).values()
         if known:
             left_out = [*reader.account(known.recording.dofs)[0].left_out, *known.not_compared]

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seatrial.models.notation import DOFS, POSE_UNIT, VELOCITY_UNIT, velocities_of
-from seatrial.models.recording.column_map import targets_of
+from seatrial.models.recording.column_map import FAULTS, readings, targets_of
 from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.diagnosis import Examination, examine
-from seatrial.models.recording.reader import FAULTS, ReadSignals, clocks, readings
-from seatrial.models.recording.recorded_file import RecordedFile
+from seatrial.models.recording.recorded_file import ReadSignals, RecordedFile, clocks
 from seatrial.models.recording.recording import piece_starts
 from seatrial.models.recording.signals import Sampling, noise_floor, outliers, sampling
 from seatrial.runner.compare.formats import html_table

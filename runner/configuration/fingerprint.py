@@ -66,8 +66,9 @@ def _by_files(key: str, node: object) -> object:
     if isinstance(node, Mapping):
         if key == "excitation" and isinstance(node.get("train"), list | tuple) and node["train"]:
             with suppress(ConfigurationError):  # which the trial says
-                train, test = recorded_file.file_set(node["train"], node.get("test") or ())
-                node = {**node, "train": [*map(str, train)], "test": [*map(str, test)]}
+                sets = (node["train"], node.get("test") or ())
+                train, test = ([*map(str, recorded_file.matched(names))] for names in sets)
+                node = {**node, "train": train, "test": test}
         return {
             str(name): _located_by_content(str(name), value)
             if name in NAMED

@@ -13,7 +13,7 @@ import yaml
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.diagnosis import examine
-from seatrial.models.recording.reader import Reading
+from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.runner.configuration.recording_map import options_of, reader_of
 from tests.data import DATA
@@ -68,11 +68,11 @@ def test_an_input_is_zero_at_neutral_and_one_at_full(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("t,x,y,psi,pwm\n0.0,0,0,0,1511\n0.1,0,0,0,1900\n0.2,0,0,0,1122\n")
     spec = Column("pwm", neutral=1511.0, full=1900.0)
-    reading = Reading(columns=ColumnMap("t", inputs={"pwm_1": spec}))
+    reading = RecordedFile(path="log.csv", columns=ColumnMap("t", inputs={"pwm_1": spec}))
     values = reading.signals(path, read_sources(path, ReadOptions()), ()).values["inputs.pwm_1"]
     np.testing.assert_allclose(values, [0.0, 1.0, -1.0])
-    with pytest.raises(ConfigurationError, match="neutral and full are 1900, expected two numbers"):
-        Column("pwm", neutral=1900.0, full=1900.0)
+    with pytest.raises(ConfigurationError, match="expected a name, and two numbers"):
+        ColumnMap("t", inputs={"pwm_1": Column("pwm", neutral=1900.0, full=1900.0)})
 
 
 @pytest.mark.data

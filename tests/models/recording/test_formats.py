@@ -292,7 +292,7 @@ def test_a_folder_holds_several_formats(tmp_path: Path) -> None:
     assert set(read_sources(tmp_path, ReadOptions("parquet"))) == {"a", "b/c"}
     empty = tmp_path / "b" / "none"
     empty.mkdir()
-    with pytest.raises(RecordingError, match="is a folder without recordings"):
+    with pytest.raises(RecordingError, match="holds no recording"):
         read_sources(empty, ReadOptions())
 
 

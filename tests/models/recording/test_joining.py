@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import RecordingError
-from seatrial.models.recording.reader import Channel, join_channels
+from seatrial.models.recording.times import Channel, join_channels
 
 
 def test_straight_lines_are_joined_exactly_and_within_all_channels() -> None:

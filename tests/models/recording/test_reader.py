@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import DOFS
 from seatrial.models.recording.column_map import ColumnMap, Frames
-from seatrial.models.recording.reader import Reading
-from seatrial.models.recording.source import ReadOptions, read_sources
+from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import pose_jacobian
 
@@ -68,7 +67,7 @@ def _read(folder: Path, frame: pd.DataFrame, columns: ColumnMap) -> tuple[Array,
     """Time, pose and velocity, as the reader makes them of a file with these columns."""
     path = folder / "log.csv"
     frame.to_csv(path, index=False)
-    signals = Reading(columns=columns).signals(path, read_sources(path, ReadOptions()), DOFS)
+    (signals,) = RecordedFile(path=str(path), columns=columns).account(DOFS)
     table = signals.values
     return (
         signals.t,

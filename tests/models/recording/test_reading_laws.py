@@ -9,7 +9,7 @@ import pytest
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.recording.column_map import Column, ColumnMap, factor, unit_in_title
-from seatrial.models.recording.reader import Reading, ReadSignals
+from seatrial.models.recording.recorded_file import ReadSignals, RecordedFile
 from seatrial.models.recording.signals import sampling
 from seatrial.models.recording.source import ReadOptions, Source, read_sources
 from seatrial.models.recording.times import disagreement, find_time, seconds
@@ -29,7 +29,7 @@ def written(folder: Path, table: dict[str, Any]) -> dict[str, Source]:
     return read_sources(folder / "log.csv", ReadOptions())
 
 
-def read(folder: Path, reading: Reading, *dofs: str, **table: Any) -> ReadSignals:
+def read(folder: Path, reading: RecordedFile, *dofs: str, **table: Any) -> ReadSignals:
     return reading.signals(folder / "log.csv", written(folder, table), dofs or PLANAR)
 
 
@@ -174,7 +174,7 @@ def test_units_by_the_map_then_the_title_then_what_stands_beside(tmp_path: Path)
         velocity={"surge": Column("u_kn", unit="m/s"), "sway": "v_kn", "yaw": "r"},
     )  # fmt: skip
     table = {"t": T, "x": X, "y": Y, "psi": PSI + 40.0, "u_kn": U, "v_kn": V * 3600 / 1852, "r": R}
-    signals = read(tmp_path, Reading(columns=columns), **table)
+    signals = read(tmp_path, RecordedFile(path="log.csv", columns=columns), **table)
     known = {reading.option: (reading.unit, reading.known_from) for reading in signals.readings}
     assert known["velocity.surge"] == ("m/s", "the map")
     assert known["velocity.sway"] == ("knot", "the title")
@@ -185,7 +185,7 @@ def test_units_by_the_map_then_the_title_then_what_stands_beside(tmp_path: Path)
         "t", position={"yaw": "heading_deg", "roll": "roll"}, velocity={"surge": "u"}
     )
     table = {"t": T, "heading_deg": np.degrees(PSI), "roll": 3.0 * np.sin(T), "u": U}
-    signals = read(tmp_path, Reading(columns=beside), "surge", "yaw", **table)
+    signals = read(tmp_path, RecordedFile(path="log.csv", columns=beside), "surge", "yaw", **table)
     assert np.max(np.abs(signals.values["position.roll"])) < 0.06
 
 
@@ -198,14 +198,14 @@ def test_nothing_vanishes_in_silence(tmp_path: Path) -> None:
     columns = ColumnMap("t", position={"surge": "x", "sway": "y", "yaw": "psi"},
                         velocity={"surge": "u", "sway": "v", "yaw": "r"})  # fmt: skip
     table = {"t": t, "x": X, "y": Y, "psi": psi, "u": u, "v": V, "r": R}
-    reading = Reading(columns=columns, resample_hz=5.0, at_gap="split")
+    reading = RecordedFile(path="log.csv", columns=columns, resample_hz=5.0, at_gap="split")
     signals = read(tmp_path, reading, **table)
     said = "\n".join(signals.left_out)
     assert "column u: 3 cells are -999: missing values" in said
     assert "column psi: 1 cells are 511: missing values" in said
     assert "columns x, y, psi, u, v, r: 2 samples are not later than the one before" in said
     assert "1 times repeat" in said
-    assert "in gaps of more than 1 s: left out, 2 pieces remain" in said
+    assert "in gaps: left out, 2 pieces remain" in said
     assert np.min(signals.values["velocity.surge"]) > 1.0
 
 
@@ -219,9 +219,9 @@ def test_course_and_speed_over_ground_with_a_heading_are_a_body_velocity(tmp_pat
         ground={"speed": Column("sog", unit="knot"), "course": Column("cog", unit="deg")},
         water={"speed": "stw_kn"},
     )  # fmt: skip
-    knots = 3600.0 / 1852.0
+    knots, file = 3600.0 / 1852.0, RecordedFile(path="log.csv", columns=columns)
     signals = read(
-        tmp_path, Reading(columns=columns), t=T, hdg=np.degrees(PSI) % 360.0, lat=59.0 + X / 111e3,
+        tmp_path, file, t=T, hdg=np.degrees(PSI) % 360.0, lat=59.0 + X / 111e3,
         lon=24.0 + Y / 57e3, sog=np.hypot(north, east) * knots,
         cog=np.degrees(np.arctan2(east, north)) % 360.0, stw_kn=ahead * knots,
     )  # fmt: skip

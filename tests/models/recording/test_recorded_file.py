@@ -99,7 +99,7 @@ def test_outliers_are_counted_and_replaced_only_when_asked(tmp_path: Path) -> No
     assert kept.read(("surge",)).nu[40, 0] == 1000.0
     reader = excitation(path, outliers={"replace": True})
     replaced = reader.read(("surge",))
-    assert reader.account(("surge",))[0].left_out == ("outliers are replaced: surge_vel 1",)
+    assert reader.account(("surge",))[0].left_out == ("column surge_vel: 1 outliers are replaced",)
     assert replaced.nu[40, 0] == pytest.approx(0.01 * 40**2, abs=0.011)
     assert replaced.nu_dot[40, 0] == pytest.approx(8.0)
 
@@ -186,12 +186,12 @@ def test_splits_of_a_file(tmp_path: Path) -> None:
         ({"train_fraction": 1.0}, ": train_fraction must lie between 0 and 1, got 1"),
         ({"columns": {"ground": {"speed": "v"}}}, "ground: got speed, expected speed, course"),
         ({"training_trips": [1]}, ": training_trips requires trip_starts_s"),
-        ({"trip_starts_s": [0, 10], "training_trips": []}, "testing, got [] of trips [1, 2]"),
-        ({"trip_starts_s": [0, 9], "training_trips": [1, 2]}, "got [1, 2] of trips [1, 2]"),
-        ({"trip_starts_s": [10, 0], "training_trips": [1]}, "must increase, got [10.0, 0.0]"),
-        ({"trip_starts_s": [9, 9], "training_trips": [1]}, "must increase, got [9.0, 9.0]"),
+        ({"trip_starts_s": [0, 10], "training_trips": []}, "got [] of trips at [0.0, 10.0] s"),
+        ({"trip_starts_s": [0, 9], "training_trips": [1, 2]}, "got [1, 2] of trips at [0.0, 9.0]"),
+        ({"trip_starts_s": [10, 0], "training_trips": [1]}, "at [10.0, 0.0] s, expected some"),
+        ({"trip_starts_s": [9, 9], "training_trips": [1]}, "at [9.0, 9.0] s, expected some"),
         ({"columns": {"velocity": {"sideways": "v"}}}, "got sideways, expected surge, sway"),
-        ({"columns": {"force": {"surge": "-"}}}, "force.surge: got '-', expected the name of a"),
+        ({"columns": {"force": {"surge": "-"}}}, "force.surge: got '-', expected a name"),
     ],
 )  # fmt: skip
 def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
@@ -240,9 +240,15 @@ def test_a_damaged_file_is_refused_or_read_but_nothing_else(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"Time": "0.3"}, "column Time, line 7: got '0.3', expected time to increase"),
-        ({"Time": "0.55"}, "column Time, line 7: got '0.55', expected steps of 0.1 s"),
-        ({"Time": ""}, "column Time, line 7: got an empty cell, expected a finite number"),
+        (
+            {"Time": "0.3"},
+            "column Time, line 7: got '0.3', expected time to increase by equal steps",
+        ),
+        (
+            {"Time": "0.55"},
+            "column Time, line 7: got '0.55', expected time to increase by equal steps, here 0.1 s",
+        ),
+        ({"Time": ""}, "column Time, line 7: got an empty cell, expected time to increase"),
         ({"force_x": "  "}, "column force_x, line 7: got an empty cell, expected a finite number"),
         ({"force_x": "NaN"}, "column force_x, line 7: got 'NaN', expected a finite number"),
         ({"force_x": "1e31"}, "column force_x, line 7: got '1e31', expected a finite number"),
