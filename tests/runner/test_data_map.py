@@ -206,9 +206,6 @@ def test_a_converted_recording_is_the_mapped_one(seatrial: Command) -> None:
         (words, "out.parquet: exists already, expected a new file"),
         ((*words[:3], "b.csv"), "b.csv: got suffix '.csv', expected .parquet"),
         (("data", "convert", "none.csv", "b.parquet"), "none.csv: there is no such file"),
-        (
-            (*words[:3], "b.parquet", "--dofs", "up"),
-            "no column for up, expected one for each of up",
-        ),
+        ((*words[:3], "b.parquet", "--dofs", "up"), "--dofs: got up, expected some of surge"),
     ):
         assert message in seatrial.refuses(*wrong)
