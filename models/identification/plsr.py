@@ -58,16 +58,14 @@ def _dominant(left: Array, w: Array) -> float:
     """
     n_x, n_y = left.shape
     power, square = np.empty((2, n_y, n_y))
-    for k in range(n_y):
-        for m in range(n_y):
-            power[k, m] = _product(left[:, k], left[:, m])
+    for k, m in np.ndindex(n_y, n_y):
+        power[k, m] = _product(left[:, k], left[:, m])
     for _ in range(SQUARINGS if n_y > 1 else 0):
         trace = np.trace(power)
         if trace <= 0.0:
             return 0.0
-        for k in range(n_y):
-            for m in range(n_y):
-                square[k, m] = _product(power[k], power[:, m]) / (trace * trace)
+        for k, m in np.ndindex(n_y, n_y):
+            square[k, m] = _product(power[k], power[:, m]) / (trace * trace)
         power, square = square, power
     column = power[:, np.argmax(np.diag(power))]
     for i in range(n_x):
@@ -95,8 +93,7 @@ def partial_least_squares(
     first, found, exhausted = 0.0, 0, False
     for a in range(orders):
         theta, own = coefficients[a], r[a]
-        if a > 0:
-            theta += coefficients[a - 1]
+        theta += coefficients[max(a - 1, 0)]
         if exhausted:
             continue
         length = _dominant(left, w)
@@ -120,8 +117,7 @@ def partial_least_squares(
                 left[i, k] -= e[i] * q
                 theta[i, k] += own[i] * q
             output[k, a] = q
-        for i in range(n_x):
-            weights[i, a], loadings[i, a] = w[i], e[i] / variance
+        weights[:, a], loadings[:, a] = w, e / variance
     return found
 
 
