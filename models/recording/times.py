@@ -58,12 +58,12 @@ def seconds(source: Source, column: Column) -> Array:
     A date without a zone is UTC. Numbers without a unit that can only be an epoch in ms, us or ns
     are taken for one. Raises RecordingError if a cell is neither a number nor a date.
     """
+    if column in source.times:
+        return source.times[column]
     name = source.find(column.name) or column.name
     text = _first_text(source, name)
     if column.format or any(form.match(text) for form in (CLOCK, DATE)):
-        if (name, column.format) not in source.times:
-            source.times[name, column.format] = _of_texts(source, name, column.format)
-        times = source.times[name, column.format]
+        times = _of_texts(source, name, column.format)
     else:
         times = source.numbers(name, gaps=True)
         unit = column.unit or source.units.get(name) or unit_in_title(name, ("s",))
@@ -79,7 +79,8 @@ def seconds(source: Source, column: Column) -> Array:
         times = seconds(source, Column(column.date)) + times % DAY_S
     if column.uniform and len(times) > 1:
         times = np.linspace(times[0], times[-1], len(times))
-    return column.sign * times
+    source.times[column] = column.sign * times
+    return source.times[column]
 
 
 def _unrolled(times: Array, periods: Sequence[float], share: float) -> Array:
@@ -93,10 +94,10 @@ def _unrolled(times: Array, periods: Sequence[float], share: float) -> Array:
 def _packed(values: Array) -> Array | None:
     """Numbers such as 235959.5 or 20240507235959 as seconds, (N,); None if they are none."""
     known = values[np.isfinite(values)]
+    if not np.any(known) or np.any((known < 0.0) | (known % 100.0 >= 60.0)) or np.ptp(known) <= 40:
+        return None
     day, clock = np.divmod(values, 1e6)
     parts = np.array([clock // 1e4, clock // 100.0 % 100.0, clock % 100.0])
-    if not len(known) or np.ptp(known) <= 40.0 or np.min(known) < 0.0:
-        return None
     start = np.zeros(len(values))
     if np.min(known) >= 1e6:
         start = _since_1970(pd.Series(day).map("{:.0f}".format), ("%Y%m%d",))
