@@ -16,7 +16,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.commands import HEADING, HOLD, Piece, zigzag
 from seatrial.models.excitation.helm import HelmsmanMission, register
 from seatrial.models.planning.dubins import Arc
-from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.recording import Mask, Split, half
 from seatrial.models.vessel.basis import Array
 
@@ -54,8 +54,11 @@ class HelmGrid:
     kind: Literal["turn", "zig-zag", "binary"]
     shares: tuple[float, ...]
     lengths: tuple[Positive, ...]
-    turns_deg: tuple[Positive, ...] = (0.0,)
-    holds: tuple[Positive, ...] = (0.0,)
+    turns_deg: tuple[NotNegative, ...] = (0.0,)  # 0 without
+    holds: tuple[NotNegative, ...] = (0.0,)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
 
 
 @dataclass(frozen=True, kw_only=True)
