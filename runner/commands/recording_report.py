@@ -116,7 +116,7 @@ def recording_page(name: str, report: Report) -> str:
     parts += [(table.title, html_table(replace(table, title=""))) for table in tables]
     if known is not None:
         with style.drawn():
-            title = "Velocities, and errors of the velocity integrated and the pose differentiated"
+            title = "Errors of both checks; velocities, of the pose (blue) and recorded (orange)"
             parts.append((title, picture(figure(known), title, "f-")))
     sections = [Section(title, f"s{i}", [block]) for i, (title, block) in enumerate(parts)]
     return page(f"Recording {name}", [], sections)
@@ -132,7 +132,7 @@ def figure(known: Examination) -> "Figure":
     recording, dofs = known.recording, known.recording.dofs
     (pose, integral), (nu, rates) = quality_checks(recording).values()
     both = recording.lowpassed(np.stack([rates, nu], axis=-1), known.result.cutoff_hz)
-    sheet, every = style.panels(len(dofs), 3, 2.2, 1.5, share_x=True)
+    sheet, every = style.panels(len(dofs), 3, 2.2, 1.9, share_x=True)
     for i, axes in enumerate(every):
         dof, values = dofs[i // 3], (pose - integral, nu - rates, both)[i % 3][:, i // 3]
         name = velocities_of([dof])[0] if i % 3 == 2 else f"error of {dof}"
