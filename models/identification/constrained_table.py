@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from numpy.lib.stride_tricks import sliding_window_view
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.identification.free_run_fit import refined_by_segments
@@ -53,15 +52,10 @@ def derivative_response(
     explains at the frequencies at which the velocity is noise.
     """
     length = min(max(len(velocity) // PERIODOGRAMS, 2), SEGMENT)
-    spectra, hann = [], np.sin(np.pi * np.arange(length) / length) ** 2
-    for values in (velocity, acceleration):  # Welch's, of segments that overlap by half
-        parts = sliding_window_view(values, length)[:: length - length // 2]
-        spectra.append(np.fft.rfft(hann * (parts - np.mean(parts, axis=1, keepdims=True))))
-    frequency = np.asarray(np.fft.rfftfreq(length, period_s), dtype=np.float64)
-    own, other = (np.mean(np.abs(each) ** 2, axis=0) for each in spectra)
-    cross = np.mean(spectra[0].conj() * spectra[1], axis=0)
-    for each in (own, other, cross):  # one-sided
-        each[[0] if length % 2 else [0, -1]] *= 0.5
+    args = {"fs": 1.0 / period_s, "nperseg": length}
+    frequency, own = scipy.signal.welch(velocity, **args)
+    _, other = scipy.signal.welch(acceleration, **args)
+    _, cross = scipy.signal.csd(velocity, acceleration, **args)
     floor = np.median(own[noise_band(frequency, 0.5 / period_s)])
     noise = own < ABOVE_FLOOR * floor
     explained = np.sum(np.abs(cross[noise]) ** 2 / own[noise])

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
-from seatrial.models.compiled import lean_kernel
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.vessel.basis import Array
 
@@ -58,14 +58,6 @@ def gauss_markov(shape: tuple[int, ...], period_s: float, rng: np.random.Generat
     a_k = phi a_(k-1) + sqrt(1 - phi^2) w_k, phi = exp(-h / T), a_0 = w_0; `period_s` is h [s].
     """
     phi = np.exp(-period_s / CORRELATION_S)
-    paths = rng.standard_normal(shape)
-    paths[1:] *= np.sqrt(1.0 - phi**2)
-    _accumulate(paths, phi)
-    return paths
-
-
-@lean_kernel
-def _accumulate(paths: Array, phi: float) -> None:
-    for k in range(1, paths.shape[0]):
-        for i in range(paths.shape[1]):
-            paths[k, i] += phi * paths[k - 1, i]
+    white = rng.standard_normal(shape)
+    white[1:] *= np.sqrt(1.0 - phi**2)
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -phi], white, axis=0))

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-import pymap3d
 import scipy
 from annotated_types import Ge
 from numpy.typing import NDArray
@@ -245,9 +244,8 @@ class RecordedFile(FileForm):
         """The columns in SI units on their clocks, by option."""
         if not read:
             raise ConfigurationError("excitation.columns: got none for the vessel, expected some")
-        for source in {reading.source.name: reading.source for reading in read.values()}.values():
-            line = times.disagreement(source, clock_of(source, self.columns))
-            notes += [line] if line else []
+        used = {reading.source.name: reading.source for reading in read.values()}.values()
+        notes += filter(None, (times.disagreement(s, clock_of(s, self.columns)) for s in used))
         times_of, channels = clocks(sources, self.columns), Channels()
         for option, reading in read.items():
             spec, delays = self.columns.specs[option], self.columns.delay_s
@@ -435,6 +433,8 @@ def _in_our_frames(t: Array, known: Signals, columns: ColumnMap, heading: float)
     if frames.attitude == "ENU":
         pose[:, 3:] = pose[:, 3:] * [1.0, -1.0, -1.0] + [0.0, 0.0, 0.5 * np.pi]
     if columns.geodetic:  # from the first sample, on WGS 84
+        import pymap3d  # slow to import
+
         way = [known.get(f"geodetic.{name}", 0.0 * t) for name in maps.SI["geodetic"]]
         if np.max(np.abs(way[0])) > 90.0 or np.max(np.abs(way[1])) > 360.0:
             got = f"got {way[0][0]:g}, {way[1][0]:g}, expected degrees"
