@@ -48,6 +48,7 @@ CUTS_OF_RAYS = 30  # rows of dissipation that one round adds
 SMALLEST = 1e-3  # of a ray
 POWER_MARGIN = 0.02  # of the nominal power that remains at a velocity that was cut
 PRIMAL = (1e-12, 1e-9, 1e-6)  # tolerances of the solver: the next one where it cycles
+ACTIVE_LOWER = 3  # the solver's word for a row whose lower bound binds
 REPEATS = 5  # of a quadratic program about its solution
 ROW_TOLERANCE = 1e-6  # of a row of size one, and of an eigenvalue relative to the nominal inertia
 
@@ -370,8 +371,9 @@ def solve(
     if constraints is None:
         return _minimum(H, g) / root, ()
     rows, start = constraints.rows, at * root  # in the whole change, whose origin is feasible
+    active = list[int]()
     for _ in range(MAX_CUTS):
-        solution, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b)
+        solution, active = _quadratic_program(H, g + H @ start, rows.A / root, rows.b, active)
         change = np.clip(solution / root, *constraints.changes)
         cuts = constraints.cuts(change)
         if cuts is None:
@@ -395,32 +397,36 @@ def _minimum(H: Array, g: Array) -> Array:
     return np.asarray(np.linalg.lstsq(H, g, rcond=None)[0])
 
 
-def _quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
+def _quadratic_program(
+    H: Array, g: Array, A: Array, b: Array, active: list[int]
+) -> tuple[Array, list[int]]:
     """minimise d'Hd/2 - g'd so that A d >= b; the solution, and the rows that bind.
 
+    The solver begins with the rows that are said to be `active`, most of which will be.
     The solver's tolerance is absolute; rows that it misses, of an axis whose weight is small beside
     that of another, are solved for again about the solution, until all of them hold.
     """
     if not len(A):
         return _minimum(H, g), []
-    solution, active = _solved(H, g, A, b)
+    solution, active = _solved(H, g, A, b, active)
     for _ in range(REPEATS):
         missing = b - A @ solution
         if np.max(missing) <= ROW_TOLERANCE:
             break
-        step, active = _solved(H, g - H @ solution, A, missing)
+        step, active = _solved(H, g - H @ solution, A, missing, active)
         solution = solution + step
     return solution, active
 
 
-def _solved(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, list[int]]:
+def _solved(H: Array, g: Array, A: Array, b: Array, active: list[int]) -> tuple[Array, list[int]]:
     norm = np.linalg.norm(A, axis=1)  # rows and a solution of size one, for the solver's tolerances
     size = max(float(np.max(np.abs(g))), float(np.max(b / norm))) or 1.0
-    for tolerance in PRIMAL:
+    for tolerance, first in ((PRIMAL[0], active), *((each, []) for each in PRIMAL)):
+        sense = np.zeros(len(A), dtype=np.int32)
+        sense[first] = ACTIVE_LOWER
         solution, _, flag, info = daqp.solve(
             np.ascontiguousarray(H), -g / size, np.ascontiguousarray(A / norm[:, None]),
-            np.full(len(A), 1e30), b / (norm * size), np.zeros(len(A), dtype=np.int32),
-            primal_tol=tolerance,
+            np.full(len(A), 1e30), b / (norm * size), sense, primal_tol=tolerance,
         )  # fmt: skip
         if flag > 0:
             return np.asarray(solution) * size, np.flatnonzero(info["lam"]).tolist()
