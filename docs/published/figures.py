@@ -95,7 +95,7 @@ def times_figure(results: Queries, sweep: int) -> Figure:
     condition = Condition(sweeps=(sweep,))
     run = results.runs(condition)[-1]
     lines = {"prediction_time": "-", "prediction_time_compiled": ":"}
-    rows = results.diagnostics([*lines], Condition(run=run.id))
+    rows = results.diagnostics([*lines], Condition(runs=(run.id,)))
     chart, (axes,) = panels(1, 1, 6.5, 4.2)
     axes.set_xscale("log")
     axes.set_yscale("log")

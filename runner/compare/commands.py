@@ -233,7 +233,7 @@ def prune(
     compare.runs.check_statuses(statuses, (*LOST, "finished"))
     if not (statuses or where):
         raise ConfigurationError("prune: got no choice of runs, expected --status or --where")
-    conditions = results.names.clauses(results.where(where))
+    conditions = results.clauses(results.where(where))
     summaries = results.reader.prunable(*conditions, statuses=statuses)
     title = f"{len(summaries)} runs with {sum(run.series for run in summaries)} series"
     grid = compare.runs.run_table(results, summaries, title)

@@ -15,10 +15,11 @@ All queries of tables and figures are here. SQL selects and names; what comes ba
 Columns of text are categorical, so that a row of 100,000 runs takes a byte and not a string.
 """
 
+import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
 from pathlib import Path
@@ -31,7 +32,7 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.where import EVERY_RUN, ColumnNames, Condition, holds, parse
+from seatrial.runner.compare.where import EVERY_RUN, ColumnNames, Condition, compared, met
 from seatrial.runner.database import tables
 from seatrial.runner.database.engine import url_of
 from seatrial.runner.database.reader import LogbookReader
@@ -82,7 +83,6 @@ LABELS = (*GROUPS, "seed")
 NO_LEVELS = ("of_sweep", "of_experiment", "streams", "of_code")  # columns of trials, no factors
 METRIC = ("run_id", "stage", "model", "dof", "name", "value", "unit")
 COEFFICIENT_STAGE = "coefficient"
-MOST_VARIABLES = 5_000  # in one statement
 
 
 @contextmanager
@@ -117,9 +117,13 @@ class Queries:
 
         Raises ConfigurationError for a text that is no condition, and for an unknown name.
         """
-        condition = Condition(text or None)
-        self.names.clauses(condition)
-        return condition
+        if not text:
+            return EVERY_RUN
+        names = self.names.checked(text)
+        query = self._of_runs(sa.select(RUN.c.id, *map(self.names.text, names)), EVERY_RUN)
+        rows = self.reader.select(query)
+        levels = pd.DataFrame([*map(tuple, rows)], columns=["", *names], dtype=object)
+        return Condition(text, runs=tuple(levels.loc[met(text, levels), ""]))
 
     def selected(self, where: str | None, sweep: str | None) -> tuple[Condition, str]:
         """Return the condition of --where and --sweep, and the words for the sweeps.
@@ -141,7 +145,7 @@ class Queries:
                 f"--sweep: got {sweep!r}, expected all, a number or one of"
                 f" {', '.join(known) or 'none yet'}"
             )
-        condition = Condition(condition.text, tuple(one.id for one in chosen))
+        condition = replace(condition, sweeps=tuple(one.id for one in chosen))
         words = ", ".join(f"{one.id} ({one.name})" for one in chosen)
         return condition, f"sweep {words}" if chosen else ""
 
@@ -197,7 +201,8 @@ class Queries:
         """Return the planned trials that meet the condition and have no run.
 
         A level that is not an option of the trial is that of all runs, whose `levels` are given, if
-        they have one in common, else unknown; a trial that may not meet the condition is left out.
+        they have one in common, else unknown; a trial whose level in the condition is not known is
+        left out.
         """
         p = tables.PlannedRow.__table__.c
         started = sa.select(RUN.c.fingerprint).where(RUN.c.fingerprint == p.fingerprint).exists()
@@ -210,21 +215,16 @@ class Queries:
             pairs = (text.lstrip("+").partition("=") for text in overrides)
             own = {key: value for key, _, value in pairs} | choices | {"seed": str(seed)}
             known[fingerprint] = own | {"of_sweep": sweep, "status": NOT_STARTED}
-        if not known or condition.run is not None:
+        if not known or (condition.runs is not None and condition.text is None):
             return []
-        options = pd.DataFrame([*known.values()])
-
-        def compare(name: str, operator: str, value: Any) -> pd.Series:
-            own = options.get(name, pd.Series(None, options.index, dtype=object))
-            met = own.map(lambda level: holds(level, operator, value), "ignore")
-            return met.astype("boolean")
-
-        met = [True] * len(options)
+        held = np.ones(len(known), dtype=np.bool_)
         if condition.text is not None:
-            met = [*parse(condition.text, compare).fillna(False)]
+            own = pd.DataFrame([*known.values()], dtype=object)
+            own = own.reindex(columns=[*compared(condition.text)])
+            held = met(condition.text, own).to_numpy() & own.notna().all(axis=1).to_numpy()
         common = {name: each[0] for name, each in levels.items() if len(set(each)) == 1}
         missing = {name: common.get(name, "unknown") for name in levels}
-        listed = compress(known.values(), met)
+        listed = compress(known.values(), held)
         return [missing | option | {"run": -1 - number} for number, option in enumerate(listed)]
 
     def _rows(
@@ -318,12 +318,8 @@ class Queries:
 
     def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:
         """Return the configurations of the given runs by run number, with dotted names."""
-        configs: dict[int, Mapping[str, object]] = {}
-        for first in range(0, len(ids), MOST_VARIABLES):
-            query, own = sa.select(RUN.c.id, RUN.c.config), ids[first : first + MOST_VARIABLES]
-            rows = self.reader.select(query.where(RUN.c.id.in_(own)).order_by(RUN.c.id))
-            configs |= {row.id: flat(row.config) for row in rows}
-        return configs
+        query = sa.select(RUN.c.id, RUN.c.config).where(self._one_of(ids)).order_by(RUN.c.id)
+        return {row.id: flat(row.config) for row in self.reader.select(query)}
 
     def provenance(self, condition: Condition) -> Sequence[sa.Row[*tuple[object, ...]]]:
         """Return rows (git_commit, git_dirty, host, versions, command), newest run first."""
@@ -333,7 +329,27 @@ class Queries:
 
     def _of_runs(self, query: Query, condition: Condition) -> Query:
         joined = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
-        return query.select_from(joined).where(*self.names.clauses(condition))
+        return query.select_from(joined).where(*self.clauses(condition))
+
+    def clauses(self, condition: Condition) -> list[Clause]:
+        """Return the SQL of a condition: all clauses must hold."""
+        clauses: list[Clause] = []
+        if condition.sweeps:
+            reused = tables.Reuse.sweep_id.in_(condition.sweeps)
+            own = sa.select(RUN.c.id).where(RUN.c.sweep_id.in_(condition.sweeps))
+            clauses.append(RUN.c.id.in_(own.union(sa.select(tables.Reuse.run_id).where(reused))))
+        if condition.runs is not None:
+            clauses.append(self._one_of(condition.runs))
+        return clauses
+
+    def _one_of(self, runs: Sequence[int]) -> Clause:
+        """Return the SQL of being one of these runs, in one variable however many they are."""
+        listed = sa.literal(json.dumps([*map(int, runs)]), sa.Text())
+        if self.names.sqlite:
+            each = sa.func.json_each(listed).table_valued("value")
+        else:
+            each = sa.func.json_array_elements_text(sa.cast(listed, sa.JSON)).table_valued("value")
+        return RUN.c.id.in_(sa.select(sa.cast(each.c.value, sa.Integer)))
 
     def _ids(self, condition: Condition) -> sa.Select[int]:
         return self._of_runs(sa.select(RUN.c.id), condition)
@@ -433,15 +449,7 @@ def codes(frame: pd.DataFrame, columns: Sequence[str]) -> pd.Series:
 
 def chooses(condition: Condition) -> bool:
     """Return whether a condition is about certain runs or sweeps."""
-    names = set[str]()
-
-    def compare(name: str, operator: str, value: Any) -> np.bool_:
-        names.add(name)
-        return np.True_
-
-    if condition.text:
-        parse(condition.text, compare)
-    return bool(names & {"id", "sweep_id", "sweep"})
+    return bool(condition.text and {"id", "sweep_id", "sweep"} & compared(condition.text).keys())
 
 
 def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:

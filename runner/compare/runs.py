@@ -83,7 +83,7 @@ def runs_of(
     ConfigurationError for a wrong condition or status.
     """
     check_statuses(statuses, STATUSES)
-    conditions = results.names.clauses(condition)
+    conditions = results.clauses(condition)
     if statuses:  # the view may still show an interrupted run as running
         conditions.append(run_overview.c.status.in_([*statuses, "running"]))
     most = None if statuses else limit
@@ -118,7 +118,7 @@ def headline(results: Queries, run_id: int) -> TextTable:
     choices = ", ".join(getattr(summary, group) for group in GROUPS)
     title = f"run {run_id}, {summary.status}: {choices}, seed {summary.seed}"
     notes = [summary.error] if summary.error else []
-    notes += [text for text, _ in results.warnings(Condition(run=run_id))]
+    notes += [text for text, _ in results.warnings(Condition(runs=(run_id,)))]
     return grid_of(title, ("metric", "dof", "unit", *SAILED), rows, 3, notes)
 
 
@@ -158,7 +158,7 @@ def _properties(results: Queries, run_id: int) -> list[list[Scalar]]:
     dirty = " with uncommitted changes" if run.git_dirty else ""
     properties: list[tuple[str, object]] = [
         *((name, getattr(run.summary, name)) for name in SUMMARY),
-        *(("warning", text) for text, _ in results.warnings(Condition(run=run_id))),
+        *(("warning", text) for text, _ in results.warnings(Condition(runs=(run_id,)))),
         ("tags of the sweep", ", ".join(sweep.tags or ()) if sweep else None),
         ("note on the sweep", sweep.note if sweep else None),
         ("note", run.note),

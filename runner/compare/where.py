@@ -1,4 +1,4 @@
-"""Conditions on runs: the language of --where, its meaning, and its SQL.
+"""Conditions on runs: the language of --where, and its meaning.
 
     condition   := conjunction ("or" conjunction)*
     conjunction := negation ("and" negation)*
@@ -8,25 +8,26 @@
     VALUE       := number | 'text' | "text" | bare_word | true | false | null
 
 A NAME is a column of table `run` (identifier, seed, status, ...) or a dotted key of the
-configuration (plant.scale, identifier.force). Names are looked up before any SQL is built, and
-values are bound as parameters, so text from the command line never becomes SQL.
+configuration (plant.scale, identifier.force). SQL reads the levels of the names, and a comparison
+holds or does not hold of a level (`holds`): text from the command line never becomes SQL.
 """
 
 import ast
 import operator as op
 import re
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import reduce
 from typing import Any
 
+import numpy as np
+import pandas as pd
 import sqlalchemy as sa
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.invocation import meant
-from seatrial.runner.database.tables import Reuse, RunRow, Utc
+from seatrial.runner.database.tables import Utc
 
 Value = str | float | int | bool | tuple["Value", ...] | None  # a tuple: of `in`
 Compared = Callable[[str, str, Value], Any]  # name, operator, value: what &, | and ~ combine
@@ -53,11 +54,11 @@ _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 @dataclass(frozen=True)
 class Condition:
-    """What selects runs: the text of --where, sweeps (own or reused runs), and one run."""
+    """What selects runs: sweeps (own or reused runs), numbers, and the text that gave these."""
 
     text: str | None = None
     sweeps: tuple[int, ...] = ()  # empty: any
-    run: int | None = None
+    runs: tuple[int, ...] | None = None  # None: any
 
 
 EVERY_RUN = Condition()
@@ -124,17 +125,49 @@ def parse(text: str, compare: Compared) -> Any:
     raise ConfigurationError("--where: got too many parentheses and negations within each other")
 
 
+def compared(text: str) -> dict[str, None]:
+    """Return the names of a condition, in their order."""
+    names = dict[str, None]()
+    parse(text, lambda name, *_: np.bool_(names.setdefault(name) is None))
+    return names
+
+
+def met(text: str, levels: pd.DataFrame) -> "pd.Series[bool]":
+    """Return where a condition holds of the levels of its names, a column each."""
+    held: pd.Series[bool] = parse(
+        text, lambda name, *told: levels[name].map(lambda own: holds(own, *told)).astype(bool)
+    )
+    return held
+
+
 def holds(level: object, operator: str, value: Value) -> bool:
-    """Return whether a comparison of a level holds; values of different types are unequal."""
-    own = bare_value(str(level))
+    """Return whether a comparison of a level holds, as text or as what the text looks like.
+
+    A value of another type is unequal, and so is a missing level to any but null.
+    """
     if operator == "in":
-        return isinstance(value, tuple) and own in value
+        return isinstance(value, tuple) and any(holds(level, "=", each) for each in value)
+    own: object = None if level is None else str(level)
+    other: object = value
+    if isinstance(level, datetime):
+        own, other = level, as_date(value)
+    elif level is not None and not isinstance(value, str):
+        own = bare_value(str(level))
     if operator in ("=", "!="):
-        return (own == value) == (operator == "=")
+        same = own == other and isinstance(own, bool) == isinstance(other, bool)
+        return same == (operator == "=")
     try:
-        return bool(ORDERINGS[operator](own, value))
+        return bool(ORDERINGS[operator](own, other))
     except TypeError:  # a text and a number, or no value
         return False
+
+
+def as_date(value: Value) -> datetime | None:
+    """Return the time that a text says, UTC if it names no zone; ValueError if it says none."""
+    if value is None:
+        return None
+    moment = datetime.fromisoformat(str(value))
+    return moment.replace(tzinfo=moment.tzinfo or UTC)
 
 
 def bare_value(word: str) -> Value:
@@ -147,7 +180,7 @@ def bare_value(word: str) -> Value:
 
 
 class ColumnNames:
-    """Columns and configuration keys of one database, and the SQL of conditions on them.
+    """Columns and configuration keys of one database.
 
     `columns` are the SQL expressions of the plain names; `config` is the JSON column;
     `keys` are the dotted keys of at least one run.
@@ -174,85 +207,48 @@ class ColumnNames:
             )
             raise ConfigurationError(f"{option}: {name!r} is not known; {expected.rstrip()}")
 
+    def checked(self, text: str) -> list[str]:
+        """Return the names of a condition.
+
+        Raises ConfigurationError for an unknown name or a value of a wrong type.
+        """
+
+        def compare(name: str, operator: str, value: Value) -> np.bool_:
+            self.check(name, "--where")
+            kind = self.columns[name].type if name in self.columns else None
+            for each in value if isinstance(value, tuple) else (value,):
+                if expected := _expected(kind, each):
+                    told = f"{name} is compared with {expected}, got {each!r}"
+                    raise ConfigurationError(f"--where: {told}")
+            return np.True_
+
+        parse(text, compare)
+        return [*compared(text)]
+
     def text(self, name: str) -> Expression:
         """Return the value of a checked name as text, as shown in rows and columns."""
         if name in self.columns:
             return self.columns[name]
-        text: Expression = self.config[tuple(name.split("."))].as_string()
+        path = tuple(name.split("."))
+        text: Expression = self.config[path].as_string()
         if not self.sqlite:
             return text
-        kind = self._key_type(name)  # SQLite extracts true as 1
+        # SQLite extracts true as 1
+        kind = sa.func.json_type(self.config, "$." + ".".join(f'"{part}"' for part in path))
         return sa.case((kind == "true", "true"), (kind == "false", "false"), else_=text)
 
-    def clauses(self, condition: Condition) -> list[sa.ColumnElement[bool]]:
-        """Return the SQL of a condition: all clauses must hold.
 
-        Raises ConfigurationError for an unknown name or a value of a wrong type.
-        """
-        clauses: list[sa.ColumnElement[bool]] = []
-        if condition.text:
-            clauses.append(parse(condition.text, self._compare))
-        if condition.sweeps:
-            own = sa.select(RunRow.id).where(RunRow.sweep_id.in_(condition.sweeps))
-            reused = sa.select(Reuse.run_id).where(Reuse.sweep_id.in_(condition.sweeps))
-            clauses.append(RunRow.id.in_(own.union(reused)))
-        if condition.run is not None:
-            clauses.append(RunRow.id == condition.run)
-        return clauses
-
-    def _compare(self, name: str, operator: str, value: Value) -> sa.ColumnElement[bool]:
-        """Compare a column, or a key as the type of the value: one of another type is unequal.
-
-        A missing value is unequal to any other value, not NULL.
-        """
-        self.check(name, "--where")
-        column = self.columns.get(name)
-        if isinstance(value, tuple) and column is not None:
-            # one IN expression: thousands of nested comparisons are too deep for SQL
-            plain = [_for_column(name, column, each) for each in value if each is not None]
-            among = sa.func.coalesce(column.in_(plain), sa.false()) if plain else sa.false()
-            return among | column.is_(None) if None in value else among
-        if isinstance(value, tuple):
-            return sa.or_(*(self._compare(name, "=", each) for each in dict.fromkeys(value)))
-        left, right = self.text(name), str(value).lower() if isinstance(value, bool) else value
-        if column is not None:
-            right = _for_column(name, column, value)
-        elif isinstance(right, int | float):
-            item = self.config[tuple(name.split("."))]
-            numeric = self._key_type(name).in_(("integer", "real", "number"))
-            left, right = sa.case((numeric, item.as_float()), else_=None), float(right)
-        if operator == "=":
-            return left.is_not_distinct_from(right)
-        if operator == "!=":
-            return left.is_distinct_from(right)
-        return sa.func.coalesce(ORDERINGS[operator](left, right), sa.false())
-
-    def _key_type(self, key: str) -> Expression:
-        """Return the JSON type of a key, which SQLite and PostgreSQL name differently."""
-        if not self.sqlite:
-            return sa.func.json_typeof(self.config[tuple(key.split("."))])
-        return sa.func.json_type(self.config, "$." + ".".join(f'"{k}"' for k in key.split(".")))
-
-
-def _for_column(name: str, column: Expression, value: Value) -> Any:
-    """Return the value in the type of the column; raises ConfigurationError for another type."""
-    kind = column.type
+def _expected(kind: object, value: Value) -> str | None:
+    """Return what a column of a type is compared with, if the value is none of these."""
     if value is None:
         return None
-    if isinstance(kind, sa.Boolean):
-        expected = "true or false"
-        if isinstance(value, bool):
-            return value
-    elif isinstance(kind, sa.Integer | sa.Float):
-        expected = "a number"
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            whole = isinstance(value, int) and abs(value) < 2**31  # whatever the column can hold
-            return value if whole else sa.literal(float(value), sa.Double())
-    elif isinstance(kind, Utc):
-        expected = "a date such as 2026-01-31 or 2026-01-31T12:00"
-        with suppress(ValueError):
-            moment = datetime.fromisoformat(str(value))
-            return moment.replace(tzinfo=moment.tzinfo or UTC).astimezone(UTC)
-    else:
-        return str(value).lower() if isinstance(value, bool) else str(value)
-    raise ConfigurationError(f"--where: {name} is compared with {expected}, got {value!r}")
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if isinstance(kind, sa.Boolean) and not isinstance(value, bool):
+        return "true or false"
+    if isinstance(kind, sa.Integer | sa.Float) and not is_number:
+        return "a number"
+    try:
+        as_date(value if isinstance(kind, Utc) else None)
+    except ValueError:
+        return "a date such as 2026-01-31 or 2026-01-31T12:00"
+    return None

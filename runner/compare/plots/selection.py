@@ -29,7 +29,9 @@ def condition_of(results: frames.Queries, request: PlotRequest) -> Condition:
     """Return the condition that the runs of a request meet."""
     if request.run is None:
         return results.selected(request.where, request.sweep)[0]
-    return replace(results.where(request.where), run=request.run)
+    condition = results.where(request.where)
+    met = condition.runs is None or request.run in condition.runs
+    return replace(condition, runs=(request.run,) if met else ())
 
 
 def trials_of(
@@ -226,4 +228,4 @@ def diagnostics_of(
     results: frames.Queries, run: frames.StoredRun, names: Sequence[str]
 ) -> pd.DataFrame:
     """Return the diagnostics of one run with these names."""
-    return results.diagnostics(names, Condition(run=run.id))
+    return results.diagnostics(names, Condition(runs=(run.id,)))
