@@ -11,6 +11,7 @@ from seatrial.models.simulation.voyage import Log, Voyage
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
 from seatrial.models.weather.weather import Weather
+from seatrial.runner.record.catalogue import METRICS
 from seatrial.runner.trials.berthing import berthing_metrics, harbour_series
 from seatrial.runner.trials.closed_loop import ControlDesign, SimulatedMission, Streams, drawn
 from tests.trials import composed
@@ -50,6 +51,15 @@ def test_an_exact_voyage_is_berthed_with_the_gap() -> None:
     off = np.hypot(*(poses - poses[-1])[:, :2].T) / length
     first = int(np.flatnonzero(off > docking.options.within)[-1]) + 1
     assert found["time_to_berth"] == pytest.approx(first * docking.options.period_s)
+
+
+def test_a_run_shows_contacts_and_the_error_in_the_berth_first() -> None:
+    docking = mission()
+    shown = {(metric.name, metric.headline) for metric in METRICS}
+    rows = berthing_metrics(docking, sailed(docking, docking.poses), "nominal")
+    assert {row.name for row in rows if (row.name, row.dof) in shown} == {
+        "contacts", "final_position_error"
+    }  # fmt: skip
 
 
 def test_a_voyage_into_the_quay_and_one_beside_the_berth() -> None:
