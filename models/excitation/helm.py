@@ -119,7 +119,7 @@ class SteeredMission(ShipMission):
                 f"{', '.join(dofs)}"
             )
         if not self.nomoto_gain[self.index] and any(p.law != HOLD for p in self.pieces(1.0)):
-            raise ConfigurationError(f"helm: {self.helm} does not turn the vessel")
+            raise ConfigurationError(f"helm: got {self.helm}, which gives no steady turn")
 
 
 @dataclass(frozen=True, kw_only=True)
