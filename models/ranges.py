@@ -10,14 +10,15 @@ pydantic reads the same annotations for the schema of all options.
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, Lt
 
 from seatrial.models.errors import ConfigurationError
 
-Bound = Gt | Ge | Le
+Bound = Gt | Ge | Le | Lt
 MOST_REPEATS = 1_000_000
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
+Fraction = Annotated[float, Gt(0), Lt(1)]
 Length = Annotated[float, Ge(0.1), Le(1000.0)]  # of a hull [m]
 Density = Annotated[float, Ge(900.0), Le(1100.0)]  # of water [kg/m^3]
 PositiveInt = Annotated[int, Ge(1), Le(MOST_REPEATS)]
@@ -46,12 +47,16 @@ def in_words(bound: Bound) -> str:
         return "be positive" if bound.gt == 0 else f"be above {bound.gt}"
     if isinstance(bound, Le):
         return f"be at most {bound.le}"
+    if isinstance(bound, Lt):
+        return f"be below {bound.lt}"
     return "not be negative" if bound.ge == 0 else f"be at least {bound.ge}"
 
 
 def _inside(value: Any, bound: Any) -> bool:
     if isinstance(bound, Le):
         return bool(value <= bound.le)
+    if isinstance(bound, Lt):
+        return bool(value < bound.lt)
     return bool(value > bound.gt if isinstance(bound, Gt) else value >= bound.ge)
 
 

@@ -10,13 +10,13 @@ last piece ended at an instant. It holds an order of one input or force, or stee
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from seatrial.models.compiled import lean_kernel
 from seatrial.models.simulation.registry import CONTROLLERS, Parameters, State
-from seatrial.models.vessel.basis import Array, Codes
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_body, wrap_kernel
 
 Steering = tuple[Parameters, State]  # of a step in the controller's place
@@ -51,7 +51,7 @@ NO_FEEDBACK = Feedback(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class Command(NamedTuple):
-    """The pieces (P,) and what they act on."""
+    """The pieces and what they act on."""
 
     base: Array  # (n_commands,) beside the order
     channel: int  # of the order
@@ -59,29 +59,7 @@ class Command(NamedTuple):
     feedback: Feedback
     poses: Array  # (N, 3) planned ones, by instant [m, rad]
     velocities: Array  # (N, 3) of them, in body axes
-    order: Array
-    law: Codes
-    until: Codes
-    after: Codes
-    turned: Array
-    side: Array
-    then: Codes
-
-
-@lean_kernel
-def _enter_piece(table: Command, state: Array, heading: float) -> int:
-    """The piece of this instant; state = (instant, piece, heading before it, integral)."""
-    k, p = int(state[0]), int(state[1])
-    if k == 0:
-        state[2] = heading
-    while k >= table.until[p]:
-        p += table.after[p]
-        state[2] = heading
-    change = heading - state[2]
-    if (table.side[p] * change if table.side[p] != 0.0 else abs(change)) >= table.turned[p]:
-        p += table.then[p]
-    state[0], state[1] = k + 1.0, p
-    return p
+    pieces: Any  # a Piece whose fields are columns (P,)
 
 
 @lean_kernel
@@ -89,12 +67,24 @@ def _give_command(
     table: Command, state: Array, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
-    """Write the command of a piece; what feedback orders counts as such."""
-    k, heading, gains = int(state[0]), eta[table.yaw], table.feedback
-    p = _enter_piece(table, state, heading)
+    """Write the command of the piece of this instant; what feedback orders counts as such.
+
+    state = (instant, piece, heading before it, integral)
+    """
+    k, p, heading = int(state[0]), int(state[1]), eta[table.yaw]
+    pieces, gains = table.pieces, table.feedback
+    if k == 0:
+        state[2] = heading
+    while k >= pieces.until[p]:
+        p += pieces.after[p]
+        state[2] = heading
+    change, side = heading - state[2], pieces.side[p]
+    if (side * change if side != 0.0 else abs(change)) >= pieces.turned[p]:
+        p += pieces.then[p]
+    state[0], state[1] = k + 1.0, p
+    order, law = pieces.order[p], pieces.law[p]
     for i in range(tau.shape[0]):
         tau[i], tau_fb[i] = table.base[i], 0.0
-    order, law = table.order[p], table.law[p]
     if law >= STOP:
         _follow_poses(table, k, eta, nu, tau, law == FOLLOW)
         for i in range(tau.shape[0]):
@@ -137,8 +127,8 @@ def command(
     feedback: Feedback = NO_FEEDBACK, poses: Array = NO_POSES, velocities: Array = NO_POSES,
 ) -> Steering:  # fmt: skip
     """Parameters and initial state of the compiled step; the last piece lasts."""
-    columns = [np.array(column) for column in zip(*pieces, strict=True)]
-    table = Command(base, channel, yaw, feedback, poses, velocities, *columns)
+    columns: Any = (np.array(column) for column in zip(*pieces, strict=True))
+    table = Command(base, channel, yaw, feedback, poses, velocities, Piece(*columns))
     return table, np.zeros(4)
 
 
@@ -157,8 +147,3 @@ def body_velocities(poses: Array, period_s: float) -> Array:
     rate = np.gradient(poses, period_s, axis=0)
     rate[:, :2] = in_body(rate[:, :2], poses[:, 2])
     return rate
-
-
-def open_loop(n: int) -> Steering:
-    """No command of a controller on n axes: the parameters and the state of the compiled step."""
-    return command([Piece()], np.zeros(n), 0, 0)

@@ -1,6 +1,6 @@
 """Forces on the axes of a vessel: in open loop, or added to the commands of a closed loop."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
@@ -8,16 +8,10 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.guidance import Reference
-from seatrial.models.excitation.missions import (
-    Length,
-    Mission,
-    check_fraction,
-    check_offset,
-    steady_force,
-)
+from seatrial.models.excitation.missions import Length, Mission, check_axes, steady_force
 from seatrial.models.excitation.signals import Signal
 from seatrial.models.notation import DOFS
-from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.ranges import Fraction, Positive, check_ranges
 from seatrial.models.recording.recording import Split
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
@@ -45,23 +39,18 @@ class Forcing(Mission):
     length_s: Positive
     time_scale: Annotated[Positive, FromVessel("tuning.excitation.time_scale")]
     hold: Reference  # of the starting pose
-    train_fraction: float
+    train_fraction: Fraction
     base: Mission | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        unknown = [axis for axis in self.amplitude if axis not in DOFS]
-        if unknown:
-            raise ConfigurationError(f"amplitude.{unknown[0]}: expected some of {', '.join(DOFS)}")
-        missing = [axis for axis in self.axes if axis not in self.amplitude]
-        if not self.axes or missing:
+        if not self.axes or not {*self.axes} <= {*self.amplitude} <= {*DOFS}:
             raise ConfigurationError(
                 f"amplitude: got {', '.join(self.amplitude) or 'nothing'}, expected a number for "
-                f"each of {', '.join(self.axes) or 'the axes'}"
+                f"each of {', '.join(self.axes) or 'the axes'}, some of {', '.join(DOFS)}"
             )
         if self.base is not None and self.loop == "open":
             raise ConfigurationError("base: requires loop=closed, got loop=open")
-        check_fraction(self.train_fraction)
 
     @property
     def open_loop(self) -> bool:
@@ -74,16 +63,11 @@ class Forcing(Mission):
         return len(self.axes) if self.order == "in_turn" else 1
 
     @property
-    def part_s(self) -> float:
-        """Length of one part [s]."""
-        if self.base is not None:
-            return self.base.duration_s / self.parts
-        return self.length_s * self.time_scale
-
-    @property
     def duration_s(self) -> float:
         """Length of all parts [s]."""
-        return self.parts * self.part_s
+        if self.base is not None:
+            return self.base.duration_s
+        return self.parts * self.length_s * self.time_scale
 
     def length(self) -> Length:
         """The length of all parts, set by the signal or by the base mission."""
@@ -107,45 +91,25 @@ class Forcing(Mission):
         force = steady_force(self.steady(), len(t), dofs)
         if self.base is not None:
             force += steady_force(self.base.steady(), len(t), dofs)
-        part = np.minimum((t / self.part_s + 1e-9).astype(int), self.parts - 1)
-        alone = self.order == "in_turn"
+        part_s, alone = self.duration_s / self.parts, self.order == "in_turn"
+        part = np.minimum((t / part_s + 1e-9).astype(int), self.parts - 1)
         for i, axis in enumerate(self.axes):
             active = part == i if alone else np.ones(len(t), dtype=bool)
-            signal_time = (t[active] - self.part_s * part[active]) / self.time_scale
+            signal_time = (t[active] - part_s * part[active]) / self.time_scale
             axis_and_count = (0, 1) if alone else (i, len(self.axes))
             shape = self.signal.sample(signal_time, *axis_and_count, rng)
             force[active, dofs.index(axis)] += self.amplitude[axis] * shape
         return force
 
-    def steady(self) -> Mapping[str, float]:
-        """The offset."""
-        return self.offset or {}
-
     def split(self, t: Array) -> Split:
         """Training and testing samples: the first part of each signal, and the rest."""
-        share = ((t - t[0]) / self.part_s + 1e-9) % 1.0
+        share = ((t - t[0]) / self.duration_s * self.parts + 1e-9) % 1.0
         train = share < self.train_fraction
         return Split(train, ~train)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the axes are degrees of freedom of the vessel."""
-        unknown = [axis for axis in self.axes if axis not in dofs]
-        if unknown:
-            raise ConfigurationError(
-                f"excitation.axes: got {unknown[0]}, but the vessel moves in {', '.join(dofs)}"
-            )
-        check_offset(self.offset, dofs)
+        check_axes("axes", self.axes, dofs)
+        check_axes("offset", self.steady(), dofs)
         if self.base is not None:
             self.base.check(dofs)
-
-    def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
-        """Raise ConfigurationError if a force exceeds the limits of the thrusters [N, Nm]."""
-        dofs = tuple(dict.fromkeys((*self.axes, *(self.offset or ()))))
-        t = period_s * np.arange(round(self.duration_s / period_s), dtype=np.float64)
-        peak = np.max(np.abs(self.force(t, dofs, np.random.default_rng(0))), axis=0)
-        for dof, value in zip(dofs, peak, strict=True):
-            if dof in limits and value > limits[dof] * (1.0 + 1e-9):
-                raise ConfigurationError(
-                    f"excitation.amplitude.{dof}: the signal reaches {value:g}, expected at most "
-                    f"the thrusters' {limits[dof]:g}"
-                )

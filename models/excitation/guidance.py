@@ -38,6 +38,7 @@ class ReferenceFilter(Reference):
 
     bandwidth_rad_s: Annotated[Positive, FromVessel("tuning.reference.bandwidth_rad_s")]
     damping: Positive
+    axis: int = -1  # the only one that is filtered; -1: all
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -49,7 +50,7 @@ class ReferenceFilter(Reference):
         block[0, 1] = block[1, 2] = 1.0
         block[2] = [-(w**3), -gain * w * w, -gain * w, w**3]
         exact = scipy.linalg.expm(block * period_s)
-        return FilterTable(np.ascontiguousarray(exact[:3, :3]), exact[:3, 3].copy())
+        return FilterTable(np.ascontiguousarray(exact[:3, :3]), exact[:3, 3].copy(), self.axis)
 
 
 class SightTable(NamedTuple):

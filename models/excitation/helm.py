@@ -17,7 +17,6 @@ from seatrial.models.excitation.commands import (
     HEADING,
     HOLD,
     NEVER,
-    NO_FEEDBACK,
     RATE,
     Feedback,
     Piece,
@@ -26,9 +25,8 @@ from seatrial.models.excitation.commands import (
     zigzag,
 )
 from seatrial.models.excitation.guidance import Reference
-from seatrial.models.excitation.missions import Mission, check_fraction
-from seatrial.models.ranges import NotNegative, Positive, check_ranges
-from seatrial.models.recording.recording import Split, half
+from seatrial.models.excitation.missions import Mission
+from seatrial.models.ranges import Fraction, NotNegative, Positive
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
 
@@ -40,13 +38,9 @@ class ShipMission(Mission):
     input_names: Annotated[tuple[str, ...], FromVessel("input_names")]
     speed_m_s: Annotated[Positive, FromVessel("approach_speed_m_s")]
     length_m: Annotated[Positive, FromVessel("scales.length_m")]
-    train_fraction: float = 0.5
+    train_fraction: Fraction = 0.5
 
     commands_inputs = True
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        check_fraction(self.train_fraction)
 
     @property
     def unit_s(self) -> float:
@@ -57,17 +51,14 @@ class ShipMission(Mission):
         """The approach speed ahead [m/s], shape (n_dof,)."""
         return np.where(np.array(dofs) == "surge", self.speed_m_s, 0.0)
 
-    def split(self, t: Array) -> Split:
-        """Training and testing samples: the first part, and the rest."""
-        return half(len(t), self.train_fraction)
-
 
 @dataclass(frozen=True, kw_only=True)
 class SteeredMission(ShipMission):
     """A mission without a controller.
 
     The inputs keep the values that they have at the start for `approach_s`; then the input `helm`
-    is used.
+    is used. Where it is steered by heading or yaw rate, it is by first-order Nomoto, T r_dot + r =
+    K delta, with both poles at U / L.
     """
 
     helm: Annotated[str, FromVessel("helm")] = "delta"
@@ -76,6 +67,8 @@ class SteeredMission(ShipMission):
     input_signs: Annotated[tuple[float, ...], FromVessel("input_signs")]
     input_low: Annotated[tuple[float, ...], FromVessel("input_low")]
     input_high: Annotated[tuple[float, ...], FromVessel("input_high")]
+    nomoto_gain: Annotated[tuple[float, ...], FromVessel("nomoto_gain")]  # [1/s] by input
+    nomoto_time_s: Annotated[tuple[float, ...], FromVessel("nomoto_time_s")]
     reference_filter: Reference
 
     open_loop = True
@@ -93,26 +86,29 @@ class SteeredMission(ShipMission):
         """Position of the helm among the inputs."""
         return self.input_names.index(self.helm)
 
-    def feedback(self, period_s: float) -> Feedback:
-        """The gains of pieces that are steered by heading or yaw rate."""
-        return NO_FEEDBACK
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Lowest and highest helm."""
+        return self.input_low[self.index], self.input_high[self.index]
 
-    def in_turn(self, orders: Array, law: int, hold_s: float, period_s: float) -> Sequence[Piece]:
-        """Orders of which each is held for a time [s], the last one to the end."""
-        held = max(1, round(hold_s / period_s))
-        pieces = [Piece(float(order), law, held * (i + 1)) for i, order in enumerate(orders)]
-        return [*pieces[:-1], pieces[-1]._replace(until=NEVER)]
+    def side(self, order: float) -> float:
+        """The side that an order turns to: 1 starboard, -1 port."""
+        return self.input_signs[self.index] * float(np.sign(order))
 
     def steering(self, dofs: Sequence[str], period_s: float) -> Steering:
         """The approach and the pieces of the manoeuvre, as orders of the helm."""
+        index, first = self.index, round(self.approach_s / period_s)
         base = np.array(self.input_start, dtype=np.float64)
-        first = round(self.approach_s / period_s)
-        shifted = (
-            piece._replace(until=min(first + piece.until, NEVER)) for piece in self.pieces(period_s)
-        )
-        pieces = [Piece(base[self.index], until=first), *shifted]
+        pieces = [Piece(base[index], until=first)]
+        for piece in self.pieces(period_s):
+            pieces.append(piece._replace(until=min(first + piece.until, NEVER)))
+        gain, time = self.nomoto_gain[index] or np.inf, self.nomoto_time_s[index]
+        omega = 1.0 / self.unit_s
+        gains = time * omega**2 / gain, (2.0 * omega * time - 1.0) / gain
+        kp, kd, low, high = np.array([*gains, *self.limits])[:, None]
         yaw = dofs.index("yaw") if "yaw" in dofs else 0
-        return command(pieces, base, self.index, yaw, self.feedback(period_s))
+        feedback = Feedback(kp, kd, low, high, period_s * gains[0])
+        return command(pieces, base, index, yaw, feedback)
 
     def check(self, dofs: Sequence[str], needed: str | None = "yaw") -> None:
         """Raise ConfigurationError unless the vessel has the helm, and a degree of freedom."""
@@ -122,6 +118,8 @@ class SteeredMission(ShipMission):
                 f"{self.helm}, got inputs {', '.join(self.input_names) or 'none'} in "
                 f"{', '.join(dofs)}"
             )
+        if not self.nomoto_gain[self.index] and any(p.law != HOLD for p in self.pieces(1.0)):
+            raise ConfigurationError(f"helm: got {self.helm}, which gives no steady turn")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,116 +141,19 @@ class HelmManoeuvre(SteeredMission):
     def pieces(self, period_s: float) -> Sequence[Piece]:
         """The helm to both sides in turn, or to one side and amidships."""
         helm = float(np.radians(self.helm_deg))
-        side = self.input_signs[self.index] * float(np.sign(self.helm_deg))
         if self.manoeuvre == "zigzag":
-            return zigzag(helm, float(np.radians(self.turn_deg)), side)
+            return zigzag(helm, float(np.radians(self.turn_deg)), self.side(helm))
         if self.pull_out_deg is None:
             return (Piece(helm),)
         return Piece(helm, turned=float(np.radians(self.pull_out_deg)), side=0.0), Piece(0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScheduledInput(SteeredMission):
-    """Values of the input `helm` in turn, each held for `hold_lengths` L / U of the approach.
+class Williamson(SteeredMission):
+    """Back onto the own track: helm to one side, to the other, and the reciprocal course.
 
-    `spiral` and `stop` hold `values`; the last value is held to the end. `prbs` is a maximum
-    length sequence of a shift register of `bits` that alternates between the first two values.
-    Values are in degrees, or with `unit: start` relative to the input at the start, or with
-    `unit: range` shares of the way from there to the limits: 1 the upper one, -1 the lower one.
+    The course is over the side of the first helm, and steered by at most this helm.
     """
-
-    manoeuvre: Literal["spiral", "stop", "prbs"]
-    values: tuple[float, ...]
-    unit: Literal["deg", "start", "range"] = "deg"
-    hold_lengths: Positive
-    bits: Annotated[int, Ge(2), Le(20)] = 7
-
-    def __post_init__(self) -> None:
-        if not self.values or (self.manoeuvre == "prbs" and len(self.values) != 2):
-            raise ConfigurationError(
-                f"values: got {len(self.values)}, expected "
-                f"{'two' if self.manoeuvre == 'prbs' else 'at least one'}"
-            )
-        super().__post_init__()
-
-    @property
-    def duration_s(self) -> float:
-        """Approach and all values [s]."""
-        count = 2**self.bits - 1 if self.manoeuvre == "prbs" else len(self.values)
-        return self.approach_s + count * self.hold_lengths * self.unit_s
-
-    @property
-    def orders(self) -> Array:
-        """Values of the input in turn, in SI units."""
-        values, start = np.array(self.values), self.input_start[self.index]
-        if self.unit == "range":
-            up, down = self.input_high[self.index] - start, start - self.input_low[self.index]
-            values = start + np.where(values > 0.0, up, down) * values
-        else:
-            values = values * (np.pi / 180.0 if self.unit == "deg" else start)
-        return np.asarray(values[register(self.bits)] if self.manoeuvre == "prbs" else values)
-
-    def pieces(self, period_s: float) -> Sequence[Piece]:
-        """The values in turn."""
-        return self.in_turn(self.orders, HOLD, self.hold_lengths * self.unit_s, period_s)
-
-    def check(self, dofs: Sequence[str], needed: str | None = None) -> None:
-        """Raise ConfigurationError if a value is beyond the limits of the input."""
-        super().check(dofs, needed)
-        low, high = self.input_low[self.index], self.input_high[self.index]
-        orders, start = self.orders, self.input_start[self.index]
-        for value in orders:
-            if not low - 1e-9 <= value <= high + 1e-9:
-                unit = start if self.unit == "start" else np.pi / 180.0
-                near = np.clip(orders, low, high) / unit
-                near = np.clip(self.values, -1.0, 1.0) if self.unit == "range" else near
-                within = [round(float(one), 6) for one in near]
-                raise ConfigurationError(
-                    f"values: got {value:.4g} for {self.helm}, for which the vessel has data from "
-                    f"{low:.4g} to {high:.4g}; excitation.values={within} is within them"
-                )
-
-
-def register(bits: int) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
-    """A maximum length sequence of zeros and ones, shape (2^bits - 1,)."""
-    from scipy.signal import max_len_seq  # slow to import
-
-    return np.asarray(max_len_seq(bits)[0], dtype=np.int64)
-
-
-@dataclass(frozen=True, kw_only=True)
-class HelmsmanMission(SteeredMission):
-    """A manoeuvre in which the helm is steered by heading or yaw rate.
-
-    The helmsman steers by first-order Nomoto, T r_dot + r = K delta, with both poles at
-    `bandwidth` U / L.
-    """
-
-    bandwidth: Positive = 1.0
-    nomoto_gain: Annotated[tuple[float, ...], FromVessel("nomoto_gain")]  # [1/s] by input
-    nomoto_time_s: Annotated[tuple[float, ...], FromVessel("nomoto_time_s")]
-
-    @property
-    def gains(self) -> tuple[float, float]:
-        """The helm for an error of the heading, and for one of the yaw rate [s]."""
-        gain, time = self.nomoto_gain[self.index], self.nomoto_time_s[self.index]
-        omega = self.bandwidth / self.unit_s
-        return time * omega**2 / gain, (2.0 * omega * time - 1.0) / gain
-
-    @property
-    def helm_limits(self) -> tuple[float, float]:
-        """Lowest and highest helm."""
-        return self.input_low[self.index], self.input_high[self.index]
-
-    def feedback(self, period_s: float) -> Feedback:
-        """Control of the heading, and of the rate with the same poles, within the limits."""
-        of_heading, of_rate, low, high = (np.array([x]) for x in (*self.gains, *self.helm_limits))
-        return Feedback(of_heading, of_rate, low, high, period_s * float(of_heading[0]))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Williamson(HelmsmanMission):
-    """Back onto the own track: helm to one side, to the other, and the reciprocal course."""
 
     manoeuvre: Literal["williamson"] = "williamson"
     helm_deg: float
@@ -265,39 +166,88 @@ class Williamson(HelmsmanMission):
         """Length [s]."""
         return self.approach_s + self.duration_lengths * self.unit_s
 
-    def pieces(self, period_s: float) -> Sequence[Piece]:
-        """Both sides, and the course over the side of the first helm."""
-        helm = float(np.radians(self.helm_deg))
-        side = self.input_signs[self.index] * float(np.sign(self.helm_deg))
-        away, check = float(np.radians(self.away_deg)), float(np.radians(self.check_deg))
-        return (
-            Piece(helm, turned=away, side=side),
-            Piece(-helm, turned=np.pi - check, side=-side),
-            Piece(-side * np.pi, HEADING),
-        )
-
     @property
-    def helm_limits(self) -> tuple[float, float]:
+    def limits(self) -> tuple[float, float]:
         """The helm of the turn to both sides."""
         limit = abs(float(np.radians(self.helm_deg)))
         return -limit, limit
 
+    def pieces(self, period_s: float) -> Sequence[Piece]:
+        """Both sides, and the course."""
+        degrees = self.helm_deg, self.away_deg, 180.0 - self.check_deg
+        helm, away, check = np.radians(degrees).tolist()
+        side = self.side(helm)
+        return (
+            Piece(helm, turned=away, side=side),
+            Piece(-helm, turned=check, side=-side),
+            Piece(-side * np.pi, HEADING),
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
-class ReverseSpiral(HelmsmanMission):
-    """Yaw rates held in turn by the helm, each for `hold_lengths` L / U; in units of U / L."""
+class ScheduledInput(SteeredMission):
+    """Values in turn, each for `hold_lengths` L / U of the approach and the last one to the end.
 
-    manoeuvre: Literal["reverse_spiral"] = "reverse_spiral"
-    largest_rate: Positive
-    count: int
+    They are values of the input `helm`: in degrees, or with `unit: start` relative to the input at
+    the start, or with `unit: range` shares of the way from there to the limits: 1 the upper one, -1
+    the lower one. With `unit: rate` they are yaw rates in U / L, which the helm holds. `prbs` is a
+    maximum length sequence of a shift register of `bits` that alternates between two values.
+    """
+
+    manoeuvre: Literal["spiral", "reverse_spiral", "stop", "prbs"]
+    values: tuple[float, ...]
+    unit: Literal["deg", "start", "range", "rate"] = "deg"
     hold_lengths: Positive
+    bits: Annotated[int, Ge(2), Le(20)] = 7
+
+    def __post_init__(self) -> None:
+        if not self.values or (self.manoeuvre == "prbs" and len(self.values) != 2):
+            got = len(self.values)
+            raise ConfigurationError(f"values: got {got}, expected some, and two for prbs")
+        super().__post_init__()
 
     @property
     def duration_s(self) -> float:
-        """Length [s]."""
-        return self.approach_s + self.count * self.hold_lengths * self.unit_s
+        """Approach and all values [s]."""
+        count = 2**self.bits - 1 if self.manoeuvre == "prbs" else len(self.values)
+        return self.approach_s + count * self.hold_lengths * self.unit_s
+
+    @property
+    def orders(self) -> Array:
+        """The values in SI units, (n,)."""
+        values, start = np.array(self.values), self.input_start[self.index]
+        if self.unit == "range":
+            low, high = self.limits
+            return np.asarray(start + np.where(values > 0.0, high - start, start - low) * values)
+        units = {"deg": np.pi / 180.0, "start": start, "rate": 1.0 / self.unit_s}
+        return np.asarray(values * units[self.unit], dtype=np.float64)
 
     def pieces(self, period_s: float) -> Sequence[Piece]:
-        """The yaw rates in turn."""
-        rates = np.linspace(1.0, -1.0, self.count) * self.largest_rate / self.unit_s
-        return self.in_turn(rates, RATE, self.hold_lengths * self.unit_s, period_s)
+        """The values in turn."""
+        orders, law = self.orders, RATE if self.unit == "rate" else HOLD
+        if self.manoeuvre == "prbs":
+            orders = orders[register(self.bits)]
+        held = max(1, round(self.hold_lengths * self.unit_s / period_s))
+        until = [*(held * np.arange(1, len(orders))).tolist(), NEVER]
+        return [Piece(order, law, end) for order, end in zip(orders.tolist(), until, strict=True)]
+
+    def check(self, dofs: Sequence[str], needed: str | None = None) -> None:
+        """Raise ConfigurationError if a value is beyond the limits of the input."""
+        super().check(dofs, "yaw" if self.unit == "rate" else needed)
+        (low, high), start = self.limits, self.input_start[self.index]
+        beyond = [x for x in self.orders if not low - 1e-9 <= x <= high + 1e-9]
+        if self.unit != "rate" and beyond:
+            unit = start if self.unit == "start" else np.pi / 180.0
+            ends = (-1.0, 1.0) if self.unit == "range" else sorted((low / unit, high / unit))
+            near = np.clip(self.values, *ends).round(6).tolist()
+            raise ConfigurationError(
+                f"values: got {beyond[0]:.4g} for {self.helm}, for which the vessel has data from "
+                f"{low:.4g} to {high:.4g}; excitation.values={near} is within them"
+            )
+
+
+def register(bits: int) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+    """A maximum length sequence of zeros and ones, shape (2^bits - 1,)."""
+    from scipy.signal import max_len_seq  # slow to import
+
+    return np.asarray(max_len_seq(bits)[0], dtype=np.int64)

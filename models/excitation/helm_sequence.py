@@ -14,7 +14,7 @@ import numpy as np
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.commands import HEADING, HOLD, Piece, zigzag
-from seatrial.models.excitation.helm import HelmsmanMission, register
+from seatrial.models.excitation.helm import SteeredMission, register
 from seatrial.models.planning.dubins import Arc
 from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.recording.recording import Mask, Split, half
@@ -62,7 +62,7 @@ class HelmGrid:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HelmSequence(HelmsmanMission):
+class HelmSequence(SteeredMission):
     """Steps in turn, from `start_pose` (north [m], east [m], heading [deg]) at approach speed.
 
     `expected` is what was expected of it: half the 90 % interval by purpose. `candidates` are what
@@ -122,14 +122,13 @@ class HelmSequence(HelmsmanMission):
     def pieces(self, period_s: float) -> Sequence[Piece]:
         """The orders and the courses."""
         pieces: list[Piece] = []
-        base, to_starboard = self.input_start[self.index], self.input_signs[self.index]
+        base = self.input_start[self.index]
         for step, end in zip(self.steps, self.edges_s[1:], strict=True):
             until, turn = round(end / period_s), float(np.radians(step.turn_deg))
             if step.kind == "hold":
                 pieces.append(Piece(step.order, until=until))
             elif step.kind == "zigzag":
-                side = to_starboard * float(np.sign(step.order - base))
-                there, back = zigzag(step.order, turn, side, until)
+                there, back = zigzag(step.order, turn, self.side(step.order - base), until)
                 pieces += [there, back._replace(order=2.0 * base - step.order)]
             else:
                 if turn:

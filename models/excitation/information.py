@@ -8,12 +8,11 @@ a noise-free simulation, Z = Phi, every Gamma_q is symmetric and the problem is 
 design. Every term is estimated in every degree of freedom, so the information of all coefficients
 is block diagonal with one copy of Gamma per degree of freedom, and has the same optimum.
 
-Before the identification, a report states whether a recording separates the terms of a model. For
-each degree of freedom the regressors are the terms that the model has there, each scaled to unit
-norm. A small singular value means that a combination of terms has almost no effect on the data;
-no method can identify that combination. The report also counts the spectral lines of the force; a
-linear regression requires half as many as it has unknowns (Ljung (1999), 13.2). They are counted
-over the entire experiment, since a longer record resolves more of them.
+Before the identification, a report states whether a recording separates the terms that a model has
+in each degree of freedom: a small singular value of their regressors, scaled to unit norm, means
+that a combination of terms has almost no effect on the data, which no method can identify. A linear
+regression also requires half as many spectral lines of the force as it has unknowns (Ljung (1999),
+13.2), counted over the entire experiment, since a longer record resolves more of them.
 """
 
 from collections.abc import Sequence
@@ -37,22 +36,12 @@ LEAST_SINGULAR_VALUE = 0.01  # of a singular value, relative to the largest
 LEAST_LINE = 0.01  # smallest amplitude of a spectral line, relative to the largest
 
 
-@dataclass(frozen=True, eq=False)
-class Weights:
-    """Shares w_q >= 0 of the manoeuvres, shape (Q,), with sum one, and their optimality gap."""
-
-    share: Array
-    gap: float  # max_q tr(Gamma^-1 Gamma_q) - n, zero at the optimum
-
-
-def information(phi: Array) -> Array:
-    """Gamma = (1/N) sum_k phi(k) phi(k)', shape (n, n), of regressors phi (N, n)."""
-    return np.asarray(phi.T @ phi / len(phi))
-
-
 def log_det(gammas: Array, counts: Array) -> float:
-    """log det of sum_q N_q Gamma_q; -inf where it is singular. gammas (Q, n, n), counts (Q,)."""
-    sign, value = np.linalg.slogdet(np.tensordot(counts, gammas, axes=1))
+    """log det of the mean information of a mix; -inf where it is singular.
+
+    gammas (Q, n, n), counts or shares (Q,).
+    """
+    sign, value = np.linalg.slogdet(np.tensordot(counts / np.sum(counts), gammas, axes=1))
     return float(value) if sign > 0.0 else -np.inf
 
 
@@ -74,50 +63,34 @@ def inseparable(gamma: Array, names: Sequence[str]) -> tuple[str, ...]:
     return _members(ways[:, 0], names)
 
 
-def sensitivities(gammas: Array, share: Array) -> Array:
-    """d_q = tr(Gamma^-1 Gamma_q) with Gamma = sum_q w_q Gamma_q, shape (Q,).
+def optimal(gammas: Array, names: Sequence[str]) -> tuple[Array, float]:
+    """The D-optimal shares w_q >= 0 of the manoeuvres, (Q,), with sum one, and their gap.
 
-    Kiefer and Wolfowitz (1960): w is optimal where no d_q exceeds n, the size of Gamma.
-    """
-    inverse = np.linalg.inv(np.tensordot(share, gammas, axes=1))
-    return np.asarray(np.einsum("ij,qji->q", inverse, gammas))
+    The gap is max_q d_q - n for d_q = tr(Gamma^-1 Gamma_q) with Gamma = sum_q w_q Gamma_q of size
+    n; w is optimal where no d_q exceeds n: Kiefer and Wolfowitz (1960). By the multiplicative
+    algorithm w_q <- w_q d_q / n, log det does not decrease: Titterington (1976). A manoeuvre that
+    no optimum contains is removed as soon as the gap proves it, for information of any rank: Harman
+    and Pronzato (2007), theorem 1.
 
-
-def optimal(gammas: Array, names: Sequence[str]) -> Weights:
-    """The D-optimal shares by the multiplicative algorithm w_q <- w_q d_q / n.
-
-    Titterington (1976). log det does not decrease. A manoeuvre that no optimum contains is removed
-    as soon as the distance from the optimum proves it: Harman and Pronzato (2007), theorem 1.
     Raises ConfigurationError if all manoeuvres together do not separate the terms.
     """
     gammas = scaled(gammas)
-    names_left = inseparable(np.mean(gammas, axis=0), names)
-    if names_left:
+    if names_left := inseparable(np.mean(gammas, axis=0), names):
         raise ConfigurationError(
             "excitation.candidates: all manoeuvres together do not separate "
             f"{', '.join(names_left)}, expected others"
         )
-    n = gammas.shape[1]
-    share = np.full(len(gammas), 1.0 / len(gammas))
+    n, share = gammas.shape[1], np.full(len(gammas), 1.0 / len(gammas))
     for _ in range(MOST_STEPS):
-        d = sensitivities(gammas, share)
-        gap_left = float(np.max(d) - n)
-        if gap_left <= OPTIMALITY_GAP:
+        inverse = np.linalg.inv(np.tensordot(share, gammas, axes=1))
+        d = np.einsum("ij,qji->q", inverse, gammas)
+        gap = float(np.max(d) - n)
+        if gap <= OPTIMALITY_GAP:
             break
-        share *= d / n
-        share[d < _threshold(gap_left, n)] = 0.0
+        least = 1.0 + 0.5 * gap - 0.5 * np.sqrt(gap * (4.0 + gap - 4.0 / n))
+        share *= np.where(d < n * least * (1.0 - 1e-9), 0.0, d / n)
         share /= np.sum(share)
-    return Weights(share, gap_left)
-
-
-def _threshold(left: float, n: int) -> float:
-    """d_q below which a manoeuvre is in no optimum, with max_q d_q = n + left.
-
-    The least eigenvalue of Gamma^-1 Gamma* with a trace of at most n + left and an inverse of
-    trace at most n, times n; so it holds for information of any rank.
-    """
-    least = 1.0 + 0.5 * left - 0.5 * np.sqrt(left * (4.0 + left - 4.0 / n))
-    return float(n * least * (1.0 - 1e-9))
+    return share, gap
 
 
 def largest_remainder(share: Array, total: int) -> Integers:
@@ -145,24 +118,16 @@ class Persistence:
     rank: int
     lines: int  # spectral lines of the force, or of the inputs
 
-    @property
-    def unknowns(self) -> int:
-        """Number of terms."""
-        return len(self.terms)
-
     def warning(self) -> str | None:
         """A line on the terms that are not separated, the worst by name; None if all are."""
-        parts = []
-        if self.unexcited:
-            parts.append(f"{', '.join(self.unexcited)} not excited")
+        parts = [f"{', '.join(self.unexcited)} not excited"] if self.unexcited else []
         parts += [f"{' and '.join(group)} not separable" for group in self.inseparable[:1]]
-        if len(self.inseparable) > 1:
-            parts.append(f"further groups: {len(self.inseparable) - 1}")
         if not parts:
             return None
-        few = f", {self.lines} spectral lines" if 2 * self.lines < self.unknowns else ""
-        summary = f"{self.rank} of {self.unknowns} terms separable{few}"
-        return f"{self.dof}: {summary}: {'; '.join(parts)}"
+        few = f", {self.lines} spectral lines" if 2 * self.lines < len(self.terms) else ""
+        return f"{self.dof}: {self.rank} of {len(self.terms)} terms separable{few}: " + "; ".join(
+            parts
+        )
 
 
 def persistence(
@@ -205,10 +170,9 @@ def spectral_lines(force: Array) -> int:
 
     Only the interval between the first and the last non-zero sample is used.
     """
-    nonzero = np.flatnonzero(force)
-    if not len(nonzero):
+    if not np.any(force):
         return 0
-    force = force[nonzero[0] : nonzero[-1] + 1]
+    force = np.trim_zeros(force)
     amplitude = np.abs(np.fft.rfft((force - np.mean(force)) * np.hanning(len(force))))
     if not np.max(amplitude, initial=0.0) > 1e-12 * np.max(np.abs(force), initial=0.0):
         return 0

@@ -1,6 +1,6 @@
 """Standard manoeuvres: turning circle, zig-zag, and runs at constant velocity."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -9,17 +9,10 @@ import numpy as np
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.commands import Piece, zigzag
 from seatrial.models.excitation.guidance import Reference
-from seatrial.models.excitation.missions import (
-    Length,
-    Mission,
-    check_fraction,
-    check_offset,
-    steady_force,
-    within,
-)
+from seatrial.models.excitation.missions import Length, Mission, check_axes, steady_force
 from seatrial.models.notation import DOFS
-from seatrial.models.ranges import Positive, check_ranges
-from seatrial.models.recording.recording import Split, half
+from seatrial.models.ranges import Fraction, Positive, check_ranges
+from seatrial.models.recording.recording import Split
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
@@ -40,7 +33,7 @@ class Steered(Mission):
     approach_s: Annotated[float, FromVessel("tuning.excitation.approach_s")]
     duration_s: Annotated[float, FromVessel("tuning.excitation.manoeuvre_s")]
     reference_filter: Reference
-    train_fraction: float
+    train_fraction: Fraction
     offset: dict[str, float] | None = None
 
     def __post_init__(self) -> None:
@@ -50,7 +43,6 @@ class Steered(Mission):
                 f"approach_s must lie between 0 and duration_s = {self.duration_s:g}, "
                 f"got {self.approach_s:g}"
             )
-        check_fraction(self.train_fraction)
 
     @property
     def open_loop(self) -> bool:
@@ -65,10 +57,6 @@ class Steered(Mission):
             force[t >= self.approach_s - 1e-9, dofs.index("yaw")] += self.yaw_moment_nm
         return force
 
-    def steady(self) -> Mapping[str, float]:
-        """The offset."""
-        return self.offset or {}
-
     def pieces(self, period_s: float) -> Sequence[Piece]:
         """The moment that changes sign, first to starboard; none in a turning circle."""
         if self.turn_deg is None:
@@ -78,24 +66,12 @@ class Steered(Mission):
             self.yaw_moment_nm, turn, 1.0
         )
 
-    def split(self, t: Array) -> Split:
-        """Training and testing samples: the first part, and the rest."""
-        return half(len(t), self.train_fraction)
-
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel has surge and yaw."""
         if not {"surge", "yaw"} <= set(dofs):
             what, got = "a turning circle or zig-zag", ", ".join(dofs)
             raise ConfigurationError(f"{what} needs a vessel in surge and yaw, got one in {got}")
-        check_offset(self.offset, dofs)
-
-    def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
-        """Raise ConfigurationError if a force exceeds the limits of the thrusters [N, Nm]."""
-        within("surge_force_n", self.surge_force_n, limits, "surge")
-        within("yaw_moment_nm", self.yaw_moment_nm, limits, "yaw")
-        steered = {"surge": abs(self.surge_force_n), "yaw": abs(self.yaw_moment_nm)}
-        for dof, value in self.steady().items():
-            within(f"offset.{dof}", abs(value) + steered.get(dof, 0.0), limits, dof)
+        check_axes("offset", self.steady(), dofs)
 
 
 @dataclass(frozen=True)
@@ -114,7 +90,7 @@ class ConstantVelocity(Mission):
     rest_s: Annotated[Positive, FromVessel("tuning.excitation.rest_s")]
     axes: tuple[str, ...]  # of the vessel
     reference_filter: Reference
-    train_fraction: float
+    train_fraction: Fraction
     offset: dict[str, float] | None = None  # [N, Nm], added to the command
 
     def __post_init__(self) -> None:
@@ -129,7 +105,6 @@ class ConstantVelocity(Mission):
                     raise ConfigurationError(
                         f"velocities.{names}: got {list(value)}, expected a number or one for each"
                     )
-        check_fraction(self.train_fraction)
 
     @property
     def runs(self) -> list[dict[str, float]]:
@@ -172,10 +147,6 @@ class ConstantVelocity(Mission):
                 setpoints[:, self.axes.index(name)] += moved
         return Timetable(setpoints), np.zeros(1)
 
-    def steady(self) -> Mapping[str, float]:
-        """The offset."""
-        return self.offset or {}
-
     def split(self, t: Array) -> Split:
         """Training and testing samples, by pairs of runs."""
         pair = ((t - t[0]) / self.pair_s + 1e-9).astype(int)
@@ -188,7 +159,7 @@ class ConstantVelocity(Mission):
             raise ConfigurationError(
                 f"excitation.axes: got {', '.join(self.axes)}, expected {', '.join(dofs)}"
             )
-        check_offset(self.offset, dofs)
+        check_axes("offset", self.steady(), dofs)
         if len(self.runs) < 2:
             raise ConfigurationError(
                 f"excitation.velocities: {len(self.runs)} runs suit a vessel in {', '.join(dofs)}, "

@@ -1,14 +1,14 @@
 """Missions: way-points on a timetable, line-of-sight guidance, and replay of the excitation."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.excitation.commands import Piece, Steering, command, open_loop
+from seatrial.models.excitation.commands import Piece, Steering, command
 from seatrial.models.excitation.guidance import (
     LineOfSight,
     Reference,
@@ -16,7 +16,7 @@ from seatrial.models.excitation.guidance import (
     straight_line_setpoints,
 )
 from seatrial.models.notation import PLANAR
-from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.ranges import Fraction, Positive, check_ranges
 from seatrial.models.recording.recording import Split, half
 from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Outlook
@@ -68,6 +68,10 @@ class Mission(Evaluation):
             """The reference model between set-point and controller."""
             ...
 
+    def __post_init__(self) -> None:
+        """Check the ranges of the options."""
+        check_ranges(self)
+
     def length(self) -> Length:
         """The length, known before a plan: at least `duration_s`, but for passages of a plan."""
         return Length("duration_s", self.duration_s, self.duration_s)
@@ -107,8 +111,9 @@ class Mission(Evaluation):
         return None
 
     def steady(self) -> Mapping[str, float]:
-        """A constant force [N, Nm] by degree of freedom."""
-        return {}
+        """A constant force [N, Nm] by degree of freedom: the option `offset`, if there is one."""
+        offset = getattr(self, "offset", None)
+        return offset if isinstance(offset, Mapping) else {}
 
     def force(self, t: Array, dofs: Sequence[str], rng: np.random.Generator) -> Array | None:
         """Force [N, Nm] added to the command at the times t [s], shape (N, n_dof); None: none."""
@@ -123,18 +128,31 @@ class Mission(Evaluation):
         """The step that replaces the controller in an open loop; None in a closed loop."""
         if not self.open_loop:
             return None
-        if pieces := self.pieces(period_s):
-            return command(pieces, np.zeros(len(dofs)), dofs.index("yaw"), dofs.index("yaw"))
-        return open_loop(len(dofs))
+        yaw = dofs.index("yaw") if "yaw" in dofs else 0
+        return command(self.pieces(period_s) or [Piece()], np.zeros(len(dofs)), yaw, yaw)
 
     def split(self, t: Array) -> Split:
-        """Which samples are for training and which for testing."""
-        return half(len(t))
+        """Which samples are for training and which for testing: by default the first part is."""
+        return half(len(t), getattr(self, "train_fraction", 0.5))
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
-        """Raise ConfigurationError if a force exceeds the limits of the thrusters [N, Nm]."""
-        for dof, value in self.steady().items():
-            within(f"offset.{dof}", value, limits, dof)
+        """Raise ConfigurationError if a force exceeds the limits of the thrusters [N, Nm].
+
+        `limits` are those of all degrees of freedom of the vessel, if they are known.
+        """
+        if self.commands_inputs or not limits:
+            return
+        t = period_s * np.arange(round(self.duration_s / period_s), dtype=np.float64)
+        force = self.force(t, tuple(limits), np.random.default_rng(0))
+        peak = np.zeros(len(limits)) if force is None else np.max(np.abs(force), axis=0)
+        moment = max((abs(piece.order) for piece in self.pieces(period_s)), default=0.0)
+        for (dof, limit), value in zip(limits.items(), peak, strict=True):
+            reached = value + moment * (dof == "yaw")
+            if reached > limit * (1.0 + 1e-9):
+                raise ConfigurationError(
+                    f"the force reaches {reached:g} in {dof}, expected at most the thrusters' "
+                    f"{limit:g}"
+                )
 
     def mission(self, excitation: "Mission") -> "Mission":
         """The mission itself, for any excitation."""
@@ -146,25 +164,16 @@ def steady_force(offset: Mapping[str, float], n: int, dofs: Sequence[str]) -> Ar
     return np.tile([offset.get(dof, 0.0) for dof in dofs], (n, 1))
 
 
-def check_offset(offset: Mapping[str, float] | None, dofs: Sequence[str]) -> None:
-    """Raise ConfigurationError for a constant force [N, Nm] on an axis that does not exist."""
-    unknown = [axis for axis in offset or () if axis not in dofs]
-    if unknown:
+def check_axes(option: str, axes: Iterable[str], dofs: Sequence[str]) -> None:
+    """Raise ConfigurationError for a force on an axis that does not exist."""
+    if unknown := [axis for axis in axes if axis not in dofs]:
         raise ConfigurationError(
-            f"excitation.offset: got {unknown[0]}, but the vessel moves in {', '.join(dofs)}"
+            f"excitation.{option}: got {unknown[0]}, but the vessel moves in {', '.join(dofs)}"
         )
 
 
-def within(name: str, value: float, limits: Mapping[str, float], dof: str) -> None:
-    """Raise ConfigurationError if a force [N, Nm] exceeds the limits of the thrusters."""
-    if dof in limits and abs(value) > limits[dof] * (1.0 + 1e-9):
-        raise ConfigurationError(
-            f"excitation.{name}: got {value:g}, expected at most the thrusters' {limits[dof]:g} "
-            f"in {dof}"
-        )
-
-
-def _planar_only(what: str, dofs: Sequence[str]) -> None:
+def planar_only(what: str, dofs: Sequence[str]) -> None:
+    """Raise ConfigurationError unless the vessel moves in the plane."""
     if tuple(dofs) != PLANAR:
         raise ConfigurationError(
             f"{what} needs a vessel in {', '.join(PLANAR)}, got one in {', '.join(dofs)}"
@@ -186,14 +195,13 @@ class Waypoints(Mission):
     speed_m_s: Annotated[Positive, FromVessel("tuning.reference.speed_m_s")]
     turn_rate_rad_s: Annotated[Positive, FromVessel("tuning.reference.turn_rate_rad_s")]
     reference_filter: Reference
-    train_fraction: float
+    train_fraction: Fraction
     offset: dict[str, float] | None = None  # [N, Nm], beside the controller
 
     def __post_init__(self) -> None:
         check_ranges(self)
         if not self.waypoints or any(len(point) != 3 for point in self.waypoints):
             raise ConfigurationError("waypoints: expected a list of (north, east, heading)")
-        check_fraction(self.train_fraction)
 
     @property
     def duration_s(self) -> float:
@@ -216,18 +224,10 @@ class Waypoints(Mission):
             )
         return Timetable(np.ascontiguousarray(setpoints)), np.zeros(1)
 
-    def steady(self) -> Mapping[str, float]:
-        """The offset."""
-        return self.offset or {}
-
-    def split(self, t: Array) -> Split:
-        """Training and testing samples: the lap's first part, and the rest."""
-        return half(len(t), self.train_fraction)
-
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel is planar."""
-        _planar_only("a lap of way-points", dofs)
-        check_offset(self.offset, dofs)
+        planar_only("a lap of way-points", dofs)
+        check_axes("offset", self.steady(), dofs)
 
 
 @dataclass(frozen=True)
@@ -238,16 +238,13 @@ class Operation(Mission):
     reference_filter: Reference
     duration_s: Positive
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """Line of sight from the pose `start`."""
         return self.sight.build(start)
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel is planar."""
-        _planar_only("line of sight", dofs)
+        planar_only("line of sight", dofs)
 
 
 @dataclass(frozen=True)
@@ -261,9 +258,3 @@ class Replay(Evaluation):
     def skip_reason(self, excitation: Mission) -> str | None:
         """An open loop has no reference for an evaluation."""
         return NO_REFERENCE if excitation.open_loop else None
-
-
-def check_fraction(fraction: float) -> None:
-    """Raise ConfigurationError unless both the training and the test part are non-empty."""
-    if not 0.0 < fraction < 1.0:
-        raise ConfigurationError(f"train_fraction must lie between 0 and 1, got {fraction}")

@@ -2,8 +2,7 @@
 
 Standard manoeuvres are simulated with the nominal model in calm water. The optimal mix for
 estimating its coefficients is rounded to integer counts and executed, each sub-experiment from
-rest. Further sub-experiments follow, held out for testing. A random mix, drawn from a pool with
-the same number of every manoeuvre, is the baseline.
+rest, and then those that are held out for testing. A random mix is the baseline.
 
 With a route the candidates are the motion primitives of a planner: each is the simulated track of
 the nominal model with its stop, followed by a passage to the lattice. The plan is executed by
@@ -18,33 +17,23 @@ from functools import cached_property
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Lt
 
 from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.models.excitation.commands import Command, Steering
+from seatrial.models.excitation.commands import Steering
 from seatrial.models.excitation.guidance import Reference
-from seatrial.models.excitation.information import (
-    Integers,
-    Weights,
-    information,
-    inseparable,
-    largest_remainder,
-    log_det,
-    optimal,
-    scaled,
-)
-from seatrial.models.excitation.missions import Length, Mission
+from seatrial.models.excitation.information import inseparable, largest_remainder, optimal, scaled
+from seatrial.models.excitation.missions import Length, Mission, planar_only
 from seatrial.models.excitation.schedule import Gains, Phase, Role, Schedule
-from seatrial.models.notation import PLANAR
 from seatrial.models.planning.planner import Corners, Pace, PlannedPath, PlanningTask, Waters, plan
 from seatrial.models.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt, check_ranges
 from seatrial.models.recording.recording import Split
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
-from seatrial.models.simulation.voyage import Voyage
+from seatrial.models.simulation.voyage import Voyage, recording_of
 from seatrial.models.vessel import basis
-from seatrial.models.vessel.basis import Array, Term
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import Plant, VesselParameters
-from seatrial.models.vessel.table import Vessel
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.models.weather.weather import Weather
 
@@ -74,60 +63,22 @@ class Route:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if self.area is not None:
-            _ = self.waters
-        elif self.obstacles:
-            raise ConfigurationError("obstacles: got obstacles without an area, expected an area")
 
     @property
     def waters(self) -> Waters:
         """The area with its obstacles."""
         return Waters(self.area or (), self.obstacles, self.clearance_m)
 
-    def plan(self, mix: "OptimalDesign", names: Sequence[str]) -> PlannedPath | None:
-        """The path that sails the named candidates of a mix; None without an area.
-
-        Raises ConfigurationError with what stands in the way.
-        """
-        if self.area is None:
-            return None
-        task = PlanningTask(
-            waters=self.waters,
-            primitives={name: voyage.log.eta for name, voyage in mix.voyages.items()},
-            counts=Counter(names),
-            start=_pose(self.start),
-            goal=_pose(self.start if self.goal is None else self.goal),
-            cell_m=4.0 * self.speed_m_s if self.cell_m is None else self.cell_m,
-            pace=Pace(self.speed_m_s, self.turn_rate_rad_s, mix.period_s),
-            hold=round(self.hold_s / mix.period_s),
-        )
-        try:
-            return plan(task)
-        except ConfigurationError as error:
-            raise ConfigurationError(f"excitation.route: {error}") from error
-
-
-def _pose(pose: Pose) -> Array:
-    return np.array([pose[0], pose[1], np.radians(pose[2])])
-
 
 @dataclass(frozen=True)
 class UncertainModel:
-    """The model for the design of a mix; `error` is the relative error of its coefficients."""
+    """The model for the design: the nominal one, coefficients times uniform numbers about one."""
 
-    error: float
+    error: Annotated[float, Ge(0), Lt(1)]  # the largest relative one of the coefficients
     seed: NotNegativeInt
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not 0.0 <= self.error < 1.0:
-            raise ConfigurationError(f"error must lie between 0 and 1, got {self.error}")
-
-    def model(self, nominal: Vessel) -> Vessel:
-        """The nominal model with coefficients multiplied by uniform numbers about one."""
-        rng = np.random.default_rng(self.seed)
-        factors = rng.uniform(1.0 - self.error, 1.0 + self.error, nominal.theta.shape)
-        return replace(nominal, theta=nominal.theta * factors)
 
 
 @dataclass(frozen=True)
@@ -178,19 +129,17 @@ class OptimalDesign(Mission):
 
     @cached_property
     def plant(self) -> Plant:
-        """The nominal model with the vessel's thrusters and limits."""
-        return self.vessel.plant(self.nominal.model(self.vessel.nominal()))
+        """The model for the design with the vessel's thrusters and limits."""
+        model, rng = self.vessel.nominal(), np.random.default_rng(self.nominal.seed)
+        error, shape = self.nominal.error, model.theta.shape
+        theta = model.theta * rng.uniform(1.0 - error, 1.0 + error, shape)
+        return self.vessel.plant(replace(model, theta=theta))
 
     @property
     def limits(self) -> Array:
         """Largest feedback by degree of freedom [N, Nm]."""
         known = self.vessel.limits_by_dof
         return np.array([known.get(dof, np.inf) for dof in self.vessel.dofs])
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        """The terms of the nominal model."""
-        return self.plant.vessel.terms
 
     @property
     def counts_of_parts(self) -> tuple[int, int]:
@@ -208,48 +157,37 @@ class OptimalDesign(Mission):
         manoeuvre = Phase(name, "manoeuvre", count, role, force, pieces)
         return [manoeuvre, Phase(name, "stop", stop)]
 
-    def voyage(self, name: str) -> Voyage:
-        """Simulate a candidate and its stop in calm water, from rest at the origin."""
-        period_s = self.period_s
-        plan = Schedule(self.sub_experiment(name, "training"), period_s)
-        still = np.zeros((len(plan), len(self.vessel.dofs)))
-        try:
-            return sail(
-                self.plant, Weather(still, still, still, still), (Timetable(still), np.zeros(1)),
-                self.reference_filter.table(period_s),
-                plan.steering(self.feedback, self.limits), still[0], period_s,
-                min(STEP_S, period_s), added=plan.force(),
-            )  # fmt: skip
-        except (Diverged, ConfigurationError) as error:
-            raise ConfigurationError(
-                f"excitation.candidates.{name}: simulation of the nominal model failed: {error}"
-            ) from error
-
     @cached_property
     def voyages(self) -> dict[str, Voyage]:
-        """The simulation of every candidate with the nominal model."""
-        return {name: self.voyage(name) for name in self.candidates}
+        """Every candidate and its stop by the nominal model, in calm water, at first at rest."""
+        found, period_s = dict[str, Voyage](), self.period_s
+        for name in self.candidates:
+            schedule = Schedule(self.sub_experiment(name, "training"), period_s)
+            still = np.zeros((len(schedule), len(self.vessel.dofs)))
+            try:
+                found[name] = sail(
+                    self.plant, Weather(still, still, still, still),
+                    (Timetable(still), np.zeros(1)), self.reference_filter.table(period_s),
+                    schedule.steering(self.feedback, self.limits), still[0], period_s,
+                    min(STEP_S, period_s), added=schedule.force(),
+                )  # fmt: skip
+            except (Diverged, ConfigurationError) as error:
+                where = f"excitation.candidates.{name}: by the nominal model"
+                raise ConfigurationError(f"{where}: {error}") from error
+        return found
 
     @cached_property
     def gammas(self) -> Array:
         """Scaled information of every candidate without its stop, shape (Q, n, n)."""
-        matrices, (count, _) = [], self.counts_of_parts
-        for voyage in self.voyages.values():
-            nu_dot, nu = voyage.log.nu_dot[:count], voyage.log.nu[:count]
-            attitude = np.zeros((count, 3))
-            attitude[:, 2] = voyage.log.eta[:count, 2]
-            x = basis.variables(nu_dot, nu, attitude, voyage.dofs)
-            matrices.append(information(basis.evaluate(self.terms, x)))
-        return scaled(np.array(matrices))
+        terms, (count, _) = self.plant.vessel.terms, self.counts_of_parts
+        motions = [recording_of(each, each.weather).variables() for each in self.voyages.values()]
+        phis = [basis.evaluate(terms, x)[:count] for x in motions]
+        return scaled(np.array([phi.T @ phi / len(phi) for phi in phis]))
 
     @cached_property
-    def weights(self) -> Weights:
-        """The optimal shares of the candidates."""
-        return optimal(self.gammas, [term.name for term in self.terms])
-
-    def log_det(self, counts: Array | Integers) -> float:
-        """log det of the mean information of a mix; -inf where it is singular."""
-        return log_det(self.gammas, np.asarray(counts, dtype=np.float64) / float(np.sum(counts)))
+    def weights(self) -> tuple[Array, float]:
+        """The optimal shares of the candidates, and their optimality gap."""
+        return optimal(self.gammas, [term.name for term in self.plant.vessel.terms])
 
     @cached_property
     def counts(self) -> dict[str, int]:
@@ -257,9 +195,9 @@ class OptimalDesign(Mission):
         if self.design == "each":
             return dict.fromkeys(self.candidates, 1)
         if self.design == "optimal":
-            counts = largest_remainder(self.weights.share, self.sub_experiments)
-            terms, share = [term.name for term in self.terms], counts / self.sub_experiments
-            if names := inseparable(np.tensordot(share, self.gammas, axes=1), terms):
+            counts = largest_remainder(self.weights[0], self.sub_experiments)
+            terms = [term.name for term in self.plant.vessel.terms]
+            if names := inseparable(np.tensordot(counts, self.gammas, axes=1), terms):
                 raise ConfigurationError(
                     f"excitation.sub_experiments: {self.sub_experiments} of the optimal mix do not "
                     f"separate {', '.join(names)}, expected more"
@@ -268,18 +206,26 @@ class OptimalDesign(Mission):
             pool = np.repeat(np.arange(len(self.candidates)), self.repeats)
             rng = np.random.default_rng(self.draw_seed)
             drawn = rng.choice(pool, self.sub_experiments, replace=False)
-            counts = np.bincount(drawn, minlength=len(self.candidates)).astype(np.int64)
-        return {name: int(n) for name, n in zip(self.candidates, counts, strict=True)}
+            counts = np.bincount(drawn, minlength=len(self.candidates))
+        return dict(zip(self.candidates, counts.tolist(), strict=True))
+
+    @property
+    def names(self) -> list[str]:
+        """What is sailed: the mix in the order of the candidates, then what is held out."""
+        return [*Counter(self.counts).elements(), *self.held_out]
 
     @cached_property
     def plan(self) -> PlannedPath | None:
         """The path of the manoeuvres through the area; None where there is none."""
-        return self.route.plan(self, self._to_be_sailed)
-
-    @property
-    def _to_be_sailed(self) -> list[str]:
-        """The mix in the order of the candidates, then what is held out."""
-        return [*(name for name, n in self.counts.items() for _ in range(n)), *self.held_out]
+        route = self.route
+        if route.area is None and not route.obstacles:
+            return None
+        start, goal = np.array([route.start, route.goal or route.start]) * [1.0, 1.0, np.pi / 180.0]
+        tracks = {name: voyage.log.eta for name, voyage in self.voyages.items()}
+        cell_m = route.cell_m or 4.0 * route.speed_m_s
+        pace = Pace(route.speed_m_s, route.turn_rate_rad_s, self.period_s)
+        hold, counts = round(route.hold_s / self.period_s), Counter(self.names)
+        return plan(PlanningTask(route.waters, tracks, counts, start, goal, cell_m, pace, hold))
 
     @cached_property
     def schedule(self) -> Schedule:
@@ -287,8 +233,7 @@ class OptimalDesign(Mission):
 
         On a plan a manoeuvre has the simulated force, and all poses are followed.
         """
-        names = self._to_be_sailed
-        remaining, phases = Counter(names), list[Phase]()
+        remaining, phases = Counter(self.names), list[Phase]()
 
         def sailed(name: str) -> list[Phase]:
             testing = remaining[name] <= self.held_out.count(name)
@@ -296,13 +241,13 @@ class OptimalDesign(Mission):
             return self.sub_experiment(name, "testing" if testing else "training")
 
         if self.plan is None:
-            return Schedule([phase for name in names for phase in sailed(name)], self.period_s)
+            return Schedule([phase for name in self.names for phase in sailed(name)], self.period_s)
         for leg in self.plan.legs:
             first = 0
             for phase in sailed(leg.name) if leg.informative else ():
-                force = self.voyages[leg.name].log.tau
                 here = slice(first, first + phase.count)
-                phases.append(replace(phase, poses=leg.poses[here], force=force[here]))
+                force = self.voyages[leg.name].log.tau[here]
+                phases.append(replace(phase, poses=leg.poses[here], force=force))
                 first = here.stop
             rest = leg.poses[first:]
             phases.append(Phase(leg.name, "passage", len(rest), poses=rest))
@@ -321,11 +266,10 @@ class OptimalDesign(Mission):
     def length(self) -> Length:
         """The length of all sub-experiments with their stops, without the passages of a plan."""
         each = (self.length_s + self.stop_s) * self.time_scale
-        count = self.sub_experiments + len(self.held_out)
-        if count > self.length_s:
-            return Length("sub_experiments", self.sub_experiments, count * each)
-        option = max(("length_s", "stop_s", "time_scale"), key=lambda name: getattr(self, name))
-        return Length(option, getattr(self, option), count * each)
+        seconds = each * (self.sub_experiments + len(self.held_out))
+        options = "sub_experiments", "length_s", "stop_s", "time_scale"
+        option = max(options, key=lambda name: getattr(self, name))
+        return Length(option, getattr(self, option), seconds)
 
     def guidance(self, t: Array, start: Array) -> tuple[NamedTuple, Array]:
         """The poses of the plan as set-points; without a plan the starting pose."""
@@ -343,32 +287,20 @@ class OptimalDesign(Mission):
 
     def split(self, t: Array) -> Split:
         """Training: the manoeuvres of the mix; testing: those held out, or what is between."""
-        train = self.schedule.mask("training")[: len(t)].copy()
-        test = self.schedule.mask("testing" if self.held_out else "none")[: len(t)].copy()
-        return Split(train, test)
+        roles: tuple[Role, Role] = "training", "testing" if self.held_out else "none"
+        return Split(*(self.schedule.mask(role)[: len(t)] for role in roles))
 
     def check(self, dofs: Sequence[str]) -> None:
         """Raise ConfigurationError unless the vessel is planar and the mix can be designed."""
-        if tuple(dofs) != PLANAR:
-            raise ConfigurationError(
-                f"excitation=optimal_design needs a vessel in {', '.join(PLANAR)}, got one in "
-                f"{', '.join(dofs)}"
-            )
+        planar_only("a mix of manoeuvres", dofs)
         for name, candidate in self.candidates.items():
             candidate.check(dofs)
-            steered = candidate.steering(dofs, self.period_s)
-            step = None if steered is None else steered[0]
-            forced = isinstance(step, Command) and not len(step.feedback.kp)
-            if candidate.commands_inputs or not forced:
+            if not candidate.open_loop or type(candidate).steering is not Mission.steering:
                 raise ConfigurationError(
-                    f"excitation.candidates.{name}: is sailed by a controller, expected an open "
-                    "loop"
+                    f"excitation.candidates.{name}: expected a mission by forces in an open loop"
                 )
-        if len(self.feedback.kp) != 3 or len(self.feedback.kd) != 3:
-            raise ConfigurationError(
-                f"excitation.feedback: got {len(self.feedback.kp)} and {len(self.feedback.kd)} "
-                "numbers, expected 3 each"
-            )
+        if {len(self.feedback.kp), len(self.feedback.kd)} != {3}:
+            raise ConfigurationError("excitation.feedback: expected three numbers for kp and kd")
         _ = self.schedule
 
     def check_limits(self, limits: Mapping[str, float], period_s: float) -> None:
@@ -377,5 +309,4 @@ class OptimalDesign(Mission):
             try:
                 candidate.check_limits(limits, period_s)
             except ConfigurationError as error:
-                what = str(error).removeprefix("excitation.")
-                raise ConfigurationError(f"excitation.candidates.{name}.{what}") from error
+                raise ConfigurationError(f"excitation.candidates.{name}: {error}") from error

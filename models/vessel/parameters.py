@@ -14,7 +14,7 @@ from seatrial.models.vessel.basis import INPUTS, Array
 from seatrial.models.vessel.derivatives import CoriolisForces, Prime, RigidBody, from_derivatives
 from seatrial.models.vessel.devices.device import Device, input_bounds
 from seatrial.models.vessel.scales import Scales, scales
-from seatrial.models.vessel.steering import SteeringModel, steady_speed, steering_model
+from seatrial.models.vessel.steering import Nomoto, SteeringModel, steady_speed, steering_model
 from seatrial.models.vessel.table import Attitude, Vessel
 from seatrial.models.vessel.thruster import Input, SecondOrderLag
 from seatrial.models.vessel.tuning import FromVessel, Tuning
@@ -271,12 +271,18 @@ class VesselParameters:
     @property
     def nomoto_gain(self) -> tuple[float, ...]:
         """Gain K [1/s] of the yaw rate over each input at the approach; 0 for one without any."""
-        return () if self._ahead is None else tuple(n.gain for n in self._ahead.nomotos)
+        return tuple(each.gain for each in self._nomotos)
 
     @property
     def nomoto_time_s(self) -> tuple[float, ...]:
         """Time constant T [s] of the yaw rate over each input at the approach."""
-        return () if self._ahead is None else tuple(n.time_s for n in self._ahead.nomotos)
+        return tuple(each.time_s for each in self._nomotos)
+
+    @cached_property
+    def _nomotos(self) -> tuple[Nomoto, ...]:
+        """The first-order models of the inputs; zeros for one that does not turn the vessel."""
+        none = (Nomoto(0.0, 0.0),) * len(self.inputs)
+        return none if self._ahead is None else self._ahead.nomotos
 
     @property
     def input_low(self) -> tuple[float, ...]:

@@ -60,13 +60,15 @@ class SteeringModel(NamedTuple):
 
     @property
     def nomotos(self) -> tuple[Nomoto, ...]:
-        """The first-order models of all inputs; zeros for one that does not turn the vessel."""
-        by_input = self.B[self.dofs.index("yaw")]
-        largest = 1e-9 * np.max(np.abs(by_input), initial=0.0)
-        return tuple(
-            self.nomoto(i) if abs(turning) > largest else Nomoto(0.0, 0.0)
-            for i, turning in enumerate(by_input)
-        )
+        """The first-order models of all inputs; zeros for one that has none.
+
+        It does not turn the vessel, or turns it without an end, as sway or yaw are undamped.
+        """
+        turning = np.abs(self.B[self.dofs.index("yaw")])
+        turns = turning > 1e-9 * np.max(turning, initial=0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = [self.nomoto(i) if turns[i] else Nomoto(0.0, 0.0) for i in range(len(turns))]
+        return tuple(each if np.all(np.isfinite(each)) else Nomoto(0.0, 0.0) for each in found)
 
     def surge(self, shaft: int) -> tuple[float, float]:
         """(a, b) of du/dt = a u + b n for the surge and an input."""

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, Lt
 from pydantic import (
     BeforeValidator,
     ConfigDict,
@@ -40,7 +40,7 @@ Place = tuple[str | int, ...]  # from an object to a value inside it: keys and i
 TUNE = "tune"  # the option that maps others of the same class to the values to choose among
 CLASS = "class"  # in a JSON schema: the class that the node must describe
 BOUNDS: dict[str, Callable[[Any], Bound]] = {
-    "greater_than": Gt, "greater_than_equal": Ge, "less_than_equal": Le,
+    "greater_than": Gt, "greater_than_equal": Ge, "less_than_equal": Le, "less_than": Lt,
 }  # fmt: skip
 EXPECTED = {
     "bool_type": "true or false",

@@ -127,8 +127,8 @@ class Model:
         voyage = loop.sail(
             self.parameters.plant(self.table), weather.Weather(still, still, still, still),
             (registry.Timetable(still), np.zeros(1)), setpoints.UNFILTERED,
-            commands.open_loop(n_dof), start, period_s, min(step_s, period_s), start_nu,
-            added=forces,
+            commands.command([commands.Piece()], np.zeros(n_dof), 0, 0), start, period_s,
+            min(step_s, period_s), start_nu, added=forces,
         )  # fmt: skip
         motion = motion_frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu)
         for dof, column in zip(self.dofs, forces.T, strict=True):

@@ -101,7 +101,10 @@ def _check_mission(trial: Trial, excitation: Mission) -> None:
         if isinstance(mission, Mission):
             _check_length(trial, group, mission)
     named(trial, "disturbance", lambda: trial.disturbance.check(dofs, longest_s(trial)))
-    excitation.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s)
+    named(
+        trial, "excitation",
+        lambda: excitation.check_limits(trial.vessel.limits_by_dof, trial.sample_time_s),
+    )  # fmt: skip
     evaluation = trial.evaluation
     if evaluation is not None:
         named(trial, "evaluation", lambda: evaluation.check(dofs))

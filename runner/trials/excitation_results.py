@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.excitation.information import Persistence
+from seatrial.models.excitation.information import Persistence, log_det
 from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.planning.planner import PlannedPath
 from seatrial.models.recording.consistency import quality_checks
@@ -55,21 +55,21 @@ def mix_results(mix: object, excited: "ExcitationData") -> Results:
 def _count_diagnostics(mix: OptimalDesign) -> list[Diagnostic]:
     """Return the count of every candidate, and how close the counts are to the optimum."""
     counts = mix.counts
-    log_det = mix.log_det(np.array(list(counts.values()), dtype=np.float64))
+    value = log_det(mix.gammas, np.array(list(counts.values())))
     diagnostics = [
         Diagnostic("mix_count", "all", float(n), i=i, label=name)
         for i, (name, n) in enumerate(counts.items())
     ]
-    if np.isfinite(log_det):
-        diagnostics.append(Diagnostic("mix_log_det", "all", log_det))
+    if np.isfinite(value):
+        diagnostics.append(Diagnostic("mix_log_det", "all", value))
     if mix.design == "optimal":
-        weights = mix.weights
+        shares, gap = mix.weights
         diagnostics += [
             Diagnostic("mix_share", "all", float(share), i=i, label=name)
-            for i, name, share in zip(count(), counts, weights.share, strict=False)
+            for i, name, share in zip(count(), counts, shares, strict=False)
         ]
-        best = mix.log_det(weights.share)
-        diagnostics.append(Diagnostic("mix_gap", "all", weights.gap))
+        best = log_det(mix.gammas, shares)
+        diagnostics.append(Diagnostic("mix_gap", "all", gap))
         diagnostics.append(Diagnostic("mix_log_det_optimal", "all", best))
     return diagnostics
 
@@ -120,7 +120,7 @@ def excitation_report(reports: Iterable[Persistence]) -> list[Diagnostic]:
         numbers = {
             "regressor_condition": report.condition,
             "regressor_rank": float(report.rank),
-            "regressor_unknowns": float(report.unknowns),
+            "regressor_unknowns": float(len(report.terms)),
             "spectral_lines": float(report.lines),
         }
         diagnostics += [

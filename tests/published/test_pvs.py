@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from docs.vessels import parameters_of
-from seatrial.models.excitation.commands import open_loop
+from seatrial.models.excitation.commands import Piece, command
 from seatrial.models.excitation.guidance import ReferenceFilter
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import Timetable
@@ -45,7 +45,7 @@ def test_a_coefficient_table_sails_the_same_track() -> None:
     voyage = sail(
         Plant(vessel, None, (20.0, 20.0, 1.0)), weather,
         (Timetable(np.zeros((len(t), 3))), np.zeros(1)), ReferenceFilter(0.5, 0.7).table(PERIOD_S),
-        open_loop(3), np.zeros(3), PERIOD_S, PERIOD_S, added=force,
+        command([Piece()], np.zeros(3), 0, 0), np.zeros(3), PERIOD_S, PERIOD_S, added=force,
     )  # fmt: skip
     rows = slice(None, None, 100)
     eta, nu = voyage.log.eta[rows], voyage.log.nu[rows]

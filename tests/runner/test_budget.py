@@ -113,7 +113,7 @@ WRONG = {
     "vessel.inertia=[[1,0,0],[0,1e-16,0],[0,0,1]]": (
         "vessel: inertia has a condition number of 1.0e+16, expected at most 1e+15"
     ),
-    "+excitation.amplitude.heel=1": "excitation: amplitude.heel: expected some of surge, ",
+    "+excitation.amplitude.heel=1": "excitation: amplitude: got heel, expected a number for each ",
 }
 
 
@@ -125,7 +125,7 @@ def test_unused_options_that_cannot_be_right(seatrial: Command) -> None:
 
 def test_schedules_and_parameter_sets_that_are_not_chosen(seatrial: Command) -> None:
     said = seatrial.refuses("evaluation=setpoints", "evaluation.schedules.appendix_h=[[0,0]]")
-    assert "schedules.appendix_h: expected a list of (north, east, heading)" in said
+    assert said.startswith("evaluation.schedules.appendix_h"), said
     said = seatrial.refuses("vessel=supply_vessel", "+vessel.parameter_sets.as_printed.Z_w=1")
     assert "Z_w: got heave, expected one of surge, sway, yaw" in said
 

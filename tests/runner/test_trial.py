@@ -30,7 +30,7 @@ REFUSED = (
     ),
     (
         ["excitation=prbs", "vessel.thruster.amplitude_limit=[50.0,500.0,500.0]"],
-        r"excitation\.amplitude\.surge: the signal reaches 100, expected .* 50",
+        r"excitation=prbs: the force reaches 100 in surge, expected .* 50",
     ),
     (["excitation=recording"], "excitation.path: expected a recording, got none"),
     (["controller.kp=[1.0]"], "kp|ki"),

@@ -17,7 +17,7 @@ from seatrial.models.simulation.registry import Timetable
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
-from seatrial.models.vessel.steering import Nomoto, steering_model
+from seatrial.models.vessel.steering import Nomoto, SteeringModel, steering_model
 from seatrial.models.vessel.thruster import Input
 from seatrial.runner.trials.checks import check
 from seatrial.runner.trials.closed_loop import SimulatedMission
@@ -84,6 +84,14 @@ def test_the_first_order_model_of_a_ship_that_is_one() -> None:
     np.testing.assert_allclose(linear.nomoto(0), Nomoto(GAIN, TIME_S), rtol=1e-7)
     assert ship.input_signs == (1.0, 1.0)
     assert ship.nomoto_gain == pytest.approx((GAIN, 0.0))
+
+
+def test_without_damping_there_is_no_first_order_model() -> None:
+    """The yaw rate over the helm has no end, so that its gain and its time are not numbers."""
+    dofs, A, B = ("sway", "yaw"), np.array([[-1.0, -2.0], [0.0, 0.0]]), np.array([[0.1], [1.0]])
+    assert SteeringModel(dofs, A, B).nomotos == (Nomoto(0.0, 0.0),)
+    (damped,) = SteeringModel(dofs, A - np.diag([0.0, 0.5]), B).nomotos
+    assert damped == pytest.approx((2.0, 2.0))
 
 
 @pytest.mark.parametrize("gain", [GAIN, -GAIN])

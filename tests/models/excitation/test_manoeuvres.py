@@ -115,8 +115,8 @@ def test_what_does_not_suit_is_refused(excitation: str) -> None:
     with pytest.raises(ConfigurationError, match="needs a vessel in surge and yaw"):
         check(composed("vessel=surge_linear", f"excitation={excitation}"))
     mission: Any = composed(f"excitation={excitation}").excitation
-    with pytest.raises(ConfigurationError, match="at most the thrusters' 100 in yaw"):
-        mission.check_limits({"yaw": 100.0}, 0.1)
+    with pytest.raises(ConfigurationError, match="in yaw, expected at most the thrusters' 20"):
+        mission.check_limits({"surge": 500.0, "sway": 500.0, "yaw": 20.0}, 0.1)
     with pytest.raises(ConfigurationError, match="approach_s"):
         replace(mission, approach_s=400.0)
     with pytest.raises(ConfigurationError, match="turn_deg"):
@@ -166,4 +166,4 @@ def test_every_excitation_takes_an_offset(excitation: str) -> None:
     with pytest.raises(ConfigurationError, match=r"excitation\.offset: got heave"):
         replace(mission, offset={"heave": 1.0}).check(PLANAR)
     with pytest.raises(ConfigurationError, match=r"sway.*the thrusters' 1000"):
-        replace(mission, offset={"sway": 2000.0}).check_limits({"sway": 1000.0}, 0.1)
+        replace(mission, offset={"sway": 2000.0}).check_limits(dict.fromkeys(PLANAR, 1000.0), 0.1)

@@ -139,3 +139,11 @@ def test_a_crash_stop_without_data_astern_offers_what_can_be_sailed() -> None:
     assert offered == "excitation.values=[0.0]"
     orders = voyage("kvlcc2", "crash_stop", offered).log.tau[:, 1]
     assert orders[-1] == 0.0
+
+
+def test_an_input_that_does_not_turn_the_vessel_steers_no_course() -> None:
+    """Its orders in turn can be sailed all the same."""
+    for excitation in ("williamson", "reverse_spiral"):
+        with pytest.raises(ConfigurationError, match="got n, which gives no steady turn"):
+            voyage("kvlcc2", excitation, "excitation.helm=n")
+    assert len(voyage("kvlcc2", "input_prbs", "excitation.helm=n", "excitation.bits=2").t) > 0

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from seatrial.models.errors import IdentificationError
-from seatrial.models.excitation.commands import open_loop
+from seatrial.models.excitation.commands import Piece, command
 from seatrial.models.excitation.setpoints import UNFILTERED
 from seatrial.models.identification import instrumental_variables as iv
 from seatrial.models.identification.instrumental_variables import simulated_motion, solve
@@ -228,7 +228,8 @@ class Experiment:
         truth = vessel.nominal() + disturbance.aerodynamics(vessel.dofs)
         voyage = sail(
             Plant(truth, None, vessel.velocity_limits), weather,
-            (Timetable(np.zeros((n, 3))), np.zeros(1)), UNFILTERED, open_loop(3), np.zeros(3),
+            (Timetable(np.zeros((n, 3))), np.zeros(1)), UNFILTERED,
+            command([Piece()], np.zeros(3), 0, 0), np.zeros(3),
             PERIOD_S, 0.1, OFFSET, added=force,
         )  # fmt: skip
         recording = recording_of(voyage, weather)
