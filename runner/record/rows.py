@@ -102,8 +102,18 @@ def metric(name: str, stage: Stage, model: str, dof: str, value: SupportsFloat) 
     return Metric(stage, model, dof, name, float(value), definition.unit_of(dof))
 
 
-def per_dof(
-    name: str, stage: Stage, model: str, dofs: Iterable[str], values: NDArray[np.float64]
+def metrics(
+    stage: Stage, model: str, dofs: Iterable[str], values: Mapping[str, object]
 ) -> list[Metric]:
-    """Return one metric per degree of freedom; `values` has shape (n_dof,)."""
-    return [metric(name, stage, model, dof, value) for dof, value in zip(dofs, values, strict=True)]
+    """Return the metrics of a model.
+
+    The values by name are numbers of the whole vessel, arrays of shape (n_dof,), or mappings from
+    other degrees of freedom to numbers.
+    """
+    rows = []
+    for name, value in values.items():
+        by_dof: Any = value
+        if not isinstance(value, Mapping):
+            by_dof = dict(zip(dofs, by_dof, strict=True)) if np.ndim(by_dof) else {"all": value}
+        rows += [metric(name, stage, model, dof, number) for dof, number in by_dof.items()]
+    return rows

@@ -45,7 +45,7 @@ def values() -> dict[tuple[str, str], tuple[float, str]]:
     found = [
         *deployment_metrics.response_metrics(one, "nominal"),
         *deployment_metrics.tracking_metrics(one.voyage, "nominal", H),
-        *deployment_metrics.of_design(one.design, "nominal")[0].metrics,
+        *deployment_metrics.of_design(one.design, "nominal").metrics,
     ]  # fmt: skip
     assert {(metric.stage, metric.model) for metric in found} == {("deployment", "nominal")}
     return {(m.name, m.dof): (float(m.value or 0.0), m.unit) for m in found}

@@ -10,8 +10,12 @@ from seatrial.models.identification.model_error import ModelError
 from seatrial.models.identification.problem import Identified
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.trials.closed_loop import Streams, prepare
-from seatrial.runner.trials.deployment_metrics import tracking_metrics
-from seatrial.runner.trials.tracking_intervals import HIGH, LOW, tracking_intervals
+from seatrial.runner.trials.deployment_metrics import (
+    HIGH,
+    LOW,
+    tracking_intervals,
+    tracking_metrics,
+)
 from tests.trials import asked_for, excited
 
 OPTIONS = (
