@@ -22,15 +22,6 @@ Unit = str | Mapping[str, str]
 Better = Literal["lower", "higher"] | float | None
 QUANTITIES = ("pose", "velocity")  # that are predicted, and over which horizons
 HORIZONS = ("one_step", "ten_step", "restarts", "free_run")
-PER_FILE = (  # also stored for each of several files that are tested on
-    "force_mse",
-    *(
-        f"{quantity}_{kind}_{horizon}"
-        for quantity in QUANTITIES
-        for kind in ("rmse", "r2")
-        for horizon in ("restarts", "free_run")
-    ),
-)
 MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # diagnostics: a 90 % interval
 
 
@@ -44,7 +35,8 @@ class Definition:
     in a report (by default the label), and `note` is printed under every table that shows it. A
     `wide` metric is a column of the view `metric_wide`; a metric with a `headline` is a column of
     `run_overview`, for that degree of freedom. A `score` has no natural zero: it is compared by
-    differences, not by ratios. Values that differ by less than the `resolution` are equal.
+    differences, not by ratios. Values that differ by less than the `resolution` are equal. One
+    `per_file` is also stored for each of several files that are tested on.
     """
 
     name: str
@@ -59,6 +51,7 @@ class Definition:
     headline: str = ""
     score: bool = False
     resolution: float = 1e-6
+    per_file: bool = False
 
     @property
     def heading(self) -> str:
@@ -100,11 +93,13 @@ def _of_row(row: Mapping[str, Any]) -> Definition:
         row["name"], tuple(row["stages"].split()), unit, row["better"] or None, row["label"],
         row["formula"], row["caption"], row["note"], bool(row["wide"]), row["headline"],
         bool(row["score"]), float(row["resolution"] or Definition.resolution),
+        bool(row["per_file"]),
     )  # fmt: skip
 
 
 with Path(__file__).with_name("metrics.csv").open(encoding="utf-8", newline="") as _file:
     METRICS = tuple(map(_of_row, csv.DictReader(_file)))
+PER_FILE = tuple(one.name for one in METRICS if one.per_file)
 
 
 def metric_of_measure(quantity: str) -> str:
@@ -112,7 +107,7 @@ def metric_of_measure(quantity: str) -> str:
     return "manoeuvre_" + quantity.replace(",", "").replace(" ", "_").lower()
 
 
-_declared: dict[str, Definition] = {}
+_declared = {one.name: one for one in METRICS}
 
 
 def register(definition: Definition) -> Definition:
@@ -129,8 +124,6 @@ def register(definition: Definition) -> Definition:
     return definition
 
 
-for _definition in METRICS:
-    register(_definition)
 for _quantity, _unit in MEASURES.items():
     register(
         Definition(

@@ -52,13 +52,10 @@ class Series:
     units: Mapping[str, str]
 
     def __post_init__(self) -> None:
-        shapes = {name: column.shape for name, column in self.columns.items()}
-        if len({*shapes.values()}) > 1 or any(len(shape) != 1 for shape in shapes.values()):
-            raise ValueError(
-                f"series {self.kind}: expected 1-d columns of one length, got {shapes}"
-            )
-        if self.columns.keys() != self.units.keys():
-            odd = sorted(self.columns.keys() ^ self.units.keys())
+        shapes = {column.shape for column in self.columns.values()}
+        if len(shapes) > 1 or any(len(shape) != 1 for shape in shapes):
+            raise ValueError(f"series {self.kind}: expected columns of one length, got {shapes}")
+        if odd := sorted(self.columns.keys() ^ self.units.keys()):
             raise ValueError(f"series {self.kind}: no column or no unit for {', '.join(odd)}")
 
     @property

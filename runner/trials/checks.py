@@ -26,27 +26,33 @@ def check(trial: Trial) -> None:
     with named(trial, "excitation"):
         excitation.check(dofs)
     nominal, thruster = trial.vessel.nominal(), trial.vessel.thruster
-    identifier, is_measured = trial.identifier, isinstance(excitation, RecordedFile)
-    identifier.check(nominal, thruster, is_measured)
+    identifier = trial.identifier
+    identifier.check(nominal, thruster, isinstance(excitation, RecordedFile))
     if isinstance(excitation, RecordedFile):
         for option, path in excitation.files().items():
             if not path.exists():
                 raise ConfigurationError(f"excitation.{option}: {path}: there is no such file")
-    elif controller is None and not excitation.open_loop:
-        raise ConfigurationError(
-            f"controller=none: excitation={trial.names['excitation']} needs a controller"
-        )
-    if not is_measured or skipped(trial) is None:
-        _check_simulated(trial)
-    if isinstance(excitation, RecordedFile):
+        if skipped(trial) is None:
+            _check_simulated(trial)
         recording = measured(trial, excitation)
         period = recording.period_s
+    elif controller is None and not excitation.open_loop:
+        name = trial.names["excitation"]
+        raise ConfigurationError(f"controller=none: excitation={name} needs a controller")
+    else:
+        _check_simulated(trial)
     check_cutoff(identifier.needs().lowpass_hz, period)
     if controller is not None:
         controller.build(commanded(nominal, controller), trial.sample_time_s)
         model_period = identifier.model_period_s(period)
-        if model_period is not None and skipped(trial) is None:
-            _check_periods(trial, controller, model_period)
+        if model_period and controller.takes_state_space and skipped(trial) is None:
+            period = controller.command_rows(trial.sample_time_s) * trial.sample_time_s
+            multiple = max(round(period / model_period), 1)
+            if abs(multiple * model_period - period) > 1e-9 * period:
+                raise ConfigurationError(
+                    f"controller.period_s: got {period:g} s, expected a multiple of "
+                    f"identifier.period_s, {model_period:g} s, at which its model is valid"
+                )
     check_needs(identifier.needs(), trial.vessel.name, thruster, recording)
 
 
@@ -134,15 +140,3 @@ def _check_commands(trial: Trial) -> None:
 
 def _commands(part: Mission | Controller) -> str:
     return "commands inputs" if part.commands_inputs else "commands forces"
-
-
-def _check_periods(trial: Trial, controller: Controller, model_period: float) -> None:
-    """Check that the controller's period is a multiple of the identified model's period [s]."""
-    period = controller.command_rows(trial.sample_time_s) * trial.sample_time_s
-    multiple = round(period / model_period)
-    is_multiple = multiple >= 1 and abs(multiple * model_period - period) <= 1e-9 * period
-    if controller.takes_state_space and not is_multiple:
-        raise ConfigurationError(
-            f"controller.period_s: got {period:g} s, expected a multiple of identifier.period_s, "
-            f"{model_period:g} s: a state-space model is valid at its own sample time only"
-        )

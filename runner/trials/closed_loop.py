@@ -16,15 +16,14 @@ from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged, PartError
 from seatrial.models.excitation.commands import Steering
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.identification.adaptive import Adapter
+from seatrial.models.identification.adaptive import Adapter, Update
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.dynamics import advance
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
-from seatrial.models.simulation.voyage import Outlook, Voyage, outlook
+from seatrial.models.simulation.voyage import Outlook, Voyage, measured_wind, outlook
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import in_body
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
@@ -130,8 +129,8 @@ class MissionSetup:
     ahead: Outlook
     design: ControlDesign
 
-    def sail(self, adaptive: bool = False) -> SimulatedMission:
-        """Simulate the mission, with online identification if `adaptive`; raises Diverged."""
+    def sail(self, update: Update | None = None) -> SimulatedMission:
+        """Simulate the mission, with online identification by `update`; raises Diverged."""
         trial, controller, state = self.trial, self.controller, self.control[1]
         dofs, period = trial.vessel.dofs, trial.sample_time_s
         name, step = name_of(controller), CONTROLLERS[type(self.control[0])]
@@ -140,11 +139,9 @@ class MissionSetup:
             _said.add(name)
             log.info(IN_PYTHON, name)
         adapter = None
-        if adaptive:
-            assert isinstance(self.model, Vessel)
-            assert trial.update is not None
+        if update is not None and isinstance(self.model, Vessel):
             adapter = Adapter(
-                trial.update, trial.identifier, trial.vessel.thruster, self.weather, dofs, period,
+                update, trial.identifier, trial.vessel.thruster, self.weather, dofs, period,
                 self.model, self.seeds.generator("identifier"),
                 lambda parameters, state, model, log, k: controller.adapt(
                     parameters, state, model, period, self.ahead, log, k
@@ -155,7 +152,10 @@ class MissionSetup:
             period, trial.integration_step_s, start_nu=self.mission.start_velocity(dofs),
             watch=None if adapter is None else adapter.watch, added=self.added,
         )  # fmt: skip
-        wind = _wind_force(trial.disturbance.aerodynamics(dofs), voyage)
+        wind, table, nu = wind_in_body(voyage), trial.disturbance.aerodynamics(dofs), voyage.log.nu
+        if wind is not None:  # its force
+            attitude = attitude_of(dofs, voyage.log.eta)
+            wind = -table.inverse(np.zeros_like(nu), nu, attitude, wind) if table.terms else None
         failures, findings = controller.failures(state), controller.findings(state)
         return SimulatedMission(voyage, period, self.design, failures, findings, adapter, wind)
 
@@ -233,13 +233,10 @@ def prepare(
     _check_step(controller, "build", built, CONTROLLERS)
     parameters, state = built
     design = ControlDesign(
-        vessel.dofs,
-        largest_disturbance(plant.vessel, weather, heading),
-        controller.command_limits(),
-        controller.preview_rows(period),
-        controller.command_rows(period),
-        controller.diagnostics(model, period),
-    )
+        vessel.dofs, largest_disturbance(plant.vessel, weather, heading),
+        controller.command_limits(), controller.preview_rows(period),
+        controller.command_rows(period), controller.diagnostics(model, period),
+    )  # fmt: skip
     return MissionSetup(
         trial, seeds, model, mission, plant, weather, guidance, reference, controller,
         (controller.foresee(parameters, ahead), state), start, added, ahead, design,
@@ -258,11 +255,9 @@ def _check_step(
     part: Controller | Mission, method: str, built: object, registered: Container[type]
 ) -> None:
     """Check that a part returned the parameters of a registered step; raises PartError."""
-    where = f"{name_of(part)}.{method}"
-    if not (isinstance(built, tuple) and len(built) == 2):
-        raise PartError(f"{where}: got {type(built).__name__}, expected parameters and a state")
-    kind = type(built[0])
-    if kind not in registered:
+    parameters = built[0] if isinstance(built, tuple) and len(built) == 2 else built
+    if (kind := type(parameters)) not in registered:
+        where = f"{name_of(part)}.{method}"
         raise PartError(f"{where}: got a {kind.__name__}, for which no step is registered")
 
 
@@ -282,21 +277,14 @@ def plant_of(trial: Trial, deployed: bool, true: Vessel | None = None) -> Plant:
     return replace(plant, change=(change.at_s, change.scale * model + wind))
 
 
-def _wind_force(table: Vessel, voyage: Voyage) -> Array | None:
-    """Compute the wind force on the vessel [N, Nm], shape (N, n_dof); None without wind."""
-    wind, nu = wind_in_body(voyage), voyage.log.nu
-    if wind is None or not table.terms:
-        return None
-    return -table.inverse(np.zeros_like(nu), nu, attitude_of(voyage.dofs, voyage.log.eta), wind)
-
-
 def wind_in_body(voyage: Voyage) -> Array | None:
     """Compute the wind velocity in the body frame [m/s], shape (N, 2); None without wind."""
-    ned = voyage.weather.wind_ned
-    return in_body(ned, attitude_of(voyage.dofs, voyage.log.eta)[:, 2]) if len(ned) else None
+    return measured_wind(voyage, voyage.weather._replace(wind_noise=np.zeros((0, 2))))
 
 
-def warn(text: str, reasons: Iterable[object]) -> None:
-    """Log a warning for each reason."""
-    for reason in reasons:
-        log.warning(text.format(reason))
+def warn(text: str, reasons: Iterable[object]) -> list[Diagnostic]:
+    """Log a warning for each reason, and return the reasons as diagnostics."""
+    labels = [*map(str, reasons)]
+    for label in labels:
+        log.warning(text.format(label))
+    return [Diagnostic("warning", "all", None, label=label) for label in labels]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from seatrial.models.control.controller import Model
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.models.excitation.missions import Mission
@@ -14,7 +15,6 @@ from seatrial.models.identification.problem import Identified
 from seatrial.models.notation import FORCE_UNIT, PLANAR, POSE_UNIT
 from seatrial.models.recording.recording import attitude_of
 from seatrial.models.simulation import metrics as measure
-from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.allocation import reached
 from seatrial.models.vessel.basis import Array
@@ -24,6 +24,7 @@ from seatrial.runner.configuration.config import Trial
 from seatrial.runner.record.coefficient_rows import numbered
 from seatrial.runner.record.own_metrics import own_rows
 from seatrial.runner.record.rows import Metric, Results, metrics
+from seatrial.runner.record.vocabulary import UNPHYSICAL
 from seatrial.runner.trials.berthing import berthing_results
 from seatrial.runner.trials.checks import evaluated, skipped
 from seatrial.runner.trials.closed_loop import (
@@ -32,6 +33,7 @@ from seatrial.runner.trials.closed_loop import (
     Streams,
     TrialDiverged,
     prepare,
+    warn,
     wind_in_body,
 )
 from seatrial.runner.trials.time_series import deployment_series, is_allocated
@@ -40,7 +42,6 @@ log = logging.getLogger(__name__)
 SAILED_AS_IDENTIFIED = "measured recording: the plant of the deployment is the identified model"
 WITHHELD = "the identified model is not deployed: {}; deploy_unphysical=true deploys it"
 UNREACHED = "unreached_share: the thrusters cannot produce {:.1%} of the commanded forces"
-UNPHYSICAL = "unphysical"  # diagnostic: why a model is physically impossible
 STAND_S = 30.0  # the vessel is expected to settle at a set-point that lasts this long [s]
 LOW, HIGH = "tracking_low", "tracking_high"  # diagnostics: a 90 % interval of a tracking error
 QUANTILES = (0.05, 0.95)
@@ -59,23 +60,23 @@ def deploy(
     """
     if (note := skipped(trial)) is not None:
         return Results(note=note)
+    true = identified.model if truth is None else None
     flaws = [each.label for each in identified.diagnostics if each.name == UNPHYSICAL]
     if withhold := bool(flaws) and not trial.deploy_unphysical:
         note = WITHHELD.format(flaws[0])
         log.warning(note)
-    true = None
-    if truth is None:
-        if withhold:
+        if true is not None:
             return Results(note=note)
+    elif true is not None:
+        note = SAILED_AS_IDENTIFIED
         try:
-            identified.model.plant_table()
+            true.plant_table()
         except ConfigurationError as error:
-            log.warning("deployment is skipped: %s", error)
-            return Results(note=f"measured recording: deployment is skipped: {error}")
-        true, note = identified.model, SAILED_AS_IDENTIFIED
+            log.warning(note := f"measured recording: deployment is skipped: {error}")
+            return Results(note=note)
     controller, mission = trial.controller, evaluated(trial)
     assert controller is not None
-    models: dict[str, Vessel | StateSpace] = {"nominal": nominal}
+    models: dict[str, Model] = {"nominal": nominal}
     if not withhold:
         linear = identified.control_model if controller.takes_state_space else None
         models["identified"] = identified.model if linear is None else linear
@@ -86,7 +87,7 @@ def deploy(
         prepared = prepare(trial, seeds, model, mission, deployed=True, true=true)
         results += of_design(prepared.design, name)
         try:
-            sailed = prepared.sail(adaptive=name == "adaptive")
+            sailed = prepared.sail(trial.update if name == "adaptive" else None)
         except Diverged as error:
             failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
             continue
@@ -109,42 +110,42 @@ def of_design(design: ControlDesign, model: str, where: str = "") -> Results:
     Warns of a closed loop that is unstable, and of limits that the weather exceeds; `where` begins
     the warnings.
     """
-    diagnostics = [replace(each, label=model) for each in design.diagnostics]
-    values, texts = dict[str, dict[str, float]](), list[str]()
-    for each in design.diagnostics:
-        if each.name == "spectral_radius" and each.value is not None:
-            values.setdefault(each.name, {})[each.dof] = each.value
-            if each.value >= 1.0:
-                texts.append(
-                    f"{model} model: the closed loop's spectral radius is {each.value:.4f}, "
-                    f"expected less than 1: the loop is unstable on the controller's own model"
-                )
-    for i, (dof, needed) in enumerate(zip(design.dofs, map(float, design.needed), strict=True)):
-        unit = FORCE_UNIT[dof]
-        diagnostics.append(Diagnostic("needed_force", dof, needed, unit, label=model))
-        if design.limits is not None:
-            limit = design.limits[i]
-            values.setdefault("infeasible_limits", {})[dof] = needed > limit
-            if needed > limit:
-                texts.append(
-                    f"infeasible_limits: {dof} needs up to {needed:.3g} {unit} to stand still, "
-                    f"the limit is {limit:.3g} {unit}"
-                )
-    rows = metrics("deployment", model, design.dofs, values)
-    return Results(rows, diagnostics=[*diagnostics, *_warned(texts, where)])
+    dofs, needed = design.dofs, dict(zip(design.dofs, map(float, design.needed), strict=True))
+    limits = {} if design.limits is None else dict(zip(dofs, design.limits, strict=True))
+    radii = {
+        each.dof: each.value
+        for each in design.diagnostics
+        if each.name == "spectral_radius" and each.value is not None
+    }
+    exceeded = {dof: needed[dof] > limit for dof, limit in limits.items()}
+    texts = [
+        f"{model} model: the closed loop's spectral radius is {radius:.4f}, expected less than 1: "
+        "the loop is unstable on the controller's own model"
+        for radius in radii.values()
+        if radius >= 1.0
+    ]
+    texts += [
+        f"infeasible_limits: {dof} needs up to {needed[dof]:.3g} {FORCE_UNIT[dof]} to stand still, "
+        f"the limit is {limits[dof]:.3g} {FORCE_UNIT[dof]}"
+        for dof in dofs
+        if exceeded.get(dof)
+    ]
+    diagnostics = [
+        *(replace(each, label=model) for each in design.diagnostics),
+        *(Diagnostic("needed_force", d, needed[d], FORCE_UNIT[d], label=model) for d in dofs),
+        *warn(f"{where}{{}}", texts),
+    ]
+    values = {"spectral_radius": radii, "infeasible_limits": exceeded}
+    return Results(metrics("deployment", model, dofs, values), diagnostics=diagnostics)
 
 
 def of_voyage(trial: Trial, sailed: SimulatedMission, model: str) -> Results:
     """How well a mission was tracked by a controller built on a model, and what that took."""
     voyage, adapter, share = sailed.voyage, sailed.adapter, unreached(sailed.voyage)
     results = Results(
-        [
-            *tracking_metrics(voyage, model, trial.sample_time_s),
-            *response_metrics(sailed, model),
-            *own_rows(trial.metrics, "of_voyage", model, voyage),
-        ],
+        [*mission_metrics(sailed, model), *own_rows(trial.metrics, "of_voyage", model, voyage)],
         diagnostics=[
-            *_warned([f"{model} model: {UNREACHED.format(share)}"] if share else []),
+            *warn("{}", [f"{model} model: {UNREACHED.format(share)}"] if share else []),
             *(replace(finding, label=model) for finding in sailed.findings),
         ],
         series=[deployment_series(sailed, model)],
@@ -155,71 +156,60 @@ def of_voyage(trial: Trial, sailed: SimulatedMission, model: str) -> Results:
     return results
 
 
-def _warned(texts: Sequence[str], where: str = "") -> list[Diagnostic]:
-    """Log warnings, and return them as diagnostics, to be stored with the run."""
-    for text in texts:
-        log.warning("%s%s", where, text)
-    return [Diagnostic("warning", "all", None, label=text) for text in texts]
+def mission_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
+    """Compute how well a mission was tracked, from the true pose, and what that took.
 
-
-def tracking_metrics(voyage: Voyage, model: str, period_s: float) -> list[Metric]:
-    """Compute tracking error, force and power of a mission, from the true pose.
-
-    Angles are in degrees in `e_psi`; `period_s` is the sample time [s]. The commands of a vessel
-    with inputs are no forces, and its reference is a pose alone: it has the errors of the pose.
+    Angles are in degrees, but for those in `iaew`. The commands of a vessel with inputs are no
+    forces, and its reference is a pose alone: it has the errors of the pose.
     """
-    log, power, values = voyage.log, _powers(voyage), dict[str, object]()
-    errors = {"position": measure.position_error(log.eta_d, log.eta)}
-    if voyage.dofs == PLANAR:
-        errors["heading"] = measure.heading_error(log.eta_d, log.eta)
-    if voyage.by_force:
-        values = {
-            "nu_mse": measure.mean_square(log.nu_d - log.nu),
-            "nu_dot_mse": measure.mean_square(log.nu_dot_d - log.nu_dot),
-            "tau_mean_abs": measure.mean_absolute(log.tau),
-            "tau_fb_mean_abs": measure.mean_absolute(log.tau_fb),
-            "power_mean": {dof: np.mean(each) for dof, each in power.items()},
-            "iaew": {dof: measure.iaew(errors[dof], power[dof], period_s) for dof in power},
-        }
-        if (share := unreached(voyage)) is not None:
-            values["unreached_share"] = share
-    for name, (dof, error) in zip(("e_pos", "e_psi"), errors.items(), strict=False):
-        shown = np.degrees(error) if dof == "heading" else error
-        values[f"{name}_mae"] = {dof: measure.mean_absolute(shown)}
-        values[f"{name}_mse"] = {dof: measure.mean_square(shown)}
-    return metrics("deployment", model, voyage.dofs, values)
-
-
-def response_metrics(sailed: SimulatedMission, model: str) -> list[Metric]:
-    """Compute error, step response and effort of every axis, energy, failures and time per step."""
-    voyage, design, period_s = sailed.voyage, sailed.design, sailed.period_s
-    log, dofs = voyage.log, voyage.dofs
-    error = _in_degrees(log.eta_d - log.eta, dofs)
+    voyage, period_s, ahead = sailed.voyage, sailed.period_s, sailed.design.ahead
+    log, dofs, limits = voyage.log, voyage.dofs, sailed.design.limits
+    off = {"position": measure.position_error(log.eta_d, log.eta)}
+    error, power = _in_degrees(log.eta_d - log.eta, dofs), dict[str, Array]()
     values: dict[str, object] = {
         "error_mae": measure.mean_absolute(error),
         "error_mse": measure.mean_square(error),
         "iae": measure.integral_absolute_error(error, period_s),
         "itae": measure.integral_time_absolute_error(error, log.setpoint, period_s),
+        "e_pos_mae": {"position": np.mean(off["position"])},
+        "e_pos_mse": {"position": measure.mean_square(off["position"])},
         "failures": sailed.failures,
         "held_commands": np.sum(np.any(log.held != 0.0, axis=1)),
     }
+    if voyage.by_force:
+        power["position"] = measure.position_power(log.tau, log.nu)
+    if dofs == PLANAR:
+        off["heading"] = measure.heading_error(log.eta_d, log.eta)
+        values["e_psi_mae"] = {"heading": measure.mean_absolute(np.degrees(off["heading"]))}
+        values["e_psi_mse"] = {"heading": measure.mean_square(np.degrees(off["heading"]))}
+        if voyage.by_force:
+            power["heading"] = measure.heading_power(log.tau, log.nu)
     if stretches := measure.stands(log.setpoint, round(STAND_S / period_s)):
-        off, ahead = _in_degrees(log.setpoint - log.eta, dofs), design.ahead
-        values["steady_state_error"] = measure.steady_state_error(off, stretches, period_s, ahead)
+        away = _in_degrees(log.setpoint - log.eta, dofs)
+        values["steady_state_error"] = measure.steady_state_error(away, stretches, period_s, ahead)
         steps = measure.step_responses(log.setpoint, log.eta, stretches, period_s, ahead)
         if any(np.any(~np.isnan(by_dof)) for by_dof in steps.values()):
             values |= steps
     if voyage.by_force:
-        values["tau_max_abs"] = np.max(np.abs(log.tau), axis=0)
-        values["tau_rms"] = measure.root_mean_square(log.tau)
-        values["tau_tv"] = measure.total_variation(log.tau)
-        power = _powers(voyage).items()
-        values["energy"] = {dof: measure.energy(each, period_s) for dof, each in power}
-    if design.limits is not None:
-        values["limit_hits"] = measure.hits(log.tau, np.array(design.limits))
+        values |= {
+            "nu_mse": measure.mean_square(log.nu_d - log.nu),
+            "nu_dot_mse": measure.mean_square(log.nu_dot_d - log.nu_dot),
+            "tau_mean_abs": measure.mean_absolute(log.tau),
+            "tau_fb_mean_abs": measure.mean_absolute(log.tau_fb),
+            "tau_max_abs": np.max(np.abs(log.tau), axis=0),
+            "tau_rms": measure.root_mean_square(log.tau),
+            "tau_tv": measure.total_variation(log.tau),
+            "power_mean": {dof: np.mean(each) for dof, each in power.items()},
+            "energy": {dof: measure.energy(each, period_s) for dof, each in power.items()},
+            "iaew": {dof: measure.iaew(off[dof], power[dof], period_s) for dof in power},
+        }
+        if (share := unreached(voyage)) is not None:
+            values["unreached_share"] = share
+    if limits is not None:
+        values["limit_hits"] = measure.hits(log.tau, np.array(limits))
     if len(voyage.step_times):
         single = len(voyage.step_times) == len(voyage.t)  # else blocks of instants
-        microseconds = 1e6 * voyage.step_times[:: design.every if single else 1]
+        microseconds = 1e6 * voyage.step_times[:: sailed.design.every if single else 1]
         values["step_time_median"] = np.median(microseconds)
         values["step_time_p99"] = np.percentile(microseconds, 99)
     return metrics("deployment", model, dofs, values)
@@ -232,16 +222,6 @@ def _in_degrees(error: Array, dofs: Sequence[str]) -> Array:
         wrapped[:, dofs.index("yaw")] = wrap(wrapped[:, dofs.index("yaw")])
     scale = [1.0 if POSE_UNIT[dof] == "m" else 180.0 / np.pi for dof in dofs]
     return np.asarray(wrapped * np.array(scale))
-
-
-def _powers(voyage: Voyage) -> dict[str, Array]:
-    """Return the power [W] in the plane, and about the down axis; none without forces."""
-    if not voyage.by_force:
-        return {}
-    powers = {"position": measure.position_power(voyage.log.tau, voyage.log.nu)}
-    if voyage.dofs == PLANAR:
-        powers["heading"] = measure.heading_power(voyage.log.tau, voyage.log.nu)
-    return powers
 
 
 def unreached(voyage: Voyage) -> float | None:
@@ -268,16 +248,16 @@ def tracking_intervals(
     Empty without a distribution. A controller that plans ahead takes too long for draws: it has
     the diagnostic `no_tracking_interval`, as has one whose drawn plants diverge.
     """
-    refusal = Diagnostic("no_tracking_interval", "all", 1.0)
     if identified.spread is None:
         return []
+    refusal = Diagnostic("no_tracking_interval", "all", 1.0)
     if own.design.ahead:
-        reason = "the controller plans ahead, which takes too long for drawn plants"
-        return [replace(refusal, label=reason)]
+        label = "the controller plans ahead, which takes too long for drawn plants"
+        return [replace(refusal, label=label)]
     log, error, wind = own.voyage.log, identified.model_error, wind_in_body(own.voyage)
     attitude = attitude_of(own.voyage.dofs, log.eta)
     rho2 = squared_accelerations(identified.model, log.nu, attitude, log.tau_actual, wind)
-    values: dict[tuple[str, str, str], list[float]] = {}
+    runs: list[list[Metric]] = []
     for i, plant in enumerate(identified.draws(TRACKING_DRAWS)):
         try:
             prepared = prepare(trial, seeds, identified.model, mission, deployed=True, true=plant)
@@ -286,16 +266,15 @@ def tracking_intervals(
                 if len(prepared.weather.process):
                     process = process + prepared.weather.process
                 prepared = replace(prepared, weather=prepared.weather._replace(process=process))
-            rows = tracking_metrics(prepared.sail().voyage, "identified", own.period_s)
+            rows = mission_metrics(prepared.sail(), "identified")
         except (ConfigurationError, Diverged):
             continue
-        for row in rows:
-            if row.name in ERRORS and row.value is not None:
-                values.setdefault((row.name, row.dof, row.unit), []).append(row.value)
-    if any(len(each) < 0.9 * TRACKING_DRAWS for each in values.values()) or not values:
+        runs.append([row for row in rows if row.name in ERRORS])
+    if len(runs) < 0.9 * TRACKING_DRAWS:
         return [replace(refusal, label="more than a tenth of the drawn plants diverge")]
+    values = np.array([[row.value for row in rows] for rows in runs], dtype=np.float64)
     return [
-        Diagnostic(name, dof, float(bound), unit, label=error_name)
-        for (error_name, dof, unit), each in values.items()
-        for name, bound in zip((LOW, HIGH), np.quantile(each, QUANTILES), strict=True)
+        Diagnostic(name, row.dof, float(bound), row.unit, label=row.name)
+        for row, bounds in zip(runs[0], np.quantile(values, QUANTILES, axis=0).T, strict=True)
+        for name, bound in zip((LOW, HIGH), bounds, strict=True)
     ]

@@ -45,7 +45,7 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.runner.configuration.config import Trial, build_as
 from seatrial.runner.trials.checks import evaluated
 from seatrial.runner.trials.closed_loop import Streams, prepare
-from seatrial.runner.trials.deployment_metrics import tracking_metrics
+from seatrial.runner.trials.deployment_metrics import mission_metrics
 from seatrial.runner.trials.manoeuvre_results import UNABLE, length_of, sailed
 from seatrial.runner.trials.trial import excite, identify
 
@@ -212,7 +212,7 @@ def _measures(known: Known, kind: str, model: Vessel) -> Measures:
 def _tracking(known: Known, trial: Trial, plant: Vessel) -> Array:
     """The mean absolute position error of a plant under the controller on the model known."""
     setup = prepare(trial, Streams(0), known.belief.model, evaluated(trial), True, plant)
-    rows = tracking_metrics(setup.sail().voyage, "identified", trial.sample_time_s)
+    rows = mission_metrics(setup.sail(), "identified")
     return np.array([next(row.value or 0.0 for row in rows if row.name == "e_pos_mae")])
 
 

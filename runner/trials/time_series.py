@@ -6,16 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.notation import (
-    ACCELERATION_UNIT,
-    FORCE_UNIT,
-    PLANAR,
-    POSE_UNIT,
-    VELOCITY_UNIT,
-    accelerations_of,
-    poses_of,
-    velocities_of,
-)
+from seatrial.models import notation
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.simulation.voyage import Voyage
@@ -36,11 +27,13 @@ class SeriesColumns:
 
     def __init__(self, dofs: tuple[str, ...], t: Array) -> None:
         self.columns, self.units = {"t": t}, {"t": "s"}
-        self.pose = _named(poses_of(dofs), POSE_UNIT, dofs)
-        self.velocity = _named(velocities_of(dofs), VELOCITY_UNIT, dofs)
-        self.acceleration = _named(accelerations_of(dofs), ACCELERATION_UNIT, dofs)
-        self.speed = _named(dofs, VELOCITY_UNIT, dofs)
-        self.force = _named(dofs, FORCE_UNIT, dofs)
+        self.pose = _named(notation.poses_of(dofs), notation.POSE_UNIT, dofs)
+        self.velocity = _named(notation.velocities_of(dofs), notation.VELOCITY_UNIT, dofs)
+        self.acceleration = _named(
+            notation.accelerations_of(dofs), notation.ACCELERATION_UNIT, dofs
+        )
+        self.speed = _named(dofs, notation.VELOCITY_UNIT, dofs)
+        self.force = _named(dofs, notation.FORCE_UNIT, dofs)
 
     def add(self, values: NDArray[Any] | None, units: Mapping[str, str], form: str = "{}") -> None:
         """Add values (N, k) or (N,), if there are any, as columns named by `form`."""
@@ -115,10 +108,7 @@ def training_series(recording: Recording) -> Series:
 
 
 def is_allocated(voyage: Voyage) -> bool:
-    """Return whether the commands were changed to forces that the thrusters can give.
-
-    Then at least rounding differs.
-    """
+    """Return whether commands were changed, if by rounding, to what the thrusters can give."""
     return not voyage.positioned and not np.array_equal(voyage.log.applied, voyage.log.tau)
 
 
@@ -140,7 +130,7 @@ def deployment_series(sailed: SimulatedMission, model: str) -> Series:
     if is_allocated(voyage):
         columns.add(log.applied, columns.force, "tau_applied_{}")
     columns.add(measure.position_error(log.eta_d, log.eta), {"e_pos": "m"})
-    if voyage.dofs == PLANAR:
+    if voyage.dofs == notation.PLANAR:
         columns.add(measure.heading_error(log.eta_d, log.eta), {"e_psi": "rad"})
     columns.add_weather(voyage.weather)
     columns.add(log.setpoint, columns.pose, "{}_setpoint")

@@ -13,26 +13,34 @@ import numpy as np
 
 from seatrial.models.diagnostics import TRAINING_TIME, Diagnostic
 from seatrial.models.errors import Diverged
+from seatrial.models.excitation.information import Persistence, persistence
+from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.identification.auto import identified as protected
 from seatrial.models.identification.calibration import NO_MODEL_ERROR, calibrated
 from seatrial.models.identification.physical_constraints import unphysical
 from seatrial.models.identification.problem import Identified, Problem, lack_of_fit, with_interval
+from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.basis import Array
+from seatrial.models.vessel.devices import validity
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.record.coefficient_rows import coefficients
-from seatrial.runner.record.rows import Results
+from seatrial.runner.record.rows import Results, Series, metrics
+from seatrial.runner.record.vocabulary import UNPHYSICAL
+from seatrial.runner.trials import recording_checks
 from seatrial.runner.trials.checks import check as check
 from seatrial.runner.trials.checks import measured
 from seatrial.runner.trials.checks import skipped as skipped
 from seatrial.runner.trials.closed_loop import ExcitationData, Streams, drawn, prepare, warn
 from seatrial.runner.trials.closed_loop import TrialDiverged as TrialDiverged
-from seatrial.runner.trials.deployment_metrics import UNPHYSICAL, deploy, of_design
-from seatrial.runner.trials.excitation_results import of_excitation
-from seatrial.runner.trials.time_series import SeriesColumns
+from seatrial.runner.trials.deployment_metrics import UNREACHED, deploy, of_design, unreached
+from seatrial.runner.trials.time_series import SeriesColumns, recording_series
 from seatrial.runner.trials.validation_metrics import validate
 
 log = logging.getLogger(__name__)
+PASSAGE = -1.0  # in the column `manoeuvre` of the series `plan`
+ROLES = {"none": 0.0, "training": 1.0, "testing": 2.0}
 
 
 def run(trial: Trial) -> Results:
@@ -82,6 +90,113 @@ def excite(trial: Trial, seeds: Streams) -> ExcitationData:
     return ExcitationData(recording.with_thruster(vessel.thruster), train, test, truth, sailed)
 
 
+def of_excitation(trial: Trial, problem: Problem, excited: ExcitationData) -> Results:
+    """The data: how well they tell the terms apart, what was out of reach, a file's quality.
+
+    The quality of a file are the largest errors of the velocity integrated, and of the position
+    differentiated.
+    """
+    recording, excitation, devices = excited.recording, trial.excitation, problem.nominal.devices
+    reports = persistence(problem.training, problem.nominal, recording)
+    warn("excitation: {}", filter(None, (report.warning() for report in reports)))
+    diagnostics = [row for report in reports for row in _identifiability(report)]
+    if devices and recording.inputs is not None:  # how long [s] they were outside of their data
+        x = recording.variables()
+        excesses = validity.excesses(devices, x, recording.period_s)
+        warn("excitation: {}", [*validity.doubts(devices, x), *(each.text for each in excesses)])
+        diagnostics += [
+            Diagnostic("outside", "all", each.seconds, "s", label=each.text) for each in excesses
+        ]
+    values: dict[str, object] = {}
+    if excited.sailed is not None and (share := unreached(excited.sailed.voyage)) is not None:
+        values["unreached_share"] = share
+        warn("excitation: {}", [UNREACHED.format(share)] if share else [])
+    if isinstance(excitation, RecordedFile):
+        for check, (measured, calculated) in quality_checks(recording).items():
+            values[f"{check}_error_max"] = np.max(np.abs(measured - calculated), axis=0)
+        diagnostics += recording_checks.diagnostics(excitation, recording.dofs)
+    rows = metrics("identification", "plant", recording.dofs, values)
+    results = Results(rows, diagnostics=diagnostics, series=[recording_series(excited)])
+    if isinstance(excitation, OptimalDesign):
+        results += Results(diagnostics=_counts(excitation))
+        if excitation.plan is not None:
+            results += _plan(excitation, excitation.plan.poses, recording.eta)
+    return results
+
+
+def _identifiability(report: Persistence) -> list[Diagnostic]:
+    """Return how well the training data distinguish the terms of the nominal model in one axis."""
+    numbers = {
+        "regressor_condition": report.condition,
+        "regressor_rank": float(report.rank),
+        "regressor_unknowns": float(report.unknowns),
+        "spectral_lines": float(report.lines),
+    }
+    groups = [(name,) for name in report.unexcited] + list(report.inseparable)
+    return [
+        *(Diagnostic(name, report.dof, n) for name, n in numbers.items() if np.isfinite(n)),
+        *(Diagnostic("inseparable_terms", report.dof, 1.0 * len(group), i=i, label=" ".join(group))
+          for i, group in enumerate(groups)),
+    ]  # fmt: skip
+
+
+def _counts(mix: OptimalDesign) -> list[Diagnostic]:
+    """Return the count of every candidate, and how close the counts are to the optimum."""
+    counts = mix.counts
+    log_det = mix.log_det(np.array(list(counts.values()), dtype=np.float64))
+    numbers = {"mix_log_det": log_det} if np.isfinite(log_det) else {}
+    columns = {"mix_count": list(counts.values())}
+    if mix.design == "optimal":
+        weights = mix.weights
+        columns["mix_share"] = weights.share.tolist()
+        numbers["mix_gap"] = weights.gap
+        numbers["mix_log_det_optimal"] = mix.log_det(weights.share)
+    return [
+        *(Diagnostic(name, "all", float(n), i=i, label=candidate)
+          for name, column in columns.items()
+          for i, (candidate, n) in enumerate(zip(counts, column, strict=False))),
+        *(Diagnostic(name, "all", number) for name, number in numbers.items()),
+    ]  # fmt: skip
+
+
+def _plan(mix: OptimalDesign, poses: Array, sailed: Array) -> Results:
+    """Return the planned poses (N, 3), the waters, and how closely the vessel followed the plan.
+
+    The series `plan` has the manoeuvre between each pose and the next, the series `waters` the
+    corners of the area (polygon 0) and of the obstacles, and the clearance.
+    """
+    waters, names, parts = mix.route.waters, list(mix.candidates), mix.schedule.phases
+    numbers = [PASSAGE if p.kind == "passage" else float(names.index(p.name)) for p in parts]
+    lengths, roles = [part.count for part in parts], [ROLES[part.role] for part in parts]
+    path = {
+        "t": mix.period_s * np.arange(len(poses), dtype=np.float64),
+        **dict(zip(("x", "y", "psi"), poses.T, strict=False)),
+        "manoeuvre": np.append(np.repeat(numbers, lengths), PASSAGE),
+        "role": np.append(np.repeat(roles, lengths), 0.0),
+    }
+    polygons = [np.array(corners, dtype=np.float64) for corners in waters.named.values()]
+    x, y = np.vstack(polygons).T
+    polygon = np.repeat(np.arange(1.0 * len(polygons)), [*map(len, polygons)])
+    area = {"polygon": polygon, "x": x, "y": y, "clearance": np.full(len(x), mix.route.clearance_m)}
+    units = {"t": "s", "x": "m", "y": "m", "psi": "rad", "clearance": "m"}
+    planned, followed = poses[:, :2], sailed[:, :2]
+    distances = {
+        "plan_clearance": np.min(waters.distance(planned)),
+        "plan_deviation": np.max(np.hypot(*(followed - planned[: len(sailed)]).T)),
+        "sailed_clearance": np.min(waters.distance(followed)),
+    }
+    return Results(
+        diagnostics=[
+            Diagnostic("plan_duration", "all", (len(poses) - 1) * mix.period_s, "s"),
+            *(Diagnostic(name, "all", float(d), "m") for name, d in distances.items()),
+        ],
+        series=[
+            Series(kind, columns, {name: units.get(name, "") for name in columns})
+            for kind, columns in (("plan", path), ("waters", area))
+        ],
+    )
+
+
 def identify(trial: Trial, problem: Problem, seeds: Streams) -> Identified:
     """Identify the model; a diagnostic says what of it is physically impossible."""
     identifier, rng = trial.identifier, seeds.generator("identifier")
@@ -90,18 +205,16 @@ def identify(trial: Trial, problem: Problem, seeds: Streams) -> Identified:
     seconds = Diagnostic(TRAINING_TIME, "all", perf_counter() - began, "s")
     if trial.model_error:
         result = calibrated(identifier, problem, result)
-    identified = with_interval(
-        identifier, replace(result, diagnostics=(*result.diagnostics, seconds))
-    )
-    for note in identified.notes:
+    result = with_interval(identifier, replace(result, diagnostics=(*result.diagnostics, seconds)))
+    for note in result.notes:
         log.info("identification: %s", note)
-    warn("identification: {}", identified.warnings)
-    unknown = [one.label for one in identified.diagnostics if one.name == NO_MODEL_ERROR]
+    warn("identification: {}", result.warnings)
+    unknown = [one.label for one in result.diagnostics if one.name == NO_MODEL_ERROR]
     warn("intervals do not include the model error: {}", unknown)
-    if (flaw := unphysical(identified.model, problem.nominal, problem.training.nu)) is None:
-        return identified
+    if (flaw := unphysical(result.model, problem.nominal, problem.training.nu)) is None:
+        return result
     diagnostic = Diagnostic(UNPHYSICAL, "all", 1.0, label=flaw)
-    return replace(identified, diagnostics=(*identified.diagnostics, diagnostic))
+    return replace(result, diagnostics=(*result.diagnostics, diagnostic))
 
 
 def of_identification(problem: Problem, identified: Identified, excited: ExcitationData) -> Results:

@@ -8,25 +8,16 @@ import numpy as np
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import IdentificationError
+from seatrial.models.identification import validation
 from seatrial.models.identification.calibration import bands
 from seatrial.models.identification.problem import Identified, Problem, lack_of_fit, reference_force
-from seatrial.models.identification.validation import (
-    HORIZONS,
-    Ahead,
-    InertiaError,
-    Prediction,
-    combined,
-    prediction,
-    restart_length,
-    scores,
-)
 from seatrial.models.recording.recorded_file import RecordedFile
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.configuration.config import Trial
-from seatrial.runner.record.catalogue import PER_FILE, QUANTITIES
+from seatrial.runner.record.catalogue import HORIZONS, PER_FILE, QUANTITIES
 from seatrial.runner.record.own_metrics import own_rows
 from seatrial.runner.record.rows import Metric, Results, metrics
 from seatrial.runner.record.vocabulary import IDENTIFIED_STD, OF_FILE, SAILED
@@ -42,28 +33,26 @@ def validate(
     trial: Trial, problem: Problem, identified: Identified, truth: Vessel | None
 ) -> Results:
     """Predict what was not trained on: accelerations, free runs, and manoeuvres."""
-    tested, models = (
-        problem.validation,
-        {"nominal": problem.nominal, "identified": identified.model},
-    )
+    tested = problem.validation
+    models = {"nominal": problem.nominal, "identified": identified.model}
     diagnostics = _per_file(problem, models)
     if isinstance(file := trial.excitation, RecordedFile):
         length_m = manoeuvre_results.length_of(trial)
         diagnostics += manoeuvre_results.manoeuvres(problem, identified, length_m, file.manoeuvre)
     if truth is not None:
         models["plant"] = truth
-    band, unknown = None, list[Diagnostic]()
+    band, no_band = None, list[Diagnostic]()
     with suppress(IdentificationError):  # that it cannot predict is said by `predictions`
         band = bands(identified, tested, problem.thruster)
     if band is not None and not np.all(np.isfinite(band)):
-        band, unknown = None, [Diagnostic("no_band", "all", 1.0, label=NO_BAND)]
-    predicted = predictions(problem, models, trial.horizons_s or (), band)
-    unknown = [*predicted.diagnostics, *unknown]
-    warn("prediction: {}", (each.label for each in unknown))
-    rows = [*residuals(tested, models), *predicted.metrics]
+        band, no_band = None, [Diagnostic("no_band", "all", 1.0, label=NO_BAND)]
+    results = Results(residuals(tested, models))
+    results += predictions(problem, models, trial.horizons_s or (), band)
+    results += Results(diagnostics=no_band)
+    warn("prediction: {}", (each.label for each in results.diagnostics))
     for name, model in models.items():
-        rows += own_rows(trial.metrics, "of_model", name, tested, model)
-    results = Results(rows, diagnostics=[*unknown, *diagnostics], series=predicted.series)
+        results += Results(own_rows(trial.metrics, "of_model", name, tested, model))
+    results += Results(diagnostics=diagnostics)
     return results + manoeuvre_results.manoeuvre_results(trial, models, identified)
 
 
@@ -120,12 +109,10 @@ def residuals(held_out: Recording, models: Mapping[str, Vessel]) -> list[Metric]
             measure.relative_errors(models[name].on(true.terms).theta, true.theta)
             for true in (truth, truth.on(nominal.terms))
         )
-        known = [
-            dof for dof, errors in zip(dofs, every.T, strict=True) if not np.isnan(errors).all()
-        ]
+        by_dof = zip(dofs, every.T, strict=True)
         own = own[~np.isnan(own)]
         errors = {
-            "coefficient_error": {dof: np.nanmax(every[:, dofs.index(dof)]) for dof in known},
+            "coefficient_error": {dof: np.nanmax(e) for dof, e in by_dof if not np.isnan(e).all()},
             "coefficient_error_median": np.median(own) if own.size else np.nan,
         }
         rows += metrics("validation", name, dofs, errors)
@@ -150,57 +137,57 @@ def predictions(
     measured 10 s before; likewise `x` and `x_identified`. `surge_identified_std` is the `band`, the
     standard deviation of the measured velocity about that of the free run.
     """
-    held_out = problem.validation
-    dofs, columns = held_out.dofs, SeriesColumns(held_out.dofs, held_out.t)
+    held_out, thruster = problem.validation, problem.thruster
+    columns = SeriesColumns(held_out.dofs, held_out.t)
     motion = {**columns.pose, **columns.speed}
     columns.add(held_out.piece_starts, {"start": ""})
     columns.add(np.hstack([held_out.eta, held_out.nu]), motion)
     rows, diagnostics = list[Metric](), list[Diagnostic]()
-    spread, unknown = None, np.full(2 * len(dofs), np.nan)
-    restart_s = restart_length(problem.nominal, problem.training)
+    unknown = np.full(len(motion), np.nan)
+    moved = unknown
+    restart_s = validation.restart_length(problem.nominal, problem.training)
     for name, model in models.items():
         try:
-            predictor = prediction(model, held_out, problem.thruster, restart_s=restart_s)
+            run = validation.prediction(model, held_out, thruster, restart_s=restart_s)
         except IdentificationError as error:
             label = f"{name} model: {error}"
             diagnostics.append(Diagnostic("no_prediction", "all", 1.0, label=label))
-            limited, held = (1.0, 0.0) if isinstance(error, InertiaError) else (np.nan, np.nan)
-            over = dict.fromkeys(HORIZONS, Ahead(unknown, limited, unknown))
+            is_limited = isinstance(error, validation.InertiaError)
+            limited, held = (1.0, 0.0) if is_limited else (np.nan, np.nan)
+            over = dict.fromkeys(HORIZONS, validation.Ahead(unknown, limited, unknown))
         else:
-            over = {horizon: predictor.over(horizon) for horizon in HORIZONS}
-            held = predictor.held_s()
-            columns.add(predictor.motion(), motion, f"{{}}_{name}")
+            over, held = {horizon: run.over(horizon) for horizon in HORIZONS}, run.held_s()
+            columns.add(run.motion(), motion, f"{{}}_{name}")
             for seconds in horizons_s:
-                columns.add(predictor.motion_after(seconds), motion, f"{{}}_{name}_{seconds:g}s")
+                columns.add(run.motion_after(seconds), motion, f"{{}}_{name}_{seconds:g}s")
             if name == "identified":
-                diagnostics += _chance(predictor, held_out)
-            if spread is None:
-                spread = predictor.mean_motion()
-                for horizon in HORIZONS:
-                    errors = _by_quantity(f"rmse_{horizon}", spread)
-                    rows += metrics("validation", "mean_motion", dofs, errors)
+                diagnostics += _chance(run, held_out)
+            if moved is unknown:
+                moved = run.mean_motion()
+                errors = dict(each for h in HORIZONS for each in _halves(f"rmse_{h}", moved))
+                rows += metrics("validation", "mean_motion", held_out.dofs, errors)
         values: dict[str, object] = {"held_free_run": held}
         for horizon, ahead in over.items():
             values[f"limited_share_{horizon}"] = ahead.limited
             if ahead.diverged:
                 ahead = ahead._replace(rmse=unknown, std=unknown)
-            values |= _by_quantity(f"rmse_{horizon}", ahead.rmse)
-            moved = unknown if spread is None else spread
-            for score, each in scores(ahead, moved)._asdict().items():
-                for key, half in _by_quantity(f"{score}_{horizon}", each).items():
-                    values[key] = {**dict(zip(dofs, half, strict=True)), "all": combined(half)}
-        rows += metrics("validation", name, dofs, values)
+            values |= _halves(f"rmse_{horizon}", ahead.rmse)
+            for score, each in validation.scores(ahead, moved)._asdict().items():
+                for key, half in _halves(f"{score}_{horizon}", each):
+                    whole = {"all": validation.combined(half)}
+                    values[key] = {**dict(zip(held_out.dofs, half, strict=True)), **whole}
+        rows += metrics("validation", name, held_out.dofs, values)
     columns.add(band, motion, f"{{}}_{IDENTIFIED_STD}")
     return Results(rows, diagnostics=diagnostics, series=[columns.series("prediction")])
 
 
-def _by_quantity(name: str, values: Array) -> dict[str, Array]:
-    """The halves of an array of pose and velocity (2 n_dof,)."""
+def _halves(name: str, values: Array) -> list[tuple[str, Array]]:
+    """Name the halves of an array of pose and velocity (2 n_dof,)."""
     halves = zip(QUANTITIES, np.split(values, 2), strict=True)
-    return {f"{quantity}_{name}": half for quantity, half in halves}
+    return [(f"{quantity}_{name}", half) for quantity, half in halves]
 
 
-def _chance(predictor: Prediction, held_out: Recording) -> list[Diagnostic]:
+def _chance(predictor: validation.Prediction, held_out: Recording) -> list[Diagnostic]:
     """Tell whether the noise of the first state decides the free run, so that no model is right."""
     noise = held_out.noise.deviation
     apart = predictor.sensitivity(np.concatenate([np.zeros_like(noise), noise]))
