@@ -35,8 +35,8 @@ class Definition:
     in a report (by default the label), and `note` is printed under every table that shows it. A
     `wide` metric is a column of the view `metric_wide`; a metric with a `headline` is a column of
     `run_overview`, for that degree of freedom. A `score` has no natural zero: it is compared by
-    differences, not by ratios. Values that differ by less than the `resolution` are equal. One
-    `per_file` is also stored for each of several files that are tested on.
+    differences, not by ratios. Values that differ by less than the `resolution` are equal. Those of
+    the table that are `per_file` are also stored for each of several files that are tested on.
     """
 
     name: str
