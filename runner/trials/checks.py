@@ -100,11 +100,12 @@ def _check_simulated(trial: Trial) -> None:
     for group in ("excitation", "evaluation"):
         if isinstance(mission := getattr(trial, group), Mission):
             seconds = mission.length().seconds
-            if (count := round(seconds / period)) < fewest:
-                raise ConfigurationError(
-                    f"{group}={trial.names[group]}: got {seconds:g} s, {count} samples of"
-                    f" sample_time_s={period:g}; expected at least {fewest}"
-                )
+            with named(trial, group):
+                if (count := round(seconds / period)) < fewest:
+                    raise ConfigurationError(
+                        f"got {seconds:g} s, {count} samples of sample_time_s={period:g}; "
+                        f"expected at least {fewest}"
+                    )
             last_s = max(last_s, mission.duration_s - period)
     with named(trial, "disturbance"):
         trial.disturbance.check(dofs, last_s)
@@ -122,20 +123,18 @@ def _check_commands(trial: Trial) -> None:
         if isinstance(part := getattr(trial, group), Mission | Controller):
             groups[group] = part
     known = {bool(vessel.inputs)} | ({False} if vessel.positioning else set())
+    takes = f"but {vessel.name} is commanded by {', '.join(vessel.inputs) or 'forces'}"
     for group, part in groups.items():
-        if part.commands_inputs not in known:
-            takes = f"{vessel.name} is commanded by {', '.join(vessel.inputs) or 'forces'}"
-            raise ConfigurationError(
-                f"{group}={trial.names[group]}: {_commands(part)}, but {takes}"
-            )
+        with named(trial, group):
+            if part.commands_inputs not in known:
+                raise ConfigurationError(f"{_commands(part)}, {takes}")
     for group, part in groups.items():
         if isinstance(part, Controller) or controller is None or part.open_loop:
             continue
-        if part.commands_inputs != controller.commands_inputs:
-            raise ConfigurationError(
-                f"{group}={trial.names[group]}: {_commands(part)}, but "
-                f"controller={trial.names['controller']} {_commands(controller)}"
-            )
+        with named(trial, group):
+            if part.commands_inputs != controller.commands_inputs:
+                other = f"controller={trial.names['controller']} {_commands(controller)}"
+                raise ConfigurationError(f"{_commands(part)}, but {other}")
 
 
 def _commands(part: Mission | Controller) -> str:
