@@ -1,33 +1,28 @@
-"""The catalogue of metrics: every metric that a trial stores is declared here once.
+"""The catalogue of metrics: every metric that a trial stores is a row of `metrics.csv`.
 
-A declaration gives the name of a metric, its unit for each degree of freedom, which values are
-better, and its definition in words. Those of predictions are made here, the others are the rows of
-`metrics.csv`; what is empty there has the default of `Definition`. Stored rows, the database's
-views, tables, figures, reports and the command `seatrial-results metrics` read it. A user-defined
-metric is declared with `register` in its own module. An undeclared metric in a database is shown
-with its stored unit, and no value is marked as better.
+A row gives the name of a metric, the stages that store it, its unit, which values are better, and
+its definition in words; what is empty there has the default of `Definition`. A unit `m|rad` is that
+of displacements and that of rotations. Stored rows, the database's views, tables, figures, reports
+and the command `seatrial-results metrics` read the catalogue. A user-defined metric is declared
+with `register` in its own module. An undeclared metric in a database is shown with its stored unit,
+and no value is marked as better.
 """
 
 import csv
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any, Literal
 
-from seatrial.models.notation import (
-    ACCELERATION_UNIT,
-    FORCE_UNIT,
-    MEASURES,
-    POSE_UNIT,
-    SQUARE_UNIT,
-    VELOCITY_UNIT,
-)
+from seatrial.models.notation import DOFS, MEASURES
 from seatrial.runner.record.vocabulary import Stage
 
 Unit = str | Mapping[str, str]
 Better = Literal["lower", "higher"] | float | None
-TABLE = Path(__file__).with_name("metrics.csv")
+QUANTITIES = ("pose", "velocity")  # that are predicted, and over which horizons
+HORIZONS = ("one_step", "ten_step", "restarts", "free_run")
+MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # diagnostics: a 90 % interval
 
 
 @dataclass(frozen=True)
@@ -39,9 +34,9 @@ class Definition:
     names the metric on axes, `formula` defines it in words, `caption` is the heading of its table
     in a report (by default the label), and `note` is printed under every table that shows it. A
     `wide` metric is a column of the view `metric_wide`; a metric with a `headline` is a column of
-    `run_overview`, for that degree of freedom. A `score` has no
-    natural zero: it is compared by differences, not by ratios. Values that differ by less than the
-    `resolution`, in their unit, are equal in a comparison.
+    `run_overview`, for that degree of freedom. A `score` has no natural zero: it is compared by
+    differences, not by ratios. Values that differ by less than the `resolution` are equal. Those of
+    the table that are `per_file` are also stored for each of several files that are tested on.
     """
 
     name: str
@@ -56,6 +51,7 @@ class Definition:
     headline: str = ""
     score: bool = False
     resolution: float = 1e-6
+    per_file: bool = False
 
     @property
     def heading(self) -> str:
@@ -85,111 +81,25 @@ class Definition:
         return self.better or ""
 
 
-def _each(units: Mapping[str, str], form: str) -> dict[str, str]:
-    """Derive units from other units: `_each(POSE_UNIT, "{} s")` is m s and rad s."""
-    return {dof: form.format(unit) for dof, unit in units.items()}
-
-
-VALIDATION: tuple[Stage, ...] = ("validation",)
-POSE_IN_DEGREES = {dof: "m" if unit == "m" else "deg" for dof, unit in POSE_UNIT.items()}
-UNITS = {  # what the table calls `force of each axis`
-    "pose": POSE_UNIT,
-    "pose in degrees": POSE_IN_DEGREES,
-    "pose in degrees squared": _each(POSE_IN_DEGREES, "{}^2"),
-    "pose in degrees times s": _each(POSE_IN_DEGREES, "{} s"),
-    "pose in degrees times s^2": _each(POSE_IN_DEGREES, "{} s^2"),
-    "velocity": VELOCITY_UNIT,
-    "velocity squared": _each(VELOCITY_UNIT, "({})^2"),
-    "acceleration squared": _each(ACCELERATION_UNIT, "({})^2"),
-    "force": FORCE_UNIT,
-    "force squared": SQUARE_UNIT,
-}
-HIDES_BIAS = (
-    "one step ahead hides bias, for the measured state corrects a model at every sample: judge by"
-    " free_run"
-)
-
-# Horizons of the predictions: their words in labels and in formulas.
-HORIZONS = {
-    "one_step": ("one step (hides bias)", "one step after every measured state"),
-    "ten_step": ("ten steps", "ten steps after every measured state"),
-    "restarts": ("30 s", "in predictions of 30 s, each from a measured state"),
-    "free_run": ("free run", "in a free run over the held-out part"),
-}
-QUANTITIES: dict[str, Mapping[str, str]] = {"pose": POSE_UNIT, "velocity": VELOCITY_UNIT}
-PER_FILE = (  # also stored for each of several files that are tested on
-    "force_mse",
-    *(
-        f"{quantity}_{kind}_{horizon}"
-        for quantity in QUANTITIES
-        for kind in ("rmse", "r2")
-        for horizon in ("restarts", "free_run")
-    ),
-)
-SCORES = {
-    "fit": ("FIT", "%", "100 (1 - RMSE / standard deviation of the measured signal)"),
-    "r2": ("R^2", "", "1 - mean square error / variance of the measured signal"),
-    "vaf": ("VAF", "%", "100 (1 - variance of the error / variance of the measured signal)"),
-}
-OVER_AXES = "; of all axes the mean over those that moved"
-
-
-def _predictions() -> Iterator[Definition]:
-    """The errors, the scores and the divergence of predictions over each horizon."""
-    for horizon, (short, words) in HORIZONS.items():
-        note = HIDES_BIAS if horizon == "one_step" else ""
-        for quantity, units in QUANTITIES.items():
-            title = quantity.capitalize()
-            headed = quantity == "velocity" and horizon == "free_run"
-            yield Definition(
-                f"{quantity}_rmse_{horizon}", VALIDATION, units, "lower",
-                f"{title} RMSE, {short}", f"root mean square error of the {quantity} {words}",
-                "Velocity error of a free run over the held-out part" if headed else "",
-                note=note, wide=True,
-            )  # fmt: skip
-            for score, (label, unit, formula) in SCORES.items():
-                yield Definition(
-                    f"{quantity}_{score}_{horizon}", VALIDATION, unit, "higher",
-                    f"{title} {label}, {short}", f"{formula}, of the {quantity} {words}{OVER_AXES}",
-                    note=note, score=True,
-                )  # fmt: skip
-        yield Definition(
-            f"limited_share_{horizon}", VALIDATION, "", "lower", f"Limited rates, {short}",
-            f"share of the rates of change that had to be limited {words}; above 0 the model"
-            " diverges and its errors over this horizon have no value",
-        )  # fmt: skip
-    yield Definition(
-        "held_free_run", VALIDATION, "s", "higher", "Time the free run held",
-        "time until a rate of change had to be limited, or the length of the free run",
-    )  # fmt: skip
-
-
-def _unit(text: str) -> Unit:
-    """The unit of a row of the table: of each axis, of those that it names, or one of all."""
-    quantity, of_each, _ = text.partition(" of each axis")
-    if of_each:
-        return UNITS[quantity]
-    pairs = [part.partition(": ") for part in text.split("; ")]
-    return {dof: unit for dof, _, unit in pairs} if ": " in text else text
-
-
-def _of_row(row: Mapping[str, str]) -> Definition:
+def _of_row(row: Mapping[str, Any]) -> Definition:
+    """The definition in a row of the table."""
+    unit: Unit = row["unit"]
+    if "|" in unit:
+        linear, angular = row["unit"].split("|")
+        unit = {dof: linear if dof in DOFS[:3] else angular for dof in DOFS}
+    elif ": " in unit:
+        unit = dict(part.split(": ") for part in row["unit"].split("; "))
     return Definition(
-        row["name"], cast(tuple[Stage, ...], tuple(row["stages"].split())), _unit(row["unit"]),
-        cast(Better, row["better"] or None), row["label"], row["formula"], row["caption"],
-        wide=row["wide"] == "yes", headline=row["headline"],
-        resolution=float(row["resolution"] or Definition.resolution),
+        row["name"], tuple(row["stages"].split()), unit, row["better"] or None, row["label"],
+        row["formula"], row["caption"], row["note"], bool(row["wide"]), row["headline"],
+        bool(row["score"]), float(row["resolution"] or Definition.resolution),
+        bool(row["per_file"]),
     )  # fmt: skip
 
 
-with TABLE.open(encoding="utf-8", newline="") as _file:
-    _TABLED = [*map(_of_row, csv.DictReader(_file))]
-METRICS = (
-    *(one for one in _TABLED if one.stages == VALIDATION),
-    *_predictions(),
-    *(one for one in _TABLED if one.stages != VALIDATION),
-)
-MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # diagnostics: a 90 % interval
+with Path(__file__).with_name("metrics.csv").open(encoding="utf-8", newline="") as _file:
+    METRICS = tuple(map(_of_row, csv.DictReader(_file)))
+PER_FILE = tuple(one.name for one in METRICS if one.per_file)
 
 
 def metric_of_measure(quantity: str) -> str:
@@ -197,14 +107,7 @@ def metric_of_measure(quantity: str) -> str:
     return "manoeuvre_" + quantity.replace(",", "").replace(" ", "_").lower()
 
 
-MANOEUVRE = tuple(
-    Definition(
-        metric_of_measure(quantity), VALIDATION, unit, None, quantity.capitalize(),
-        f"{quantity} of the trial's manoeuvre in calm water",
-    )
-    for quantity, unit in MEASURES.items()
-)  # fmt: skip
-_declared: dict[str, Definition] = {}
+_declared = {one.name: one for one in METRICS}
 
 
 def register(definition: Definition) -> Definition:
@@ -221,8 +124,13 @@ def register(definition: Definition) -> Definition:
     return definition
 
 
-for _definition in (*METRICS, *MANOEUVRE):
-    register(_definition)
+for _quantity, _unit in MEASURES.items():
+    register(
+        Definition(
+            metric_of_measure(_quantity), ("validation",), _unit, None, _quantity.capitalize(),
+            f"{_quantity} of the trial's manoeuvre in calm water",
+        )
+    )  # fmt: skip
 
 
 def declared(name: str) -> Definition:

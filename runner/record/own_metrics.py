@@ -1,20 +1,11 @@
 """User-defined metrics: the classes that the option `metrics` names.
 
 A class declares its metric and computes it for a model on the held-out part of the recording, or
-for a mission in deployment:
-
-    @dataclass(frozen=True)
-    class LargestSpeed(OwnMetric):
-        definition = Definition(
-            "speed_max", ("deployment",), {"surge": "m/s"}, "lower", "Largest speed", "max |u|"
-        )
-
-        def of_voyage(self, voyage: Voyage) -> Mapping[str, float]:
-            return {"surge": float(np.max(np.abs(voyage.log.nu[:, 0])))}
+for a mission in deployment; docs/howto/plugins.md has an example.
 """
 
 from abc import ABC
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 from seatrial.models.errors import PartError
@@ -25,6 +16,8 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.runner.record.catalogue import Definition, register
 from seatrial.runner.record.rows import Metric, metric
 from seatrial.runner.record.vocabulary import Stage
+
+STAGES: Mapping[str, Stage] = {"of_model": "validation", "of_voyage": "deployment"}
 
 
 class OwnMetric(ABC):
@@ -47,34 +40,17 @@ class OwnMetric(ABC):
         return {}
 
 
-def validation_rows(
-    parts: Sequence[OwnMetric], held_out: Recording, models: Mapping[str, Vessel]
-) -> list[Metric]:
-    """Compute the user-defined metrics of every model."""
-    return [
-        row
-        for part in parts
-        for name, model in models.items()
-        for row in _rows(part, "validation", name, part.of_model(held_out, model))
-    ]
-
-
-def deployment_rows(parts: Sequence[OwnMetric], voyage: Voyage, model: str) -> list[Metric]:
-    """Compute the user-defined metrics of a mission in deployment."""
-    return [
-        row for part in parts for row in _rows(part, "deployment", model, part.of_voyage(voyage))
-    ]
-
-
-def _rows(part: OwnMetric, stage: Stage, model: str, values: Mapping[str, float]) -> list[Metric]:
-    method = "of_model" if stage == "validation" else "of_voyage"
-    if not isinstance(values, Mapping):
-        got = type(values).__name__
-        raise PartError(f"{name_of(part)}.{method}: got a {got}, expected values by axis")
-    for dof, value in values.items():
-        checked_array(part, f"{method}: {dof}", value, ())
-    name = register(part.definition).name
-    try:
-        return [metric(name, stage, model, dof, value) for dof, value in values.items()]
-    except (KeyError, ValueError) as error:  # another axis or stage than it declares
-        raise PartError(f"{name_of(part)}.{method}: {error.args[0]}") from error
+def own_rows(parts: Iterable[OwnMetric], method: str, model: str, *of: object) -> list[Metric]:
+    """Compute the user-defined metrics of a model by one of their methods; raises PartError."""
+    rows = []
+    for part in parts:
+        values, where = getattr(part, method)(*of), f"{name_of(part)}.{method}"
+        if not isinstance(values, Mapping):
+            raise PartError(f"{where}: got a {type(values).__name__}, expected values by axis")
+        for dof, value in values.items():
+            checked_array(part, f"{method}: {dof}", value, ())
+            try:
+                rows.append(metric(part.definition.name, STAGES[method], model, dof, value))
+            except (KeyError, ValueError) as error:  # another axis or stage than it declares
+                raise PartError(f"{where}: {error.args[0]}") from error
+    return rows

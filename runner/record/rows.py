@@ -52,13 +52,10 @@ class Series:
     units: Mapping[str, str]
 
     def __post_init__(self) -> None:
-        shapes = {name: column.shape for name, column in self.columns.items()}
-        if len({*shapes.values()}) > 1 or any(len(shape) != 1 for shape in shapes.values()):
-            raise ValueError(
-                f"series {self.kind}: expected 1-d columns of one length, got {shapes}"
-            )
-        if self.columns.keys() != self.units.keys():
-            odd = sorted(self.columns.keys() ^ self.units.keys())
+        shapes = {column.shape for column in self.columns.values()}
+        if len(shapes) > 1 or any(len(shape) != 1 for shape in shapes):
+            raise ValueError(f"series {self.kind}: expected columns of one length, got {shapes}")
+        if odd := sorted(self.columns.keys() ^ self.units.keys()):
             raise ValueError(f"series {self.kind}: no column or no unit for {', '.join(odd)}")
 
     @property
@@ -102,8 +99,18 @@ def metric(name: str, stage: Stage, model: str, dof: str, value: SupportsFloat) 
     return Metric(stage, model, dof, name, float(value), definition.unit_of(dof))
 
 
-def per_dof(
-    name: str, stage: Stage, model: str, dofs: Iterable[str], values: NDArray[np.float64]
+def metrics(
+    stage: Stage, model: str, dofs: Iterable[str], values: Mapping[str, object]
 ) -> list[Metric]:
-    """Return one metric per degree of freedom; `values` has shape (n_dof,)."""
-    return [metric(name, stage, model, dof, value) for dof, value in zip(dofs, values, strict=True)]
+    """Return the metrics of a model.
+
+    The values by name are numbers of the whole vessel, arrays of shape (n_dof,), or mappings from
+    other degrees of freedom to numbers.
+    """
+    rows = []
+    for name, value in values.items():
+        by_dof: Any = value
+        if not isinstance(value, Mapping):
+            by_dof = dict(zip(dofs, by_dof, strict=True)) if np.ndim(by_dof) else {"all": value}
+        rows += [metric(name, stage, model, dof, number) for dof, number in by_dof.items()]
+    return rows

@@ -30,6 +30,7 @@ STREAMS: tuple[Stream, ...] = get_args(Stream)
 COMBINED = ("position", "heading", "all")
 DOF_ORDER = (*DOFS, *COMBINED)
 
+UNPHYSICAL = "unphysical"  # diagnostic: why a model is physically impossible
 OF_FILE = "file_"  # begins the name of a diagnostic that is a metric of one of several files
 
 Ending = Literal["finished", "diverged", "failed"]  # of a run that has ended

@@ -1,7 +1,8 @@
 """Closed-loop simulation of a mission: plant, weather, controller and adaptation."""
 
 import logging
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,26 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seatrial.models.compiled import is_compiled
-from seatrial.models.control.controller import Controller
+from seatrial.models.control.controller import Controller, Model
 from seatrial.models.control.linear_design import largest_disturbance
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.models.errors import ConfigurationError, PartError
+from seatrial.models.errors import ConfigurationError, Diverged, PartError
+from seatrial.models.excitation.commands import Steering
 from seatrial.models.excitation.missions import Mission
-from seatrial.models.identification.adaptive import Adapter
+from seatrial.models.identification.adaptive import Adapter, Update
 from seatrial.models.recording.recording import Recording, attitude_of
 from seatrial.models.returned import checked_array, name_of
 from seatrial.models.simulation.dynamics import advance
 from seatrial.models.simulation.loop import sail
 from seatrial.models.simulation.registry import CONTROLLERS, GUIDANCE, Parameters, State, Timetable
-from seatrial.models.simulation.statespace import StateSpace
-from seatrial.models.simulation.voyage import Log, Outlook, Voyage, outlook
+from seatrial.models.simulation.voyage import Outlook, Voyage, measured_wind, outlook
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.kinematics import in_body
 from seatrial.models.vessel.parameters import Plant
 from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.configuration.plugins import is_own
+from seatrial.runner.record.rows import Results
 from seatrial.runner.record.vocabulary import STREAMS, Stream
 
 log = logging.getLogger(__name__)
@@ -61,6 +62,25 @@ class SimulatedMission:
     wind: Array | None = None  # (N, n_dof) force of the wind [N, Nm]
 
 
+@dataclass(frozen=True, eq=False)
+class ExcitationData:
+    """The recording of an excitation, its split, and the true model if it is known."""
+
+    recording: Recording
+    training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
+    testing: NDArray[np.bool_]
+    truth: Vessel | None  # coefficients of the plant, with those of the disturbance
+    sailed: SimulatedMission | None = None  # what was recorded; None for a measured file
+
+
+class TrialDiverged(Diverged):
+    """A simulation diverged; `results` are those that are valid all the same."""
+
+    def __init__(self, error: Diverged, results: Results) -> None:
+        super().__init__(str(error), error.time_s, error.quantity)
+        self.results = results
+
+
 class Streams:
     """The independent random streams of one trial, spawned from its seed.
 
@@ -81,11 +101,12 @@ class Streams:
 
     def drawn(self) -> tuple[Stream, ...]:
         """Return the streams from which a number was drawn so far."""
-        used = set()
-        for stream, generator in self._generators:
-            fresh = np.random.default_rng(self._seeds[stream])
-            if generator.bit_generator.state != fresh.bit_generator.state:
-                used.add(stream)
+        used = {
+            stream
+            for stream, generator in self._generators
+            if generator.bit_generator.state
+            != np.random.default_rng(self._seeds[stream]).bit_generator.state
+        }
         return tuple(stream for stream in STREAMS if stream in used)
 
 
@@ -95,65 +116,59 @@ class MissionSetup:
 
     trial: Trial
     seeds: Streams
-    model: Vessel | StateSpace
+    model: Model
     mission: Mission
     plant: Plant
     weather: Weather
     guidance: tuple[Parameters, State]
     reference: Parameters
-    controller: Controller | None  # None: the mission gives the commands
+    controller: Controller
     control: tuple[Parameters, State]
     start: Array
     added: Array | None  # force that the excitation adds to the command [N, Nm]
     ahead: Outlook
     design: ControlDesign
 
-    def sail(self, adaptive: bool = False) -> SimulatedMission:
-        """Simulate the mission, with online identification if `adaptive`; raises Diverged."""
-        trial, controller = self.trial, self.controller
-        self._say_if_uncompiled()
-        adapter = None
-        if adaptive and controller is not None and isinstance(self.model, Vessel):
-            adapter = self._adapter(controller, self.model)
+    def sail(self, update: Update | None = None) -> SimulatedMission:
+        """Simulate the mission, with online identification by `update`; raises Diverged."""
+        trial, controller, state = self.trial, self.controller, self.control[1]
         dofs, period = trial.vessel.dofs, trial.sample_time_s
+        name, step = name_of(controller), CONTROLLERS[type(self.control[0])]
+        in_python = is_compiled(advance) and not is_compiled(step) and not is_own(name)
+        if in_python and name not in _said:
+            _said.add(name)
+            log.info(IN_PYTHON, name)
+        adapter = None
+        if update is not None and isinstance(self.model, Vessel):
+            adapter = Adapter(
+                update, trial.identifier, trial.vessel.thruster, self.weather, dofs, period,
+                self.model, self.seeds.generator("identifier"),
+                lambda parameters, state, model, log, k: controller.adapt(
+                    parameters, state, model, period, self.ahead, log, k
+                ),
+            )  # fmt: skip
         voyage = sail(
             self.plant, self.weather, self.guidance, self.reference, self.control, self.start,
             period, trial.integration_step_s, start_nu=self.mission.start_velocity(dofs),
             watch=None if adapter is None else adapter.watch, added=self.added,
         )  # fmt: skip
-        return SimulatedMission(
-            voyage,
-            period,
-            self.design,
-            failures=0 if controller is None else controller.failures(self.control[1]),
-            findings=() if controller is None else controller.findings(self.control[1]),
-            adapter=adapter,
-            wind=wind_force(trial.disturbance.aerodynamics(dofs), voyage),
-        )
+        wind, table, nu = wind_in_body(voyage), trial.disturbance.aerodynamics(dofs), voyage.log.nu
+        if wind is not None:  # its force
+            attitude = attitude_of(dofs, voyage.log.eta)
+            wind = -table.inverse(np.zeros_like(nu), nu, attitude, wind) if table.terms else None
+        failures, findings = controller.failures(state), controller.findings(state)
+        return SimulatedMission(voyage, period, self.design, failures, findings, adapter, wind)
 
-    def _adapter(self, controller: Controller, model: Vessel) -> Adapter:
-        """Build the online identification, which adapts the controller."""
-        trial, period = self.trial, self.trial.sample_time_s
-        assert trial.update is not None
 
-        def adapt(
-            parameters: Parameters, state: State, model: Vessel, log: Log, k: int
-        ) -> Parameters:
-            return controller.adapt(parameters, state, model, period, self.ahead, log, k)
+@dataclass(frozen=True, eq=False)
+class _Given(Controller):
+    """The commands that a mission gives in place of a controller."""
 
-        return Adapter(
-            trial.update, trial.identifier, trial.vessel.thruster, self.weather, trial.vessel.dofs,
-            period, model, self.seeds.generator("identifier"), adapt,
-        )  # fmt: skip
+    control: Steering
 
-    def _say_if_uncompiled(self) -> None:
-        """Log once that a controller from elsewhere keeps the loop from being compiled."""
-        if self.controller is None or is_own(name := name_of(self.controller)):
-            return
-        step = CONTROLLERS[type(self.control[0])]
-        if is_compiled(advance) and not is_compiled(step) and name not in _said:
-            _said.add(name)
-            log.info(IN_PYTHON, name)
+    def build(self, model: Model, period_s: float) -> tuple[Parameters, State]:
+        """The step of the mission."""
+        return self.control
 
 
 def drawn(trial: Trial, seeds: Streams) -> Trial:
@@ -162,15 +177,25 @@ def drawn(trial: Trial, seeds: Streams) -> Trial:
     groups: tuple[Stream, ...] = ("excitation", "evaluation")
     for group in groups:
         if isinstance(mission := getattr(trial, group), Mission):
-            try:
+            with named(trial, group):
                 missions[group] = mission.drawn(seeds.generator(group))
-            except ConfigurationError as error:
-                raise ConfigurationError(f"{group}={trial.names[group]}: {error}") from error
     return replace(trial, **missions)
 
 
+@contextmanager
+def named(trial: Trial, group: str) -> Iterator[None]:
+    """Put the option chosen from the group before an error message of what is done."""
+    try:
+        yield
+    except ConfigurationError as error:
+        name = f"{group}={trial.names[group]}"
+        if str(error).startswith(name):
+            raise
+        raise ConfigurationError(f"{name}: {error}") from error
+
+
 def prepare(
-    trial: Trial, seeds: Streams, model: Vessel | StateSpace, mission: Mission,
+    trial: Trial, seeds: Streams, model: Model, mission: Mission,
     deployed: bool = False, true: Vessel | None = None,
 ) -> MissionSetup:  # fmt: skip
     """Prepare a mission that starts at rest, with the controller built on `model`.
@@ -186,10 +211,11 @@ def prepare(
     start = np.zeros(len(vessel.dofs)) if mission.start is None else np.array(mission.start)
     noise, disturbance = seeds.generator("noise"), seeds.generator("disturbance")
     weather = trial.disturbance.realise(len(t), vessel.dofs, noise, disturbance, period)
-    control, controller = mission.steering(vessel.dofs, period), trial.controller
-    plant = plant_of(trial, deployed, true)
-    part = controller if control is None else mission
-    if plant.inputs and part is not None and not part.commands_inputs:  # but forces
+    steering, plant = mission.steering(vessel.dofs, period), plant_of(trial, deployed, true)
+    controller = trial.controller if steering is None else _Given(steering)
+    assert controller is not None
+    steers = controller if steering is None else mission
+    if plant.inputs and not steers.commands_inputs:  # but forces
         plant = replace(plant, allocation=vessel.positioning)
     guidance, reference = mission.guidance(t, start), mission.reference_filter.table(period)
     _check_step(mission, "guidance", guidance, GUIDANCE)
@@ -201,31 +227,23 @@ def prepare(
         added = checked_array(mission, "force", added, (len(t), len(vessel.dofs)))
     ahead = mission.foreseen(outlook(plant, weather, guidance[0], reference, start, added))
     heading = ahead.reference[:, 2] if vessel.planar and len(ahead.reference) else np.zeros(0)
-    design = ControlDesign(vessel.dofs, largest_disturbance(plant.vessel, weather, heading))
-    if control is None:
-        assert controller is not None
-        controller = controller.deployed() if deployed else controller
-        model = commanded(model, controller)
-        built = controller.build(model, period)
-        _check_step(controller, "build", built, CONTROLLERS)
-        parameters, state = built
-        control = controller.foresee(parameters, ahead), state
-        design = replace(
-            design,
-            limits=controller.command_limits(),
-            ahead=controller.preview_rows(period),
-            every=controller.command_rows(period),
-            diagnostics=controller.diagnostics(model, period),
-        )
-    else:
-        controller = None
+    controller = controller.deployed() if deployed else controller
+    model = commanded(model, controller)
+    built = controller.build(model, period)
+    _check_step(controller, "build", built, CONTROLLERS)
+    parameters, state = built
+    design = ControlDesign(
+        vessel.dofs, largest_disturbance(plant.vessel, weather, heading),
+        controller.command_limits(), controller.preview_rows(period),
+        controller.command_rows(period), controller.diagnostics(model, period),
+    )  # fmt: skip
     return MissionSetup(
-        trial, seeds, model, mission, plant, weather, guidance, reference, controller, control,
-        start, added, ahead, design,
+        trial, seeds, model, mission, plant, weather, guidance, reference, controller,
+        (controller.foresee(parameters, ahead), state), start, added, ahead, design,
     )  # fmt: skip
 
 
-def commanded(model: Vessel | StateSpace, controller: Controller) -> Vessel | StateSpace:
+def commanded(model: Model, controller: Controller) -> Model:
     """Return the model for a controller: of a vessel with inputs the hull, if it gives forces."""
     if not isinstance(model, Vessel) or not model.inputs or controller.commands_inputs:
         return model
@@ -237,11 +255,9 @@ def _check_step(
     part: Controller | Mission, method: str, built: object, registered: Container[type]
 ) -> None:
     """Check that a part returned the parameters of a registered step; raises PartError."""
-    where = f"{name_of(part)}.{method}"
-    if not (isinstance(built, tuple) and len(built) == 2):
-        raise PartError(f"{where}: got {type(built).__name__}, expected parameters and a state")
-    kind = type(built[0])
-    if kind not in registered:
+    parameters = built[0] if isinstance(built, tuple) and len(built) == 2 else built
+    if (kind := type(parameters)) not in registered:
+        where = f"{name_of(part)}.{method}"
         raise PartError(f"{where}: got a {kind.__name__}, for which no step is registered")
 
 
@@ -261,28 +277,14 @@ def plant_of(trial: Trial, deployed: bool, true: Vessel | None = None) -> Plant:
     return replace(plant, change=(change.at_s, change.scale * model + wind))
 
 
-def wind_force(table: Vessel, voyage: Voyage) -> Array | None:
-    """Compute the wind force on the vessel [N, Nm], shape (N, n_dof); None without wind."""
-    wind = wind_in_body(voyage)
-    if wind is None or not table.terms:
-        return None
-    zero_acceleration = np.zeros_like(voyage.log.nu)
-    attitude = attitude_of(voyage.dofs, voyage.log.eta)
-    return -table.inverse(zero_acceleration, voyage.log.nu, attitude, wind)
-
-
 def wind_in_body(voyage: Voyage) -> Array | None:
     """Compute the wind velocity in the body frame [m/s], shape (N, 2); None without wind."""
-    ned = voyage.weather.wind_ned
-    return in_body(ned, attitude_of(voyage.dofs, voyage.log.eta)[:, 2]) if len(ned) else None
+    return measured_wind(voyage, voyage.weather._replace(wind_noise=np.zeros((0, 2))))
 
 
-@dataclass(frozen=True, eq=False)
-class ExcitationData:
-    """The recording of an excitation, its split, and the true model if it is known."""
-
-    recording: Recording
-    training: NDArray[np.bool_]  # mask of the training samples, shape (N,)
-    testing: NDArray[np.bool_]
-    truth: Vessel | None  # coefficients of the plant, with those of the disturbance
-    sailed: SimulatedMission | None = None  # what was recorded; None for a measured file
+def warn(text: str, reasons: Iterable[object]) -> list[Diagnostic]:
+    """Log a warning for each reason, and return the reasons as diagnostics."""
+    labels = [*map(str, reasons)]
+    for label in labels:
+        log.warning(text.format(label))
+    return [Diagnostic("warning", "all", None, label=label) for label in labels]

@@ -43,10 +43,11 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.configuration.config import Trial, build_as
+from seatrial.runner.trials.checks import evaluated
 from seatrial.runner.trials.closed_loop import Streams, prepare
-from seatrial.runner.trials.deployment_metrics import tracking_metrics
+from seatrial.runner.trials.deployment_metrics import mission_metrics
 from seatrial.runner.trials.manoeuvre_results import UNABLE, length_of, sailed
-from seatrial.runner.trials.trial import evaluated, excite, identify
+from seatrial.runner.trials.trial import excite, identify
 
 APPROACH = 3.0  # on a straight course before a manoeuvre [L / U]
 CIRCLE, ZIGZAG = 40.0, 60.0  # lengths of the manoeuvres that are measured [L / U]
@@ -86,7 +87,7 @@ def after_runs(trials: Sequence[Trial], calm: Trial) -> Known:
     data = [excite(*each).recording for each in zip(trials, seeds, strict=True)]
     recording = end_to_end(data) if len(data) > 1 else data[0]
     problem = Problem(recording, recording, last.vessel.nominal(), last.vessel.thruster)
-    result, _ = identify(last, problem, seeds[-1])
+    result = identify(last, problem, seeds[-1])
     if result.spread is None:
         name = last.names["identifier"]
         raise ConfigurationError(
@@ -211,7 +212,7 @@ def _measures(known: Known, kind: str, model: Vessel) -> Measures:
 def _tracking(known: Known, trial: Trial, plant: Vessel) -> Array:
     """The mean absolute position error of a plant under the controller on the model known."""
     setup = prepare(trial, Streams(0), known.belief.model, evaluated(trial), True, plant)
-    rows = tracking_metrics(setup.sail().voyage, "identified", trial.sample_time_s)
+    rows = mission_metrics(setup.sail(), "identified")
     return np.array([next(row.value or 0.0 for row in rows if row.name == "e_pos_mae")])
 
 

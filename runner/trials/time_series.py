@@ -1,119 +1,96 @@
-"""Time series of a trial: the recording, the residual force and the deployments."""
+"""Time series of a trial: columns of equal length with their units."""
 
-import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from seatrial.models.identification.problem import Identified, lack_of_fit
-from seatrial.models.notation import (
-    ACCELERATION_UNIT,
-    FORCE_UNIT,
-    PLANAR,
-    POSE_UNIT,
-    VELOCITY_UNIT,
-    accelerations_of,
-    poses_of,
-    velocities_of,
-)
+from seatrial.models import notation
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation import metrics as measure
+from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.basis import Array
-from seatrial.models.vessel.table import Vessel
 from seatrial.models.weather.weather import Weather
 from seatrial.runner.record.rows import Series
-from seatrial.runner.record.vocabulary import IDENTIFIED_STD
 from seatrial.runner.trials.closed_loop import ExcitationData, SimulatedMission
-from seatrial.runner.trials.deployment_metrics import is_allocated
-from seatrial.runner.trials.validation_metrics import Predictions
 
-Mask = NDArray[np.bool_]
-AXES = ("north", "east")
-WIND_NOISE = ("noise_wind_ahead", "noise_wind_abeam")
-_AFFIXES = re.compile(r"^(?:wave|noise|process)_|_(?:d|setpoint)$")
+AXES = {"north": "m/s", "east": "m/s"}
+AIR = {"ahead": "m/s", "abeam": "m/s"}
 
 
-class SeriesColumns(dict[str, Array]):
-    """The columns of a series of a vessel with some degrees of freedom."""
+class SeriesColumns:
+    """The columns of a series of a vessel with some degrees of freedom.
+
+    `pose`, `velocity`, `acceleration`, `speed` and `force` have the unit of each name.
+    """
 
     def __init__(self, dofs: tuple[str, ...], t: Array) -> None:
-        super().__init__(t=t)
-        self.dofs, self.poses = dofs, poses_of(dofs)
-        self.velocities, self.accelerations = velocities_of(dofs), accelerations_of(dofs)
+        self.columns, self.units = {"t": t}, {"t": "s"}
+        self.pose = _named(notation.poses_of(dofs), notation.POSE_UNIT, dofs)
+        self.velocity = _named(notation.velocities_of(dofs), notation.VELOCITY_UNIT, dofs)
+        self.acceleration = _named(
+            notation.accelerations_of(dofs), notation.ACCELERATION_UNIT, dofs
+        )
+        self.speed = _named(dofs, notation.VELOCITY_UNIT, dofs)
+        self.force = _named(dofs, notation.FORCE_UNIT, dofs)
 
-    def add(
-        self, values: Array | None, names: Sequence[str], before: str = "", after: str = ""
-    ) -> None:
-        """Add values (N, k) as columns of these names, if there are any."""
+    def add(self, values: NDArray[Any] | None, units: Mapping[str, str], form: str = "{}") -> None:
+        """Add values (N, k) or (N,), if there are any, as columns named by `form`."""
         if values is not None and len(values):
-            columns = np.asarray(values).T
-            self.update(zip((f"{before}{n}{after}" for n in names), columns, strict=True))
+            for (name, unit), column in zip(units.items(), np.atleast_2d(values.T), strict=True):
+                self.columns[form.format(name)] = np.asarray(column, dtype=np.float64)
+                self.units[form.format(name)] = unit
 
     def add_weather(self, weather: Weather) -> None:
         """Add the realised disturbances that are present and vary over time."""
-        self.add(weather.wind_ned, AXES, "wind_")
-        self.add(weather.current_ned, AXES, "current_")
-        self.add(weather.wave_motion, self.poses, "wave_")
-        self.add(weather.process, self.accelerations, "process_")
-
-    def add_noise(self, weather: Weather) -> None:
-        """Add the measurement noise and the force in NED, if they are not zero."""
-        waves = weather.wave_motion if len(weather.wave_motion) else 0.0
-        for values, names, before in (
-            (weather.pose_noise - waves, self.poses, "noise_"),
-            (weather.velocity_noise, self.velocities, "noise_"),
-            (weather.acceleration_noise, self.accelerations, "noise_"),
-            (weather.wind_noise, WIND_NOISE, ""),
-            (weather.force_ned, self.dofs, "force_ned_"),
-        ):
-            self.add(values if np.any(values) else None, names, before)
+        self.add(weather.wind_ned, AXES, "wind_{}")
+        self.add(weather.current_ned, AXES, "current_{}")
+        self.add(weather.wave_motion, self.pose, "wave_{}")
+        self.add(weather.process, self.acceleration, "process_{}")
 
     def add_recording(self, recording: Recording) -> None:
         """Add motion, command and acting force of a recording."""
-        self.add(recording.eta, self.poses)
-        self.add(recording.nu, self.velocities)
-        self.add(recording.nu_dot, self.accelerations)
-        if recording.inputs is None:
-            self.add(recording.tau, self.dofs, "tau_")
-        self.add(recording.inputs, recording.input_names)
-        self.add(recording.commands, recording.input_names, after="_command")
-        self.add(recording.tau_actual, self.dofs, "tau_actual_")
+        inputs = dict.fromkeys(recording.input_names, "")
+        self.add(recording.eta, self.pose)
+        self.add(recording.nu, self.velocity)
+        self.add(recording.nu_dot, self.acceleration)
+        self.add(recording.tau if recording.inputs is None else None, self.force, "tau_{}")
+        self.add(recording.inputs, inputs)
+        self.add(recording.commands, inputs, "{}_command")
+        self.add(recording.tau_actual, self.force, "tau_actual_{}")
 
     def series(self, kind: str) -> Series:
-        """Return the columns as a series, with the unit of each by its name."""
-        axes = [f"{medium}_{axis}" for medium in ("wind", "current") for axis in AXES]
-        units = dict.fromkeys([*axes, *WIND_NOISE, "air_ahead", "air_abeam"], "m/s")
-        units |= {"t": "s", "train": "", "e_pos": "m", "e_psi": "rad"}
-        for names, unit_of in (
-            (self.poses, POSE_UNIT),
-            (self.velocities, VELOCITY_UNIT),
-            (self.accelerations, ACCELERATION_UNIT),
-        ):
-            units |= {name: unit_of[dof] for name, dof in zip(names, self.dofs, strict=True)}
-        # That of `x` for `x_d`, `x_setpoint`, `wave_x`, `noise_x` and `process_x`, or of a force.
-        named = {
-            name: units.get(name)
-            or units.get(_AFFIXES.sub("", name))
-            or FORCE_UNIT.get(name.rpartition("_")[2], "")
-            for name in self
-        }
-        return Series(kind, dict(self), named)
+        """Return the columns as a series."""
+        return Series(kind, self.columns, self.units)
 
 
-def recording_series(
-    recording: Recording, training: Mask, sailed: SimulatedMission | None
-) -> Series:
+def _named(names: Iterable[str], units: Mapping[str, str], dofs: Iterable[str]) -> dict[str, str]:
+    return {name: units[dof] for name, dof in zip(names, dofs, strict=True)}
+
+
+def recording_series(excited: ExcitationData) -> Series:
     """Return the recording as measured; for a simulation, with the realised weather."""
+    recording, sailed = excited.recording, excited.sailed
     columns = SeriesColumns(recording.dofs, recording.t)
-    columns["train"] = training.astype(np.float64)
+    columns.add(excited.training, {"train": ""})
     columns.add_recording(recording)
-    if sailed is not None:
-        columns.add_weather(sailed.voyage.weather)
-        columns.add_noise(sailed.voyage.weather)
-        if is_allocated(sailed.voyage):  # the commanded forces before the allocation
-            columns.add(sailed.voyage.log.tau, columns.dofs, "tau_asked_")
-        columns.add(sailed.wind, columns.dofs, "wind_")
+    if sailed is None:
+        return columns.series("recording")
+    weather = sailed.voyage.weather
+    columns.add_weather(weather)
+    waves = weather.wave_motion if len(weather.wave_motion) else 0.0
+    for values, units, form in (
+        (weather.pose_noise - waves, columns.pose, "noise_{}"),
+        (weather.velocity_noise, columns.velocity, "noise_{}"),
+        (weather.acceleration_noise, columns.acceleration, "noise_{}"),
+        (weather.wind_noise, AIR, "noise_wind_{}"),
+        (weather.force_ned, columns.force, "force_ned_{}"),
+    ):
+        columns.add(values if np.any(values) else None, units, form)
+    if is_allocated(sailed.voyage):  # the commanded forces before the allocation
+        columns.add(sailed.voyage.log.tau, columns.force, "tau_asked_{}")
+    columns.add(sailed.wind, columns.force, "wind_{}")
     return columns.series("recording")
 
 
@@ -125,72 +102,37 @@ def training_series(recording: Recording) -> Series:
     """
     columns = SeriesColumns(recording.dofs, recording.t)
     columns.add_recording(recording)
-    columns.add(recording.tau_filtered, columns.dofs, "tau_filtered_")
-    columns.add(recording.wind, ("ahead", "abeam"), "air_")
+    columns.add(recording.tau_filtered, columns.force, "tau_filtered_{}")
+    columns.add(recording.wind, AIR, "air_{}")
     return columns.series("recording")
 
 
-def residual_series(excited: ExcitationData, nominal: Vessel, identified: Identified) -> Series:
-    """Return the commanded force, and its residual for every model, over the recording."""
-    recording = excited.recording
-    columns = SeriesColumns(recording.dofs, recording.t)
-    columns["train"] = excited.training.astype(np.float64)
-    columns.add(recording.tau, columns.dofs, "tau_")
-    models = {"nominal": nominal, "identified": identified.model}
-    if excited.truth is not None:
-        models["plant"] = excited.truth
-    for name, model in models.items():
-        residual = lack_of_fit(recording, model, "commanded")
-        columns.add(residual, columns.dofs, f"residual_{name}_")
-    return columns.series("residual")
-
-
-def prediction_series(
-    held_out: Recording, predicted: Predictions, deviation: Array | None = None
-) -> Series:
-    """Return the held-out motion and its predictions; NaN where they diverge.
-
-    `start` is 1 at the measured states from which the free runs begin. `surge` is the measured
-    velocity, `surge_identified` that of the free run, `surge_identified_10s` that predicted from
-    the state measured 10 s before; likewise `x` and `x_identified`. `surge_identified_std` is the
-    standard deviation of the measured velocity about that of the free run (`model_error`).
-    """
-    columns = SeriesColumns(held_out.dofs, held_out.t)
-    names = (*columns.poses, *columns.dofs)
-    unit_of = [units[dof] for units in (POSE_UNIT, VELOCITY_UNIT) for dof in columns.dofs]
-    columns["start"] = held_out.piece_starts.astype(np.float64)
-    units = {"t": "s", "start": ""}
-    parts = {"": np.hstack([held_out.eta, held_out.nu])}
-    parts |= {f"_{model}": motion for model, motion in predicted.free_runs.items()}
-    parts |= {f"_{model}_{s:g}s": values for (model, s), values in predicted.after.items()}
-    if deviation is not None:
-        parts[f"_{IDENTIFIED_STD}"] = deviation
-    for suffix, values in parts.items():
-        columns.add(values, names, after=suffix)
-        units |= {f"{n}{suffix}": unit for n, unit in zip(names, unit_of, strict=True)}
-    return Series("prediction", dict(columns), units)
+def is_allocated(voyage: Voyage) -> bool:
+    """Return whether commands were changed, if by rounding, to what the thrusters can give."""
+    return not voyage.positioned and not np.array_equal(voyage.log.applied, voyage.log.tau)
 
 
 def deployment_series(sailed: SimulatedMission, model: str) -> Series:
     """Return a deployment: pose, reference, set-point, velocity, force, error and weather."""
     voyage = sailed.voyage
     log, columns = voyage.log, SeriesColumns(voyage.dofs, voyage.t)
-    columns.add(log.eta, columns.poses)
-    columns.add(log.eta_d, columns.poses, after="_d")
-    columns.add(log.nu, columns.velocities)
-    columns.add(log.nu_d, columns.velocities, after="_d")
+    columns.add(log.eta, columns.pose)
+    columns.add(log.eta_d, columns.pose, "{}_d")
+    columns.add(log.nu, columns.velocity)
+    columns.add(log.nu_d, columns.velocity, "{}_d")
     if voyage.inputs:
-        columns.add(log.tau_actual, voyage.inputs)
-        columns.add(log.applied, voyage.inputs, after="_command")
+        inputs = dict.fromkeys(voyage.inputs, "")
+        columns.add(log.tau_actual, inputs)
+        columns.add(log.applied, inputs, "{}_command")
     if voyage.by_force:
-        columns.add(log.tau, columns.dofs, "tau_")
-        columns.add(log.tau_fb, columns.dofs, "tau_fb_")
+        columns.add(log.tau, columns.force, "tau_{}")
+        columns.add(log.tau_fb, columns.force, "tau_fb_{}")
     if is_allocated(voyage):
-        columns.add(log.applied, columns.dofs, "tau_applied_")
-    columns["e_pos"] = measure.position_error(log.eta_d, log.eta)
-    if columns.dofs == PLANAR:
-        columns["e_psi"] = measure.heading_error(log.eta_d, log.eta)
+        columns.add(log.applied, columns.force, "tau_applied_{}")
+    columns.add(measure.position_error(log.eta_d, log.eta), {"e_pos": "m"})
+    if voyage.dofs == notation.PLANAR:
+        columns.add(measure.heading_error(log.eta_d, log.eta), {"e_psi": "rad"})
     columns.add_weather(voyage.weather)
-    columns.add(log.setpoint, columns.poses, after="_setpoint")
-    columns.add(sailed.wind, columns.dofs, "wind_")
+    columns.add(log.setpoint, columns.pose, "{}_setpoint")
+    columns.add(sailed.wind, columns.force, "wind_{}")
     return columns.series(f"deployment_{model}")

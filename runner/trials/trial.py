@@ -6,60 +6,41 @@ So all methods are compared in the same weather, and the nominal and the identif
 """
 
 import logging
-from collections.abc import Iterable
 from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
 from seatrial.models.diagnostics import TRAINING_TIME, Diagnostic
-from seatrial.models.errors import ConfigurationError, Diverged
-from seatrial.models.excitation.information import persistence
-from seatrial.models.excitation.missions import Mission
+from seatrial.models.errors import Diverged
+from seatrial.models.excitation.information import Persistence, log_det, persistence
+from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.identification.auto import identified as protected
 from seatrial.models.identification.calibration import NO_MODEL_ERROR, calibrated
 from seatrial.models.identification.physical_constraints import unphysical
-from seatrial.models.identification.problem import Identified, Problem, with_interval
+from seatrial.models.identification.problem import Identified, Problem, lack_of_fit, with_interval
+from seatrial.models.recording.consistency import quality_checks
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.models.simulation.statespace import StateSpace
 from seatrial.models.simulation.voyage import recording_of
+from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices import validity
-from seatrial.models.vessel.table import Vessel
 from seatrial.runner.configuration.config import Trial
-from seatrial.runner.record import coefficient_rows, own_metrics
-from seatrial.runner.record.coefficient_rows import numbered
-from seatrial.runner.record.rows import Results
-from seatrial.runner.trials import (
-    berthing,
-    deployment_metrics,
-    excitation_results,
-    manoeuvre_results,
-    time_series,
-    validation_metrics,
-)
+from seatrial.runner.record.coefficient_rows import coefficients
+from seatrial.runner.record.rows import Results, Series, metrics
+from seatrial.runner.record.vocabulary import UNPHYSICAL
+from seatrial.runner.trials import recording_checks
 from seatrial.runner.trials.checks import check as check
-from seatrial.runner.trials.checks import measured, skipped
-from seatrial.runner.trials.closed_loop import (
-    ExcitationData,
-    MissionSetup,
-    SimulatedMission,
-    Streams,
-    drawn,
-    prepare,
-)
-from seatrial.runner.trials.tracking_intervals import tracking_intervals
+from seatrial.runner.trials.checks import measured
+from seatrial.runner.trials.checks import skipped as skipped
+from seatrial.runner.trials.closed_loop import ExcitationData, Streams, drawn, prepare, warn
+from seatrial.runner.trials.closed_loop import TrialDiverged as TrialDiverged
+from seatrial.runner.trials.deployment_metrics import UNREACHED, deploy, of_design, unreached
+from seatrial.runner.trials.time_series import SeriesColumns, recording_series
+from seatrial.runner.trials.validation_metrics import validate
 
 log = logging.getLogger(__name__)
-SAILED_AS_IDENTIFIED = "measured recording: the plant of the deployment is the identified model"
-WITHHELD = "the identified model is not deployed: {}; deploy_unphysical=true deploys it"
-
-
-class TrialDiverged(Diverged):
-    """A simulation diverged; `results` are those that are valid all the same."""
-
-    def __init__(self, error: Diverged, results: Results) -> None:
-        super().__init__(str(error), error.time_s, error.quantity)
-        self.results = results
+PASSAGE = -1.0  # in the column `manoeuvre` of the series `plan`
+ROLES = {"none": 0.0, "training": 1.0, "testing": 2.0}
 
 
 def run(trial: Trial) -> Results:
@@ -76,10 +57,10 @@ def run(trial: Trial) -> Results:
             thruster=trial.vessel.thruster,
         )
         results += of_excitation(trial, problem, excited)
-        identified, impossible = identify(trial, problem, streams)
+        identified = identify(trial, problem, streams)
         results += of_identification(problem, identified, excited)
-        results += validate(trial, problem, identified, excited)
-        results += deploy(trial, streams, problem.nominal, identified, impossible, excited.truth)
+        results += validate(trial, problem, identified, excited.truth)
+        results += deploy(trial, streams, problem.nominal, identified, excited.truth)
     except TrialDiverged as error:
         error.results = replace(results + error.results, drawn=streams.drawn())
         raise
@@ -97,7 +78,7 @@ def excite(trial: Trial, seeds: Streams) -> ExcitationData:
         split = excitation.split(recording.t, recording.file)
     else:
         prepared = prepare(trial, seeds, vessel.nominal(), excitation)
-        design = of_design(prepared, "nominal", "excitation: ")
+        design = of_design(prepared.design, "nominal", "excitation: ")
         try:
             sailed = prepared.sail()
         except Diverged as error:
@@ -110,204 +91,148 @@ def excite(trial: Trial, seeds: Streams) -> ExcitationData:
 
 
 def of_excitation(trial: Trial, problem: Problem, excited: ExcitationData) -> Results:
-    """The data: how well they tell the terms apart, what was out of reach, a file's quality."""
-    recording, sailed = excited.recording, excited.sailed
+    """The data: how well they tell the terms apart, what was out of reach, a file's quality.
+
+    The quality of a file are the largest errors of the velocity integrated, and of the position
+    differentiated.
+    """
+    recording, excitation, devices = excited.recording, trial.excitation, problem.nominal.devices
     reports = persistence(problem.training, problem.nominal, recording)
     warn("excitation: {}", filter(None, (report.warning() for report in reports)))
-    results = Results(
+    diagnostics = [row for report in reports for row in _identifiability(report)]
+    if devices and recording.inputs is not None:  # how long [s] they were outside of their data
+        x = recording.variables()
+        excesses = validity.excesses(devices, x, recording.period_s)
+        warn("excitation: {}", [*validity.doubts(devices, x), *(each.text for each in excesses)])
+        diagnostics += [
+            Diagnostic("outside", "all", each.seconds, "s", label=each.text) for each in excesses
+        ]
+    values: dict[str, object] = {}
+    if excited.sailed is not None and (share := unreached(excited.sailed.voyage)) is not None:
+        values["unreached_share"] = share
+        warn("excitation: {}", [UNREACHED.format(share)] if share else [])
+    if isinstance(excitation, RecordedFile):
+        for check, (measured, calculated) in quality_checks(recording).items():
+            values[f"{check}_error_max"] = np.max(np.abs(measured - calculated), axis=0)
+        diagnostics += recording_checks.diagnostics(excitation, recording.dofs)
+    rows = metrics("identification", "plant", recording.dofs, values)
+    results = Results(rows, diagnostics=diagnostics, series=[recording_series(excited)])
+    if isinstance(excitation, OptimalDesign):
+        results += Results(diagnostics=_counts(excitation))
+        if excitation.plan is not None:
+            results += _plan(excitation, excitation.plan.poses, recording.eta)
+    return results
+
+
+def _identifiability(report: Persistence) -> list[Diagnostic]:
+    """Return how well the training data distinguish the terms of the nominal model in one axis."""
+    numbers = {
+        "regressor_condition": report.condition,
+        "regressor_rank": float(report.rank),
+        "regressor_unknowns": float(len(report.terms)),
+        "spectral_lines": float(report.lines),
+    }
+    groups = [(name,) for name in report.unexcited] + list(report.inseparable)
+    return [
+        *(Diagnostic(name, report.dof, n) for name, n in numbers.items() if np.isfinite(n)),
+        *(Diagnostic("inseparable_terms", report.dof, 1.0 * len(group), i=i, label=" ".join(group))
+          for i, group in enumerate(groups)),
+    ]  # fmt: skip
+
+
+def _counts(mix: OptimalDesign) -> list[Diagnostic]:
+    """Return the count of every candidate, and how close the counts are to the optimum."""
+    counts = mix.counts
+    value = log_det(mix.gammas, np.array(list(counts.values())))
+    numbers = {"mix_log_det": value} if np.isfinite(value) else {}
+    columns = {"mix_count": list(counts.values())}
+    if mix.design == "optimal":
+        shares, gap = mix.weights
+        columns["mix_share"] = shares.tolist()
+        numbers["mix_gap"] = gap
+        numbers["mix_log_det_optimal"] = log_det(mix.gammas, shares)
+    return [
+        *(Diagnostic(name, "all", float(n), i=i, label=candidate)
+          for name, column in columns.items()
+          for i, (candidate, n) in enumerate(zip(counts, column, strict=False))),
+        *(Diagnostic(name, "all", number) for name, number in numbers.items()),
+    ]  # fmt: skip
+
+
+def _plan(mix: OptimalDesign, poses: Array, sailed: Array) -> Results:
+    """Return the planned poses (N, 3), the waters, and how closely the vessel followed the plan.
+
+    The series `plan` has the manoeuvre between each pose and the next, the series `waters` the
+    corners of the area (polygon 0) and of the obstacles, and the clearance.
+    """
+    waters, names, parts = mix.route.waters, list(mix.candidates), mix.schedule.phases
+    numbers = [PASSAGE if p.kind == "passage" else float(names.index(p.name)) for p in parts]
+    lengths, roles = [part.count for part in parts], [ROLES[part.role] for part in parts]
+    path = {
+        "t": mix.period_s * np.arange(len(poses), dtype=np.float64),
+        **dict(zip(("x", "y", "psi"), poses.T, strict=False)),
+        "manoeuvre": np.append(np.repeat(numbers, lengths), PASSAGE),
+        "role": np.append(np.repeat(roles, lengths), 0.0),
+    }
+    polygons = [np.array(corners, dtype=np.float64) for corners in waters.named.values()]
+    x, y = np.vstack(polygons).T
+    polygon = np.repeat(np.arange(1.0 * len(polygons)), [*map(len, polygons)])
+    area = {"polygon": polygon, "x": x, "y": y, "clearance": np.full(len(x), mix.route.clearance_m)}
+    units = {"t": "s", "x": "m", "y": "m", "psi": "rad", "clearance": "m"}
+    planned, followed = poses[:, :2], sailed[:, :2]
+    distances = {
+        "plan_clearance": np.min(waters.distance(planned)),
+        "plan_deviation": np.max(np.hypot(*(followed - planned[: len(sailed)]).T)),
+        "sailed_clearance": np.min(waters.distance(followed)),
+    }
+    return Results(
         diagnostics=[
-            *excitation_results.excitation_report(reports),
-            *_outside_of_devices(problem.nominal, excited),
+            Diagnostic("plan_duration", "all", (len(poses) - 1) * mix.period_s, "s"),
+            *(Diagnostic(name, "all", float(d), "m") for name, d in distances.items()),
         ],
-        series=[time_series.recording_series(recording, excited.training, sailed)],
+        series=[
+            Series(kind, columns, {name: units.get(name, "") for name in columns})
+            for kind, columns in (("plan", path), ("waters", area))
+        ],
     )
-    if sailed is not None:
-        unreached = deployment_metrics.unreached(sailed.voyage, "identification", "plant")
-        shares = [row.value for row in unreached if row.value]
-        warn(f"excitation: {deployment_metrics.UNREACHED}", shares)
-        results += Results(unreached)
-    if isinstance(file := trial.excitation, RecordedFile):
-        results += excitation_results.of_file(file, recording)
-    return results + excitation_results.mix_results(trial.excitation, excited)
 
 
-def _outside_of_devices(nominal: Vessel, excited: ExcitationData) -> list[Diagnostic]:
-    """Report where devices were outside of their data, for how long [s] and how far; warn of it."""
-    recording = excited.recording
-    if not nominal.devices or recording.inputs is None:
-        return []
-    x = recording.variables()
-    excesses = validity.excesses(nominal.devices, x, recording.period_s)
-    warn("excitation: {}", validity.doubts(nominal.devices, x))
-    warn("excitation: {}", (excess.text for excess in excesses))
-    return [Diagnostic("outside", "all", one.seconds, "s", label=one.text) for one in excesses]
-
-
-def identify(trial: Trial, problem: Problem, seeds: Streams) -> tuple[Identified, str | None]:
-    """Identify the model, and say what of it is physically impossible, with a diagnostic."""
+def identify(trial: Trial, problem: Problem, seeds: Streams) -> Identified:
+    """Identify the model; a diagnostic says what of it is physically impossible."""
     identifier, rng = trial.identifier, seeds.generator("identifier")
     began = perf_counter()
     result = protected(identifier, problem, rng)
     seconds = Diagnostic(TRAINING_TIME, "all", perf_counter() - began, "s")
     if trial.model_error:
         result = calibrated(identifier, problem, result)
-    identified = with_interval(
-        identifier, replace(result, diagnostics=(*result.diagnostics, seconds))
-    )
-    for note in identified.notes:
+    result = with_interval(identifier, replace(result, diagnostics=(*result.diagnostics, seconds)))
+    for note in result.notes:
         log.info("identification: %s", note)
-    warn("identification: {}", identified.warnings)
-    unknown = [one.label for one in identified.diagnostics if one.name == NO_MODEL_ERROR]
+    warn("identification: {}", result.warnings)
+    unknown = [one.label for one in result.diagnostics if one.name == NO_MODEL_ERROR]
     warn("intervals do not include the model error: {}", unknown)
-    impossible = unphysical(identified.model, problem.nominal, problem.training.nu)
-    if impossible:
-        diagnostic = Diagnostic("unphysical", "all", 1.0, label=impossible)
-        identified = replace(identified, diagnostics=(*identified.diagnostics, diagnostic))
-    return identified, impossible
+    if (flaw := unphysical(result.model, problem.nominal, problem.training.nu)) is None:
+        return result
+    diagnostic = Diagnostic(UNPHYSICAL, "all", 1.0, label=flaw)
+    return replace(result, diagnostics=(*result.diagnostics, diagnostic))
 
 
 def of_identification(problem: Problem, identified: Identified, excited: ExcitationData) -> Results:
-    """The coefficients, beside the nominal and the true ones, and the residual they explain."""
-    return Results(
-        coefficients=[
-            *coefficient_rows.coefficients(problem.nominal, identified, excited.truth),
-            *coefficient_rows.table_coefficients(numbered("stage", identified.stages)),
-            *coefficient_rows.state_space_coefficients(identified),
-        ],
-        diagnostics=identified.diagnostics,
-        series=[time_series.residual_series(excited, problem.nominal, identified)],
-    )
+    """The coefficients, beside the nominal and the true ones, and the residual they explain.
 
-
-def validate(
-    trial: Trial, problem: Problem, identified: Identified, excited: ExcitationData
-) -> Results:
-    """Predict what was not trained on: accelerations, free runs, and manoeuvres."""
-    tested, truth = problem.validation, excited.truth
-    metrics = validation_metrics.validation(tested, problem.nominal, identified, truth)
-    predicted = validation_metrics.predictions(problem, identified, truth, trial.horizons_s or ())
-    deviation, unknown = validation_metrics.deviation(problem, identified)
-    warn("prediction: {}", (one.label for one in (*predicted.diagnostics, *unknown)))
-    models = {"nominal": problem.nominal, "identified": identified.model}
-    if truth is not None:
-        models["plant"] = truth
-    own = own_metrics.validation_rows(trial.metrics, tested, models)
-    diagnostics = [
-        *predicted.diagnostics,
-        *unknown,
-        *validation_metrics.per_file(problem, identified),
-    ]
-    if isinstance(file := trial.excitation, RecordedFile):
-        length_m = manoeuvre_results.length_of(trial)
-        diagnostics += manoeuvre_results.manoeuvres(problem, identified, length_m, file.manoeuvre)
-    return Results(
-        [*metrics, *predicted.metrics, *own],
-        diagnostics=diagnostics,
-        series=[time_series.prediction_series(tested, predicted, deviation)],
-    ) + manoeuvre_results.manoeuvre_results(trial, models, identified)
-
-
-def deploy(
-    trial: Trial,
-    seeds: Streams,
-    nominal: Vessel,
-    identified: Identified,
-    impossible: str | None,
-    truth: Vessel | None,
-) -> Results:
-    """Simulate the evaluation with a controller built on the nominal and on the identified model.
-
-    Both are simulated in the same weather; an identified model that is physically impossible is
-    withheld. With `update`, a third simulation adapts the nominal model. After a measured recording
-    the plant is the identified model, as the true one is not known. Raises TrialDiverged.
-    `impossible` says why a model is physically impossible; `truth` is the plant, if it is known.
+    The series has the commanded force, and its residual for every model, over the recording.
     """
-    if (note := skipped(trial)) is not None:
-        return Results(note=note)
-    if withhold := impossible is not None and not trial.deploy_unphysical:
-        note = WITHHELD.format(impossible)
-        log.warning(note)
-    true = None
-    if truth is None:
-        if withhold:
-            return Results(note=note)
-        try:
-            identified.model.plant_table()
-        except ConfigurationError as error:
-            log.warning("deployment is skipped: %s", error)
-            return Results(note=f"measured recording: deployment is skipped: {error}")
-        true, note = identified.model, SAILED_AS_IDENTIFIED
-    controller, mission = trial.controller, evaluated(trial)
-    assert controller is not None
-    models: dict[str, Vessel | StateSpace] = {"nominal": nominal}
-    if not withhold:
-        linear = identified.control_model if controller.takes_state_space else None
-        models["identified"] = identified.model if linear is None else linear
-    if trial.update is not None:
-        models["adaptive"] = nominal
-    results, failure = Results(note=note), None
+    recording = excited.recording
+    columns = SeriesColumns(recording.dofs, recording.t)
+    columns.add(excited.training, {"train": ""})
+    columns.add(recording.tau, columns.force, "tau_{}")
+    models = {"nominal": problem.nominal, "identified": identified.model, "plant": excited.truth}
     for name, model in models.items():
-        prepared = prepare(trial, seeds, model, mission, deployed=True, true=true)
-        results += of_design(prepared, name)
-        try:
-            sailed = prepared.sail(adaptive=name == "adaptive")
-        except Diverged as error:
-            failure = Diverged(f"{name} model: {error}", error.time_s, error.quantity)
-            continue
-        results += of_voyage(trial, sailed, name)
-        results += berthing.berthing_results(mission, sailed, name)
-        if name == "identified" and true is not None:
-            intervals = tracking_intervals(trial, seeds, identified, mission, sailed)
-            results += Results(diagnostics=intervals)
-    if withhold:
-        results += Results(deployment_metrics.withheld(results.metrics))
-    if failure is not None:
-        raise TrialDiverged(failure, results)
-    return results
-
-
-def evaluated(trial: Trial) -> Mission:
-    """The mission of the evaluation, which may be that of the excitation once more."""
-    evaluation, excitation = trial.evaluation, trial.excitation
-    assert evaluation is not None
-    if isinstance(evaluation, Mission):
-        return evaluation
-    assert isinstance(excitation, Mission)
-    return evaluation.mission(excitation)
-
-
-def of_design(prepared: MissionSetup, model: str, where: str = "") -> Results:
-    """The properties of a controller's design on a model; warn of those that ask for it."""
-    results, warnings = deployment_metrics.of_design(prepared.design, model)
-    warn(f"{where}{{}}", warnings)
-    return results
-
-
-def of_voyage(trial: Trial, sailed: SimulatedMission, model: str) -> Results:
-    """How well a mission was tracked by a controller built on a model, and what that took."""
-    voyage, adapter = sailed.voyage, sailed.adapter
-    losses = deployment_metrics.losses(sailed, model)
-    warn("{}", losses)
-    results = Results(
-        [
-            *deployment_metrics.tracking_metrics(voyage, model, trial.sample_time_s),
-            *deployment_metrics.response_metrics(sailed, model),
-            *own_metrics.deployment_rows(trial.metrics, voyage, model),
-        ],
-        diagnostics=[
-            *deployment_metrics.warning_rows(losses),
-            *(replace(finding, label=model) for finding in sailed.findings),
-        ],
-        series=[time_series.deployment_series(sailed, model)],
+        if model is not None:
+            residual = lack_of_fit(recording, model, "commanded")
+            columns.add(residual, columns.force, f"residual_{name}_{{}}")
+    return Results(
+        coefficients=coefficients(problem.nominal, identified, excited.truth),
+        diagnostics=identified.diagnostics,
+        series=[columns.series("residual")],
     )
-    if adapter is not None:
-        versions = numbered("adaptive", (model for _, model, _ in adapter.versions))
-        rows = coefficient_rows.table_coefficients(versions)
-        results += Results(coefficients=rows, diagnostics=adapter.diagnostics())
-    return results
-
-
-def warn(text: str, reasons: Iterable[object]) -> None:
-    """Log a warning for each reason."""
-    for reason in reasons:
-        log.warning(text.format(reason))

@@ -185,7 +185,7 @@ def problems(trial: Trial, data: ExcitationData) -> list[Problem]:
 def found(trial: Trial, problem: Problem) -> tuple[str, np.ndarray]:
     """The model that is identified: its terms, coefficients and parameters of devices."""
     try:
-        model: Vessel = identify(trial, problem, Streams(trial.seed))[0].model
+        model: Vessel = identify(trial, problem, Streams(trial.seed)).model
     except IdentificationError as error:
         return str(error), np.zeros(0)
     terms = ", ".join(term.name for term in model.terms)

@@ -22,7 +22,7 @@ def mean_error(*options: str) -> Array:
     rows = []
     for seed in SEEDS:
         one = composed("experiment=positioning", *options, f"seed={seed}")
-        metrics = deployment_metrics.response_metrics(sailed(one, one.evaluation), "nominal")
+        metrics = deployment_metrics.mission_metrics(sailed(one, one.evaluation), "nominal")
         rows.append([float(m.value or 0.0) for m in metrics if m.name == "error_mae"])
     return np.asarray(np.mean(rows, axis=0))
 
@@ -48,7 +48,7 @@ def test_a_filter_as_wide_as_the_waves_spares_the_thrusters(controller: str) -> 
             "vessel=supply_vessel", "disturbance=rough", "evaluation=setpoints", *options,
             "sample_time_s=1.0", "integration_step_s=1.0", f"controller={controller}",
         )  # fmt: skip
-        metrics = deployment_metrics.response_metrics(sailed(one, one.evaluation), "nominal")
+        metrics = deployment_metrics.mission_metrics(sailed(one, one.evaluation), "nominal")
         found = {(m.name, m.dof): float(m.value or 0.0) for m in metrics}
         hits.append(sum(found["limit_hits", dof] for dof in ("surge", "sway", "yaw")))
         errors.append(found["error_mae", "surge"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import DOFS
+from seatrial.models.notation import DOFS, FORCE_UNIT, POSE_UNIT, VELOCITY_UNIT
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.table import Vessel
@@ -70,6 +70,16 @@ def test_a_mean_square_has_the_square_of_the_unit_of_the_mean() -> None:
         for dof in dofs:
             unit = mean.unit_of(dof)
             assert square.unit_of(dof) in (f"{unit}^2", f"({unit})^2")
+
+
+def test_units_are_those_of_the_notation_and_predictions_have_every_horizon() -> None:
+    assert catalogue.declared("tau_mean_abs").unit == FORCE_UNIT
+    for horizon in catalogue.HORIZONS:
+        for quantity, units in (("pose", POSE_UNIT), ("velocity", VELOCITY_UNIT)):
+            assert catalogue.declared(f"{quantity}_rmse_{horizon}").unit == units
+            for score in ("fit", "r2", "vaf"):
+                one = catalogue.declared(f"{quantity}_{score}_{horizon}")
+                assert (one.better, one.score) == ("higher", True)
 
 
 def test_what_is_not_declared_is_not_stored() -> None:

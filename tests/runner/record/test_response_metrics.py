@@ -43,9 +43,8 @@ def sailed() -> SimulatedMission:
 def values() -> dict[tuple[str, str], tuple[float, str]]:
     one = sailed()
     found = [
-        *deployment_metrics.response_metrics(one, "nominal"),
-        *deployment_metrics.tracking_metrics(one.voyage, "nominal", H),
-        *deployment_metrics.of_design(one.design, "nominal")[0].metrics,
+        *deployment_metrics.mission_metrics(one, "nominal"),
+        *deployment_metrics.of_design(one.design, "nominal").metrics,
     ]  # fmt: skip
     assert {(metric.stage, metric.model) for metric in found} == {("deployment", "nominal")}
     return {(m.name, m.dof): (float(m.value or 0.0), m.unit) for m in found}
@@ -87,7 +86,7 @@ def test_a_mission_with_stands_has_the_figures_of_its_steps() -> None:
     log.eta[175:, 0], log.eta[190:, 0], log.eta[200:, 0] = 1.0, 10.4, 10.1
     calm = Weather(*(np.zeros((n, 3)) for _ in range(4)))
     voyage = Voyage(H * np.arange(n), log, PLANAR, calm, True)
-    found = deployment_metrics.response_metrics(
+    found = deployment_metrics.mission_metrics(
         SimulatedMission(voyage, H, ControlDesign(PLANAR, np.zeros(3))), "identified"
     )
     surge = {m.name: (m.value, m.unit) for m in found if m.dof == "surge"}

@@ -10,8 +10,7 @@ from seatrial.models.identification.model_error import ModelError
 from seatrial.models.identification.problem import Identified
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.trials.closed_loop import Streams, prepare
-from seatrial.runner.trials.deployment_metrics import tracking_metrics
-from seatrial.runner.trials.tracking_intervals import HIGH, LOW, tracking_intervals
+from seatrial.runner.trials.deployment_metrics import HIGH, LOW, mission_metrics, tracking_intervals
 from tests.trials import asked_for, excited
 
 OPTIONS = (
@@ -35,7 +34,7 @@ def bounds(trial: Trial, identified: Identified) -> dict[str, float]:
     own = prepare(trial, seeds, model, mission, deployed=True, true=model).sail()
     found = tracking_intervals(trial, seeds, identified, mission, own)
     values = {row.name: row.value for row in found if row.label == "e_pos_mae"}
-    rows = tracking_metrics(own.voyage, "identified", own.period_s)
+    rows = mission_metrics(own, "identified")
     values |= {row.name: row.value for row in rows if row.name == "e_pos_mae"}
     return {name: value for name, value in values.items() if value is not None}
 
