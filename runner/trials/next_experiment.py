@@ -32,7 +32,7 @@ from seatrial.models.excitation.next_experiment import (
 from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.identification.problem import Problem
 from seatrial.models.notation import MEASURES, OrderedManoeuvre
-from seatrial.models.planning.dubins import Arc, dubins, poses_along
+from seatrial.models.planning.dubins import Arc, dubins, poses_at
 from seatrial.models.planning.dubins import length_of as length_of_path
 from seatrial.models.planning.planner import Waters, clear, inside, simplified
 from seatrial.models.recording.recording import Recording, end_to_end
@@ -349,7 +349,7 @@ class SteeredPlanner(Sea):
         free, track = self.waters.free(STRAY * self.family.length_m), self._track(motion)
         if free.is_empty:
             return
-        end, radius, found = self.start, self.circle[0], []
+        end, radius, found, shares = self.start, self.circle[0], [], np.linspace(0.0, 1.0, 100)
         if steps:
             end = self.known.sailed(replace(self.family, steps=steps)).eta[-1]
         south, west, north, east = free.bounds
@@ -363,10 +363,10 @@ class SteeredPlanner(Sea):
                 there = dubins(end, np.array([*point, heading]), radius)
                 back = dubins(last, self.start, radius)
                 found.append((length_of_path(there) + length_of_path(back), there))
-        possible = (
-            path for _, path in sorted(found, key=lambda each: each[0])
-            if clear(free, poses_along(end, path, radius, 0.25 * radius)[:, :2], ORIGIN)[0]
-        )  # fmt: skip
+        found.sort(key=lambda each: each[0])
+        tracks = (poses_at(end, path, radius, shares * length_of_path(path)) for _, path in found)
+        possible = (path for (_, path), track in zip(found, tracks, strict=True)
+                    if clear(free, track[:, :2], ORIGIN)[0])  # fmt: skip
         yield from (self._join(path, APPROACH) for path in islice(possible, PLACES))
 
     def node(self, sailed: Sailed, expected: Mapping[str, float]) -> dict[str, object]:
