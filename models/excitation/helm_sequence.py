@@ -106,12 +106,11 @@ class HelmSequence(HelmsmanMission):
     def rows(self) -> Iterator[tuple[float, str]]:
         """Begin [s] of each step, and what the helm does."""
         for begin, step in zip(self.edges_s, self.steps, strict=False):
-            text = f"{self.helm} {self.in_words(step.order)}"
+            text, turn = f"{self.helm} {self.in_words(step.order)}", step.turn_deg
             if step.kind == "zigzag":
-                text += f", to the other side at {step.turn_deg:g} deg"
+                text += f", to the other side at {turn:g} deg"
             elif step.kind == "turn":
-                turn = f"{text} for a turn by {step.turn_deg:.0f} deg, then straight"
-                text = turn if step.turn_deg else "straight"
+                text = f"{text} for a turn by {turn:.0f} deg, then straight" if turn else "straight"
             yield float(begin), text
 
     def manoeuvres(self) -> Iterator[tuple[str, tuple[HelmStep, ...]]]:

@@ -38,14 +38,12 @@ from seatrial.runner.trials.next_experiment import (
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pymap3d
     import shapely
 else:
     import lazy_loader
 
-    pd = lazy_loader.load("pandas")  # slow to import
-    pymap3d = lazy_loader.load("pymap3d")
+    pymap3d = lazy_loader.load("pymap3d")  # slow to import
     shapely = lazy_loader.load("shapely")
 
 app = typer.Typer(name="seatrial next", pretty_exceptions_enable=False, add_completion=False)
@@ -217,9 +215,11 @@ def write_files(
 
     `marks` are the begin [s] and the name of each manoeuvre. Returns the files.
     """
+    from matplotlib.figure import Figure  # slow to import
+
     folder.mkdir(parents=True, exist_ok=True)
     names = ("excitation.yaml", "track.geojson", "track.csv", "track.svg", "track.gpx")
-    sheet, shapes, table, figure, gpx = files = [folder / name for name in names]
+    sheet, shapes, table, picture, gpx = files = [folder / name for name in names]
     plain = json.loads(json.dumps(node, default=np.generic.item))  # lists, no aliases
     text = yaml.safe_dump(plain, sort_keys=False, width=100)
     sheet.write_text(f"# Chosen by seatrial next.\n{text}", encoding="utf-8")
@@ -231,9 +231,17 @@ def write_files(
     shapes.write_text(shapely.to_geojson(both), encoding="utf-8")
     acting = motion.tau if motion.inputs is None else motion.inputs
     own = [f"tau_{dof}" for dof in motion.dofs] if motion.inputs is None else motion.input_names
-    values = np.round(np.column_stack([motion.t, motion.eta, acting]), 6)
-    pd.DataFrame(values, columns=["t", "north", "east", "psi", *own]).to_csv(table, index=False)
-    _draw(figure, motion, [name for _, name in marks], begins, waters)
+    head, values = ["t", "north", "east", "psi", *own], [motion.t, *motion.eta.T, *acting.T]
+    np.savetxt(table, np.array(values).T, "%.6f", ",", header=",".join(head), comments="")
+    figure = Figure(figsize=(6.0, 6.0), layout="constrained")
+    axes = figure.add_subplot(xlabel="east [m]", ylabel="north [m]", aspect="equal")
+    for name, ring in ({} if waters is None else waters.named).items():
+        axes.fill(*np.array(ring)[:, ::-1].T, fill=name != "area", color="0.7")
+    axes.plot(motion.eta[:, 1], motion.eta[:, 0])
+    for i, ((_, name), (north, east)) in enumerate(zip(marks, begins, strict=True), 1):
+        axes.plot(east, north, marker=f"${i}$", linestyle="", label=name)
+    axes.legend(fontsize="x-small")
+    figure.savefig(picture)
     if origin is None:
         return files[:-1]
     way = "".join(f'<wpt lat="{lat}" lon="{lon}"><name>{escape(name)}</name></wpt>'
@@ -244,20 +252,3 @@ def write_files(
         f"<trk><trkseg>{sailed}</trkseg></trk></gpx>\n", encoding="utf-8"
     )  # fmt: skip
     return files
-
-
-def _draw(
-    file: Path, motion: Recording, names: Sequence[str], points: Array, waters: Waters | None
-) -> None:
-    """Draw the track and the beginnings of manoeuvres in the waters, north up."""
-    from matplotlib.figure import Figure  # slow to import
-
-    figure = Figure(figsize=(6.0, 6.0), layout="constrained")
-    axes = figure.add_subplot(xlabel="east [m]", ylabel="north [m]", aspect="equal")
-    for name, ring in ({} if waters is None else waters.named).items():
-        axes.fill(*np.array(ring)[:, ::-1].T, fill=name != "area", color="0.7")
-    axes.plot(motion.eta[:, 1], motion.eta[:, 0])
-    for i, (name, (north, east)) in enumerate(zip(names, points, strict=True), 1):
-        axes.plot(east, north, marker=f"${i}$", linestyle="", label=name)
-    axes.legend(fontsize="x-small")
-    figure.savefig(file)
