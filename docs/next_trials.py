@@ -27,10 +27,9 @@ from seatrial.models.excitation.next_experiment import (
     Purpose,
     acceleration,
     doubted,
-    half_widths,
-    parameters,
     ranked,
 )
+from seatrial.models.excitation.optimal_design import OptimalDesign
 from seatrial.models.identification.uncertainty import long_run_share
 from seatrial.models.recording.recording import Recording
 from seatrial.models.simulation.voyage import recording_of
@@ -38,7 +37,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.devices.device import with_parameters
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.commands.next import trial_of
-from seatrial.runner.configuration.config import Trial
+from seatrial.runner.configuration.config import Trial, build_as
 from seatrial.runner.trials import next_experiment
 from seatrial.runner.trials.closed_loop import Streams, prepare
 from seatrial.runner.trials.next_experiment import (
@@ -118,17 +117,16 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
     """Time, width and error of each arm and seed of a vessel."""
     name, target = TASKS[task]
     noisy, windy = trial_of(task, "noise"), trial_of(task, "[wind,noise]")
-    calm = replace(noisy, disturbance=type(noisy.disturbance)())
-    known = next_experiment.nominal(calm, noisy, DOUBT)
-    planner = planner_of(known, None, np.zeros(3), np.inf)
+    known = next_experiment.nominal(noisy, DOUBT)
+    planner = planner_of(known, None, (0.0, 0.0, 0.0), np.inf)
     belief, candidates = known.belief, planner.candidates
     told = np.array([known.information(each.motion) for each in candidates])
     seconds = np.array([each.seconds for each in candidates])
-    value = _value(known, name)
+    value, _ = next_experiment.value_of(known, name)
     fixed = d_optimal(told, seconds)
-    standard = imo([c.name for c in candidates], isinstance(calm.excitation, HelmSequence))
+    standard = imo([c.name for c in candidates], isinstance(noisy.excitation, HelmSequence))
     orders: dict[str, Callable[[int, Purpose, Array], int]] = {
-        "next": lambda k, purpose, H: int(ranked(purpose, H, told, seconds)[0][0]),
+        "next": lambda k, purpose, H: ranked(purpose, H, told, seconds)[0],
         "D-optimal": lambda k, purpose, H: fixed[k % len(fixed)],
         "IMO": lambda k, purpose, H: standard[k % len(standard)],
     }
@@ -149,20 +147,12 @@ def trial(task: str, seeds: int) -> Iterator[dict[str, object]]:
                 except SeatrialError:  # the estimate cannot be sailed: not reached
                     width = float("inf")
                     break
-                width = float(half_widths(purpose.gradient, np.asarray(np.linalg.inv(state[1])))[0])
+                width = purpose.width(state[1] - np.eye(m))
                 if width <= target:
                     break
             error = 100.0 * (real / centre - 1.0)
             yield {"vessel": task, "arm": arm, "seed": seed, "minutes": spent / 60.0,
                    "width": width, "error": error}  # fmt: skip
-
-
-def _value(known: next_experiment.Known, name: str) -> Callable[[Vessel], Array]:
-    """What is predicted, of a model: a measure or a coefficient."""
-    if name not in known.belief.labels:
-        return next_experiment.value_of(known, name)[0]
-    place = known.belief.labels.index(name)
-    return lambda model: parameters(model, known.belief.draws[0])[place : place + 1]
 
 
 def d_optimal(told: Array, seconds: Array) -> list[int]:
@@ -182,7 +172,7 @@ def _purpose(
     near = about(belief, state[0])
     own = value(near.model)
     gradient = near.gradient(np.array([value(each) for each in near.draws]), own)
-    return Purpose(name, "%", 100.0 * gradient / own), float(own[0])
+    return Purpose(name, 100.0 * gradient / own), float(own[0])
 
 
 def _sailed(
@@ -195,10 +185,11 @@ def _sailed(
     """The recording of the true vessel in noise and wind."""
     family = windy.excitation
     if isinstance(family, HelmSequence):
-        mission = replace(family, steps=candidate.steps)
+        mission = replace(family, steps=candidate.own)
     else:
-        assert candidate.node is not None and isinstance(planner, ForcePlanner)  # noqa: PT018
-        mission = planner.design({candidate.name: candidate.node})  # type: ignore[assignment]
+        assert isinstance(planner, ForcePlanner)
+        node = planner.node({candidate.name: candidate.own})
+        mission = build_as(OptimalDesign, node, "excitation")  # type: ignore[assignment]
     setup = prepare(windy, Streams(seed), windy.vessel.nominal(), mission, true=truth)
     voyage = setup.sail().voyage
     return replace(recording_of(voyage, voyage.weather), wind=None)

@@ -96,6 +96,22 @@ def to_axes(turning: bool, psi: float, vector: Array, out: Array) -> None:
 
 
 @lean_kernel
+def add_product(matrix: Array, vector: Array, out: Array) -> None:
+    """Add a matrix times a vector to `out`."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            out[i] += matrix[i, j] * vector[j]
+
+
+@lean_kernel
+def product(matrix: Array, vector: Array, out: Array) -> None:
+    """Write a matrix times a vector to `out`."""
+    for i in range(matrix.shape[0]):
+        out[i] = 0.0
+    add_product(matrix, vector, out)
+
+
+@lean_kernel
 def heading(observer: Observer, x: Array) -> float:
     """Heading of the axes in which the model holds [rad]."""
     return x[2] if observer.turning else 0.0
@@ -118,11 +134,9 @@ def known_force(
         if noise and row < outlook.wind_noise.shape[0]:
             ahead += outlook.wind_noise[row, 0]
             aside += outlook.wind_noise[row, 1]
-        u = velocity[observer.north] if observer.north >= 0 else 0.0
-        v = velocity[observer.east] if observer.east >= 0 else 0.0
-        fill_air_kernel(
-            z, u - ahead if observer.north >= 0 else 0.0, v - aside if observer.east >= 0 else 0.0
-        )
+        u = velocity[observer.north] - ahead if observer.north >= 0 else 0.0
+        v = velocity[observer.east] - aside if observer.east >= 0 else 0.0
+        fill_air_kernel(z, u, v)
     features_kernel(observer.still.codes, z, observer.phi)
     weighted_sum_kernel(observer.still.theta, observer.phi, out)
     for i in range(out.shape[0]):
@@ -131,30 +145,42 @@ def known_force(
 
 @lean_kernel
 def estimate(observer: Observer, past: Memory, eta: Array, nu: Array) -> None:
-    """Update the state to this instant: predict and correct it, or take the measured one."""
-    m = eta.shape[0]
-    for i in range(past.x.shape[0]):
-        past.x_last[i] = past.x[i]
-    if past.instant[0] == 0:
-        for i in range(past.x.shape[0]):
-            past.x[i] = 0.0
-            for j in range(m):
-                past.x[i] += observer.start[i, j] * eta[j]
-    elif not observer.measured:
-        _predict(observer, past)
+    """Update the state to this instant: predict and correct it, or take the measured one.
+
+    x <- A x + B (u + d + b + a) is in the body axes of the last sample, relative to its pose. Then
+    b <- exp(-h / T) b.
+    """
+    x, local, moved, force = past.x, observer.local, observer.moved, observer.force
+    m, turning = eta.shape[0], observer.turning
+    for i in range(x.shape[0]):
+        past.x_last[i] = x[i]
     if observer.measured:
-        psi = eta[2] if observer.turning else 0.0
         for i in range(m):
-            past.x[i], observer.error[i] = eta[i], nu[i]
-        to_axes(observer.turning, -psi, observer.error, past.x[m:])
-    elif past.instant[0] > 0:
+            x[i], observer.error[i] = eta[i], nu[i]
+        to_axes(turning, -heading(observer, x), observer.error, x[m:])
+    elif past.instant[0] == 0:
+        product(observer.start, eta, x)
+    else:
+        psi = heading(observer, x)
+        to_axes(turning, psi, past.bias, force)
+        for i in range(force.shape[0]):
+            force[i] += past.command[i] + past.known[i] + past.added[i]
+            past.bias[i] *= observer.bias_decay
+        to_axes(turning, psi, x, local)
+        if turning:
+            local[0] = local[1] = local[2] = 0.0
+        product(observer.A, local, moved)
+        add_product(observer.B, force, moved)
+        to_axes(turning, -psi, moved, local)
+        for i in range(x.shape[0]):
+            x[i] = local[i] + (x[i] if turning and i < 3 else 0.0)
         correct(observer, past, eta)
 
 
 @lean_kernel
 def correct(observer: Observer, past: Memory, eta: Array) -> None:
     """x <- x + M (y - C x), with the innovation in the predicted body axes."""
-    x, error, change = past.x, observer.error, observer.moved
+    x, error, change, r = past.x, observer.error, observer.moved, past.bias.shape[0]
     for i in range(error.shape[0]):
         change[i] = eta[i]
         for j in range(x.shape[0]):
@@ -165,48 +191,14 @@ def correct(observer: Observer, past: Memory, eta: Array) -> None:
     to_axes(observer.turning, psi, change[: error.shape[0]], error)
     if observer.turning:
         error[2] = wrap_kernel(error[2])
-    for i in range(x.shape[0]):
-        observer.local[i] = 0.0
-        for j in range(error.shape[0]):
-            observer.local[i] += observer.M[i, j] * error[j]
+    product(observer.M, error, observer.local)
     to_axes(observer.turning, -psi, observer.local, change)
     for i in range(x.shape[0]):
         x[i] += change[i]
-    for i in range(past.bias.shape[0]):
-        observer.force[i] = 0.0
-        for j in range(error.shape[0]):
-            observer.force[i] += observer.bias_gain[i, j] * error[j]
-    to_axes(observer.turning, -psi, observer.force, observer.local[: past.bias.shape[0]])
-    for i in range(past.bias.shape[0]):
+    product(observer.bias_gain, error, observer.force)
+    to_axes(observer.turning, -psi, observer.force, observer.local[:r])
+    for i in range(r):
         past.bias[i] += observer.local[i]
-
-
-@lean_kernel
-def _predict(observer: Observer, past: Memory) -> None:
-    """x <- A x + B (u + d + b + a), in the body axes of the last sample, relative to its pose.
-
-    Then b <- exp(-h / T) b.
-    """
-    x, local, moved, force = past.x, observer.local, observer.moved, observer.force
-    n, r = x.shape[0], past.command.shape[0]
-    psi = heading(observer, x)
-    to_axes(observer.turning, psi, past.bias, force)
-    for i in range(r):
-        force[i] += past.command[i] + past.known[i] + past.added[i]
-    to_axes(observer.turning, psi, x, local)
-    if observer.turning:
-        local[0] = local[1] = local[2] = 0.0
-    for i in range(n):
-        moved[i] = 0.0
-        for j in range(n):
-            moved[i] += observer.A[i, j] * local[j]
-        for j in range(r):
-            moved[i] += observer.B[i, j] * force[j]
-    to_axes(observer.turning, -psi, moved, local)
-    for i in range(n):
-        x[i] = local[i] + (x[i] if observer.turning and i < 3 else 0.0)
-    for i in range(r):
-        past.bias[i] *= observer.bias_decay
 
 
 @lean_kernel
@@ -214,12 +206,10 @@ def remember(
     observer: Observer, past: Memory, psi: float, eta: Array, known: Array, outlook: Outlook
 ) -> None:
     """Store the pose, the known disturbance and the added force for the next sample."""
+    if observer.smooth:
+        product(observer.C, past.x, past.y_last)
     for i in range(eta.shape[0]):
-        if observer.smooth:
-            past.y_last[i] = 0.0
-            for j in range(past.x.shape[0]):
-                past.y_last[i] += observer.C[i, j] * past.x[j]
-        elif np.isfinite(eta[i]):
+        if np.isfinite(eta[i]) and not observer.smooth:
             past.y_last[i] = eta[i]
     k = past.instant[0]
     for i in range(known.shape[0]):
@@ -227,17 +217,6 @@ def remember(
             past.known[i] = known[i]
         past.added[i] = outlook.added[k, i] if k < outlook.added.shape[0] else 0.0
     past.axes[0] = psi
-
-
-@lean_kernel
-def accept(past: Memory, tau: Array, limits: Array, limited: bool) -> None:
-    """Store the command tau [N, Nm] within the limits; if it is not finite, hold the last one."""
-    for i in range(tau.shape[0]):
-        if not np.isfinite(tau[i]):
-            past.failures[0] += 1
-            return
-    for i in range(tau.shape[0]):
-        past.command[i] = min(max(tau[i], -limits[i]), limits[i]) if limited else tau[i]
 
 
 @dataclass(frozen=True)
@@ -277,14 +256,11 @@ class Kalman:
         A, C, h = model.A, model.C, design.period_s
         bias = np.zeros((r, len(C)))
         if not design.physical:
-            if self.estimate_bias:
+            if self.estimate_bias or model.K is None:
+                got = "estimate_bias" if self.estimate_bias else "a model without innovations gain"
                 raise ConfigurationError(
-                    "controller.kalman.estimate_bias: got true, expected false for an identified "
-                    "state-space model, which has no separate noise model for each axis"
-                )
-            if model.K is None:
-                raise ConfigurationError(
-                    "controller: the state-space model has no innovations gain K, expected one"
+                    f"controller.kalman: got {got}, expected the gain of an identified state-space "
+                    "model"
                 )
             M = np.linalg.lstsq(A, model.K, rcond=None)[0]  # of K = A M
             return np.asarray(M, dtype=np.float64), bias
@@ -323,30 +299,23 @@ def observer_of(design: DesignModel, kind: Estimator, kalman: Kalman) -> Observe
 
     Raises ConfigurationError for an estimator that does not fit the model.
     """
-    model, (n, r) = design.model, design.model.B.shape
-    m = len(model.C)
-    if kind == "measured" and not design.physical:
+    model, (n, r), m = design.model, design.model.B.shape, len(design.model.C)
+    measured, velocities = kind == "measured", ("surge", "sway")
+    if measured and (kalman.estimate_bias or not design.physical):
         raise ConfigurationError(
-            "controller.estimator: got measured, expected kalman for an identified state-space "
-            "model, whose state cannot be measured"
+            "controller.estimator: got measured, expected kalman for kalman.estimate_bias and for "
+            "an identified state-space model, whose state cannot be measured"
         )
-    if kind == "measured" and kalman.estimate_bias:
-        raise ConfigurationError(
-            "controller.kalman.estimate_bias: got true, expected false with estimator=measured"
-        )
-    M, bias = (np.zeros((n, m)), np.zeros((r, m))) if kind == "measured" else kalman.gains(design)
-    still = design.still.force_table()
-    z = np.zeros(2 * N_VARIABLES)
+    M, bias = (np.zeros((n, m)), np.zeros((r, m))) if measured else kalman.gains(design)
+    still, z = design.still.force_table(), np.zeros(2 * N_VARIABLES)
     z[CONSTANT] = z[N_VARIABLES + CONSTANT] = 1.0
-    north, east = (
-        design.dofs.index(dof) if dof in design.dofs else -1 for dof in ("surge", "sway")
-    )
+    own = model.A, model.B / design.limits, model.C, M, design.limits[:, None] * bias
+    A, B, C, M, bias, start = map(np.ascontiguousarray, (*own, design.start()))
+    north, east = (design.dofs.index(dof) if dof in design.dofs else -1 for dof in velocities)
     return Observer(
-        _contiguous(model.A), _contiguous(model.B / design.limits), _contiguous(model.C),
-        _contiguous(M), _contiguous(design.limits[:, None] * bias), _contiguous(design.start()),
-        design.limits.copy(), kalman.bias_decay(design.period_s), design.turning,
-        kind == "measured", kalman.estimate_bias, still, north, east, z,
-        np.zeros(len(still.codes)), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(r),
+        A, B, C, M, bias, start, design.limits, kalman.bias_decay(design.period_s), design.turning,
+        measured, kalman.estimate_bias, still, north, east, z, np.zeros(len(still.codes)),
+        np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(r),
     )  # fmt: skip
 
 
@@ -356,7 +325,3 @@ def estimator_diagnostics(table: Observer) -> list[Diagnostic]:
         return []
     error = table.A - table.A @ table.M @ table.C
     return [Diagnostic("estimator_radius", "all", spectral_radius(error))]
-
-
-def _contiguous(values: Array) -> Array:
-    return np.ascontiguousarray(values, dtype=np.float64)

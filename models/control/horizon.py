@@ -67,18 +67,14 @@ class Horizon:
     @cached_property
     def prediction(self) -> tuple[Array, Array]:
         """Matrices O (N m, n) and F (N m, N r) of y = O x_0 + F (u + d), (3.89)-(3.91)."""
-        n, r, m = self.sizes
-        reached, free = self.B, self.C @ self.A
-        observability = np.zeros((self.steps, m, n))
-        response = np.zeros((self.steps, m, r))
-        for i in range(self.steps):
-            observability[i], response[i] = free, self.C @ reached
-            free, reached = free @ self.A, self.A @ reached
-        F = np.zeros((self.steps, m, self.steps, r))
-        for i in range(self.steps):
-            for j in range(i + 1):
-                F[i, :, j, :] = response[i - j]
-        return observability.reshape(-1, n), F.reshape(self.steps * m, self.steps * r)
+        free, reached, (_, r, m), N = [self.C @ self.A], [self.B], self.sizes, self.steps
+        for _ in range(1, N):
+            free.append(free[-1] @ self.A)
+            reached.append(self.A @ reached[-1])
+        ago = np.subtract.outer(np.arange(N), np.arange(N))[..., None, None]
+        response = np.array([self.C @ each for each in reached])[ago[..., 0, 0]]
+        F = np.where(ago >= 0, response, 0.0)  # (N, N, m, r)
+        return np.vstack(free), F.swapaxes(1, 2).reshape(N * m, N * r)
 
     def over(self, weight: Array) -> Array:
         """Block-diagonal matrix of a weight, repeated for each step of the horizon."""
@@ -111,16 +107,18 @@ def standard(h: Horizon) -> Quadratic:
     (n, r, m), N = h.sizes, h.steps
     nu, nx, ny = N * r, N * n, N * m
     model, shift = _model_rows(h)
-    f = np.zeros((nu + nx + 2 * ny, h.width))
-    output = np.hstack([np.zeros((ny, nu)), -h.over(h.C), np.zeros((ny, ny)), np.eye(ny)])
-    error = np.hstack([np.zeros((ny, nu + nx)), np.eye(ny), -np.eye(ny)])
-    rows = np.vstack([np.hstack([model, np.zeros((nx, 2 * ny))]), output, error])
+    one, none = np.eye(ny), np.zeros((ny, ny))
+    rows = np.block([
+        [model, np.zeros((nx, 2 * ny))],
+        [np.zeros((ny, nu)), -h.over(h.C), none, one],
+        [np.zeros((ny, nu + nx)), one, -one],
+    ])  # fmt: skip
     reference = np.zeros((ny, h.width))
-    reference[:, h.parameters[1]] = -np.eye(ny)
+    reference[:, h.parameters[1]] = -one
     shift = np.vstack([np.zeros((nu, h.width)), shift, np.zeros((ny, h.width)), reference])
-    H = scipy.linalg.block_diag(h.over(h.P), np.zeros((nx, nx)), h.over(h.Q), np.zeros((ny, ny)))
+    H = scipy.linalg.block_diag(h.over(h.P), np.zeros((nx, nx)), h.over(h.Q), none)
     bound = np.concatenate([np.ones(nu), np.zeros(len(rows))])
-    return Quadratic(H, f, rows, shift, bound, nu)
+    return Quadratic(H, np.zeros((len(H), h.width)), rows, shift, bound, nu)
 
 
 def reduced(h: Horizon) -> Quadratic:

@@ -2,8 +2,15 @@
 
     u_0 = G theta,  theta = (x_0, r_1 ... r_N, d_0 ... d_{N-1}, u_{-1})
 
-The law of `horizon` without limits, and with N = 1 the linear-quadratic regulator of `lqi`. In the
-formulation `increments` x_0 is (Delta x_0, y_{-1}), d are increments, and u_0 = u_{-1} + G theta.
+The law of `horizon` without limits, and with N = 1 the linear-quadratic regulator with integral
+action. In the formulation `increments` x_0 is (Delta x_0, y_{-1}), d are increments, and
+u_0 = u_{-1} + G theta. The regulator is in this form, Bargouth (2022), (3.38)-(3.46):
+
+    J = 1/2 sum (y_k - r)' Q (y_k - r) + Delta u_k' P Delta u_k
+    u_k = u_{k-1} + G1 (x_k - x_{k-1}) + G2 (y_{k-1} - r_k)
+
+A constant disturbance cancels in the increments, so it leaves no steady-state error. At an
+amplitude limit the increment is clipped, which prevents integral windup.
 """
 
 from abc import abstractmethod
@@ -19,22 +26,21 @@ from seatrial.models.control.estimator import (
     Kalman,
     Memory,
     Observer,
-    accept,
     estimate,
     estimator_diagnostics,
     heading,
     known_force,
     memory,
     observer_of,
+    product,
     remember,
     to_axes,
 )
-from seatrial.models.control.linear_design import DesignModel, check_weights, design_model
+from seatrial.models.control.linear_design import DesignModel, check_weights, design_model, riccati
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
-from seatrial.models.notation import FORCE_UNIT, POSE_UNIT
 from seatrial.models.simulation.registry import CONTROLLERS, Parameters
-from seatrial.models.simulation.statespace import spectral_radius
+from seatrial.models.simulation.statespace import StateSpace, spectral_radius
 from seatrial.models.simulation.voyage import NO_OUTLOOK, Outlook
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.tuning import FromVessel
@@ -57,12 +63,7 @@ class LinearTable(NamedTuple):
 
     observer: Observer
     outlook: Outlook
-    gain: Array  # as of Law
-    steps: int
-    increments: bool
-    setpoints: bool
-    winds: bool
-    regulator: bool
+    law: Law
     limited: bool  # the last command is kept within the limits
     every: int  # number of loop instants between two commands
     theta: Array  # (width,) parameters of the problem
@@ -74,7 +75,7 @@ class LinearTable(NamedTuple):
     tau: Array  # (r,)
 
 
-def write_parameters(law: LinearTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -> None:
+def write_parameters(table: LinearTable, past: Memory, eta: Array, nu: Array, eta_d: Array) -> None:
     """Update the memory to this instant and write theta = (x_0, r, d, u_{-1}) in body axes.
 
     If the axes turn, positions are relative to the estimated pose, or to the last measured pose in
@@ -82,84 +83,78 @@ def write_parameters(law: LinearTable, past: Memory, eta: Array, nu: Array, eta_
     """
     n, m = past.x.shape[0], eta.shape[0]
     r, k = past.command.shape[0], past.instant[0]
-    table, theta, limits = law.observer, law.theta, law.observer.limits
-    estimate(table, past, eta, nu)
-    psi = heading(table, past.x)
-    _state(law, past, eta, psi)
+    observer, law, theta, ahead = table.observer, table.law, table.theta, table.outlook.reference
+    turning, rows = observer.turning, ahead.shape[0]
+    estimate(observer, past, eta, nu)
+    psi = heading(observer, past.x)
+    _state(table, past, eta, psi)
     at = n + law.increments * m
     shift = 0.0
     for i in range(law.steps):
-        row = k + (i + 1) * law.every
+        row = min(k + (i + 1) * table.every, rows - 1)
         for j in range(m):
-            ahead = law.setpoints and law.outlook.reference.shape[0] > 0
-            target = (
-                law.outlook.reference[min(row, law.outlook.reference.shape[0] - 1), j]
-                if ahead
-                else eta_d[j]
-            )
-            if table.turning and j == 2 and i == 0:
+            target = eta_d[j] if rows == 0 else ahead[row, j]
+            if turning and j == 2 and i == 0:
                 shift = 2.0 * np.pi * np.round((target - psi) / (2.0 * np.pi))
-            law.now[j] = target - law.error[j] - (shift if j == 2 and table.turning else 0.0)
-        to_axes(table.turning, psi, law.now[:m], theta[at + i * m : at + (i + 1) * m])
-    at += law.steps * m
-    _disturbance(law, past, psi, at)
-    at += law.steps * r
-    to_axes(table.turning, psi - past.axes[0], past.command, law.last)
+            table.now[j] = target - table.error[j] - (shift if j == 2 and turning else 0.0)
+        to_axes(turning, psi, table.now[:m], theta[at : at + m])
+        at += m
+    _disturbance(table, past, psi, at)
+    to_axes(turning, psi - past.axes[0], past.command, table.last)
     for i in range(r):
-        law.last[i] /= limits[i]
+        table.last[i] /= observer.limits[i]
         if k == 0:  # the first command compensates the known disturbance
-            law.last[i] = -law.known[i] / limits[i]
-        if law.limited and not law.regulator:  # the rotation to the new axes can exceed the limits
-            law.last[i] = min(max(law.last[i], -1.0), 1.0)
-        theta[at + i] = law.last[i]
-    remember(table, past, psi, eta, law.known, law.outlook)
+            table.last[i] = -table.known[i] / observer.limits[i]
+        if table.limited and not law.regulator:  # rotation to the new axes can exceed the limits
+            table.last[i] = min(max(table.last[i], -1.0), 1.0)
+        theta[at + law.steps * r + i] = table.last[i]
+    remember(observer, past, psi, eta, table.known, table.outlook)
 
 
 @lean_kernel
-def _state(law: LinearTable, past: Memory, eta: Array, psi: float) -> None:
+def _state(table: LinearTable, past: Memory, eta: Array, psi: float) -> None:
     """Write x_0 to theta, and to `error` the pose that the reference is relative to."""
     n, m = past.x.shape[0], eta.shape[0]
-    turning, theta = law.observer.turning, law.theta
+    turning, increments = table.observer.turning, table.law.increments
     for i in range(m):
-        law.error[i] = 0.0
+        table.error[i] = past.x[i] if turning else 0.0
+        if increments:
+            table.error[i] = past.y_last[i] if past.instant[0] > 0 else eta[i]
+            table.theta[n + i] = 0.0
     for i in range(n):
-        law.now[i] = past.x[i]
-        if law.increments:
-            law.now[i] = past.x[i] - past.x_last[i] if past.instant[0] > 0 else 0.0
+        table.now[i] = past.x[i]
+        if increments:
+            table.now[i] = past.x[i] - past.x_last[i] if past.instant[0] > 0 else 0.0
         elif turning and i < m:
-            law.now[i], law.error[i] = 0.0, past.x[i]
-    to_axes(turning, psi, law.now, theta[:n])
-    if law.increments:
-        for i in range(m):
-            law.error[i] = past.y_last[i] if past.instant[0] > 0 else eta[i]
-            theta[n + i] = 0.0
+            table.now[i] = 0.0
+    to_axes(turning, psi, table.now, table.theta[:n])
 
 
 @lean_kernel
-def _disturbance(law: LinearTable, past: Memory, psi: float, at: int) -> None:
+def _disturbance(table: LinearTable, past: Memory, psi: float, at: int) -> None:
     """Write d_0 ... d_{N-1} to theta: known disturbance plus bias, or its increments."""
     n, r, k = past.x.shape[0], past.command.shape[0], past.instant[0]
-    table, theta, limits = law.observer, law.theta, law.observer.limits
-    to_axes(table.turning, psi, past.x, law.change)
-    velocity = law.change[n - r :]
-    known_force(table, psi, velocity, law.outlook, k, True, law.known)
-    to_axes(table.turning, psi, past.bias, law.tau)
+    observer, law, theta, limits = table.observer, table.law, table.theta, table.observer.limits
+    to_axes(observer.turning, psi, past.x, table.change)
+    velocity = table.change[n - r :]
+    known_force(observer, psi, velocity, table.outlook, k, True, table.known)
+    to_axes(observer.turning, psi, past.bias, table.tau)
     for j in range(r):
-        law.last[j] = law.known[j]
+        table.last[j] = table.known[j]
     for i in range(law.steps):
         if i > 0 and law.winds:
-            known_force(table, psi, velocity, law.outlook, k + i * law.every, False, law.last)
+            ahead = k + i * table.every
+            known_force(observer, psi, velocity, table.outlook, ahead, False, table.last)
         for j in range(r):
-            theta[at + i * r + j] = (law.last[j] + law.tau[j]) / limits[j]
-            law.tau[j] *= table.bias_decay
+            theta[at + i * r + j] = (table.last[j] + table.tau[j]) / limits[j]
+            table.tau[j] *= observer.bias_decay
     if law.increments:
-        for i in range(law.steps - 1, 0, -1):
-            for j in range(r):
-                theta[at + i * r + j] -= theta[at + (i - 1) * r + j]
-        to_axes(table.turning, psi - past.axes[0], past.known, law.last)
+        for i in range(law.steps * r - 1, r - 1, -1):
+            theta[at + i] -= theta[at + i - r]
+        to_axes(observer.turning, psi - past.axes[0], past.known, table.last)
         for j in range(r):
-            before = law.last[j] if k > 0 else law.known[j]
-            theta[at + j] = (law.known[j] - before) / limits[j]
+            before = table.last[j] if k > 0 else table.known[j]
+            theta[at + j] = (table.known[j] - before) / limits[j]
 
 
 _write = lean_kernel(write_parameters)
@@ -167,19 +162,25 @@ _write = lean_kernel(write_parameters)
 
 @lean_kernel
 def _linear_step(
-    law: LinearTable, past: Memory, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
+    table: LinearTable, past: Memory, eta: Array, nu: Array, eta_d: Array, nu_d: Array,
     nu_dot_d: Array, tau: Array, tau_fb: Array,
 ) -> None:  # fmt: skip
-    """u_0 = G theta, or u_{-1} + G theta; a regulator first compensates the known disturbance."""
-    if past.instant[0] % law.every == 0:
-        _write(law, past, eta, nu, eta_d)
-        for i in range(law.tau.shape[0]):
-            total = 0.0
-            if not (law.regulator and past.instant[0] == 0):
-                for j in range(law.theta.shape[0]):
-                    total += law.gain[i, j] * law.theta[j]
-            law.tau[i] = (total + law.increments * law.last[i]) * law.observer.limits[i]
-        accept(past, law.tau, law.observer.limits, law.limited)
+    """u_0 = G theta, or u_{-1} + G theta; if it is not finite, the last command.
+
+    A regulator first compensates the known disturbance.
+    """
+    if past.instant[0] % table.every == 0:
+        _write(table, past, eta, nu, eta_d)
+        law, limits, finite = table.law, table.observer.limits, True
+        product(law.gain, table.theta, table.tau)
+        for i in range(tau.shape[0]):
+            share = 0.0 if law.regulator and past.instant[0] == 0 else table.tau[i]
+            table.tau[i] = (share + law.increments * table.last[i]) * limits[i]
+            finite = finite and np.isfinite(table.tau[i])
+        past.failures[0] += not finite
+        for i in range(tau.shape[0] if finite else 0):
+            within = min(max(table.tau[i], -limits[i]), limits[i])
+            past.command[i] = within if table.limited else table.tau[i]
     for i in range(tau.shape[0]):
         tau[i] = tau_fb[i] = past.command[i]
     past.instant[0] += 1
@@ -222,8 +223,10 @@ class LinearController(Controller):
         return design_model(model, self.limits, own, self.wind)
 
     def foresee(self, parameters: Parameters, outlook: Outlook) -> Parameters:
-        """The parameters with the forecast of the weather and the mission, without obstacles."""
-        return parameters._replace(outlook=outlook._replace(obstacles=None, hull=None))
+        """The parameters with the forecast of the weather and, if it uses that, of the mission."""
+        ahead = outlook.reference if parameters.law.setpoints else outlook.reference[:0]
+        seen = outlook._replace(reference=ahead, obstacles=None, hull=None)
+        return parameters._replace(outlook=seen)
 
     def command_limits(self) -> tuple[float, ...] | None:
         """The limits [N, Nm] if the commands are limited, else None."""
@@ -253,26 +256,37 @@ class LinearController(Controller):
         law, (n, r), m = self.law(design), design.model.B.shape, len(design.model.C)
         observer = observer_of(design, self.estimator, self.kalman)
         work = (np.zeros(size) for size in (law.gain.shape[1], n, n, m, r, r, r))
-        return LinearTable(observer, NO_OUTLOOK, *law, self.limited, every, *work), memory(n, m, r)
+        return LinearTable(observer, NO_OUTLOOK, law, self.limited, every, *work), memory(n, m, r)
 
     def diagnostics(self, model: Model, period_s: float) -> list[Diagnostic]:
-        """Order, controllability and spectral radii of the design, and its weights in SI units.
-
-        The closed loop is that without limits.
-        """
+        """Order, controllability and spectral radii of the design without limits."""
         design = self.design(model, period_s)
         observer, law = observer_of(design, self.estimator, self.kalman), self.law(design)
         own = design.model.with_integral_action() if law.increments else design.model
         radius = spectral_radius(own.A + own.B @ law.gain[:, : own.order])
-        diagnostics = [
-            *design.diagnostics(),
-            *estimator_diagnostics(observer),
-            Diagnostic("spectral_radius", "all", radius),
-        ]
-        for i, dof in enumerate(design.dofs):
-            scaled = float(self.input_weight[i] / design.limits[i] ** 2)
-            diagnostics += [
-                Diagnostic("error_weight", dof, self.error_weight[i], f"1/{POSE_UNIT[dof]}^2"),
-                Diagnostic("input_weight", dof, scaled, f"1/{FORCE_UNIT[dof]}^2"),
-            ]
-        return diagnostics
+        stability = Diagnostic("spectral_radius", "all", radius)
+        return [*design.diagnostics(), *estimator_diagnostics(observer), stability]
+
+
+@dataclass(frozen=True)
+class Lqi(LinearController):
+    """LQ control with integral action on the pose; `input_weight` weights the increments."""
+
+    def law(self, design: DesignModel) -> Law:
+        """theta = (Delta x, y_{-1}, r_1, d_0, u_{-1}); r_1 is relative to y_{-1}."""
+        weights = np.diag(self.error_weight), np.diag(self.input_weight)
+        gain, (n, r) = lqi_gain(design.model, *weights), design.model.B.shape
+        of_theta = np.hstack([gain, -gain[:, n:], np.zeros((r, 2 * r))])
+        return Law(np.ascontiguousarray(of_theta), regulator=True)
+
+
+def lqi_gain(model: StateSpace, Q: Array, P: Array) -> Array:
+    """Gain G (r, n + m) of Delta u = G (Delta x, y_{k-1} - r), from the Riccati equation.
+
+    Q (m, m) weights the output error, P (r, r) the input increments. Raises ConfigurationError
+    when the Riccati equation has no stabilising solution.
+    """
+    own = model.with_integral_action()
+    A, B, reason = own.A, own.B, "controller=lqi: the design is not stable"
+    S = riccati(A, B, own.C.T @ Q @ own.C, P, reason)
+    return -np.asarray(np.linalg.solve(P + B.T @ S @ B, B.T @ S @ A))

@@ -158,18 +158,15 @@ def _parts(model: Vessel) -> tuple[Vessel, Vessel]:
     In surge, sway and yaw an attitude term is a force that is constant in NED, such as the mean
     of the weather. In other degrees of freedom it is a restoring force, part of the motion.
     """
-    moving: list[int] = []
-    still: list[int] = []
-    for i, term in enumerate(model.terms):
-        variables = {code % N_VARIABLES for code in term.codes if code % N_VARIABLES}
-        restoring = bool(variables & set(ATTITUDE)) and model.dofs != PLANAR
-        (moving if restoring or variables & set(MOVING) else still).append(i)
+    of_motion = {*MOVING, *(() if model.dofs == PLANAR else ATTITUDE)}
+    moves = [any(code % N_VARIABLES in of_motion for code in term.codes) for term in model.terms]
 
-    def part(rows: list[int]) -> Vessel:
+    def part(kept: bool) -> Vessel:
+        rows = [i for i, each in enumerate(moves) if each == kept]
         terms = tuple(model.terms[i] for i in rows)
         return Vessel(model.name, model.dofs, terms, model.theta[rows])
 
-    return part(moving), part(still)
+    return part(True), part(False)
 
 
 def riccati(A: Array, B: Array, Q: Array, R: Array, reason: str, S: Array | None = None) -> Array:
@@ -207,8 +204,8 @@ def largest_disturbance(plant: Vessel, weather: Weather, heading: Array) -> Arra
         forces = [largest_disturbance(plant, weather, np.full(n, psi)) for psi in turns]
         return np.asarray(np.max(forces, axis=0))
     psi = heading[:n] if plant.dofs == PLANAR else np.zeros(n)
-    current, wind = _rows_or_zeros(weather.current_ned, n), _rows_or_zeros(weather.wind_ned, n)
-    through, air = in_body(current, psi), in_body(wind, psi)
+    streams = (weather.current_ned, weather.wind_ned)
+    through, air = (in_body(rows, psi) if len(rows) else np.zeros((n, 2)) for rows in streams)
     nu, attitude = np.zeros((n, len(plant.dofs))), np.zeros((n, 3))
     attitude[:, 2] = psi
     for column, dof in enumerate(("surge", "sway")):
@@ -216,11 +213,7 @@ def largest_disturbance(plant: Vessel, weather: Weather, heading: Array) -> Arra
             nu[:, plant.dofs.index(dof)] = -through[:, column]
     # The table computes the air velocity as nu - wind, and its nu is the velocity through water.
     force = plant.inverse(np.zeros_like(nu), nu, attitude, air - through)
-    weather_force = weather.force_ned.copy()
+    given = weather.force_ned.copy()
     if plant.dofs == PLANAR:
-        weather_force[:, :2] = in_body(weather_force[:, :2], psi)
-    return np.asarray(np.max(np.abs(force - weather_force), axis=0))
-
-
-def _rows_or_zeros(values: Array, n: int) -> Array:
-    return values if len(values) else np.zeros((n, 2))
+        given[:, :2] = in_body(given[:, :2], psi)
+    return np.asarray(np.max(np.abs(force - given), axis=0))

@@ -96,9 +96,22 @@ class HelmSequence(SteeredMission):
 
     def order(self, share: float) -> float:
         """The helm at a share of the way from its start to the upper limit, or the lower one."""
-        every = self.input_low, self.input_start, self.input_high
-        low, start, high = (values[self.index] for values in every)
-        return float(start + share * (high - start if share > 0.0 else start - low))
+        start, limits = self.input_start[self.index], (self.input_low, self.input_high)
+        return float(start + abs(share) * (limits[share > 0.0][self.index] - start))
+
+    def in_words(self, order: float) -> str:
+        """A value of the helm with its unit."""
+        return f"{np.degrees(order):.3g} deg" if self.helm == "delta" else f"{order:.4g}"
+
+    def rows(self) -> Iterator[tuple[float, str]]:
+        """Begin [s] of each step, and what the helm does."""
+        for begin, step in zip(self.edges_s, self.steps, strict=False):
+            text, turn = f"{self.helm} {self.in_words(step.order)}", step.turn_deg
+            if step.kind == "zigzag":
+                text += f", to the other side at {turn:g} deg"
+            elif step.kind == "turn":
+                text = f"{text} for a turn by {turn:.0f} deg, then straight" if turn else "straight"
+            yield float(begin), text
 
     def manoeuvres(self) -> Iterator[tuple[str, tuple[HelmStep, ...]]]:
         """Names and steps of the candidates."""
@@ -106,18 +119,19 @@ class HelmSequence(SteeredMission):
             of_kind = grid.shares, grid.turns_deg, grid.holds, grid.lengths
             for share, turn, hold, length in product(*of_kind):
                 order, seconds = self.order(share), round((hold or length) * self.unit_s, 1)
-                said = f"{np.degrees(order):.0f} deg" if self.helm == "delta" else f"{order:.3g}"
-                steps: tuple[HelmStep, ...] = (HelmStep("hold", seconds, order),)
+                signs, kind = [1.0], "zigzag" if grid.kind == "zig-zag" else "hold"
+                text = f"{f' / {turn:g} deg' if turn else ''}, {seconds:g} s"
                 if grid.kind == "binary":
-                    signs = 2.0 * np.roll(register(6), -ONES)[: round(length / hold)] - 1.0
-                    steps = tuple(HelmStep("hold", seconds, self.order(share * n)) for n in signs)
-                    said += f" for {seconds:g} s, {len(steps)} times"
-                elif grid.kind == "zig-zag":
-                    steps = (HelmStep("zigzag", seconds, order, turn),)
-                    said += f" / {turn:g} deg, {seconds:g} s"
-                else:
-                    said += f", {seconds:g} s"
-                yield f"{grid.kind}, {said}", steps
+                    bits = np.roll(register(6), -ONES)[: round(length / hold)]
+                    signs = (2.0 * bits - 1.0).tolist()
+                    text = f" for {seconds:g} s, {len(signs)} times"
+                yield (
+                    f"{grid.kind}, {self.in_words(order)}{text}",
+                    tuple(
+                        HelmStep(kind, seconds, self.order(share * n), turn)  # type: ignore[arg-type]
+                        for n in signs
+                    ),
+                )
 
     def pieces(self, period_s: float) -> Sequence[Piece]:
         """The orders and the courses."""
@@ -147,17 +161,10 @@ class HelmSequence(SteeredMission):
 def join_steps(
     path: Sequence[Arc], radius_m: float, speed_m_s: float, helm: Array, settle_s: float
 ) -> list[HelmStep]:
-    """A path of Dubins as steps, each arc with the straight line after it.
+    """A path of Dubins as turns of at least a degree, each with the straight line after it.
 
-    Args:
-        path: the arcs.
-        radius_m: radius of the turns [m].
-        speed_m_s: speed on the path [m/s].
-        helm: orders of the turns to port and to starboard, shape (2,).
-        settle_s: time [s] on the last course.
-
-    Returns:
-        Turns, of which none is shorter than a degree.
+    `helm` are the orders of the turns to port and to starboard, (2,), which have a radius [m] and
+    a speed [m/s]; the last course is kept for `settle_s`.
     """
     turns: list[list[float]] = [[0.0, 0.0]]  # heading [deg], seconds
     for side, length in path:

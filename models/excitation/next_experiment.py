@@ -1,21 +1,16 @@
 """What to sail next: the interval of a prediction that is expected after a candidate.
 
-What is known of a model is a normal distribution of its parameters p, of which models are drawn.
-Their whitened coordinates u follow from the draws by a singular value decomposition:
-
-    p_s - p_hat = B u_s,  (1/S) sum_s u_s u_s' = I
-
-so that u has the covariance I. Along the motion of a candidate q the accelerations depend on u by
-J_k, and a prediction z (a measure of a manoeuvre, the coefficients) by G. Both are regressions over
-the draws, for coefficients of a table and for parameters of devices alike. By Bayes' rule for
-linear models with normal errors of covariance Sigma,
+What is known of a model is a normal distribution of its parameters p. Their whitened coordinates u
+follow from draws by a singular value decomposition, p_s - p_hat = B u_s, (1/S) sum_s u_s u_s' = I.
+Along the motion of a candidate q the accelerations depend on u by J_k, and a prediction z (a
+measure, the coefficients) by G: regressions over the draws, for coefficients of a table and for
+parameters of devices alike. By Bayes' rule for linear models with normal errors of covariance Sigma
+(Chaloner and Verdinelli (1995), section 2; for terms of a table J_k are those of `information.py`)
 
     I_q = sum_k J_k' Sigma^-1 J_k,  P = (I + sum_q I_q)^-1,  cov z = G P G'
 
-For terms of a table J_k are the regressors of `information.py`, with the covariance of what is
-known as a prior (Chaloner and Verdinelli (1995), section 2). Errors of accelerations depend on each
-other, so samples count by a scale, which is that of the recordings from which the distribution was
-identified (`scale_of`).
+Errors of accelerations depend on each other, so samples count by a scale, which is that of the
+recordings from which the distribution was identified (`scale_of`).
 """
 
 from collections.abc import Sequence
@@ -34,8 +29,6 @@ from seatrial.models.vessel.table import Vessel
 NORMAL_90 = 1.6449  # half the width of a 90 % interval over the standard deviation
 LEAST_DEVIATION = 1e-6  # of a whitened direction, relative to the largest
 MOST_SAMPLES = 100  # of a motion, of which J is computed
-DRAWS = 400  # of which the whitened coordinates are found
-SIMULATED = 120  # of them that carry a manoeuvre out
 SPARE = 10  # draws beside those that the unknowns of a linear function take
 KNOWN_UNITS = ("m", "m^2", "kg/m^3")  # of parameters of devices that nobody doubts
 
@@ -74,16 +67,13 @@ class Belief:
         return np.asarray(np.linalg.lstsq(u[known], values[known] - own, rcond=None)[0].T)
 
     def sensitivity(self, motion: Recording, most: int = MOST_SAMPLES) -> tuple[Array, float]:
-        """J (m, N, n_dof) at up to `most` samples of a motion, and how many each stands for.
-
-        Raises the errors of `Vessel.forward`.
-        """
+        """J (m, N, n_dof) at up to `most` samples of a motion, and how many each stands for."""
         stride = max(1, -(-len(motion) // most))
         part = motion.part(np.arange(len(motion)) % stride == 0)
         own, few = acceleration(self.model, part), SPARE + self.u.shape[1]  # draws that it takes
         change = np.array([(acceleration(m, part) - own).ravel() for m in self.draws[:few]])
-        found = np.linalg.pinv(self.u[:few]) @ change
-        return found.reshape(-1, *own.shape), len(motion) / len(part)
+        J = (np.linalg.pinv(self.u[:few]) @ change).reshape(-1, *own.shape)
+        return J, len(motion) / len(part)
 
     def information(self, motion: Recording, deviation: Array) -> Array:
         """I_q (m, m) of a motion, for errors of the accelerations with deviations (n_dof,)."""
@@ -102,16 +92,16 @@ def believed(model: Vessel, draws: Sequence[Vessel], share: float) -> Belief:
 
     Raises ConfigurationError if nothing is uncertain.
     """
-    values = [parameters(each, draws[0]) for each in (model, *draws)]
-    change = (np.array(values[1:]) - values[0]) / share
-    size = np.sqrt(np.mean(change**2, axis=0))
+    own = parameters(model, draws[0])
+    change = (np.array([parameters(each, draws[0]) for each in draws]) - own) / share
+    size, root = np.sqrt(np.mean(change**2, axis=0)), np.sqrt(len(change))
     if not np.any(size):
         raise ConfigurationError(
             f"{model.name}: nothing of the model is uncertain, expected a model with a distribution"
         )
     scaled = np.divide(change, size, out=np.zeros_like(change), where=size > 0.0)
     left, deviation, right = np.linalg.svd(scaled, full_matrices=False)
-    kept, root = deviation > LEAST_DEVIATION * deviation[0], np.sqrt(len(change))
+    kept = deviation > LEAST_DEVIATION * deviation[0]
     basis = size[:, None] * (right[kept].T * deviation[kept] / root)
     return Belief(model, draws, share * root * left[:, kept], basis)
 
@@ -120,12 +110,6 @@ def acceleration(model: Vessel, motion: Recording) -> Array:
     """nu_dot (N, n_dof) of a model under what acts in a motion [m/s^2, rad/s^2]."""
     force = motion.tau if model.inputs else motion.force(None)
     return model.forward(force, motion.nu, motion.attitude, motion.wind, motion.inputs)
-
-
-def residual_deviation(model: Vessel, motion: Recording) -> Array:
-    """Root mean square (n_dof,) of measured minus modelled accelerations."""
-    error = motion.nu_dot - acceleration(model, motion)
-    return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
 
 def scale_of(information: Array) -> float:
@@ -137,45 +121,36 @@ def scale_of(information: Array) -> float:
     return 1.0 / float(np.quantile(np.linalg.eigvalsh(information), 0.75))
 
 
-def half_widths(gradient: Array, posterior: Array) -> Array:
-    """Half of the 90 % intervals of predictions with G (k, m) after P (m, m), shape (k,)."""
-    variance = np.einsum("ki,ij,kj->k", gradient, posterior, gradient)
-    return np.asarray(NORMAL_90 * np.sqrt(np.maximum(variance, 0.0)))
-
-
 @dataclass(frozen=True, eq=False)
 class Purpose:
-    """What is to be predicted: G (k, m) in the unit of the target.
+    """What is to be predicted: k numbers with G (k, m) in percent, and what they are in words.
 
-    The width of k predictions is their root mean square, or the `median` of parameters of which
+    The width of their intervals is the root mean square, or of `coefficients` the median, since
     some cannot be told at all.
     """
 
     name: str
-    unit: str
     gradient: Array
-    text: str = ""  # the value that is predicted, if it is one
-    median: bool = False
+    text: str = ""
 
     def width(self, *informations: Array) -> float:
-        """Half of the 90 % interval expected after candidates with information (m, m) each."""
-        told = np.eye(self.gradient.shape[1]) + sum(informations)
-        widths = half_widths(self.gradient, np.asarray(np.linalg.inv(told)))
-        return float(np.median(widths) if self.median else np.sqrt(np.mean(widths**2)))
+        """Half of the 90 % interval expected after candidates with information (m, m) each [%]."""
+        posterior = np.linalg.inv(np.eye(self.gradient.shape[1]) + sum(informations))
+        variance = np.einsum("ki,ij,kj->k", self.gradient, posterior, self.gradient)
+        widths = NORMAL_90 * np.sqrt(np.maximum(variance, 0.0))
+        median = self.name == "coefficients"
+        return float(np.median(widths) if median else np.sqrt(np.mean(widths**2)))
 
 
-def ranked(
-    purpose: Purpose, known: Array, informations: Array, seconds: Array
-) -> tuple["np.ndarray[tuple[int], np.dtype[np.int64]]", Array]:
+def ranked(purpose: Purpose, known: Array, informations: Array, seconds: Array) -> list[int]:
     """Order of candidates by the logarithm of the width that they save in a second, the best first.
 
     `known` is the information (m, m) of what is chosen already, `informations` (q, m, m) those of
-    the candidates, `seconds` their time (q,). Also returns the width after each of them, (q,).
+    the candidates, `seconds` their time (q,).
     """
-    widths = np.array([purpose.width(known, each) for each in informations])
-    now = purpose.width(known)
+    now, widths = purpose.width(known), [purpose.width(known, told) for told in informations]
     gain = np.log(now / np.maximum(widths, 1e-12 * now)) / seconds
-    return np.argsort(-gain, kind="stable"), widths
+    return [int(number) for number in np.argsort(-gain, kind="stable")]
 
 
 def doubted(model: Vessel, doubt: float, rng: np.random.Generator, share: float) -> Vessel:

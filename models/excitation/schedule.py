@@ -11,18 +11,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from seatrial.models.excitation.commands import (
-    FOLLOW,
-    HOLD,
-    NEVER,
-    STOP,
-    Feedback,
-    Piece,
-    Steering,
-    body_velocities,
-    command,
-)
-from seatrial.models.notation import PLANAR
+from seatrial.models.excitation import commands
+from seatrial.models.excitation.commands import Piece, Steering
 from seatrial.models.ranges import NotNegative, check_ranges
 from seatrial.models.recording.recording import Mask
 from seatrial.models.vessel.basis import Array
@@ -85,14 +75,13 @@ class Schedule:
         poses, velocities = np.zeros((2, len(self), 3))
         pieces: list[Piece] = []
         for phase, first in zip(self.phases, self.edges, strict=False):
-            end = first + phase.count
-            own = list(phase.pieces) or [Piece(law=HOLD if phase.kind == "manoeuvre" else STOP)]
+            end, acts = first + phase.count, phase.kind == "manoeuvre"
+            own = list(phase.pieces) or [Piece(law=commands.HOLD if acts else commands.STOP)]
             if phase.poses is not None:
                 poses[first:end] = phase.poses
-                velocities[first:end] = body_velocities(phase.poses, self.period_s)
-                own = [Piece(law=FOLLOW)]
+                velocities[first:end] = commands.body_velocities(phase.poses, self.period_s)
+                own = [Piece(law=commands.FOLLOW)]
             pieces += [piece._replace(until=min(first + piece.until, end)) for piece in own]
-        pieces[-1] = pieces[-1]._replace(until=NEVER)
-        feedback = Feedback(np.array(gains.kp), np.array(gains.kd), -limits, limits)
-        yaw = PLANAR.index("yaw")
-        return command(pieces, np.zeros(3), yaw, yaw, feedback, poses, velocities)
+        pieces[-1] = pieces[-1]._replace(until=commands.NEVER)
+        feedback = commands.Feedback(np.array(gains.kp), np.array(gains.kd), -limits, limits)
+        return commands.command(pieces, np.zeros(3), 2, 2, feedback, poses, velocities)

@@ -9,6 +9,7 @@ from the centres of the first and the last turn, D = c_2 - c_1 apart:
     arc s, arc -s, arc s  |D| = 4 R cos a,  tangents at theta = arg D +- a + s pi / 2
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -59,15 +60,13 @@ def length_of(path: tuple[Arc, ...]) -> float:
     return sum(arc.length_m for arc in path)
 
 
-def poses_along(start: Array, path: tuple[Arc, ...], radius_m: float, step_m: float) -> Array:
-    """Poses (N, 3) [m, m, rad] along a path, the start first, at most `step_m` apart."""
-    poses = [np.asarray(start, dtype=np.float64)[None]]
+def poses_at(start: Array, path: Sequence[Arc], radius_m: float, s: Array) -> Array:
+    """Poses (N, 3) [m, m, rad] at distances s (N,) [m] along a path."""
+    north, east, psi = (np.full(len(s), value) for value in start)
     for side, length in path:
-        s = np.linspace(0.0, length, max(2, int(np.ceil(length / step_m)) + 1))[1:]
-        turn = side * s / radius_m
-        chord = s * np.sinc(turn / TURN)  # sin(turn / 2) / (turn / 2)
-        x, y, psi = poses[-1][-1]
-        course = psi + 0.5 * turn
-        north, east = x + chord * np.cos(course), y + chord * np.sin(course)
-        poses.append(np.column_stack([north, east, psi + turn]))
-    return np.vstack(poses)
+        run = np.clip(s, 0.0, length)
+        turn, s = side * run / radius_m, s - length
+        chord, course = run * np.sinc(turn / TURN), psi + 0.5 * turn  # sinc: sin(turn / 2) / ...
+        north, east = north + chord * np.cos(course), east + chord * np.sin(course)
+        psi = psi + turn
+    return np.column_stack([north, east, psi])

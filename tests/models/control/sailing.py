@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from seatrial.models.control.estimator import Kalman
-from seatrial.models.control.lqi import Lqi
+from seatrial.models.control.linear_controller import Lqi
 from seatrial.models.control.mpc import Mpc
 from seatrial.models.control.pid import PidFeedforward
 from seatrial.models.excitation.guidance import ReferenceFilter

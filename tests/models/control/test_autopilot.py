@@ -9,7 +9,7 @@ from scipy.signal import lti
 
 from docs.vessels import parameters_of
 from seatrial.models.control.autopilot import Autopilot, AutopilotTable
-from seatrial.models.control.steered_mpc import SteeredMpc
+from seatrial.models.control.mpc import SteeredMpc
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.setpoints import Step
 from seatrial.models.simulation.loop import sail

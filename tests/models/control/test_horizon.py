@@ -15,8 +15,8 @@ from seatrial.models.control.horizon import (
     standard,
     unconstrained_gain,
 )
+from seatrial.models.control.linear_controller import lqi_gain
 from seatrial.models.control.linear_design import design_model
-from seatrial.models.control.lqi import lqi_gain
 from seatrial.models.vessel.basis import Array
 from tests.models.control.sailing import LIMITS, ship
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from seatrial.models.control.linear_controller import lqi_gain
 from seatrial.models.control.linear_design import design_model
-from seatrial.models.control.lqi import lqi_gain
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.statespace import spectral_radius
 from seatrial.models.vessel.basis import Array

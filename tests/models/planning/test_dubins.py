@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from seatrial.models.planning.dubins import Arc, dubins, length_of, poses_along
+from seatrial.models.planning.dubins import Arc, dubins, length_of, poses_at
 from seatrial.models.vessel.basis import Array
 
 R = 1.5
 
 
 def _error(path: tuple[Arc, ...], start: Array, end: Array) -> Array:
-    last = poses_along(start, path, R, 1e3)[-1]
+    last = poses_at(start, path, R, np.array([length_of(path)]))[0]
     turn = np.angle(np.exp(1j * (last[2] - end[2])))
     return np.array([*(last[:2] - end[:2]), turn])
 

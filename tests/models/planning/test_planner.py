@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.planning.planner import (
-    HEADINGS,
     MOST_STATES,
     UNREACHED,
     Pace,
@@ -19,6 +18,7 @@ from seatrial.models.planning.planner import (
     PlanningTask,
     Setting,
     Waters,
+    bounds,
     plan,
     set_up,
 )
@@ -97,9 +97,8 @@ def test_plans_through_random_fields_are_sound(fields, zigs, loops, backs, clear
 
 def everything(setting: Setting) -> int:
     """The least cost by exhaustion: Dijkstra over (counts, place), nothing foreseen."""
-    names, moves, n = setting.names, setting.moves, len(setting.task.used)
-    rows, columns = moves.valid.shape[2:]
-    begin = (tuple(int(size) - 1 for size in moves.size[:n]), setting.start)
+    moves, cells = setting.moves, len(setting.cells)
+    begin = (tuple(int(size) - 1 for size in moves.size), setting.start)
     best, heap = {begin: 0}, [(0, begin)]
     while heap:
         cost, (left, place) = heappop(heap)
@@ -107,14 +106,12 @@ def everything(setting: Setting) -> int:
             continue
         if place == setting.goal and not any(left):
             return cost
-        h, i, j = (int(k) for k in np.unravel_index(place, (HEADINGS, rows, columns)))
-        for p in range(len(names)):
-            if not moves.valid[p, h, i, j] or (p < n and left[p] == 0):
+        for p in range(len(moves.end)):
+            to = int(moves.end[p, place])
+            if to < 0 or (p < len(left) and left[p] == 0):
                 continue
-            to = tuple(c - (q == p) for q, c in enumerate(left))
-            k, m, b = i + moves.di[p, h], j + moves.dj[p, h], moves.to[p, h]
-            state = (to, int((b * rows + k) * columns + m))
-            total = cost + int(moves.cost[p, h])
+            state = (tuple(c - (q == p) for q, c in enumerate(left)), to)
+            total = cost + int(moves.cost[p, place // cells])
             if total < best.get(state, total + 1):
                 best[state] = total
                 heappush(heap, (total, state))
@@ -154,20 +151,18 @@ def test_the_heuristic_is_consistent(fields, seed: int) -> None:
         setting = set_up(asked)
     except ConfigurationError:
         assume(False)
-    (left, ahead), moves = setting.bounds(), setting.moves
+    moves, cells = setting.moves, len(setting.cells)
+    left, ahead = bounds(moves, setting.goal)
     assert left[0] == 0
-    assert ahead.ravel()[setting.goal] == 0
+    assert ahead[setting.goal] == 0
     rng = np.random.default_rng(seed)
-    for p, h, i, j in rng.permutation(np.argwhere(moves.valid))[:300].tolist():
-        k, m, b = i + moves.di[p, h], j + moves.dj[p, h], moves.to[p, h]
-        if ahead[b, k, m] >= UNREACHED:
-            continue
-        for c in range(len(left)):
-            stride = int(moves.stride[p])
+    for p, place in rng.permutation(np.argwhere(moves.end >= 0))[:300].tolist():
+        to, stride = moves.end[p, place], int(moves.stride[p]) if p < len(moves.size) else 0
+        for c in range(len(left)) if ahead[to] < UNREACHED else ():
             if stride and c // stride % moves.size[p] == 0:
                 continue
-            cost = int(moves.cost[p, h]) + left[c - stride] + ahead[b, k, m]
-            assert left[c] + ahead[h, i, j] <= cost
+            cost = int(moves.cost[p, place // cells]) + left[c - stride] + ahead[to]
+            assert left[c] + ahead[place] <= cost
 
 
 def test_manoeuvres_that_nothing_else_follows_need_no_passage() -> None:
@@ -183,10 +178,10 @@ def test_manoeuvres_that_nothing_else_follows_need_no_passage() -> None:
     ("obstacles", "changes", "message"),
     [
         ((QUAY,), {"start": np.array([20.0, 15.0, 0.0])},
-         "start at (20, 15) m: it lies outside area or inside an obstacle"),
-        ((QUAY,), {"goal": np.array([70.0, 15.0, 0.0])}, "goal at (70, 15) m: it lies outside"),
+         "start at (20, 15) m: it is 0 m from the nearest edge or obstacle (0: no water)"),
+        ((QUAY,), {"goal": np.array([70.0, 15.0, 0.0])}, "goal at (70, 15) m: it is 0 m from"),
         ((QUAY, WALL), {}, "no sequence of the manoeuvres with arcs and turns between them"),
-        ((QUAY,), {"cell_m": 0.01}, "cell_m: got 0.01 m, for which the area has"),
+        ((QUAY,), {"cell_m": 0.01}, "cell_m: got 0.01 m, with "),
         ((QUAY,), {"cell_m": 0.2, "counts": {"zig": 6, "loop": 6, "back": 6}},
          f"and {MOST_STATES:.2g}; use a larger cell_m or fewer sub-experiments"),
     ],

@@ -7,8 +7,9 @@ from seatrial.models.planning.planner import (
     HEADING_STEP,
     HEADINGS,
     Pace,
+    PlanningTask,
+    Waters,
     basic,
-    closed,
     nearest,
     turned,
 )
@@ -48,7 +49,9 @@ def test_turns_to_both_sides_mirror_each_other() -> None:
 def test_a_manoeuvre_is_closed_by_a_passage_to_the_nearest_pose(heading: int) -> None:
     t = np.linspace(0.0, 1.0, 50)[1:, None]
     free = t * np.array([7.3, -2.1, 9.9])
-    whole = closed(free, heading, 2.0, PACE, hold=5)
+    waters, ends = Waters(((0.0, 0.0), (9.0, 0.0), (0.0, 9.0)), (), 0.0), np.zeros((2, 3))
+    task = PlanningTask(waters, {"own": free}, {"own": 1}, *ends, 2.0, PACE, hold=5)
+    whole = task.paths(heading)["own"]
     np.testing.assert_allclose(whole[:49], turned(free, heading * HEADING_STEP))
     end = whole[-1]
     np.testing.assert_allclose(end, nearest(end, 2.0) * (2.0, 2.0, HEADING_STEP), atol=1e-12)

@@ -11,7 +11,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.recording.recording import Recording
-from seatrial.runner.export.sailing_sheet import GPX, positions, read_waters, write_files
+from seatrial.runner.commands.next import GPX, positions, read_waters, write_files
 
 ORIGIN = (63.4, 10.4)
 RING = [[0.0, 0.0], [200.0, 0.0], [200.0, 100.0], [0.0, 100.0], [0.0, 0.0]]  # x east, y north
@@ -51,8 +51,9 @@ def test_files_hold_the_track(tmp_path: Path) -> None:
     eta = np.column_stack([t, 0.5 * t, 0.0 * t])
     zero = np.zeros((len(t), 3))
     motion = Recording(("surge", "sway", "yaw"), t, eta, zero, zero, zero, zero)
-    files = write_files(tmp_path, motion, [(0.0, "turn"), (30.0, "zig-zag")], None, ORIGIN)
-    assert {file.suffix for file in files} == {".geojson", ".csv", ".svg", ".gpx"}
+    marks = [(0.0, "turn"), (30.0, "zig-zag")]
+    files = write_files(tmp_path, {}, motion, marks, None, ORIGIN)
+    assert {file.suffix for file in files} == {".yaml", ".geojson", ".csv", ".svg", ".gpx"}
     root = ElementTree.parse(tmp_path / "track.gpx").getroot()
     points = root.findall(f".//{{{GPX}}}trkpt")
     lat, lon = (
@@ -65,5 +66,6 @@ def test_files_hold_the_track(tmp_path: Path) -> None:
     rows = list(csv.DictReader((tmp_path / "track.csv").read_text().splitlines()))
     assert len(rows) == len(t)
     assert float(rows[-1]["north"]) == pytest.approx(eta[-1, 0])
-    line = json.loads((tmp_path / "track.geojson").read_text())["features"][0]["geometry"]
+    line, begins = json.loads((tmp_path / "track.geojson").read_text())["geometries"]
     assert line["coordinates"][0] == pytest.approx([10.4, 63.4])
+    assert len(begins["coordinates"]) == 2
