@@ -84,7 +84,7 @@ HELP = {
     "length": "Length of the ship [m], if it is not stored.",
     "limit": "Largest number of rows, of runs the newest.",
     "log": "Scale of the bars.  [default: by the range of the values]",
-    "manoeuvre": "Kind of manoeuvre.  [default: by helm and heading]",
+    "manoeuvre": "Kind of manoeuvre.  [default: turn or zigzag, by the helm]",
     "map_file": "Map of the columns.",
     "metric": "Metric (see: metrics); repeated or comma-separated.",
     "model": "nominal, identified, plant, or all.  [default: identified]",

@@ -189,7 +189,6 @@ METRICS = (
     *_predictions(),
     *(one for one in _TABLED if one.stages != VALIDATION),
 )
-MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # diagnostics: a 90 % interval
 
 
 def metric_of_measure(quantity: str) -> str:

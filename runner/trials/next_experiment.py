@@ -36,8 +36,7 @@ from seatrial.models.planning.dubins import Arc, dubins, poses_along
 from seatrial.models.planning.dubins import length_of as length_of_path
 from seatrial.models.planning.planner import Waters, clear, inside, simplified
 from seatrial.models.recording.recording import Recording, end_to_end
-from seatrial.models.simulation.manoeuvre_measures import Measures, Track
-from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, sheet
+from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, Measures, Track, sheet
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned
@@ -45,7 +44,7 @@ from seatrial.models.vessel.table import Vessel
 from seatrial.runner.configuration.config import Trial, build_as
 from seatrial.runner.trials.closed_loop import Streams, prepare
 from seatrial.runner.trials.deployment_metrics import tracking_metrics
-from seatrial.runner.trials.manoeuvre_results import UNABLE, length_of, sailed
+from seatrial.runner.trials.manoeuvre_results import UNABLE, sailed
 from seatrial.runner.trials.trial import evaluated, excite, identify
 
 APPROACH = 3.0  # on a straight course before a manoeuvre [L / U]
@@ -175,8 +174,6 @@ def value_of(
 def reference_manoeuvres(known: Known) -> dict[str, Mission]:
     """The turning circle of the largest helm and the zig-zag whose measures are predicted."""
     family = known.trial.excitation
-    if length_of(known.trial) is None:
-        return {}
     if isinstance(family, OptimalDesign):
         return {"turn": family.candidates["circle"]}
     assert isinstance(family, HelmSequence)
@@ -192,8 +189,7 @@ def reference_manoeuvres(known: Known) -> dict[str, Mission]:
 
 def _measures(known: Known, kind: str, model: Vessel) -> Measures:
     """The sheet of a reference manoeuvre of a model; empty if it cannot carry it out."""
-    length, family = length_of(known.trial), known.trial.excitation
-    assert length is not None
+    length, family = known.trial.vessel.scales.length_m, known.trial.excitation
     try:
         run = known.sailed(reference_manoeuvres(known)[kind], model)
         helm = run.tau[:, 2]

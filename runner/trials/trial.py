@@ -198,13 +198,14 @@ def validate(
         *validation_metrics.per_file(problem, identified),
     ]
     if isinstance(file := trial.excitation, RecordedFile):
-        length_m = manoeuvre_results.length_of(trial)
-        diagnostics += manoeuvre_results.manoeuvres(problem, identified, length_m, file.manoeuvre)
+        diagnostics += manoeuvre_results.recorded_manoeuvres(
+            problem, identified, trial.vessel.scales.length_m, file.manoeuvre
+        )
     return Results(
-        [*metrics, *predicted.metrics, *own],
+        [*metrics, *predicted.metrics, *own, *manoeuvre_results.own_manoeuvres(trial, models)],
         diagnostics=diagnostics,
         series=[time_series.prediction_series(tested, predicted, deviation)],
-    ) + manoeuvre_results.manoeuvre_results(trial, models, identified)
+    )
 
 
 def deploy(
