@@ -106,7 +106,6 @@ HELP = {
     "run": "Number of the run, or latest.",
     "runs": "Newest runs with details and time series.",
     "scale": "Length of the ship over that of the model.",
-    "series": "Series of the run.",
     "site to": "Output folder.  [default: site in the results folder]",
     "stage": "validation, deployment, identification.",
     "statistic": "mean, std, n, median, min, max, q05 ... q95, ci.",
