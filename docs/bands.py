@@ -31,7 +31,7 @@ from seatrial.models.vessel.basis import Array
 from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, crps, half_width
 from seatrial.runner.compare.benchmark.task import cells, lacking, located, task_of
 from seatrial.runner.trials.closed_loop import Streams
-from seatrial.runner.trials.manoeuvre_results import length_of, manoeuvres
+from seatrial.runner.trials.manoeuvre_results import recorded_manoeuvres
 from seatrial.runner.trials.trial import excite
 
 ROOT = Path(__file__).parents[1]
@@ -152,7 +152,7 @@ def _errors(identified: Identified, problem: Problem) -> tuple[Array, Array] | N
     return (errors / moved)[kept], (deviation / moved)[kept]
 
 
-def scored(identified: Identified, problem: Problem, length_m: float | None) -> Scored | None:
+def scored(identified: Identified, problem: Problem, length_m: float) -> Scored | None:
     """What is counted of a distribution."""
     found = errors_of(identified, problem)
     if found is None:
@@ -170,10 +170,10 @@ def scored(identified: Identified, problem: Problem, length_m: float | None) -> 
     return Scored(counts[0], counts[1], measured(identified, problem, length_m))
 
 
-def measured(identified: Identified, problem: Problem, length_m: float | None) -> tuple[int, int]:
+def measured(identified: Identified, problem: Problem, length_m: float) -> tuple[int, int]:
     """Measures of recorded manoeuvres in their intervals, and all that have one."""
     values: dict[tuple[str, int | None], dict[str, float]] = {}
-    for row in manoeuvres(problem, identified, length_m, OrderedManoeuvre()):
+    for row in recorded_manoeuvres(problem, identified, length_m, OrderedManoeuvre()):
         name, value = row.name.removeprefix(DIAGNOSTIC), row.value
         if name not in ORDERED and value is not None and np.isfinite(value):
             assert row.j is not None
@@ -197,7 +197,7 @@ def row_of(data: str, case: str, entrant: str, options: Sequence[str]) -> Row:
     both = calibrated(trial.identifier, problem, identified)
     seconds = process_time() - began
     notes = [d.label for d in both.diagnostics if d.name == "no_model_error" and d.label]
-    length = length_of(trial)
+    length = trial.vessel.scales.length_m
     alone = scored(identified, problem, length)
     done = None if both.model_error is None else scored(both, problem, length)
     return Row(data, case, entrant, alone, done, seconds, "; ".join(notes))

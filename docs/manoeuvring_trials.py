@@ -26,8 +26,7 @@ from seatrial.models.errors import ConfigurationError, IdentificationError, Reco
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.identification.problem import Identified, Problem
 from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.manoeuvre_measures import Track, turn
-from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, interval
+from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, Track, interval, turn
 from seatrial.models.vessel import basis
 from seatrial.models.vessel.basis import manoeuvring_basis
 from seatrial.models.vessel.devices.device import with_parameters

@@ -13,27 +13,26 @@ with T u = s tau. They maximise the concave dual function, whose gradient is s t
 step of Newton's method is the weighted pseudo-inverse, the following ones distribute what saturated
 thrusters do not give. Boyd and Vandenberghe (2004), sections 5.5 and 9.5.
 
-For devices, the limits are the bollard pull that their inputs allow. A thrust T becomes the input x
-by the curve of its device at rest,
-
-    T = k ((1 - q) s + q s^2),   s = (|x| - d) / (1 - d)
-
-and a direction the azimuth nearest to the last one, with the thrust astern where that is known and
-nearer. The loss by inflow is left to the feedback. Fossen (2021), section 11.2.
+For devices, the limits are the bollard pull that their inputs allow. A thrust becomes an input by
+the curve of its device at rest (`devices.azimuth`), and a direction the azimuth nearest to the last
+one, with the thrust astern where that is known and nearer. The loss by inflow is left to the
+feedback. Fossen (2021), section 11.2.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Le
 from numba.extending import overload
 from numpy.typing import NDArray
 
 from seatrial.models.compiled import LEAN, lean_kernel, tuple_of
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import DOFS
-from seatrial.models.ranges import Positive, check_ranges
+from seatrial.models.ranges import NotNegative, Positive, check_ranges
 from seatrial.models.vessel.basis import Array, Codes
 from seatrial.models.vessel.devices.azimuth import Thruster
 from seatrial.models.vessel.devices.device import Device
@@ -285,17 +284,14 @@ class PositionedThruster:
     kind: Literal["fixed", "tunnel", "azimuth"]
     position_m: tuple[float, float, float]
     ahead_n: Positive
-    astern_n: float | None = None  # None: equal to ahead_n
+    astern_n: NotNegative | None = None  # None: equal to ahead_n
     direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
     weight: Positive = 1.0
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if self.astern_n is not None and (self.astern_n < 0.0 or self.kind == "azimuth"):
-            raise ConfigurationError(
-                f"astern_n: got {self.astern_n} for a thruster of kind {self.kind}, expected a "
-                "number that is not negative, or null for an azimuth thruster"
-            )
+        if self.astern_n is not None and self.kind == "azimuth":
+            raise ConfigurationError(f"astern_n: got {self.astern_n}, expected null of an azimuth")
         if not np.linalg.norm(self.direction) > 0.0:
             raise ConfigurationError(f"direction: got {self.direction}, expected a non-zero vector")
 
@@ -324,15 +320,12 @@ class Allocation:
 
     method: Literal["none", "pseudo_inverse", "qp"]
     thrusters: tuple[PositionedThruster, ...]
-    voltage_v: float | None = None
+    voltage_v: Annotated[float, Ge(14.0), Le(16.7)] = 16.0  # of the batteries
 
     def __post_init__(self) -> None:
+        check_ranges(self)
         if not self.thrusters:
             raise ConfigurationError("thrusters: got none, expected at least one")
-        if self.voltage_v is not None and not 14.0 <= self.voltage_v <= 16.7:  # of the batteries
-            raise ConfigurationError(
-                f"voltage_v must lie between 14 and 16.7, got {self.voltage_v}"
-            )
 
     def matrix(self, dofs: Sequence[str]) -> Array:
         """T, shape (n_dof, n_u). Raises ConfigurationError if its rank is less than n_dof."""
@@ -353,9 +346,8 @@ class Allocation:
         T = self.matrix(dofs)
         n_dof, n_u = T.shape
         low_v, high_v = T200
-        voltage = high_v[0] if self.voltage_v is None else self.voltage_v
         slope = (1.0 - low_v[1:] / high_v[1:]) / (high_v[0] - low_v[0])
-        ahead, astern = 1.0 + (voltage - high_v[0]) * slope
+        ahead, astern = 1.0 + (self.voltage_v - high_v[0]) * slope
         high = ahead * np.array([one.ahead_n for one in self.thrusters])
         low = -astern * np.array(
             [one.ahead_n if one.astern_n is None else one.astern_n for one in self.thrusters]
@@ -418,21 +410,17 @@ class DeviceAllocation:
 
     def table(self, dofs: tuple[str, ...]) -> DeviceTable:
         """Geometry and curves for the allocation step, with the azimuths at their start."""
-        forces, own = self.forces().table(dofs), self.devices
+        forces, own, names = self.forces().table(dofs), self.devices, list(self.inputs)
         assert isinstance(forces, PseudoInverse)
-        names = list(self.inputs)
-        turns = [None if d.alpha is None else self.inputs[d.alpha] for d in own]
+        turns = [self.inputs[d.alpha or d.drive] for d in own]  # of fixed ones they are not used
         return DeviceTable(
             forces, np.zeros(len(dofs)), np.array([float(i.start) for i in self.inputs.values()]),
             np.array([names.index(d.drive) for d in own]),
             np.array([-1 if d.alpha is None else names.index(d.alpha) for d in own]),
             np.array([(d.ahead, d.astern or d.ahead, d.dead_band, d.curvature) for d in own]),
             np.array([thrust_at(d, self.inputs[d.drive].low) for d in own]),
-            np.array([
-                (d.angle_rad, *((turn.low, turn.high) if turn else (0.0, 0.0)))
-                for d, turn in zip(own, turns, strict=True)
-            ]),
-            np.array([turn.start if turn else 0.0 for turn in turns]),
+            np.array([(d.angle_rad, i.low, i.high) for d, i in zip(own, turns, strict=True)]),
+            np.array([i.start for i in turns]),
         )  # fmt: skip
 
     def limits(self, dofs: tuple[str, ...]) -> tuple[float, ...]:
@@ -455,10 +443,8 @@ def device_allocation(
     """
     driven = [device for device in devices.values() if device.inputs()]
     own = tuple(device for device in driven if isinstance(device, Thruster))
-    if not own or len(own) < len(driven):
-        return None
     result = DeviceAllocation(own, inputs)
-    try:
-        return result if min(result.limits(dofs)) > 0.0 else None
-    except ConfigurationError:  # not independently
-        return None
+    with suppress(ConfigurationError):  # without thrusters, or not independently
+        if len(own) == len(driven) and min(result.limits(dofs)) > 0.0:
+            return result
+    return None

@@ -128,7 +128,6 @@ def manoeuvres(
     length: float | None = None,
     scale: float = 1.0,
     map_file: Path | None = None,
-    series: str = "recording",
     database: str = DEFAULT_DATABASE,
     results_dir: Path | None = None,
 ) -> TextTable:
@@ -141,7 +140,7 @@ def manoeuvres(
         return sheets.file_sheet(Path(subject), map_file, manoeuvre, helm, length, scale)
     with compare.frame.open_results(database, results_dir) as results:
         run = cli.newest(results) if subject == "latest" else int(subject)
-        return sheets.run_sheet(results, run, series, manoeuvre, helm, length, scale)
+        return sheets.run_sheet(results, run, manoeuvre, helm, length, scale)
 
 
 @command()

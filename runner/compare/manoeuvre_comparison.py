@@ -1,48 +1,46 @@
 """The sheet of a standard manoeuvre: of a stored run, or of a file of recorded motion."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError
+from seatrial.models.notation import Manoeuvre
 from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, number_text
 from seatrial.runner.export import manoeuvre_tracks as tracks
+from seatrial.runner.export.manoeuvre_tracks import manoeuvre_sheet as sheets
 
-RECORDING = "recording"
 EXECUTED = "from the instant at which the helm has passed half of its first step"
 VISIBLE = 1e-3  # width of an interval over its value
 MAX_MANOEUVRES = 6  # manoeuvres in a report
 
 
 def run_sheet(
-    results: Queries, run: int, series: str, manoeuvre: tracks.Manoeuvre | None, helm: str | None,
+    results: Queries, run: int, manoeuvre: Manoeuvre | None, helm: str | None,
     length_m: float | None, scale: float,
 ) -> TextTable:  # fmt: skip
     """Return the sheet of a run, or the measures that are stored of its recorded manoeuvres."""
     predicted = [
-        row for row in results.reader.diagnostics(run) if row.name.startswith(tracks.DIAGNOSTIC)
+        row for row in results.reader.diagnostics(run) if row.name.startswith(sheets.DIAGNOSTIC)
     ]
-    if predicted and series == RECORDING:
+    if predicted:
         return comparison(predicted, f"Run {run}")
-    recorded = tracks.stored(results.reader, run, series, helm, length_m)
-    ordered = replace(recorded.ordered, kind=manoeuvre or recorded.ordered.kind)
-    result = tracks.measured_sheet(recorded.track, ordered, scale)
-    return grid_of_sheet(result, f"Run {run}", recorded.predicted)
+    track, ordered = tracks.stored(results.reader, run, helm, length_m)
+    ordered = replace(ordered, kind=manoeuvre or ordered.kind)
+    return grid_of_sheet(sheets.measured_sheet(track, ordered, scale), f"Run {run}")
 
 
 def file_sheet(
-    path: Path, map_file: Path | None, manoeuvre: tracks.Manoeuvre | None, helm: str | None,
+    path: Path, map_file: Path | None, manoeuvre: Manoeuvre | None, helm: str | None,
     length_m: float | None, scale: float,
 ) -> TextTable:  # fmt: skip
     """Return the sheet of a recorded file."""
     track, ordered = tracks.file_track(path, map_file, helm, length_m)
     ordered = replace(ordered, kind=manoeuvre or ordered.kind)
-    return grid_of_sheet(tracks.measured_sheet(track, ordered, scale), str(path))
+    return grid_of_sheet(sheets.measured_sheet(track, ordered, scale), str(path))
 
 
 def newest_manoeuvres(
@@ -60,42 +58,27 @@ def newest_manoeuvres(
     known = []
     for run in found[:MAX_MANOEUVRES]:
         with suppress(ConfigurationError):  # of a vessel without a position, such as in yaw alone
-            known.append((run, tracks.stored(results.reader, run.id, RECORDING)))
+            known.append((run, tracks.stored(results.reader, run.id)))
     return known
 
 
-def grid_of_sheet(
-    result: tracks.Sheet, title: str, predicted: Mapping[str, tracks.PredictedMeasure] | None = None
-) -> TextTable:
-    """The sheet as a table with its definitions below.
-
-    `predicted` are the quantities that the identified model predicts.
-    """
-    values, told = result.values, predicted or {}
-    known = any(  # says more than the measure
-        np.isfinite(low) or not np.isclose(value, values[name], rtol=1e-9)
-        for name, (value, low, _) in told.items()
-        if name in values
-    )
+def grid_of_sheet(result: sheets.Sheet, title: str) -> TextTable:
+    """The sheet as a table with its definitions below."""
     noisy = any(  # an interval is wide enough to be seen in the table
-        None not in (entry.low, entry.high)
-        and (entry.high or 0.0) - (entry.low or 0.0) > VISIBLE * abs(entry.value)
-        for entry in result.entries
+        entry.high - entry.low > VISIBLE * abs(entry.value) for entry in result.entries
     )
     headers = ["quantity", "value", *(["from", "to"] if noisy else []), "unit", "metres", "limit"]
-    headers += ["MSC.137(76)", *(["identified", "90 % from", "90 % to"] if known else [])]
+    headers += ["MSC.137(76)"]
     rows: list[list[Scalar]] = []
     for entry in result.entries:
         metres = entry.value * result.length_m if entry.unit == "L" else None
-        row = [entry.quantity, entry.value, *([entry.low, entry.high] if noisy else [])]
-        row += [entry.unit, metres, entry.limit, entry.verdict]
-        own = told.get(entry.quantity, (np.nan,) * 3) if known else ()
-        rows.append([*row, *(None if np.isnan(value) else value for value in own)])
+        bounds = [entry.low, entry.high] if noisy else []
+        rows.append(
+            [entry.quantity, entry.value, *bounds, entry.unit, metres, entry.limit, entry.verdict]
+        )
     notes = notes_of(result)
     if noisy:
         notes.append("from, to: 90 % interval, due to noise and sample time of the recording")
-    if known:
-        notes.append("identified: the model's own manoeuvre in calm water, with its 90 % interval")
     return grid_of(f"{title}: {result.manoeuvre.replace('_', ' ')}", headers, rows, notes=notes)
 
 
@@ -104,19 +87,19 @@ def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
     lines: dict[tuple[str, str], list[Diagnostic]] = {}
     for row in rows:
         file = (row.label or "").rpartition(", ")[0]
-        quantity = row.name.removeprefix(tracks.DIAGNOSTIC).replace("_", " ")
+        quantity = row.name.removeprefix(sheets.DIAGNOSTIC).replace("_", " ")
         lines.setdefault((file, quantity), []).append(row)
     table: list[list[Scalar]] = []
     for (file, quantity), own in lines.items():
         values: dict[int | None, float | None] = {row.j: row.value for row in own}
         measured, nominal, identified, low, high = (
-            values.get(j) for j in range(len(tracks.COMPARED))
+            values.get(j) for j in range(len(sheets.COMPARED))
         )
         error = None
         if measured and identified is not None:
             error = 100.0 * (identified / measured - 1.0)
         table.append([file, quantity, own[0].unit, measured, nominal, identified, error, low, high])
-    headers = ("file", "quantity", "unit", *tracks.COMPARED[:3], "error [%]", *tracks.COMPARED[3:])
+    headers = ("file", "quantity", "unit", *sheets.COMPARED[:3], "error [%]", *sheets.COMPARED[3:])
     notes = [f"{EXECUTED}; L: ship lengths"]
     notes.append(
         "low, high: 90 % of simulations with parameters drawn from their covariance and with the"
@@ -125,13 +108,13 @@ def comparison(rows: Sequence[Diagnostic], title: str) -> TextTable:
     return grid_of(f"{title}: manoeuvres", headers, table, labels=3, notes=notes)
 
 
-def notes_of(result: tracks.Sheet) -> list[str]:
+def notes_of(result: sheets.Sheet) -> list[str]:
     """What the quantities are measured from."""
     notes = [] if "spiral" in result.manoeuvre else [EXECUTED]
     length, speed = number_text(result.length_m, 5), number_text(result.speed_m_s, 4)
     ratio = number_text(result.length_over_speed_s, 3)
-    if result.unlimited:
-        notes.append(result.unlimited)
+    if not any(entry.limit is not None for entry in result.entries):
+        notes.append(sheets.UNLIMITED)
     scaled = result.length_over_speed_s * result.speed_m_s > 1.0001 * result.length_m
     where = " at full scale" if scaled else ""  # with --scale alone it is not that of the model
     return [*notes, f"L = {length} m, approach at {speed} m/s, L/V{where} {ratio} s"]

@@ -25,7 +25,7 @@ from seatrial.runner.compare.runs import run_table
 from seatrial.runner.compare.table import comparison
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
 from seatrial.runner.database.tables import RunRow as RunTable
-from seatrial.runner.export.manoeuvre_tracks import measured_sheet
+from seatrial.runner.export.manoeuvre_tracks import manoeuvre_sheet
 from seatrial.runner.record.catalogue import METRICS, all_declared, definition_of
 from seatrial.runner.record.vocabulary import GROUPS, LOST
 
@@ -180,8 +180,8 @@ class _Report:
         for run, recorded in newest_manoeuvres(self.results, self.runs):
             # a manoeuvre that was not carried out, such as one that is too short, has no sheet
             with suppress(RecordingError):
-                result = measured_sheet(recorded.track, recorded.ordered)
-                grid = grid_of_sheet(result, f"Run {run.id}", recorded.predicted)
+                result = manoeuvre_sheet.measured_sheet(*recorded)
+                grid = grid_of_sheet(result, f"Run {run.id}")
                 heading = f"Manoeuvre of {subtitle(run)}"
                 blocks.append(folded(heading, html_table(grid), opened=True))
         blocks += [paragraph(f"Not shown: {text}", "refused") for text in self.refused]

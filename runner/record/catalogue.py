@@ -22,7 +22,6 @@ Unit = str | Mapping[str, str]
 Better = Literal["lower", "higher"] | float | None
 QUANTITIES = ("pose", "velocity")  # that are predicted, and over which horizons
 HORIZONS = ("one_step", "ten_step", "restarts", "free_run")
-MEASURE_LOW, MEASURE_HIGH = "manoeuvre_low", "manoeuvre_high"  # diagnostics: a 90 % interval
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,7 @@ from seatrial.models.notation import MEASURES, OrderedManoeuvre
 from seatrial.models.planning.dubins import Arc, dubins, length_of, poses_at
 from seatrial.models.planning.planner import Waters, clear, inside, simplified
 from seatrial.models.recording.recording import Recording, end_to_end
-from seatrial.models.simulation.manoeuvre_measures import Measures
-from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, sheet, track_of
+from seatrial.models.simulation.manoeuvre_sheet import DEVIATION_SHARE, Measures, sheet, track_of
 from seatrial.models.simulation.voyage import recording_of
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.kinematics import in_ned

@@ -37,8 +37,9 @@ def validate(
     models = {"nominal": problem.nominal, "identified": identified.model}
     diagnostics = _per_file(problem, models)
     if isinstance(file := trial.excitation, RecordedFile):
-        length_m = manoeuvre_results.length_of(trial)
-        diagnostics += manoeuvre_results.manoeuvres(problem, identified, length_m, file.manoeuvre)
+        diagnostics += manoeuvre_results.recorded_manoeuvres(
+            problem, identified, trial.vessel.scales.length_m, file.manoeuvre
+        )
     if truth is not None:
         models["plant"] = truth
     band, no_band = None, list[Diagnostic]()
@@ -53,7 +54,7 @@ def validate(
     for name, model in models.items():
         results += Results(own_rows(trial.metrics, "of_model", name, tested, model))
     results += Results(diagnostics=diagnostics)
-    return results + manoeuvre_results.manoeuvre_results(trial, models, identified)
+    return results + Results(manoeuvre_results.own_manoeuvres(trial, models))
 
 
 def _per_file(problem: Problem, models: Mapping[str, Vessel]) -> list[Diagnostic]:

@@ -12,7 +12,7 @@ import pytest
 
 from seatrial.models.excitation.helm import HelmManoeuvre
 from seatrial.models.simulation.loop import sail
-from seatrial.models.simulation.manoeuvre_measures import Track, turn
+from seatrial.models.simulation.manoeuvre_sheet import Track, turn
 from seatrial.models.weather.weather import Weather
 from tests.trials import composed
 

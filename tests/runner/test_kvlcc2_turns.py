@@ -10,8 +10,7 @@ import pytest
 
 from seatrial.models.identification.free_run import course_of, free_run
 from seatrial.models.recording.recording import Recording
-from seatrial.models.simulation.manoeuvre_measures import turn
-from seatrial.models.simulation.manoeuvre_sheet import track_of
+from seatrial.models.simulation.manoeuvre_sheet import track_of, turn
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.table import Vessel
 from seatrial.runner.compare.__main__ import run as compare

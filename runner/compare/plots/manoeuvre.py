@@ -11,6 +11,7 @@ from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, note
 from seatrial.runner.compare.plots import style
 from seatrial.runner.compare.plots.selection import subtitle, trials_of
 from seatrial.runner.export import manoeuvre_tracks as tracks
+from seatrial.runner.export.manoeuvre_tracks import manoeuvre_sheet as sheets
 
 FIGURE = Figure(
     "manoeuvre", "Turning circle or zig-zag of a run, with its measures.",
@@ -31,9 +32,9 @@ def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
 
 
 def _drawing(run: StoredRun, recorded: tracks.Recorded) -> style.Drawing:
-    track = recorded.track
+    track, ordered = recorded
     try:
-        result = tracks.measured_sheet(track, recorded.ordered)
+        result = sheets.measured_sheet(track, ordered)
     except RecordingError as error:
         raise ConfigurationError(f"plot manoeuvre: run {run.id}: {error}") from error
     helm = round(result.values["helm"])
@@ -50,14 +51,14 @@ def _drawing(run: StoredRun, recorded: tracks.Recorded) -> style.Drawing:
     else:
         figure, axes = style.panels(1, 1, 7.0, 4.0)
         _zigzag(axes[0], track, result)
-        title = f"Zig-zag {abs(helm)}/{round(result.turn_deg or 0.0)}"
+        title = f"Zig-zag {abs(helm)}/{round(result.values['change of heading'])}"
     name, title = f"manoeuvre-run-{run.id}", f"{title}, {subtitle(run)}"
     return style.drawing_of(name, figure, axes, title, notes_of(result))
 
 
-def _circle(axes: Axes, track: tracks.Track, result: tracks.Sheet) -> None:
+def _circle(axes: Axes, track: sheets.Track, result: sheets.Sheet) -> None:
     """The track in ship lengths from the execution, the course of the approach upwards."""
-    ahead, aside = tracks.way_from(track, result.start_s)
+    ahead, aside = sheets.way_from(track, result.start_s)
     axes.plot(aside, ahead, color=style.PALETTE[0], label="track")
     axes.plot(0.0, 0.0, "o", color=style.REFERENCE, markersize=5, label="execution")
     lines = {"advance": (90, 3), "transfer": (90, 5), "tactical diameter": (180, 1)}
@@ -74,16 +75,16 @@ def _circle(axes: Axes, track: tracks.Track, result: tracks.Sheet) -> None:
     axes.set(xlabel="Across the approach [L]", ylabel="Along the approach [L]")
 
 
-def _zigzag(axes: Axes, track: tracks.Track, result: tracks.Sheet) -> None:
+def _zigzag(axes: Axes, track: sheets.Track, result: sheets.Sheet) -> None:
     """Heading from the course of the approach and helm over time, with the overshoots."""
-    start, turned = result.start_s, result.turn_deg or 0.0
+    start, turned = result.start_s, result.values["change of heading"]
     heading = np.degrees(track.psi - track.at(track.psi, start))
     t = track.t - start
     axes.plot(t, np.degrees(track.helm), color=style.PALETTE[1], label="helm")
     axes.plot(t, heading, color=style.PALETTE[0], label="heading from the approach")
     for angle in (-turned, turned):
         axes.axhline(angle, color=style.MUTED, linewidth=0.7, linestyle=":")
-    times = tracks.executions(track)[0][1:]
+    times = sheets.executions(track)[0][1:]
     for name, executed in zip(("first overshoot", "second overshoot"), times, strict=False):
         if name not in result.values:
             break

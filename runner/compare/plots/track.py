@@ -6,7 +6,7 @@ recorded track. A docking has its harbour (series `harbour`), and the forces bel
 `outline` and `draw_harbour` are for films of hulls in the plane too.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import count
 from typing import Any
 
@@ -76,7 +76,7 @@ def drawn_length(config: Config, extent_m: float) -> tuple[float, str]:
     It is that of the vessel; of a vessel too short to be seen it is the smallest of 2, 5, 10, 20,
     ... lengths that can.
     """
-    length = length_of(config) if isinstance(config.get("vessel"), Mapping) else None
+    length = length_of(config)
     if length is None:
         return HULL_SHARE * max(extent_m, 1e-6), "hulls not to scale, as the length is not stored"
     times = next(m * 10**k for k in count() for m in (1, 2, 5)

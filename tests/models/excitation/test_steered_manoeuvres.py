@@ -7,14 +7,14 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.excitation.helm import register
-from seatrial.models.simulation.manoeuvre_measures import (
+from seatrial.models.simulation.manoeuvre_sheet import (
     Track,
     reverse_spiral,
+    sheet,
     spiral,
     steady_states,
     williamson,
 )
-from seatrial.models.simulation.manoeuvre_sheet import sheet
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.steering import steering_model
 from tests.models.vessel.test_steered import steered, track, vessel

@@ -5,15 +5,17 @@ import pytest
 
 from seatrial.models.errors import RecordingError
 from seatrial.models.notation import OrderedManoeuvre
-from seatrial.models.simulation.manoeuvre_measures import Track, reverse_spiral, spiral, stop
 from seatrial.models.simulation.manoeuvre_sheet import (
     DEVIATION_SHARE,
     SheetEntry,
+    Track,
+    drawn_values,
     interval,
-    intervals,
-    manoeuvre_of,
-    overshoot_limits,
+    limits,
+    reverse_spiral,
     sheet,
+    spiral,
+    stop,
 )
 from seatrial.models.vessel.basis import Array
 
@@ -44,9 +46,10 @@ def spiral_track(rate_of: "dict[str, float]", helms_deg: Array, hold_s: float = 
 
 def test_limits_of_the_overshoot_over_the_ratio_of_length_to_speed() -> None:
     """MSC.137(76): 10 and 25 degrees below 10 s, 20 and 40 from 30 s, lines between."""
-    assert overshoot_limits(5.0) == overshoot_limits(10.0) == (10.0, 25.0)
-    assert overshoot_limits(30.0) == overshoot_limits(60.0) == (20.0, 40.0)
-    assert overshoot_limits(20.0) == (15.0, 32.5)
+    expected = {5: (10, 25), 10: (10, 25), 20: (15, 32.5), 30: (20, 40), 60: (20, 40)}
+    for ratio, overshoots in expected.items():
+        allowed = limits("zigzag", 10.4, 10.0, ratio)
+        assert (allowed["first overshoot"], allowed["second overshoot"]) == overshoots
 
 
 def test_a_value_on_its_limit_passes_and_one_not_reached_has_no_verdict() -> None:
@@ -86,7 +89,6 @@ def test_the_loop_of_a_spiral_is_where_the_rate_jumps() -> None:
     none = spiral(spiral_track(stable, helms))
     assert none["width of the loop"] == pytest.approx(0.0, abs=1e-9)
     assert none["residual yaw rate"] == pytest.approx(0.0, abs=1e-9)
-    assert manoeuvre_of(spiral_track(stable, helms)) == "spiral"
 
 
 def test_a_reverse_spiral_shows_the_fold() -> None:
@@ -136,9 +138,9 @@ def test_intervals_are_the_quantiles_of_the_draws() -> None:
         return track(t, np.maximum(t - 10.0, 0.0) * rate, np.radians(35.0) * (t > 9.95))
 
     draws = [sail(0.1 + DEVIATION_SHARE * deviation) for deviation in deviations]
-    low, high = intervals(sheet(sail(0.1)).values, draws, OrderedManoeuvre("turn"))[
-        "steady diameter"
-    ]
+    own, quantity = sheet(sail(0.1)).values, "steady diameter"
+    values = drawn_values(own, draws, OrderedManoeuvre("turn"))[quantity]
+    low, high = interval(own[quantity], values)
     diameter = 2.0 * 2.0 / 0.1 / 10.0
     drawn = 2.0 * 2.0 / (0.1 + DEVIATION_SHARE * deviations) / 10.0
     expected = diameter + np.quantile(drawn - diameter, [0.05, 0.95]) / DEVIATION_SHARE
@@ -162,14 +164,15 @@ def test_an_overshoot_that_only_a_drawn_model_reaches_has_no_interval() -> None:
     away = track(drawn.t, drawn.psi + 0.05 * np.maximum(drawn.t - 80.0, 0.0), drawn.helm)
     known, reached = (sheet(motion, ZIGZAG).values for motion in (away, drawn))
     assert reached.keys() - known.keys()
-    assert intervals(known, [away, drawn], ZIGZAG).keys() == known.keys()
+    assert drawn_values(known, [away, drawn], ZIGZAG).keys() == known.keys()
 
 
 def test_the_initial_turning_of_a_model_is_to_the_recorded_heading() -> None:
     """Under the helm of a recording a model that turns less is at 14 degrees later, or never."""
 
     def path(angle_deg: float, turn_deg: float | None) -> float:
-        return sheet(zigzag(angle_deg), ZIGZAG, turn_deg=turn_deg).values["initial turning"]
+        ordered = OrderedManoeuvre("zigzag", turn_deg=turn_deg)
+        return sheet(zigzag(angle_deg), ordered).values["initial turning"]
 
     until = 20.0 + 40.0 / (2.0 * np.pi) * np.arcsin(14.0 / 16.0)
     assert path(16.0, 14.0) == pytest.approx(2.0 * (until - 15.0) / 10.0, abs=0.05)

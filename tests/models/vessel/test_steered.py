@@ -8,7 +8,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.simulation.dynamics import rates, scratch
-from seatrial.models.simulation.manoeuvre_measures import Track, turn, zigzag
+from seatrial.models.simulation.manoeuvre_sheet import Track, turn, zigzag
 from seatrial.models.simulation.voyage import Voyage
 from seatrial.models.vessel.derivatives import Prime
 from seatrial.models.vessel.devices.device import device_forces

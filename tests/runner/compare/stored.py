@@ -17,7 +17,6 @@ from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
 from seatrial.runner.record.vocabulary import GROUPS
 from tests.runner.database.samples import make_start
 
-PREDICTED = (6.1, 5.9, 6.4)  # tactical diameter and its interval, of the circle's model
 VESSEL = {"dofs": ["surge", "sway", "yaw"], "force_limits": [100.0, 100.0, 500.0]}
 UNITS = {  # of a column by its name: the first that matches
     r"t": "s",
@@ -166,18 +165,13 @@ def fill_sailed(logbook: LogbookWriter) -> None:
         )
     truth = [coefficient("u_dot", 1200.0, None, 1200.0), coefficient("u", 10.0, None, 10.0)]
     turn = {"vessel": {"length_m": 10.0}, "excitation": {"manoeuvre": "turn", "helm": "delta"}}
-    value, *bounds = PREDICTED
-    diameter = Metric("validation", "identified", "all", "manoeuvre_tactical_diameter", value, "L")
-    interval = [
-        Diagnostic(f"manoeuvre_{name}", "all", bound, "L", label="tactical diameter")
-        for name, bound in zip(("low", "high"), bounds, strict=True)
-    ]
+    diameter = Metric("validation", "identified", "all", "manoeuvre_tactical_diameter", 6.1, "L")
     for begin, results in (
         (start("nsga2"), Results(coefficients=truth, diagnostics=_pareto())),
         (start("surface"), Results(diagnostics=_surface())),
         (start("dsr"), Results(diagnostics=_spectrum(), series=[_recording()])),
         (start("iv"), Results(diagnostics=_mix(), series=[_prediction(), *_planned()])),
-        (start("none", config=turn), Results([diameter], (), interval, [circle()])),
+        (start("none", config=turn), Results([diameter], series=[circle()])),
     ):
         logbook.finish_run(logbook.begin_run(begin, sweep).run_id, results)
 

@@ -133,20 +133,12 @@ def test_wrong_maps_are_one_line(
     assert message in err
 
 
-def test_the_sheet_has_what_the_identified_model_predicts(program: Program, sailed: Path) -> None:
-    """Beside what was recorded, with its interval, as stored; blank where there is none."""
-    rows = values(program("manoeuvres", "9", *database(sailed), "--format", "json")[1])
-    known = rows["tactical diameter"]
-    assert (known["identified"], known["90 % from"], known["90 % to"]) == stored.PREDICTED
-    assert rows["advance"]["identified"] is None
-
-
 def test_a_run_without_a_helm_and_a_file_without_a_length_are_one_line(
     program: Program, sailed: Path, circle: Path
 ) -> None:
     for arguments, message in (
         (("1", *database(sailed), "--length", "10"), "has no u, expected a steered vessel"),
-        (("1", *database(sailed)), "the length of its vessel is not stored"),
+        (("1", *database(sailed)), "its vessel has no length, expected --length"),
         ((circle, "--map", "map.yaml"), "expected --length"),
         ((circle, "--length", "10"), "expected --map"),
     ):
