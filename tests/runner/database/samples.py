@@ -7,7 +7,7 @@ import numpy as np
 from sqlalchemy import text, update
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.runner.database import RunStart, engine, liveness
+from seatrial.runner.database import RunStart, claims, engine
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
@@ -65,7 +65,7 @@ def ago(seconds: float) -> datetime:
 
 def gone() -> str:
     """The identity of a process of this machine that has ended."""
-    own = liveness.identity(os.getpid())
+    own = claims.identity(os.getpid())
     assert own is not None
     machine, _, start = own.rsplit("/", 2)
     return f"{machine}/{2**22 + 1}/{start}"
