@@ -71,8 +71,7 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
                 sources[-1] += paragraph("Simulated: there is nothing to get.")
                 continue
             facts, url = dict[str, str | Markup](task.source), task.source.get("url", "")
-            if url.startswith("https://"):
-                facts["url"] = pages.link(url, url)
+            facts["url"] = pages.link(url, url) if url.startswith("https://") else "–"
             known = sum(file.state == "found" for file in files)
             facts["files"] = f"{known} of {len(files)} were at hand"
             sources[-1] += pages.facts([*facts.items()])

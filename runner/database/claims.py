@@ -38,7 +38,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database.engine import Address, one_line
 from seatrial.runner.database.outage import repeated
-from seatrial.runner.database.records import AT_ONCE, RunClaim, RunStart, plain
+from seatrial.runner.database.records import AT_ONCE, RunClaim, plain
 from seatrial.runner.database.tables import Base, Reuse, RunRow
 
 HEARTBEAT_S = 5.0
@@ -113,15 +113,17 @@ def beat(engine: Engine, address: Address, ended: Event) -> None:
 
 
 def claim(
-    connection: Connection, start: RunStart, sweep_id: int | None, rerun: bool, moment: datetime
+    connection: Connection, start: RunRow, sweep_id: int | None, rerun: bool, moment: datetime
 ) -> RunClaim:
     """Begin a run of the trial, unless it is running, or finished and `rerun` is False.
 
+    `start` has the columns that are known before.
     A run that this process began at the same `moment` is returned as new: the server committed it,
     but the connection was lost before the reply. Raises LogbookError if no try succeeds.
     """
     own = {"host": socket.gethostname(), "pid": os.getpid(), "started_at": moment}
-    row = {name: plain(value) for name, value in vars(start).items()} | own
+    given = {name: value for name, value in vars(start).items() if name in RunRow.__table__.c}
+    row = {name: plain(value) for name, value in given.items()} | own
     row |= {"status": "running", "sweep_id": sweep_id, "process": identity(os.getpid())}
     now = literal_column(CLOCKS[connection.dialect.name], DateTime())
     # Without the row's values, so that SQLAlchemy compiles the statement only once.

@@ -28,7 +28,7 @@ from seatrial.runner.database import series_files as files
 from seatrial.runner.database.engine import Address, parse
 from seatrial.runner.database.outage import hurry, repeated
 from seatrial.runner.database.reader import LogbookReader
-from seatrial.runner.database.records import AT_ONCE, RunClaim, RunStart, cell, plain
+from seatrial.runner.database.records import AT_ONCE, RunClaim, cell, plain
 from seatrial.runner.record.rows import Coefficient, Metric, Results
 from seatrial.runner.record.vocabulary import Ending
 
@@ -154,7 +154,7 @@ class LogbookWriter(LogbookReader):
         return self._write(partial(claims.reuse, sweep_id=sweep_id, run_ids=run_ids))
 
     def begin_run(
-        self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False
+        self, start: tables.RunRow, sweep_id: int | None = None, *, rerun: bool = False
     ) -> RunClaim:
         """Claim a trial: `new` if the caller is to run it, else the run that finished or runs it.
 

@@ -15,28 +15,6 @@ AT_ONCE = 500  # values in one condition; databases limit the variables of a sta
 
 
 @dataclass(frozen=True)
-class RunStart:
-    """The properties of a run that are known before it starts."""
-
-    fingerprint: str  # SHA-256 in hexadecimal, 64 characters
-    vessel: str
-    disturbance: str
-    excitation: str
-    identifier: str
-    controller: str
-    evaluation: str
-    seed: int
-    config: Mapping[str, object]
-    overrides: Sequence[str] = ()
-    git_commit: str | None = None
-    git_dirty: bool | None = None
-    versions: Mapping[str, object] = field(default_factory=dict)
-    command: str = ""
-    code: str | None = None  # digest of the code that computes results, 16 characters
-    experiment: str | None = None  # the fingerprint without the seed
-
-
-@dataclass(frozen=True)
 class RunClaim:
     """The answer to `begin_run`.
 

@@ -130,7 +130,8 @@ def test_a_run_without_a_heartbeat_may_be_pruned(filled: LogbookWriter, url: str
 
 def test_many_runs_are_pruned(logbook: LogbookWriter, url: str) -> None:
     begun = {"host": "h", "pid": 1, "attempt": 1, "started_at": datetime.now(UTC)}
-    values = vars(make_start(0)) | begun | {"status": "failed"}
+    start = vars(make_start(0)).items()
+    values = {name: one for name, one in start if name[0] != "_"} | begun | {"status": "failed"}
     change(url, insert(RunRow).values([values | {"fingerprint": f"{k:064x}"} for k in range(1200)]))
     assert logbook.prune([run.run_id for run in logbook.runs()]) == (1200, 0, [])
     assert logbook.runs() == []
