@@ -36,10 +36,11 @@ def benchmark(
     code, began = 0, perf_counter()
     for name in task or search_path.options(tasks.GROUP):
         known, variants = tasks.task_of(name), defaultdict[str, list[list[str]]](list)
-        for case, wrong in tasks.lacking(known, tasks.located(known)).items():
-            files = ", ".join(f"{file.name} is {file.state}" for file in wrong)
+        cells = [*tasks.cells(known, entrant or ())]
+        for case, lacking in {cell.case: cell.lacking for cell in cells if cell.lacking}.items():
+            files = ", ".join(f"{file.name} is {file.state}" for file in lacking)
             print(f"{name}: {case} is left out: {files}; see seatrial data get {name}")
-        for cell in tasks.cells(known, entrant or ()):
+        for cell in (cell for cell in cells if not cell.lacking):
             variants[cell.entrant].append([*cell.options])
         words = [f"results_dir={results_dir}", f"sweep.name=benchmark_{name}"]
         for label, own in variants.items():

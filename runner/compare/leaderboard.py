@@ -67,16 +67,6 @@ class Ranking:
     alike: pd.DataFrame
     cases: int
 
-    def best(self) -> list[str]:
-        """The first entrant, and those not significantly different from it.
-
-        None where there are too few cases to tell entrants apart at all, after Holm's correction.
-        """
-        order = self.mean_ranks.index
-        if 0.5 ** (self.cases - 1) * math.comb(len(order), 2) >= SIGNIFICANCE or len(order) < 2:
-            return []
-        return [*order[self.alike.loc[order[0], order]]]
-
     def groups(self) -> list[list[str]]:
         """Largest runs of entrants, neighbours in rank, of which no two differ significantly."""
         order = [*self.mean_ranks.index]
@@ -146,12 +136,12 @@ class Board:
     def rivals(self) -> list[str]:
         """The first entrant of the contest, and those not significantly worse, in order.
 
-        Where there are too few cells for tests of ranks, by a paired bootstrap of the errors, in
-        which an entrant that lost a cell differs from one that did not.
+        Where there are too few cells to tell any by their ranks, after Holm's correction, by a
+        paired bootstrap of the errors, in which who lost a cell differs from who did not.
         """
-        if best := self.contest.best():
-            return best
-        first, *others = self.contest.mean_ranks.index
+        ranks, (first, *others) = self.contest, self.contest.mean_ranks.index
+        if 0.5 ** (ranks.cases - 1) * math.comb(len(ranks.mean_ranks), 2) < SIGNIFICANCE:
+            return [first, *(name for name in others if ranks.alike.loc[first, name])]
         own = self.entries[~self.entries["entrant"].isin(REFERENCES)]
         cells = own.pivot(index=CELL, columns="entrant", values="score")
         cells = cells.loc[losses_of(own, CELL).index]
@@ -231,7 +221,7 @@ def _entries(
     These have the cells in which some entrant has a prediction; one at rest has a position only.
     """
     own, trivial = list[dict[str, Any]](), dict[tuple[str, int, str], dict[str, Any]]()
-    for cell in cells(task, [*task.entrants, *entrants], stored=True):
+    for cell in cells(task, [*task.entrants, *entrants]):
         row = newest.get(_normal(cell.options))
         if row is None:
             continue

@@ -177,7 +177,7 @@ def chance(first: Sequence[Score], other: Sequence[Score]) -> float:
     if any(lost) or any(lost_too):
         return float(lost == lost_too)
     pairs = list(zip(first, other, strict=True))
-    if any(a.errors.shape != b.errors.shape for a, b in pairs):
+    if not pairs or any(a.errors.shape != b.errors.shape for a, b in pairs):
         return np.nan
     both = [np.hstack(two) for a, b in pairs for two in zip(a.pieces(), b.pieces(), strict=True)]
     drawn = np.sqrt(block_bootstrap(both, pairs[0][0].block))

@@ -74,6 +74,14 @@ class Task:
         return [file for file, path in each if file == path or file.startswith(f"{path}/")]
 
 
+class Located(NamedTuple):
+    """A file of a task: where it is, or where it is expected."""
+
+    name: str
+    path: Path
+    state: Literal["found", "damaged", "missing"]
+
+
 class BenchmarkTrial(NamedTuple):
     """One trial of the benchmark; `options` are all that its command gives."""
 
@@ -82,14 +90,7 @@ class BenchmarkTrial(NamedTuple):
     seed: int
     entrant: str
     options: tuple[str, ...]
-
-
-class Located(NamedTuple):
-    """A file of a task: where it is, or where it is expected."""
-
-    name: str
-    path: Path
-    state: Literal["found", "damaged", "missing"]
+    lacking: tuple[Located, ...]  # of its files, those that are missing or damaged
 
 
 def task_of(name: str) -> Task:
@@ -125,33 +126,21 @@ def located(task: Task) -> list[Located]:
     return files
 
 
-def lacking(task: Task, files: Sequence[Located]) -> dict[str, list[Located]]:
-    """The cases whose files are missing or damaged, each with these files."""
-    wrong = {file.name: file for file in files if file.state != "found"}
-    return {
-        label: parts
-        for label, case in task.cases.items()
-        if (parts := [wrong[part] for part in task.parts(*case.train, *case.test) if part in wrong])
-    }
+def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[BenchmarkTrial]:
+    """Yield the cells of a task, entrant by entrant.
 
-
-def cells(
-    task: Task, entrants: Sequence[str] = (), *, stored: bool = False
-) -> Iterator[BenchmarkTrial]:
-    """Yield the cells of a task, entrant by entrant, of those cases whose files are there.
-
-    Cells that are looked for among the `stored` runs need no files. An entrant that the task does
-    not name is an option of the group `identifier`, such as one's own; by default they are all of
-    the task.
+    An entrant that the task does not name is an option of the group `identifier`, such as one's
+    own; by default they are all of the task.
     """
-    files, maps = located(task), (("map", task.map), ("test_map", task.test_map))
-    absent, paths = lacking(task, files), {file.name: str(file.path) for file in files}
-    given = {label: case for label, case in task.cases.items() if stored or label not in absent}
-    shared = [*task.trial, *(f"excitation.{key}={MAPS / file}" for key, file in maps if file)]
+    files, maps = {file.name: file for file in located(task)}, ("map", "test_map")
+    paths = {name: str(file.path) for name, file in files.items()}
+    columns = [f"excitation.{key}={MAPS / file}" for key in maps if (file := getattr(task, key))]
     for entrant in dict.fromkeys(entrants or task.entrants):
         own = task.entrants.get(entrant, (f"identifier={entrant}",))
-        for label, case in given.items():
-            texts = [*shared, *case.options]
+        for label, case in task.cases.items():
+            needed = [files[part] for part in task.parts(*case.train, *case.test)]
+            lacking = tuple(file for file in needed if file.state != "found")
+            texts = [*task.trial, *columns, *case.options]
             for key, names in (("train", case.train), ("test", case.test)):
                 firsts = [(name, task.parts(name)[0]) for name in names]
                 of_case = [paths[first].removesuffix(first) + name for name, first in firsts]
@@ -160,4 +149,4 @@ def cells(
             for seed in range(case.seeds or task.seeds):
                 # The last option of a key counts: an entrant may replace one of the task.
                 last = {text.partition("=")[0]: text for text in (*texts, f"seed={seed}")}
-                yield BenchmarkTrial(task.name, label, seed, entrant, tuple(last.values()))
+                yield BenchmarkTrial(task.name, label, seed, entrant, (*last.values(),), lacking)
