@@ -13,7 +13,7 @@ process itself is checked, without waiting.
 import logging
 import os
 import socket
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from threading import Event
@@ -27,7 +27,6 @@ from sqlalchemy import (
     DateTime,
     Engine,
     Insert,
-    and_,
     literal_column,
     select,
     update,
@@ -93,23 +92,21 @@ def is_gone(process: str | None) -> bool:
     return here and identity(parts[1]) != process
 
 
-def beat(engine: Engine, address: Address, ended: Event) -> None:
-    """Update the heartbeat of the runs of this process until the end: the task of a thread."""
+def beat(engine: Engine, address: Address, begun: Mapping[int, object], ended: Event) -> None:
+    """Update the heartbeat of the runs that have begun until the end: the task of a thread."""
     now = literal_column(CLOCKS[address.dialect], DateTime())
-    own = and_(RunRow.host == socket.gethostname(), RunRow.pid == os.getpid())
-    own &= RunRow.process.is_not_distinct_from(identity(os.getpid()))
-    alive = update(RunRow).where(RunRow.status == "running", own).values(heartbeat_at=now)
+    running = update(RunRow).where(RunRow.status == "running").values(heartbeat_at=now)
 
     def transaction() -> None:
         with engine.begin() as connection:
-            connection.execute(alive)
+            connection.execute(running.where(RunRow.id.in_([*begun])))
 
     while not ended.wait(HEARTBEAT_S):
         try:
             repeated(address, transaction)
         except (SQLAlchemyError, LogbookError) as error:
             # The next heartbeat may succeed; if none does, the run counts as interrupted.
-            _log.warning("no heartbeat: %s", one_line(error))
+            _log.warning("no heartbeat for runs %s: %s", [*begun], one_line(error))
 
 
 def claim(
@@ -117,9 +114,9 @@ def claim(
 ) -> RunClaim:
     """Begin a run of the trial, unless it is running, or finished and `rerun` is False.
 
-    `start` has the columns that are known before.
-    A run that this process began at the same `moment` is returned as new: the server committed it,
-    but the connection was lost before the reply. Raises LogbookError if no try succeeds.
+    `start` has the columns that are known before. A run that this process began at the same
+    `moment` is returned as new: the server committed it, but the connection was lost before the
+    reply. Raises LogbookError if no try succeeds.
     """
     own = {"host": socket.gethostname(), "pid": os.getpid(), "started_at": moment}
     given = {name: value for name, value in vars(start).items() if name in RunRow.__table__.c}

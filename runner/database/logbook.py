@@ -43,7 +43,7 @@ class LogbookWriter(LogbookReader):
         self._writer: Engine = engines.writer(address)
         self._begun: dict[int, float] = {}  # time.monotonic() at the start of runs under way
         self._ended = Event()
-        beat = partial(claims.beat, self._writer, address, self._ended)
+        beat = partial(claims.beat, self._writer, address, self._begun, self._ended)
         self._heartbeat = Thread(target=beat, name="heartbeat", daemon=True)
 
     @classmethod

@@ -139,7 +139,7 @@ def test_a_heartbeat_that_fails_does_not_end_the_run(
         logbook._writer.dispose()  # its connections give up after 50 ms; those to come do not
         monkeypatch.setattr(engine, "BUSY_TIMEOUT_S", 30.0)
         logbook.finish_run(run, Results())
-    assert "no heartbeat: database is locked" in caplog.text
+    assert "no heartbeat for runs [1]: database is locked" in caplog.text
 
 
 def test_a_database_that_vanishes_is_not_made_anew(tmp_path: Path) -> None:
