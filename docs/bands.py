@@ -29,7 +29,7 @@ from seatrial.models.notation import OrderedManoeuvre
 from seatrial.models.simulation.manoeuvre_sheet import COMPARED, DIAGNOSTIC
 from seatrial.models.vessel.basis import Array
 from seatrial.runner.compare.benchmark.scores import BAND_LEVEL, crps, half_width
-from seatrial.runner.compare.benchmark.task import cells, lacking, located, task_of
+from seatrial.runner.compare.benchmark.task import cells, task_of
 from seatrial.runner.trials.closed_loop import Streams
 from seatrial.runner.trials.manoeuvre_results import recorded_manoeuvres
 from seatrial.runner.trials.trial import excite
@@ -108,7 +108,8 @@ def options_of(data: DataSet, entrant: str) -> Iterator[tuple[str, tuple[str, ..
     """The cases of a data set, each with the options of its trial."""
     task = task_of(data.task)
     for cell in cells(task, [entrant]):
-        if (not data.cases or cell.case in data.cases) and cell.seed < SEEDS:
+        chosen = not data.cases or cell.case in data.cases
+        if chosen and cell.seed < SEEDS and not cell.lacking:
             if data.each:
                 yield from left_out_in_turn(cell.options)
                 return
@@ -276,7 +277,7 @@ def main() -> None:
     for name in (options.data or DATA_SETS) if options.write else ():
         data = DATA_SETS[name]
         task = task_of(data.task)
-        if absent := lacking(task, located(task)):
+        if absent := {cell.case for cell in cells(task) if cell.lacking}:
             print(f"{name}: files of {len(absent)} cases are missing", file=sys.stderr)
         for entrant in options.identifier or data.entrants:
             for case, overrides in options_of(data, entrant):

@@ -67,17 +67,14 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
             blocks.append(group("figures", *_free_runs(results, board)))
             chapters.append(Section(task.title, task.name, blocks))
             sources.append(Markup("<h3>{}</h3>").format(task.title))
-            if (source := task.source) is None:
+            if not task.source:
                 sources[-1] += paragraph("Simulated: there is nothing to get.")
                 continue
-            name = Markup.escape(source.name)
-            if source.url.startswith("https://"):
-                name += ", " + pages.link(source.url, source.url)
+            facts, url = dict[str, str | Markup](task.source), task.source.get("url", "")
+            facts["url"] = pages.link(url, url) if url.startswith("https://") else "–"
             known = sum(file.state == "found" for file in files)
-            sources[-1] += pages.facts([
-                ("source", name), ("licence", source.licence), ("how to get", source.get),
-                ("files", f"{known} of {len(files)} were at hand"),
-            ])  # fmt: skip
+            facts["files"] = f"{known} of {len(files)} were at hand"
+            sources[-1] += pages.facts([*facts.items()])
     commands = [
         f"{trials} benchmark --entrant mine",
         f"{results_program()} leaderboard --entrant mine --page results/benchmark/index.html",
@@ -101,7 +98,7 @@ def _own(boards: Sequence[Board]) -> pd.DataFrame:
 
 def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
     """Yield the figures of every test file, of the first entrants and `none`."""
-    names = [*[name for name in board.contest.order() if name != "none"][:FIRST], "none"]
+    names = [*[name for name in board.contest.mean_ranks.index if name != "none"][:FIRST], "none"]
     for label, case in board.task.cases.items():
         entries = board.entries[board.entries["status"] == FINISHED]
         entries = entries[(entries["case"] == label) & (entries["seed"] == 0)]
@@ -137,7 +134,7 @@ def _by_file(
 def failures(own: pd.DataFrame) -> TextTable:
     """Return what failed, and what cannot predict or diverges, counted over the seeds."""
     lost = own[own["loss"] == float("inf")]
-    what = lost["error"].replace("", "its free run diverges, or there is none")
+    what = lost["error"].fillna("its free run diverges, or there is none")
     lost = lost.assign(what=[one_line(text, 200) for text in what])
     groups = lost.groupby(["task", "entrant", "case", "status", "what"], sort=False)["run"]
     rows: list[list[Scalar]] = [[*key, len(runs), min(runs)] for key, runs in groups]

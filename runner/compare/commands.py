@@ -232,8 +232,9 @@ def prune(
     compare.runs.check_statuses(statuses, (*LOST, "finished"))
     if not (statuses or where):
         raise ConfigurationError("prune: got no choice of runs, expected --status or --where")
-    conditions = results.clauses(results.where(where))
-    summaries = results.reader.prunable(*conditions, statuses=statuses)
+    ended = results.where(f"status in ({', '.join(statuses or (*LOST, 'finished'))})")
+    conditions = [*results.clauses(ended), *results.clauses(results.where(where))]
+    summaries = results.reader.runs(*conditions)
     title = f"{len(summaries)} runs with {sum(run.series for run in summaries)} series"
     grid = compare.runs.run_table(results, summaries, title)
     if not (yes and summaries):
@@ -246,12 +247,12 @@ def prune(
     with databases.LogbookWriter.open(
         reader.address.url, results_dir=reader.results_dir, create=False
     ) as logbook:
-        pruned = logbook.prune([run.run_id for run in summaries])
-    running = len(summaries) - pruned.runs
-    text = f"deleted {pruned.runs} runs and {pruned.files} files"
+        deleted, files, left = logbook.prune([run.run_id for run in summaries])
+    running = len(summaries) - deleted
+    text = f"deleted {deleted} runs and {files} files"
     text += f"; {running} are running again and were not deleted" if running else ""
-    if pruned.left:
-        raise LogbookError(f"{text}; could not delete {', '.join(pruned.left)}")
+    if left:
+        raise LogbookError(f"{text}; could not delete {', '.join(left)}")
     typer.echo(text, err=True)
     return grid
 
@@ -263,7 +264,7 @@ def verify(results: "Queries", form: OutputFormat = OutputFormat.RICH) -> None:
     Killed programs can leave unused files; they are not a problem, and may be deleted.
     """
     report = results.reader.verify()
-    rows = [[problem.where, problem.what] for problem in report.problems]
+    rows = [[*problem] for problem in report.problems]
     rows += [[str(path), "unused: this file belongs to no run"] for path in report.leftovers]
     verdict = f"{len(report.problems)} problems" if report.problems else "no problems"
     if report.leftovers:

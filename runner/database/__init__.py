@@ -14,13 +14,12 @@ if TYPE_CHECKING:
     from seatrial.runner.database.logbook import LogbookWriter as LogbookWriter
     from seatrial.runner.database.reader import LogbookReader as LogbookReader
     from seatrial.runner.database.records import RunDetail as RunDetail
-    from seatrial.runner.database.records import RunStart as RunStart
     from seatrial.runner.database.records import RunSummary as RunSummary
 else:
     import lazy_loader
 
     names = {"logbook": ["LogbookWriter"], "reader": ["LogbookReader"]}
-    names["records"] = ["RunDetail", "RunStart", "RunSummary"]
+    names["records"] = ["RunDetail", "RunSummary"]
     __getattr__, __dir__, __all__ = lazy_loader.attach(
         __name__, ["engine", "outage", "schema", "tables"], names
     )

@@ -11,35 +11,25 @@ import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields
 from datetime import UTC, datetime
 from functools import partial
-from operator import attrgetter
 from pathlib import Path
+from threading import Event, Thread
 from typing import TypeVar
 
-from sqlalchemy import Connection, Engine, delete, insert, select, update
+from sqlalchemy import Connection, Engine, delete, insert, or_, select, update
 from sqlalchemy.engine import URL
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
+from seatrial.runner.database import claims, schema, tables
 from seatrial.runner.database import engine as engines
-from seatrial.runner.database import maintenance, schema, tables
 from seatrial.runner.database import series_files as files
-from seatrial.runner.database.claims import claim, give_up, give_up_gone, reuse
 from seatrial.runner.database.engine import Address, parse
-from seatrial.runner.database.liveness import Heartbeat
 from seatrial.runner.database.outage import hurry, repeated
-from seatrial.runner.database.reader import AT_ONCE, LogbookReader
-from seatrial.runner.database.records import (
-    PruneResult,
-    RunClaim,
-    RunStart,
-    SeriesFile,
-    cell,
-    plain,
-)
-from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
+from seatrial.runner.database.reader import LogbookReader
+from seatrial.runner.database.records import AT_ONCE, RunClaim, cell, plain
+from seatrial.runner.record.rows import Coefficient, Metric, Results
 from seatrial.runner.record.vocabulary import Ending
 
 T = TypeVar("T")
@@ -51,9 +41,10 @@ class LogbookWriter(LogbookReader):
     def __init__(self, address: Address, results_dir: Path) -> None:
         super().__init__(address, engines.reader(address), results_dir)
         self._writer: Engine = engines.writer(address)
-        self._heartbeat = Heartbeat(self._writer, address)
-        # Runs that have not ended: time.monotonic() at their start, and the mark of their files.
-        self._begun: dict[int, tuple[float, str]] = {}
+        self._begun: dict[int, float] = {}  # time.monotonic() at the start of runs under way
+        self._ended = Event()
+        beat = partial(claims.beat, self._writer, address, self._begun, self._ended)
+        self._heartbeat = Thread(target=beat, name="heartbeat", daemon=True)
 
     @classmethod
     def open(cls, url: str | URL, *, results_dir: Path, create: bool = True) -> "LogbookWriter":
@@ -70,14 +61,16 @@ class LogbookWriter(LogbookReader):
         """Mark the runs that have not ended as interrupted, and close every connection."""
         if self._begun:
             hurry(self.address)
-        self._heartbeat.stop()
+        self._ended.set()
+        if self._heartbeat.is_alive():  # it starts with the first run
+            self._heartbeat.join()
         super().close()
         self._writer.dispose()  # ends a transaction that Ctrl-C left open
         try:
             with suppress(LogbookError):  # without a heartbeat they count as interrupted anyway
                 for run_id in self._begun:
                     reason = "the program ended before the run did"
-                    self._write(partial(give_up, run_id=run_id, reason=reason))
+                    self._write(partial(claims.give_up, run_id=run_id, reason=reason))
         finally:
             self._begun.clear()
             self._writer.dispose()  # last: the last writer of a SQLite file removes its log
@@ -109,8 +102,8 @@ class LogbookWriter(LogbookReader):
         """
         own = {"host": socket.gethostname(), "pid": os.getpid(), "started_at": datetime.now(UTC)}
         texts = {"name": name, "command": command, "overrides": overrides, "note": note}
-        row = {"planned": planned, "tags": plain(tags), **own}
-        row |= {key: plain(value) for key, value in texts.items()}
+        row = {key: plain(value) for key, value in (texts | {"tags": tags}).items()} | own
+        row["planned"] = planned
         sweep = tables.SweepRow
 
         def store(connection: Connection) -> int:
@@ -120,11 +113,11 @@ class LogbookWriter(LogbookReader):
                 return stored
             query = insert(sweep).values(row).returning(sweep.id)
             sweep_id = connection.execute(query).scalar_one()
-            if trials:
-                rows = [
-                    {**trial, "overrides": plain(trial["overrides"]), "sweep_id": sweep_id}
-                    for trial in trials
-                ]
+            rows = [
+                {**trial, "overrides": plain(trial["overrides"]), "sweep_id": sweep_id}
+                for trial in trials
+            ]
+            if rows:
                 connection.execute(insert(tables.PlannedRow), rows)
             return sweep_id
 
@@ -151,28 +144,28 @@ class LogbookWriter(LogbookReader):
         """
         hurry(self.address)
         with suppress(LogbookError):  # without a heartbeat the runs count as interrupted anyway
-            self._write(partial(give_up_gone, sweep_id=sweep_id))
+            self._write(partial(claims.give_up_gone, sweep_id=sweep_id))
 
     def reuse(self, sweep_id: int, run_ids: Sequence[int]) -> set[int]:
         """Store that a sweep takes over finished runs; returns those that are there and finished.
 
         Another process may have deleted the others in the meantime.
         """
-        return self._write(partial(reuse, sweep_id=sweep_id, run_ids=run_ids))
+        return self._write(partial(claims.reuse, sweep_id=sweep_id, run_ids=run_ids))
 
     def begin_run(
-        self, start: RunStart, sweep_id: int | None = None, *, rerun: bool = False
+        self, start: tables.RunRow, sweep_id: int | None = None, *, rerun: bool = False
     ) -> RunClaim:
         """Claim a trial: `new` if the caller is to run it, else the run that finished or runs it.
 
         A new run has a heartbeat until it ends.
         """
-        now = datetime.now(UTC)
-        begun = self._write(partial(claim, start=start, sweep_id=sweep_id, rerun=rerun, moment=now))
+        order = (start, sweep_id, rerun, datetime.now(UTC))
+        begun = self._write(lambda connection: claims.claim(connection, *order))
         if begun.state == "new":
-            mark = files.mark(start.fingerprint, now)
-            self._begun[begun.run_id] = time.monotonic(), mark
-            self._heartbeat.watch(begun.run_id)
+            self._begun[begun.run_id] = time.monotonic()
+            if self._heartbeat.ident is None:
+                self._heartbeat.start()
         return begun
 
     def finish_run(self, run_id: int, results: Results) -> None:
@@ -205,9 +198,9 @@ class LogbookWriter(LogbookReader):
             "note": plain(results.note),
             "drawn": None if results.drawn is None else list(results.drawn),
             "finished_at": datetime.now(UTC),
-            "duration_s": None if begun is None else time.monotonic() - begun[0],
+            "duration_s": None if begun is None else time.monotonic() - begun,
         }
-        written = self._write_series(run_id, results.series)
+        written = files.write(self.results_dir, run_id, results.series)
         run = tables.RunRow
 
         def end(connection: Connection) -> None:
@@ -216,8 +209,7 @@ class LogbookWriter(LogbookReader):
                 for facts in (results.metrics, results.coefficients, results.diagnostics):
                     _insert(connection, run_id, facts)
                 if written:  # few rows, with a JSON column
-                    rows = [{**vars(file), "run_id": run_id} for file in written]
-                    connection.execute(insert(tables.SeriesRow), rows)
+                    connection.execute(insert(tables.SeriesRow), written)
                 return
             query = select(run.status, run.finished_at).where(run.id == run_id)
             stored = connection.execute(query).one_or_none()
@@ -230,31 +222,32 @@ class LogbookWriter(LogbookReader):
         try:
             self._write(end)
         except BaseException:
-            if written:
-                with suppress(OSError):  # `verify` lists a file that remains
-                    files.locate(self.results_dir, written[0].path).unlink(missing_ok=True)
+            with suppress(OSError):  # `verify` lists a file that remains
+                for path in {str(row["path"]) for row in written}:
+                    files.locate(self.results_dir, path).unlink(missing_ok=True)
             raise
-        self._heartbeat.forget(run_id)
         self._begun.pop(run_id, None)
 
-    def prune(self, run_ids: Sequence[int]) -> PruneResult:
+    def prune(self, run_ids: Sequence[int]) -> tuple[int, int, list[str]]:
         """Delete runs with their rows, then their files; running runs are not deleted.
 
-        Their trials are no longer planned: nobody waits for what was deleted.
+        Their trials are no longer planned: nobody waits for what was deleted. Returns the number of
+        deleted runs and files, and the files that could not be deleted.
         """
         run, series, planned = tables.RunRow, tables.SeriesRow, tables.PlannedRow
-        deleted, paths, left = list[int](), list[str](), list[str]()
+        ended = or_(run.status != "running", claims.stale(self.address.dialect))
+        deleted, paths, left = 0, list[str](), list[str]()
         with engines.explained(self.address), self._writer.begin() as connection:
             for first in range(0, len(run_ids), AT_ONCE):
-                ended = maintenance.prunable(connection.dialect.name)
-                ids = select(run.id).where(run.id.in_(run_ids[first : first + AT_ONCE]), *ended)
-                part = connection.scalars(ids.with_for_update()).all()
-                own = select(series.path).where(series.run_id.in_(part)).distinct()
-                paths += connection.scalars(own)
+                own = select(run.id).where(run.id.in_(run_ids[first : first + AT_ONCE]), ended)
+                part = connection.scalars(own.with_for_update()).all()
+                paths += connection.scalars(
+                    select(series.path).where(series.run_id.in_(part)).distinct()
+                )
                 trials = select(run.fingerprint).where(run.id.in_(part))
                 connection.execute(delete(planned).where(planned.fingerprint.in_(trials)))
                 connection.execute(delete(run).where(run.id.in_(part)))
-                deleted += part
+                deleted += len(part)
         for path in paths:
             try:
                 files.locate(self.results_dir, path).unlink(missing_ok=True)
@@ -262,16 +255,7 @@ class LogbookWriter(LogbookReader):
                 left.append(path)
         with suppress(OSError):  # the folder is removed only if it is empty
             (self.results_dir / files.FOLDER).rmdir()
-        return PruneResult(len(deleted), len(paths) - len(left), left)
-
-    def _write_series(self, run_id: int, series: Sequence[Series]) -> list[SeriesFile]:
-        if not series:
-            return []
-        if run_id not in self._begun:
-            raise LogbookError(
-                f"{self.address}: run {run_id} cannot be ended: it is not running here"
-            )
-        return files.write(self.results_dir, run_id, self._begun[run_id][1], series)
+        return deleted, len(paths) - len(left), left
 
 
 def _insert(
@@ -283,11 +267,9 @@ def _insert(
     """
     if not facts:
         return
-    table, names = type(facts[0]).__name__.lower(), [field.name for field in fields(facts[0])]
+    table, names = type(facts[0]).__name__.lower(), ["run_id", *vars(facts[0])]
     mark = "?" if connection.dialect.paramstyle == "qmark" else "%s"
-    marks = ", ".join([mark] * (1 + len(names)))
-    values = attrgetter(*names)
     connection.exec_driver_sql(
-        f"INSERT INTO {table} (run_id, {', '.join(names)}) VALUES ({marks})",
-        [(run_id, *map(cell, values(fact))) for fact in facts],
+        f"INSERT INTO {table} ({', '.join(names)}) VALUES ({', '.join(mark for _ in names)})",
+        [(run_id, *map(cell, vars(fact).values())) for fact in facts],
     )

@@ -4,55 +4,48 @@ import sqlite3
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
-from datetime import UTC
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar, TypeVarTuple
+from typing import Any, Self, TypeVar, TypeVarTuple
 
 from sqlalchemy import (
     URL,
     BigInteger,
     ColumnElement,
+    Connection,
     Engine,
     Row,
     Select,
     literal,
+    or_,
     select,
-    union_all,
 )
-from sqlalchemy.exc import DataError
+from sqlalchemy.exc import DataError, DBAPIError
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
 from seatrial.runner.database import engine as engines
 from seatrial.runner.database import maintenance, schema, tables
 from seatrial.runner.database import series_files as files
+from seatrial.runner.database.claims import is_gone
 from seatrial.runner.database.engine import Address, parse
-from seatrial.runner.database.liveness import is_gone
 from seatrial.runner.database.outage import repeated
 from seatrial.runner.database.records import (
+    AT_ONCE,
     Answer,
     RunDetail,
     RunSummary,
-    SeriesFile,
     SweepStatus,
     Verification,
 )
+from seatrial.runner.database.tables import SeriesRow
 from seatrial.runner.database.views import run_overview
 from seatrial.runner.record.rows import Coefficient, Metric, Series
 from seatrial.runner.record.vocabulary import ENDINGS, LOST
 
-if TYPE_CHECKING:
-    from seatrial.runner.database import export as tables_export
-else:
-    import lazy_loader
-
-    tables_export = lazy_loader.load("seatrial.runner.database.export", suppress_warning=True)
-
-Fact = TypeVar("Fact", Metric, Coefficient, Diagnostic, SeriesFile)
+Fact = TypeVar("Fact", Metric, Coefficient, Diagnostic, SeriesRow)
 Columns = TypeVarTuple("Columns")
-AT_ONCE = 500  # values in one condition; databases limit the variables of a query
 STEPS = 1000  # of SQLite's virtual machine between two looks at the clock
 READS = "expected one query that only reads (SELECT, WITH, VALUES)"
 REFUSALS = ("readonly", "read-only", "syntax", "one statement at a time")
@@ -80,12 +73,7 @@ class LogbookReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -97,27 +85,25 @@ class LogbookReader:
 
         Raises LogbookError if it fails, would write, or takes longer than `timeout_s` [s].
         """
-        with engines.explained(self.address), self._engine.begin() as connection:
-            raw: Any = connection.connection.dbapi_connection
-            errors = (connection.dialect.loaded_dbapi.Error, sqlite3.Warning, ValueError)
+        # A cursor that PostgreSQL streams from takes one query.
+        options = {"no_parameters": True, "stream_results": True}
+        with engines.explained(self.address), self._engine.connect() as connection:
             try:
-                # A cursor that is declared by a name on PostgreSQL takes one query.
-                named = {} if isinstance(raw, sqlite3.Connection) else {"name": "question"}
-                with closing(raw.cursor(**named)) as cursor, _limited(raw, timeout_s):
-                    cursor.execute(query.strip().rstrip(";"))
-                    rows = cursor.fetchmany(limit + 1)
-                    columns = tuple(column[0] for column in cursor.description or ())
-            except errors as error:
-                message = engines.one_line(error)
-                if message == "interrupted" or getattr(error, "sqlstate", None) == "57014":
-                    message = (
-                        f"stopped after {timeout_s:g} s; expected a shorter query, or a longer"
-                    )
-                    raise LogbookError(f"sql: {message} --timeout") from None
+                text = query.strip().rstrip(";")
+                with (
+                    _limited(connection, timeout_s),
+                    connection.exec_driver_sql(text, execution_options=options) as result,
+                ):
+                    if not result.returns_rows:
+                        raise LogbookError(f"sql: the statement returns no rows; {READS}")
+                    columns, rows = tuple(result.keys()), result.fetchmany(limit + 1)
+            except (DBAPIError, sqlite3.Warning, ValueError) as error:
+                message, cause = engines.one_line(error), getattr(error, "orig", None)
+                if message == "interrupted" or getattr(cause, "sqlstate", None) == "57014":
+                    hint = "expected a shorter query, or a longer --timeout"
+                    raise LogbookError(f"sql: stopped after {timeout_s:g} s; {hint}") from None
                 hint = f"; {READS}" if any(word in message for word in REFUSALS) else ""
                 raise LogbookError(f"sql: {message}{hint}") from None
-        if not columns:
-            raise LogbookError(f"sql: the statement returns no rows; {READS}")
         return Answer(columns, [tuple(row) for row in rows[:limit]], len(rows) > limit)
 
     def select(self, statement: Select[*Columns]) -> Sequence[Row[*Columns]]:
@@ -138,21 +124,19 @@ class LogbookReader:
         self, *where: ColumnElement[bool], newest_first: bool = False, limit: int | None = None
     ) -> list[RunSummary]:
         """Return the runs that meet all conditions on `run_overview` and the table `run`."""
-        columns = [run_overview.c[name] for name in RunSummary.__dataclass_fields__]
-        order = tables.RunRow.id.desc() if newest_first else tables.RunRow.id
-        query = (
-            select(*columns, tables.RunRow.process)
-            .join_from(run_overview, tables.RunRow, tables.RunRow.id == run_overview.c.run_id)
-            .where(*where)
-            .order_by(order)
-            .limit(limit)
-        )
-        return list(map(_summary, self.select(query)))
+        view, run = run_overview.c, tables.RunRow
+        query = select(*(view[name] for name in RunSummary.__dataclass_fields__), run.process)
+        query = query.join_from(run_overview, run, run.id == view.run_id).where(*where)
+        query = query.order_by(run.id.desc() if newest_first else run.id).limit(limit)
+        return [
+            replace(RunSummary(*row[:-1]), status=_status(row), superseded=bool(row.superseded))
+            for row in self.select(query)
+        ]
 
-    def sweeps(self) -> list[tables.SweepRow]:
-        """Return the sweeps, oldest first."""
-        rows = self.select(select(tables.SweepRow.__table__).order_by(tables.SweepRow.id))
-        return [tables.SweepRow(**row._asdict()) for row in rows]
+    def sweeps(self, *where: ColumnElement[bool]) -> list[tables.SweepRow]:
+        """Return the sweeps that meet all conditions, oldest first."""
+        query = select(tables.SweepRow.__table__).where(*where).order_by(tables.SweepRow.id)
+        return [tables.SweepRow(**row._asdict()) for row in self.select(query)]
 
     def run(self, run_id: int) -> RunDetail:
         """Return a run with its configuration; raises LogbookError if there is no such run."""
@@ -187,15 +171,15 @@ class LogbookReader:
         """Return the diagnostics of a run, in the order of storage."""
         return self._facts(Diagnostic, tables.DiagnosticRow, run_id)
 
-    def series_files(self, run_id: int) -> list[SeriesFile]:
+    def series_files(self, run_id: int) -> list[SeriesRow]:
         """Return the series of a run, which share its file."""
-        return self._facts(SeriesFile, tables.SeriesRow, run_id)
+        return self._facts(SeriesRow, SeriesRow, run_id)
 
     def _facts(self, record: type[Fact], table: type[tables.Base], run_id: int) -> list[Fact]:
         columns = table.__table__.c
-        names = record.__dataclass_fields__
+        names = getattr(record, "__dataclass_fields__", columns.keys())
         statement = select(*(columns[name] for name in names)).where(columns.run_id == run_id)
-        return [record(*row) for row in self.select(statement.order_by(columns.id))]
+        return [record(**row._asdict()) for row in self.select(statement.order_by(columns.id))]
 
     def series(self, run_id: int, kind: str) -> Series:
         """Read a series of a run; raises LogbookError if it is missing or its checksum differs."""
@@ -206,54 +190,35 @@ class LogbookReader:
 
     def sweep_status(self, sweep_id: int) -> SweepStatus:
         """Return the progress of a sweep; raises LogbookError if there is no such sweep."""
-        sweep, run, reuse = tables.SweepRow, tables.RunRow, tables.Reuse
-        sweeps = self.select(
-            select(sweep.name, sweep.planned, sweep.finished_at).where(sweep.id == sweep_id)
-        )
-        if not sweeps:
+        run, reuse, plan = tables.RunRow, tables.Reuse, tables.PlannedRow
+        own = self.sweeps(tables.SweepRow.id == sweep_id)
+        if not own:
             raise LogbookError(f"{self.address}: there is no sweep {sweep_id}")
-        started = select(run.id, literal(0).label("reused")).where(run.sweep_id == sweep_id)
-        reused = select(reuse.run_id, literal(1)).where(reuse.sweep_id == sweep_id)
-        members = union_all(started, reused).subquery("member")
-        view = run_overview.c
-        trials = self.select(
-            select(
-                view.run_id,
-                view.fingerprint,
-                view.status,
-                view.duration_s,
-                run.process,
-                members.c.reused,
-            )
-            .join_from(members, run_overview, view.run_id == members.c.id)
-            .join(run, run.id == members.c.id)
-            .order_by(view.attempt)
-        )
-        last = {trial.fingerprint: trial for trial in trials}.values()  # the last attempt at each
+        reused, view = select(reuse.run_id).where(reuse.sweep_id == sweep_id), run_overview.c
+        names = ("run_id", "fingerprint", "status", "duration_s", "sweep_id")
+        trials = select(*(view[name] for name in names), run.process)
+        trials = trials.join_from(run_overview, run, run.id == view.run_id).order_by(run.id)
+        trials = trials.where(or_(run.sweep_id == sweep_id, run.id.in_(reused)))
+        last = {trial.fingerprint: trial for trial in self.select(trials)}.values()  # at each
         statuses = {trial.run_id: _status(trial) for trial in last}
         lost = [run_id for run_id, status in statuses.items() if status in LOST]
-        row = tables.PlannedRow
-        choices = {
-            plan.fingerprint: " ".join(plan.choices.values())
-            for plan in self.select(
-                select(row.fingerprint, row.choices).where(row.sweep_id == sweep_id)
-            )
-        }
+        plans = select(plan.fingerprint, plan.choices).where(plan.sweep_id == sweep_id)
+        choices = {row.fingerprint: " ".join(row.choices.values()) for row in self.select(plans)}
         spent_s = defaultdict[str, list[float]](list)
         ended = [trial for trial in last if statuses[trial.run_id] in ENDINGS]
         for trial in ended:
             spent_s[choices.get(trial.fingerprint, "")].append(trial.duration_s or 0.0)
         left = Counter(choices.values())
-        left[""] += max(sweeps[0].planned - len(choices), 0)
+        left[""] += max(own[0].planned - len(choices), 0)
         left.subtract(choices.get(trial.fingerprint, "") for trial in ended)
         return SweepStatus(
             sweep_id=sweep_id,
-            name=sweeps[0].name,
-            planned=sweeps[0].planned,
+            name=own[0].name,
+            planned=own[0].planned,
             counts=dict(Counter(statuses.values())),
-            reused=sum(trial.reused for trial in last),
+            reused=sum(trial.sweep_id != sweep_id for trial in last),
             failed=self.runs(run.id.in_(lost)) if lost else [],
-            finished_at=sweeps[0].finished_at,
+            finished_at=own[0].finished_at,
             left=left,
             spent_s=spent_s,
         )
@@ -268,23 +233,7 @@ class LogbookReader:
         with engines.explained(self.address), self._engine.connect() as connection:
             if self.address.path is None:  # one snapshot; SQLite always has one
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
-            return tables_export.export(connection, folder)
-
-    def prunable(
-        self, *where: ColumnElement[bool], statuses: Sequence[str] = ()
-    ) -> list[RunSummary]:
-        """Return the runs that `prune` may delete: not running, and all conditions hold."""
-        return self.runs(*maintenance.prunable(self.address.dialect, statuses), *where)
-
-
-def _summary(row: Row[*tuple[object, ...]]) -> RunSummary:
-    values = row._asdict()
-    del values["process"]
-    values["status"] = _status(row)
-    values["superseded"] = bool(values["superseded"])
-    for name in ("started_at", "finished_at"):
-        values[name] = values[name] and values[name].replace(tzinfo=UTC)
-    return RunSummary(**values)
+            return maintenance.export(connection, folder)
 
 
 def _status(row: Row[*tuple[object, ...]]) -> str:
@@ -294,12 +243,14 @@ def _status(row: Row[*tuple[object, ...]]) -> str:
 
 
 @contextmanager
-def _limited(raw: Any, timeout_s: float) -> Iterator[None]:
-    """Let the connection of a driver end a query after `timeout_s` [s]."""
-    if not isinstance(raw, sqlite3.Connection):
-        raw.execute(f"SET LOCAL statement_timeout = {max(1, round(1000 * timeout_s))}")
+def _limited(connection: Connection, timeout_s: float) -> Iterator[None]:
+    """Let the database end a query after `timeout_s` [s]."""
+    if connection.dialect.name != "sqlite":
+        milliseconds = max(1, round(1000 * timeout_s))
+        connection.exec_driver_sql(f"SET LOCAL statement_timeout = {milliseconds}")
         yield
         return
+    raw: Any = connection.connection.dbapi_connection
     end = time.monotonic() + timeout_s
     raw.set_progress_handler(lambda: time.monotonic() > end, STEPS)
     try:

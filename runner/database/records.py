@@ -4,35 +4,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from numbers import Integral
 from pathlib import Path
-from typing import Literal, SupportsFloat
+from typing import Any, Literal
 
 import numpy as np
 
 from seatrial.runner.record.vocabulary import Config
 
-
-@dataclass(frozen=True)
-class RunStart:
-    """The properties of a run that are known before it starts."""
-
-    fingerprint: str  # SHA-256 in hexadecimal, 64 characters
-    vessel: str
-    disturbance: str
-    excitation: str
-    identifier: str
-    controller: str
-    evaluation: str
-    seed: int
-    config: Mapping[str, object]
-    overrides: Sequence[str] = ()
-    git_commit: str | None = None
-    git_dirty: bool | None = None
-    versions: Mapping[str, object] = field(default_factory=dict)
-    command: str = ""
-    code: str | None = None  # digest of the code that computes results, 16 characters
-    experiment: str | None = None  # the fingerprint without the seed
+AT_ONCE = 500  # values in one condition; databases limit the variables of a statement
 
 
 @dataclass(frozen=True)
@@ -97,17 +76,6 @@ class RunDetail:
 
 
 @dataclass(frozen=True)
-class SeriesFile:
-    """Where a series of a run is, and the properties that its file must have."""
-
-    kind: str
-    path: str  # relative to the results folder; that of all series of a run
-    n_rows: int
-    sha256: str  # of the file
-    columns: dict[str, str]  # name: unit
-
-
-@dataclass(frozen=True)
 class SweepStatus:
     """The progress of a sweep. Each trial counts once, by its last attempt in this sweep."""
 
@@ -133,43 +101,24 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class LogbookDefect:
-    """A defect of a logbook: its place and its description."""
-
-    where: str
-    what: str
-
-
-@dataclass(frozen=True)
 class Verification:
-    """The number of checked runs and series files, and the defects."""
+    """The number of checked runs and series files, and the defects: (place, description)."""
 
     runs: int
     series: int
-    problems: list[LogbookDefect]
+    problems: list[tuple[str, str]]
     leftovers: list[Path]  # files of killed programs, without a row; they do no harm
-
-
-@dataclass(frozen=True)
-class PruneResult:
-    """The number of deleted runs and files, and the files that could not be deleted."""
-
-    runs: int
-    files: int
-    left: list[str]
 
 
 # Conversion to what a database can store: numbers without NaN, text without NUL.
 
 
-def cell(value: str | SupportsFloat | None) -> str | float | None:
-    """Convert a value, also one of NumPy, to text, float or int; NaN becomes None (NULL)."""
+def cell(value: Any) -> str | float | None:
+    """Return a text or a number, also one of NumPy, as a database stores it; NaN is NULL."""
     if value is None or isinstance(value, str):
         return value
-    if isinstance(value, Integral):
-        return int(value)
-    number = float(value)
-    return None if math.isnan(number) else number
+    number = value.item() if isinstance(value, np.generic) else value
+    return None if number != number else +number  # of a truth value 0 or 1
 
 
 def plain(value: object) -> object:

@@ -149,7 +149,7 @@ class RunRow(Base):
     heartbeat_at: Mapped[
         datetime | None
     ]  # by the database's clock, because the clocks of hosts differ
-    process: Mapped[str | None]  # see liveness.py
+    process: Mapped[str | None]  # see claims.py
     code: Mapped[str | None] = mapped_column(String(16))  # digest of the code that computes
     # The fingerprint without the seed: equal for the replicates of one experiment.
     experiment: Mapped[str | None] = mapped_column(String(64))

@@ -10,10 +10,11 @@ from functools import cache
 from hashlib import sha256
 from typing import get_args, get_type_hints
 
-from sqlalchemy import Boolean, Connection, DateTime, Float, Integer, String, column, table
+from sqlalchemy import Connection, Float, Integer, String, column, table
 
-from seatrial.runner.database.liveness import stale
+from seatrial.runner.database.claims import stale
 from seatrial.runner.database.records import RunSummary
+from seatrial.runner.database.tables import Utc
 from seatrial.runner.record.catalogue import METRICS, Definition
 from seatrial.runner.record.vocabulary import COMBINED, GROUPS
 
@@ -103,9 +104,7 @@ CREATE VIEW comparison AS
   FROM trial JOIN metric ON metric.run_id = trial.id AND trial.status = 'finished'
   GROUP BY {trial_groups}, trial.experiment, trial.trials,
     metric.stage, metric.model, metric.dof, metric.name, metric.unit"""
-_TYPES: dict[type, type] = {
-    bool: Boolean, datetime: DateTime, float: Float, int: Integer, str: String,
-}  # fmt: skip
+_TYPES = {bool: Integer, datetime: Utc, float: Float, int: Integer, str: String}
 run_overview = table(
     "run_overview",
     *(
@@ -120,7 +119,7 @@ run_overview = table(
 def statements(dialect: str) -> tuple[str, ...]:
     """Return the CREATE VIEW statements for `sqlite` or `postgresql`."""
     parts = {
-        "status": f"CASE WHEN run.status = 'running' AND {stale('run.heartbeat_at', dialect)}"
+        "status": f"CASE WHEN run.status = 'running' AND {stale(dialect).name}"
         " THEN 'interrupted' ELSE run.status END",
         "superseded": _SUPERSEDED,
         "choices": ", ".join(f"run.{name}" for name in (*GROUPS, "seed")),

@@ -97,7 +97,7 @@ def perform(
     """
     # Where results are stored is no part of a trial; the sweep has a row of its own.
     apart = ("database", "sweep")
-    start = database.RunStart(
+    start = database.tables.RunRow(
         fingerprint=order.fingerprint(provenance.sources),
         **{group: trial.names[group] for group in GROUPS},
         seed=trial.seed,

@@ -21,7 +21,7 @@ LOST_S = 10.0  # after which the exception of a program that has not ended count
 DELICATE = (
     *("importlib._bootstrap", "logging", "omegaconf", "sqlalchemy"),
     "multiprocessing.popen_spawn_posix",
-    *("seatrial.runner.database.liveness", "seatrial.runner.database.logbook"),
+    *("seatrial.runner.database.claims", "seatrial.runner.database.logbook"),
 )
 
 

@@ -1,15 +1,13 @@
 """Scores of a trial's predictions: normalised errors of the free run and over given times.
 
 The error of an output is its root mean square over the standard deviation of what was measured
-(NRMSE); FIT = 100 (1 - NRMSE) %. A model that predicts the mean of the measured motion has 1, one
-that diverges has inf. The loss of a case is the mean over the outputs. nonlinearbenchmark.org.
+(NRMSE, 1 for the mean of the measured motion, inf if it diverges); FIT = 100 (1 - NRMSE) %; the
+loss of a case is the mean over the outputs. nonlinearbenchmark.org. That of a position is the root
+mean square of the distance [m] to the measured one.
 
 A prediction with a band is scored as a normal distribution, by the share of what was measured that
 lies in its band of 90 %, and by the continuous ranked probability score (CRPS), in units of the
 output's deviation: of a prediction without a band it is the mean absolute error.
-
-The error of the position that is predicted over a given time is the root mean square of the
-distance [m] to the measured one.
 """
 
 from collections.abc import Sequence
@@ -39,37 +37,36 @@ class Score:
     """Errors (N, n) of a prediction over the spread of each output, by time; of a position [m].
 
     `starts` (N,) marks the first sample of each piece, such as a file; `deviations` (N, n) are
-    those of a band over the spread, if there is one.
+    those of a band over the spread, zero without one.
     """
 
     errors: Sample
     starts: NDArray[np.bool_]
-    period_s: float
-    deviations: Sample | None = None
+    deviations: Sample
+    block: int  # samples of a block of the bootstrap
 
     @cached_property
     def loss(self) -> float:
         """Mean NRMSE over the outputs; inf without samples, and for one that is not finite."""
-        return float(np.mean(_rms(self.errors)))
+        return float(np.mean(pooled([self])))
 
     @property
-    def covered(self) -> Sample | None:
-        """Whether the outputs (N, n) are in the band; None without one. Starts are left out."""
-        if self.deviations is None:
-            return None
+    def covered(self) -> Sample:
+        """Whether the outputs (N, n) are in the band, without starts; empty without a band."""
         inside = np.abs(self.errors) <= half_width(self.deviations)
-        return np.asarray(inside[~self.starts])
+        return np.asarray(inside[~self.starts & np.any(self.deviations)])
 
     @property
     def crps(self) -> Sample:
         """CRPS (N, n) over the spread, without starts."""
-        errors = self.errors
-        each = np.abs(errors) if self.deviations is None else crps(errors, self.deviations)
-        return np.asarray(each[~self.starts])
+        return np.asarray(crps(self.errors, self.deviations)[~self.starts])
 
     def pieces(self) -> list[Sample]:
         """Errors of each piece, such as a file."""
         return np.split(self.errors, np.flatnonzero(self.starts)[1:])
+
+
+NOTHING = Score(np.empty((0, 1)), np.empty(0, np.bool_), np.empty((0, 1)), 1)  # of a lost run
 
 
 def score(
@@ -81,24 +78,24 @@ def score(
     of freedom, or POSITION, whose errors are distances [m]: of one output. A model that lacks a
     prediction where some model has one scores inf.
     """
-    measured, period_s = _columns(series, outputs), _period_s(series)
-    reached = np.full(len(measured), True)
+    measured, columns = _columns(series, outputs), series.columns
+    end, reached = "", np.full(len(measured), after_s is None)
     if after_s is not None:
-        name = f"_{after_s:g}s"
-        ends = [np.isfinite(v) for k, v in series.columns.items() if k.endswith(name)]
-        reached = np.any([~reached, *ends], axis=0)
+        end = f"_{after_s:g}s"
+        ends = [np.isfinite(v) for name, v in columns.items() if name.endswith(end)]
+        reached = np.any([reached, *ends], axis=0)
+    predicted = _columns(series, [f"{name}_{model}{end}" for name in outputs])
     if model in REFERENCES and (model != AT_REST or outputs == POSITION):
         predicted = _trivial(series, model, outputs, after_s, reached)
-    else:
-        end = "" if after_s is None else f"_{after_s:g}s"
-        predicted = _columns(series, [f"{name}_{model}{end}" for name in outputs])
-    errors, spread, band = (predicted - measured)[reached], np.std(measured, axis=0), None
+    errors, spread = (predicted - measured)[reached], np.std(measured, axis=0)
     errors = np.linalg.norm(errors, axis=1)[:, None] if outputs == POSITION else errors / spread
-    deviations = [f"{name}_{IDENTIFIED_STD}" for name in outputs]
-    if model == "identified" and after_s is None and deviations[0] in series.columns:
-        band = _columns(series, deviations) / spread
-    piece = np.cumsum(series.columns["start"])[reached]
-    return Score(errors, np.diff(piece, prepend=-1) != 0, period_s, band)
+    deviations = np.zeros_like(errors)
+    bands = [f"{name}_{IDENTIFIED_STD}" for name in outputs]
+    if model == "identified" and after_s is None and bands[0] in columns:
+        deviations = _columns(series, bands) / spread
+    piece = np.cumsum(columns["start"])[reached]
+    block = max(round(BLOCK_S / _period_s(series)), 1)
+    return Score(errors, np.diff(piece, prepend=-1) != 0, deviations, block)
 
 
 def _trivial(
@@ -111,20 +108,22 @@ def _trivial(
     moves by the mean of what was measured; AT_REST stays at the position before.
     """
     measured, columns = _columns(series, outputs), series.columns
-    rows = np.arange(len(measured))
-    before, steps = measured[np.maximum.accumulate(np.where(columns["start"], rows, 0))], 0
-    if after_s is not None:
-        steps = max(round(after_s / _period_s(series)), 1)
-        before = np.roll(measured, steps, axis=0)
-    if model == MEAN_MOTION and outputs != POSITION:
-        return np.broadcast_to(measured.mean(axis=0), measured.shape)
+    begin = np.arange(len(measured))
+    if after_s is None:
+        begin = np.maximum.accumulate(np.where(columns["start"], begin, 0))
+    else:
+        begin -= max(round(after_s / _period_s(series)), 1)  # before the first sample: at the end
+    before, moved = measured[begin], np.zeros(len(outputs))
+    if outputs != POSITION:
+        mean = np.broadcast_to(measured.mean(axis=0), measured.shape)
+        return before if model == PERSISTENCE else mean
     if model == MEAN_MOTION:
-        return np.asarray(before + np.mean((measured - before)[reached], axis=0))
-    if model == PERSISTENCE and outputs == POSITION and after_s is not None:
-        u, v, psi = (columns[name] for name in ("surge", "sway", "psi"))
+        moved = np.mean((measured - before)[reached], axis=0)
+    elif model == PERSISTENCE and after_s is not None:
+        u, v, psi = (columns[name][begin] for name in ("surge", "sway", "psi"))
         north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
-        return np.asarray(before + after_s * np.roll(np.column_stack([north, east]), steps, axis=0))
-    return before
+        moved = after_s * np.column_stack([north, east])
+    return np.asarray(before + moved)
 
 
 def half_width(deviations: Sample, level: float = BAND_LEVEL) -> Sample:
@@ -148,36 +147,40 @@ def crps(errors: Sample, deviations: Sample) -> Sample:
 
 
 def pooled(scores: Sequence[Score]) -> Sample:
-    """Return the NRMSE of each output (n,) over the samples of several free runs."""
-    return _rms(np.concatenate([score.errors for score in scores]))
+    """Return the NRMSE of each output (n,) over the samples of several runs.
+
+    inf without samples, and where one is not finite.
+    """
+    errors = np.concatenate([score.errors for score in scores])
+    if not len(errors):
+        return np.full(errors.shape[1], np.inf)
+    values = np.sqrt(np.mean(np.square(errors), axis=0))
+    return np.where(np.isnan(values), np.inf, values)
 
 
-def interval(scores: Sequence[Score], seed: int = 0) -> tuple[float, float]:
-    """Return the 90 % interval of the mean of `pooled`, by a bootstrap of files and blocks."""
+def interval(scores: Sequence[Score]) -> Sample:
+    """Return the 90 % interval (2,) of the mean of `pooled`, by a bootstrap of files and blocks."""
     pieces = [piece for score in scores for piece in score.pieces()]
-    drawn = _drawn(pieces, scores[0].period_s, seed).mean(axis=1)
-    low, high = np.quantile(drawn, [(1.0 - INTERVAL_LEVEL) / 2.0, (1.0 + INTERVAL_LEVEL) / 2.0])
-    return float(low), float(high)
+    drawn = np.sqrt(block_bootstrap(pieces, scores[0].block)).mean(axis=1)
+    tail = (1.0 - INTERVAL_LEVEL) / 2.0
+    return np.asarray(np.quantile(drawn, [tail, 1.0 - tail]))
 
 
-def chance(first: Sequence[Score | None], other: Sequence[Score | None], seed: int = 0) -> float:
+def chance(first: Sequence[Score], other: Sequence[Score]) -> float:
     """Return the p-value of equal pooled losses of two entrants, by a paired bootstrap.
 
     `first` and `other` are their scores of the same files: both are drawn at the same files and
-    blocks. None is that of a run that failed: where some scores are lost or diverge, 1 if they are
-    those of the same files for both, else 0. NaN for scores that do not match.
+    blocks. Where some are infinite, 1 if they are those of the same files for both, else 0. NaN for
+    scores that do not match.
     """
-    own, others = ([each for each in scores if each is not None] for scores in (first, other))
-    lost, lost_too = (
-        [each is None or not np.isfinite(each.loss) for each in scores] for scores in (first, other)
-    )
+    lost, lost_too = ([np.isinf(each.loss) for each in scores] for scores in (first, other))
     if any(lost) or any(lost_too):
         return float(lost == lost_too)
-    if [each.errors.shape for each in own] != [each.errors.shape for each in others]:
+    pairs = list(zip(first, other, strict=True))
+    if not pairs or any(a.errors.shape != b.errors.shape for a, b in pairs):
         return np.nan
-    pairs = zip(own, others, strict=True)
     both = [np.hstack(two) for a, b in pairs for two in zip(a.pieces(), b.pieces(), strict=True)]
-    drawn = _drawn(both, own[0].period_s, seed)
+    drawn = np.sqrt(block_bootstrap(both, pairs[0][0].block))
     half = drawn.shape[1] // 2
     gain = drawn[:, half:].mean(axis=1) - drawn[:, :half].mean(axis=1)
     better = np.mean(gain > 0.0) + 0.5 * np.mean(gain == 0.0)
@@ -185,14 +188,16 @@ def chance(first: Sequence[Score | None], other: Sequence[Score | None], seed: i
 
 
 def block_bootstrap(
-    errors: Sequence[Sample], length: int, rng: np.random.Generator, resamples: int = 1000
-) -> Sample:
+    errors: Sequence[Sample], length: int, seed: np.random.Generator | int = 0,
+    resamples: int = 1000,
+) -> Sample:  # fmt: skip
     """Mean squares (resamples, n) of resampled errors, to give intervals of pooled scores.
 
     `errors` holds (N, n) for every file. Files are drawn with replacement, then blocks of `length`
     samples within each (circular, so that every sample is as likely): neighbouring errors depend on
     each other, and so do those of a file. Politis and Romano (1992).
     """
+    rng = np.random.default_rng(seed)
     total, count = np.zeros((resamples, errors[0].shape[1])), np.zeros(resamples)
     files = rng.integers(0, len(errors), (resamples, len(errors)))
     for file, of_file in enumerate(errors):
@@ -207,20 +212,6 @@ def block_bootstrap(
         np.add.at(total, row, squares + (cumulative[last + rest] - cumulative[last]))
         np.add.at(count, row, n)
     return np.asarray(total / count[:, None])
-
-
-def _drawn(pieces: Sequence[Sample], period_s: float, seed: int) -> Sample:
-    """Return the NRMSE (resamples, n) over pieces and blocks that are drawn again."""
-    length = max(round(BLOCK_S / period_s), 1)
-    return np.sqrt(block_bootstrap(pieces, length, np.random.default_rng(seed)))
-
-
-def _rms(errors: Sample) -> Sample:
-    """Root mean square (n,) of errors (N, n); inf without any, and where one is not finite."""
-    if not len(errors):
-        return np.full(errors.shape[1], np.inf)
-    values = np.sqrt(np.mean(np.square(errors), axis=0))
-    return np.where(np.isnan(values), np.inf, values)
 
 
 def _columns(series: Series, names: Sequence[str]) -> Sample:

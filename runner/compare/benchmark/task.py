@@ -24,16 +24,6 @@ DATA_FOLDER = Path("~/.local/share/seatrial")
 
 
 @dataclass(frozen=True)
-class DataSource:
-    """Where the data of a task come from, under which licence, and how to get them."""
-
-    name: str
-    url: str
-    licence: str
-    get: str
-
-
-@dataclass(frozen=True)
 class Case:
     """What is trained and tested on: files relative to the folder of data, or further options."""
 
@@ -58,7 +48,8 @@ class Task:
     trial: tuple[str, ...]
     cases: dict[str, Case]
     outputs: tuple[Literal["surge", "sway", "heave", "roll", "pitch", "yaw"], ...]
-    source: DataSource | None = None  # None: simulated
+    # Of the data: name, url, licence, and how to get them; none of a simulated task.
+    source: dict[str, str] = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)  # SHA-256 by path
     map: str | None = None  # of the columns, a file of the folder `maps` beside the task
     test_map: str | None = None  # of the files that are tested on, where it is another one
@@ -70,10 +61,8 @@ class Task:
 
     def __post_init__(self) -> None:
         if self.score != "free_run" and self.after_s not in self.horizons_s:
-            raise ConfigurationError(
-                f"after_s: got {self.after_s}, expected one of horizons_s: "
-                f"{', '.join(f'{seconds:g}' for seconds in self.horizons_s)}"
-            )
+            known = ", ".join(f"{seconds:g}" for seconds in self.horizons_s)
+            raise ConfigurationError(f"after_s: got {self.after_s}, expected one of {known}")
         for name, case in self.cases.items():
             for path in (*case.train, *case.test):
                 if not self.parts(path):
@@ -85,6 +74,14 @@ class Task:
         return [file for file, path in each if file == path or file.startswith(f"{path}/")]
 
 
+class Located(NamedTuple):
+    """A file of a task: where it is, or where it is expected."""
+
+    name: str
+    path: Path
+    state: Literal["found", "damaged", "missing"]
+
+
 class BenchmarkTrial(NamedTuple):
     """One trial of the benchmark; `options` are all that its command gives."""
 
@@ -93,14 +90,7 @@ class BenchmarkTrial(NamedTuple):
     seed: int
     entrant: str
     options: tuple[str, ...]
-
-
-class Located(NamedTuple):
-    """A file of a task: where it is, or where it is expected."""
-
-    name: str
-    path: Path
-    state: Literal["found", "damaged", "missing"]
+    lacking: tuple[Located, ...]  # of its files, those that are missing or damaged
 
 
 def task_of(name: str) -> Task:
@@ -113,10 +103,9 @@ def task_of(name: str) -> Task:
     path = next(path for path in paths if path.is_file())
     try:
         node = {**yaml.safe_load(path.read_text(encoding="utf-8")), "name": name}
+        task = options.part(Task, node)
     except (yaml.YAMLError, UnicodeDecodeError, TypeError) as error:  # not a mapping
         raise ConfigurationError(f"{path}: {' '.join(str(error).split())}") from error
-    try:
-        task = options.part(Task, node)
     except options.OptionError as error:
         raise ConfigurationError(error.at(f"{GROUP}/{name}")) from error
     assert isinstance(task, Task)
@@ -132,52 +121,32 @@ def located(task: Task) -> list[Located]:
         if path is None:
             files.append(Located(name, folders[0] / name, "missing"))
             continue
-        with path.open("rb") as file:
-            same = hashlib.file_digest(file, "sha256").hexdigest() == digest
+        same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
         files.append(Located(name, path, "found" if same else "damaged"))
     return files
 
 
-def lacking(task: Task, files: Sequence[Located]) -> dict[str, list[Located]]:
-    """The cases whose files are missing or damaged, each with these files."""
-    wrong = {file.name: file for file in files if file.state != "found"}
-    return {
-        label: parts
-        for label, case in task.cases.items()
-        if (parts := [wrong[part] for part in task.parts(*case.train, *case.test) if part in wrong])
-    }
+def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[BenchmarkTrial]:
+    """Yield the cells of a task, entrant by entrant.
 
-
-def cells(
-    task: Task, entrants: Sequence[str] = (), *, stored: bool = False
-) -> Iterator[BenchmarkTrial]:
-    """Yield the cells of a task, entrant by entrant, of those cases whose files are there.
-
-    Cells that are looked for among the `stored` runs need no files.
     An entrant that the task does not name is an option of the group `identifier`, such as one's
     own; by default they are all of the task.
     """
-    files = located(task)
-    absent, paths = lacking(task, files), {file.name: str(file.path) for file in files}
-    maps = {"map": task.map, "test_map": task.test_map}
-    given = {label: [*task.trial] for label in task.cases if stored or label not in absent}
-    for label, options_of in given.items():
-        case = task.cases[label]
-        options_of += [f"excitation.{key}={MAPS / file}" for key, file in maps.items() if file]
-        options_of += case.options
-        for key, names in (("train", case.train), ("test", case.test)):
-            firsts = [(name, task.parts(name)[0]) for name in names]
-            of_case = [paths[part].removesuffix(part) + name for name, part in firsts]
-            if any(set(path) & set("'\"\\") for path in of_case):
-                raise ConfigurationError(
-                    f"{of_case[0]}: got a quote or backslash in a path of data"
-                )
-            options_of += [f"excitation.{key}={json.dumps(of_case)}"] if of_case else []
+    files, maps = {file.name: file for file in located(task)}, ("map", "test_map")
+    paths = {name: str(file.path) for name, file in files.items()}
+    columns = [f"excitation.{key}={MAPS / file}" for key in maps if (file := getattr(task, key))]
     for entrant in dict.fromkeys(entrants or task.entrants):
         own = task.entrants.get(entrant, (f"identifier={entrant}",))
-        for label, options_of in given.items():
-            shared = (*options_of, *own, f"horizons_s={list(task.horizons_s)}")
-            for seed in range(task.cases[label].seeds or task.seeds):
+        for label, case in task.cases.items():
+            needed = [files[part] for part in task.parts(*case.train, *case.test)]
+            lacking = tuple(file for file in needed if file.state != "found")
+            texts = [*task.trial, *columns, *case.options]
+            for key, names in (("train", case.train), ("test", case.test)):
+                firsts = [(name, task.parts(name)[0]) for name in names]
+                of_case = [paths[first].removesuffix(first) + name for name, first in firsts]
+                texts += [f"excitation.{key}={json.dumps(of_case)}"] if of_case else []
+            texts += [*own, f"horizons_s={list(task.horizons_s)}"]
+            for seed in range(case.seeds or task.seeds):
                 # The last option of a key counts: an entrant may replace one of the task.
-                last = {text.partition("=")[0]: text for text in (*shared, f"seed={seed}")}
-                yield BenchmarkTrial(task.name, label, seed, entrant, tuple(last.values()))
+                last = {text.partition("=")[0]: text for text in (*texts, f"seed={seed}")}
+                yield BenchmarkTrial(task.name, label, seed, entrant, (*last.values(),), lacking)

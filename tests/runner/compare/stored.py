@@ -12,7 +12,7 @@ import numpy as np
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.runner.compare.benchmark.task import cells, task_of
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.database.records import RunStart
+from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
 from seatrial.runner.record.vocabulary import GROUPS
 from tests.runner.database.samples import make_start
@@ -35,7 +35,7 @@ def logbook_at(folder: Path) -> LogbookWriter:
 
 def start(
     identifier: str = "ls", disturbance: str = "calm", seed: int = 0, **changes: Any
-) -> RunStart:
+) -> RunRow:
     """A run's start; its fingerprint says all that is given here."""
     config = {
         "identifier": {"_target_": f"models.{identifier}", "force": "filtered"},
@@ -57,7 +57,7 @@ def start(
     )
 
 
-def planned(begins: Sequence[RunStart]) -> list[dict[str, Any]]:
+def planned(begins: Sequence[RunRow]) -> list[dict[str, Any]]:
     """The rows of trials that a sweep plans."""
     return [
         {
@@ -103,7 +103,7 @@ def series(kind: str, columns: Mapping[str, Any]) -> Series:
 
 def finish(
     logbook: LogbookWriter,
-    begin: RunStart,
+    begin: RunRow,
     *results: Any,
     sweep: int | None = None,
     rerun: bool = False,
@@ -117,7 +117,7 @@ def finish(
 
 
 def fail(
-    logbook: LogbookWriter, begin: RunStart, status: Any = "failed", error: str = "broken"
+    logbook: LogbookWriter, begin: RunRow, status: Any = "failed", error: str = "broken"
 ) -> int:
     begun = logbook.begin_run(begin)
     assert begun.state == "new"

@@ -11,7 +11,7 @@ from scipy import stats
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.database import LogbookWriter
-from seatrial.runner.database.records import RunStart
+from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Metric
 from seatrial.runner.record.vocabulary import Stream
 from tests.runner.compare import stored
@@ -24,7 +24,7 @@ def options(basis: str, lowpass_hz: float) -> dict[str, Any]:
 
 
 def store(
-    logbook: LogbookWriter, begin: RunStart, value: float, drawn: Sequence[Any] = ("noise",),
+    logbook: LogbookWriter, begin: RunRow, value: float, drawn: Sequence[Any] = ("noise",),
     **more: Any,
 ) -> None:  # fmt: skip
     stored.finish(logbook, begin, [stored.force_mse(value)], drawn=drawn, **more)

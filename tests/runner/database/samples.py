@@ -7,13 +7,13 @@ import numpy as np
 from sqlalchemy import text, update
 
 from seatrial.models.diagnostics import Diagnostic
-from seatrial.runner.database import RunStart, engine, liveness
+from seatrial.runner.database import claims, engine
 from seatrial.runner.database.engine import parse
 from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Coefficient, Metric, Results, Series
 
 
-def make_start(trial: int = 0, **changes: object) -> RunStart:
+def make_start(trial: int = 0, **changes: object) -> RunRow:
     """A trial to begin; equal numbers are equal trials."""
     values: dict[str, object] = {
         "fingerprint": f"{trial:064x}", "vessel": "milliampere", "disturbance": "calm",
@@ -22,7 +22,7 @@ def make_start(trial: int = 0, **changes: object) -> RunStart:
         "overrides": ["identifier=ls"], "git_commit": "0" * 40, "git_dirty": False,
         "versions": {"python": "3.11"}, "command": "python -m runner identifier=ls",
     }  # fmt: skip
-    return RunStart(**(values | changes))  # type: ignore[arg-type]
+    return RunRow(**(values | changes))
 
 
 def make_results(scale: float = 1.0) -> Results:
@@ -65,7 +65,7 @@ def ago(seconds: float) -> datetime:
 
 def gone() -> str:
     """The identity of a process of this machine that has ended."""
-    own = liveness.identity(os.getpid())
+    own = claims.identity(os.getpid())
     assert own is not None
     machine, _, start = own.rsplit("/", 2)
     return f"{machine}/{2**22 + 1}/{start}"

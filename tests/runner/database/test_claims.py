@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import LogbookWriter, claims, engine, liveness
+from seatrial.runner.database import LogbookWriter, claims, engine
 from seatrial.runner.database.engine import parse
 from seatrial.runner.record.rows import Results
 from tests.runner.database.samples import ago, gone, make_start, pretend
@@ -34,7 +34,7 @@ def test_a_run_with_a_fresh_heartbeat_is_busy(
     begun = logbook.begin_run(make_start(1))
     assert (begun.state, begun.run_id) == ("busy", elsewhere)
     assert logbook.run(elsewhere).summary.status == "running"
-    pretend(url, elsewhere, heartbeat_at=ago(liveness.STALE_AFTER_S - 10))  # almost stale
+    pretend(url, elsewhere, heartbeat_at=ago(claims.STALE_AFTER_S - 10))  # almost stale
     assert logbook.begin_run(make_start(1)).state == "busy"
 
 
@@ -43,7 +43,7 @@ def test_a_run_without_a_heartbeat_is_interrupted_and_done_again(
     logbook: LogbookWriter, url: str, elsewhere: int, silent: bool
 ) -> None:
     # The tests' PostgreSQL has just started, which gives younger beats a minute: test_outage.py.
-    age_s = liveness.STALE_AFTER_S * (1.0 if parse(url).path else 3.0) + 5.0
+    age_s = claims.STALE_AFTER_S * (1.0 if parse(url).path else 3.0) + 5.0
     pretend(url, elsewhere, heartbeat_at=ago(age_s) if silent else None)
     assert logbook.run(elsewhere).summary.status == "interrupted"
     begun = logbook.begin_run(make_start(1))
@@ -61,7 +61,7 @@ def test_a_process_that_is_gone_from_here_is_not_waited_for(
 ) -> None:
     run = logbook.begin_run(make_start(1)).run_id
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    pretend(url, run, process=liveness.identity(child.pid), pid=child.pid)
+    pretend(url, run, process=claims.identity(child.pid), pid=child.pid)
     assert logbook.begin_run(make_start(1)).state == "busy"
     child.kill()
     time.sleep(0.1)  # not waited for yet: a zombie is as good as gone
@@ -94,21 +94,21 @@ def test_a_run_that_ends_while_it_is_taken_for_lost_is_not_done_again(
 
 
 def test_who_is_gone() -> None:
-    own = liveness.identity(os.getpid())
+    own = claims.identity(os.getpid())
     assert own is not None
-    assert not liveness.is_gone(own)
+    assert not claims.is_gone(own)
     machine, pid, start = own.rsplit("/", 2)
-    assert liveness.is_gone(f"{machine}/{pid}/{int(start) - 1}")  # its number was given again
-    assert liveness.is_gone(gone())
-    assert not liveness.is_gone(f"another {gone()}")
-    assert not liveness.is_gone(None)
-    assert not liveness.is_gone("nonsense")
+    assert claims.is_gone(f"{machine}/{pid}/{int(start) - 1}")  # its number was given again
+    assert claims.is_gone(gone())
+    assert not claims.is_gone(f"another {gone()}")
+    assert not claims.is_gone(None)
+    assert not claims.is_gone("nonsense")
 
 
 def test_a_run_under_way_keeps_its_heart_beating(
     url: str, results_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(liveness, "HEARTBEAT_S", 0.02)
+    monkeypatch.setattr(claims, "HEARTBEAT_S", 0.02)
     with LogbookWriter.open(url, results_dir=results_dir) as logbook:
         run = logbook.begin_run(make_start()).run_id
 
@@ -127,7 +127,7 @@ def test_a_run_under_way_keeps_its_heart_beating(
 def test_a_heartbeat_that_fails_does_not_end_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(liveness, "HEARTBEAT_S", 0.02)
+    monkeypatch.setattr(claims, "HEARTBEAT_S", 0.02)
     monkeypatch.setattr(engine, "BUSY_TIMEOUT_S", 0.05)
     path = tmp_path / "results.db"
     with LogbookWriter.open(f"sqlite:///{path}", results_dir=tmp_path) as logbook:

@@ -4,15 +4,17 @@ import math
 import time
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from sqlalchemy import delete
 
 from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import LogbookError
-from seatrial.runner.database import LogbookWriter
+from seatrial.runner.database import LogbookWriter, series_files
 from seatrial.runner.database.engine import BUSY_TIMEOUT_S
 from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Metric, Results, Series
@@ -69,6 +71,23 @@ def test_series_of_a_run_share_a_file_and_keep_their_own_columns(
             np.testing.assert_array_equal(found.columns[name], column)
     verified = logbook.verify()
     assert (verified.series, verified.problems, verified.leftovers) == (1, [], [])
+
+
+def test_series_of_earlier_versions_are_read(logbook: LogbookWriter, results_dir: Path) -> None:
+    """They have each kind in a group of rows of its own."""
+    t = np.arange(5.0)
+    stored = [Series("one", {"t": t}, {"t": "s"}), Series("two", {"t": t[:2]}, {"t": "s"})]
+    run = logbook.begin_run(make_start()).run_id
+    logbook.finish_run(run, Results(series=stored))
+    (file,) = (results_dir / "series").iterdir()
+    whole = parquet.read_table(file)
+    with parquet.ParquetWriter(file, whole.schema) as writer:
+        for part in (whole[:5], whole[5:]):
+            writer.write_table(part)
+    for expected, row in zip(stored, logbook.series_files(run), strict=True):
+        row.sha256 = sha256(file.read_bytes()).hexdigest()
+        found = series_files.read(results_dir, row)
+        np.testing.assert_array_equal(found.columns["t"], expected.columns["t"])
 
 
 def test_not_a_number_is_null_and_infinity_stays(logbook: LogbookWriter) -> None:

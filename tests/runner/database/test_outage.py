@@ -152,7 +152,7 @@ def test_what_was_committed_is_not_done_twice(postgres: Postgres, results_dir: P
         (run,) = logbook.runs()
         assert (run.status, run.attempt, run.metrics, run.series) == ("finished", 1, 30, 1)
         assert logbook.verify().problems == []
-        with pytest.raises(LogbookError, match="it is not running here"):
+        with pytest.raises(LogbookError, match="it is finished, expected running"):
             logbook.finish_run(begun.run_id, make_results())
 
 

@@ -50,6 +50,9 @@ def store(name: str, losses: Mapping[str, Losses], score: str = "free_run") -> N
                 continue
             columns = {"t": T, "start": 1.0 * (T == 0.0), "surge": MEASURED}
             columns["surge_identified"] = MEASURED + loss
+            columns |= {"sway": 0.0 * T, "x": 0.5 * MEASURED, "y": 0.0 * T, "psi": 0.0 * T}
+            columns["x_identified_1s"] = np.where(T > 0.0, columns["x"] + loss, np.nan)
+            columns["y_identified_1s"] = np.where(T > 0.0, 0.0, np.nan)
             columns["surge_identified_1s"] = np.where(T > 0.0, MEASURED + 1.0 - loss, np.nan)
             stored.finish(logbook, begin, series=[stored.series("prediction", columns)])
 
@@ -95,8 +98,8 @@ def test_runs_of_another_folder_of_data_count_also_where_there_is_none(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SEATRIAL_DATA", "/data/of/another")
     task = task_of("blueboat")
-    (cell,) = cells(task, ["none"], stored=True)
-    assert not list(cells(task, ["none"]))
+    (cell,) = cells(task, ["none"])
+    assert cell.lacking
     columns = {"t": T, "start": 1.0 * (T == 0.0)}
     for dof in task.outputs:
         columns |= {dof: MEASURED, f"{dof}_identified": MEASURED + 0.5}
@@ -148,3 +151,12 @@ def test_a_task_of_restarts_is_ranked_by_them(shown: Callable[..., str]) -> None
     store("task", losses, "restarts")
     found = rows(shown("--summary"))["task: FIT after 1 s [%]"]
     assert found[FIRST : FIRST + 2] == ["ridge", "40.0"]
+
+
+def test_a_task_of_position_is_ranked_by_the_distance(shown: Callable[..., str]) -> None:
+    """It moves to and fro by 1 m: so far from it is who stays where it was."""
+    store("task", {"ls": [[0.1] * 5], "ridge": [[0.4] * 5]}, "position")
+    found = rows(shown("--summary"))["task: position error after 1 s [m]"]
+    assert found[FIRST : FIRST + 3] == ["ls", "0.100", "–"]
+    assert found[-1] == "1.00"
+    assert rows(shown())["ls"][2] == "**0.100**"

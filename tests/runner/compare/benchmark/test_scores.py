@@ -6,6 +6,7 @@ import pytest
 from seatrial.runner.compare.benchmark.scores import (
     AT_REST,
     MEAN_MOTION,
+    NOTHING,
     PERSISTENCE,
     POSITION,
     chance,
@@ -102,7 +103,7 @@ def test_one_that_diverges_differs_from_one_that_does_not() -> None:
     own, lost = (score(series(0.2), model, ("surge",)) for model in ("identified", "nominal"))
     assert chance([own], [lost]) == 0.0
     assert chance([lost], [lost]) == 1.0
-    assert chance([own, None], [lost, own]) == 0.0  # each lost another file
+    assert chance([own, NOTHING], [lost, own]) == 0.0  # each lost another file
     assert chance([own], [own]) == 1.0
 
 
@@ -142,16 +143,15 @@ def test_a_band_of_the_right_size_holds_nine_tenths_and_has_the_best_crps() -> N
     found = {}
     for size in (0.05, 0.2, 0.8):
         result = score(banded(0.2, size), "identified", ("surge",))
-        assert result.covered is not None
         assert len(result.covered) == N - 2  # the two starts are left out
         found[size] = (np.mean(result.covered), np.mean(result.crps))
     assert found[0.2][0] == pytest.approx(0.9, abs=0.02)
     assert found[0.05][0] < 0.5 < 0.99 < found[0.8][0]
     assert found[0.2][1] < min(found[0.05][1], found[0.8][1])
     without = score(series(0.2), "identified", ("surge",))
-    assert without.covered is None
+    assert not len(without.covered)
     assert np.mean(without.crps) > found[0.2][1]
-    assert score(banded(0.2, 0.2), MEAN_MOTION, ("surge",)).covered is None
+    assert not len(score(banded(0.2, 0.2), MEAN_MOTION, ("surge",)).covered)
 
 
 def test_crps_is_the_integral_of_the_squared_difference_of_distributions() -> None:
