@@ -138,7 +138,7 @@ def test_an_interrupted_call_may_be_repeated(seatrial: Command) -> None:
     fake.interrupted = set()
     sweep = st.sweep(["seed=0,1,2"], progress=False)
     assert fake.ran == [1, 0, 1, 1, 2]
-    assert list(sweep.runs(status="finished").index) == [5, 4, 2]
+    assert list(sweep.runs("status=finished").index) == [5, 4, 2]
 
 
 def test_a_mapping_is_a_variant_and_a_list_of_texts_a_grid(seatrial: Command) -> None:
