@@ -3,33 +3,21 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, NoReturn, Self, TypeAlias
+from typing import Any, NoReturn, Self, TypeAlias, cast
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from seatrial.models import notation
 from seatrial.models.errors import ConfigurationError, RecordingError
 from seatrial.models.excitation import commands, setpoints
-from seatrial.models.identification import problem as problems
-from seatrial.models.identification.free_run import free_run
-from seatrial.models.identification.validation import prediction
-from seatrial.models.notation import (
-    DOFS,
-    FORCE_UNIT,
-    VELOCITY_UNIT,
-    accelerations_of,
-    poses_of,
-    velocities_of,
-)
+from seatrial.models.identification import free_run, problem, validation
+from seatrial.models.recording import column_map, signals, source
 from seatrial.models.recording import recording as recordings
-from seatrial.models.recording.column_map import Column, ColumnMap
 from seatrial.models.recording.recorded_file import RecordedFile
-from seatrial.models.recording.signals import GAP
-from seatrial.models.recording.source import Source
-from seatrial.models.simulation.loop import sail
-from seatrial.models.simulation.registry import Timetable
+from seatrial.models.simulation import loop, registry
 from seatrial.models.vessel.basis import Array
 from seatrial.models.vessel.parameters import VesselParameters
 from seatrial.models.vessel.table import Vessel as Coefficients
@@ -42,10 +30,16 @@ from seatrial.runner.export.stored_model import StoredModel
 from seatrial.runner.interface.shell import Displayed, overrides_of
 from seatrial.runner.sweeps import in_process
 from seatrial.runner.trials.closed_loop import Streams
+from seatrial.runner.trials.time_series import SeriesColumns
 
 Forces: TypeAlias = Sequence[Sequence[float]] | Array | Mapping[str, Any] | pd.DataFrame
 Recordings: TypeAlias = recordings.Recording | pd.DataFrame | Sequence[Any]
 KINDS = (recordings.Recording, pd.DataFrame)
+COLUMNS = {  # of a stored series, by degree of freedom
+    "position": notation.POSES, "velocity": notation.VELOCITIES,
+    "acceleration": notation.ACCELERATIONS, "force": [f"tau_{dof}" for dof in notation.DOFS],
+    "actual_force": [f"tau_actual_{dof}" for dof in notation.DOFS],
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,48 +62,40 @@ class Recording(Displayed, recordings.Recording):
         return cls.of(build_as(RecordedFile, config["excitation"], "excitation").read(dofs))
 
     @classmethod
-    def from_frame(
-        cls, frame: pd.DataFrame, dofs: Sequence[str] | None = None, **options_: Any
-    ) -> Self:
+    def from_frame(cls, frame: pd.DataFrame, **options_: Any) -> Self:
         """Make a recording of a frame with the columns of a stored series.
 
-        Args:
-            frame: time t [s] as the index or a column, or a DatetimeIndex; for surge, sway and yaw
-                the pose `x, y, psi` [m, rad], the body velocity `u, v, r` [m/s, rad/s] and the
-                commanded force `tau_surge, tau_sway, tau_yaw` [N, Nm]. If the acceleration `u_dot,
-                v_dot, r_dot` is missing, the velocity is differentiated. `tau_actual_surge, ...` is
-                the acting force, if measured.
-            dofs: degrees of freedom; by default those whose velocity is there.
-            **options_: options of a measured file, such as `resample_hz=10.0` for unequal steps.
+        Time t [s] is the index or a column, or there is a DatetimeIndex; for surge, sway and yaw
+        there are the pose `x, y, psi` [m, rad], the body velocity `u, v, r` [m/s, rad/s], the
+        commanded force `tau_surge, tau_sway, tau_yaw` [N, Nm], the acceleration `u_dot, v_dot,
+        r_dot`, else the velocity is differentiated, and `tau_actual_surge, ...`, the acting force,
+        if measured. The options are those of a measured file, such as `resample_hz=10.0`.
 
-        Raises:
-            RecordingError: A column is missing, a number not finite, or the steps are not equal.
+        Raises RecordingError if a column is missing, a number not finite, or the steps not equal.
         """
         if isinstance(frame.index, pd.DatetimeIndex) and "t" not in frame:
             frame = frame.set_axis((frame.index - frame.index.min()).total_seconds().rename("t"))
         table = frame.reset_index() if frame.index.name == "t" else frame
-        axes = tuple(dofs or (dof for dof in DOFS if velocities_of((dof,))[0] in table))
+        letters = zip(notation.DOFS, notation.VELOCITIES, strict=True)
+        axes = tuple(dof for dof, name in letters if name in table)
         if len(table) < 2 or not axes:
             got = f"{len(table)} rows of {', '.join(map(str, table))}"
             raise RecordingError(f"frame: got {got}, expected at least 2, with u, v, w, p, q or r")
-        names = {
-            "position": poses_of(axes), "velocity": velocities_of(axes),
-            "acceleration": accelerations_of(axes), "force": [f"tau_{dof}" for dof in axes],
-            "actual_force": [f"tau_actual_{dof}" for dof in axes],
-        }  # fmt: skip
-        mapped: dict[str, Any] = {
-            kind: dict(zip(axes, own, strict=True)) for kind, own in names.items()
-            if kind not in ("acceleration", "actual_force") or set(own) <= set(table)
+        mapped: Any = {
+            kind: {dof: name for dof, name in zip(notation.DOFS, names, strict=True)
+                   if dof in axes and (kind in ("velocity", "force") or name in table)}
+            for kind, names in COLUMNS.items()
         }  # fmt: skip
         steps = pd.to_numeric(table.get("t", pd.Series(dtype=float)), errors="coerce").diff()[1:]
         period = steps.median()
         even = (steps - period).abs() < recordings.UNIFORMITY * period
-        gaps = (steps > GAP * period) & (period > 0.0)
+        gaps = (steps > signals.GAP * period) & (period > 0.0)
         at_gap = "split" if gaps.any() and (gaps | even).all() else "refuse"
+        time = column_map.Column("t", "s")
         options: Any = {"path": "frame", "at_gap": at_gap, **options_}
-        reader = RecordedFile(columns=ColumnMap(Column("t", "s"), **mapped), **options)
+        reader = RecordedFile(columns=column_map.ColumnMap(time, **mapped), **options)
         columns = {str(name): table[name].to_numpy() for name in table}
-        return cls.of(reader.recording(axes, {"": Source("", Path("frame"), columns)}))
+        return cls.of(reader.recording(axes, {"": source.Source("", Path("frame"), columns)}))
 
     @classmethod
     def of(cls, recording: recordings.Recording) -> Self:
@@ -118,12 +104,9 @@ class Recording(Displayed, recordings.Recording):
 
     def to_frame(self) -> pd.DataFrame:
         """Return the columns that `from_frame` reads, by time t [s]."""
-        frame = motion_frame(self.t, self.dofs, self.eta, self.nu)
-        frame[list(accelerations_of(self.dofs))] = self.nu_dot
-        for name, values in {"tau": self.tau, "tau_actual": self.tau_actual}.items():
-            if values is not None:
-                frame[[f"{name}_{dof}" for dof in self.dofs]] = values
-        return frame
+        columns = SeriesColumns(self.dofs, self.t)
+        columns.add_recording(self)
+        return pd.DataFrame(columns).set_index("t")
 
     def split(self, fraction: float = 0.5) -> tuple[Self, Self]:
         """Return the first `fraction` of the samples, to train on, and the rest, to test on."""
@@ -143,9 +126,8 @@ class Recording(Displayed, recordings.Recording):
 
     def __array__(self, *arguments: object, **keywords: object) -> NoReturn:
         """Refuse to be an array: a cross-validation must not mix samples that are neighbours."""
-        raise ConfigurationError(
-            "X: got one recording, expected a list of recordings: recording.blocks(10) cuts one"
-        )
+        expected = "expected a list of recordings: recording.blocks(10) cuts one"
+        raise ConfigurationError(f"X: got one recording, {expected}")
 
     def _shown(self) -> TextTable:
         title = f"recording of {', '.join(self.dofs)}: {len(self)} samples of {self.period_s:g} s"
@@ -156,12 +138,11 @@ class Recording(Displayed, recordings.Recording):
 class Model(Displayed):
     """A model of a vessel: a table of coefficients, with the thrusters and limits of the vessel.
 
-    `table` is the coefficient table, `parameters` the vessel that it belongs to, `part` what a
-    trial takes for it, `stored` the model of a run that it is, in the logbook at `address`, and
-    `identified` what an identifier returned.
+    `table` has the coefficients, `parameters` is the vessel, `part` what a trial takes for it,
+    `stored` the model in the logbook at `address`, `identified` what an identifier returned.
     """
 
-    identified: problems.Identified | None = None
+    identified: problem.Identified | None = None
 
     def __init__(
         self, table: Coefficients, parameters: VesselParameters, part: object = None,
@@ -176,50 +157,55 @@ class Model(Displayed):
     def coefficients(self) -> pd.DataFrame:
         """The coefficients in SI units, force per term: terms are rows, columns are axes."""
         terms = [term.name for term in self.table.terms]
-        return pd.DataFrame(self.table.theta.copy(), index=terms, columns=list(self.dofs))
+        return pd.DataFrame(self.table.theta.copy(), terms, list(self.dofs))
 
     @property
     def inertia(self) -> pd.DataFrame:
         """The inertia matrix with added mass [kg, kg m, kg m^2]."""
-        axes = list(self.dofs)
-        return pd.DataFrame(self.table.inertia.copy(), index=axes, columns=axes)
+        return pd.DataFrame(self.table.inertia.copy(), list(self.dofs), list(self.dofs))
 
     def simulate(
         self, force: Forces, period_s: float = 0.1, *, step_s: float = 0.025,
         pose: Sequence[float] | None = None, velocity: Sequence[float] | None = None,
     ) -> pd.DataFrame:  # fmt: skip
-        """Simulate the motion in calm water under commanded forces, through the thrusters.
+        """Simulate pose and body velocity by time t [s] in calm water, before each command acts.
 
-        A steered vessel is commanded by its inputs instead. Raises Diverged if a velocity exceeds
-        the limit of the vessel.
+        Raises Diverged if a velocity exceeds the limit of the vessel.
 
         Args:
-            force: commanded forces [N, Nm], held over each period: an array (N, n_dof), or columns
-                by degree of freedom (`surge` or `tau_surge`), of which a missing one is zero; or
-                inputs by their names, in the units of the vessel.
+            force: commanded forces [N, Nm], held over each period and given through the thrusters:
+                an array (N, n_dof), or columns by degree of freedom (`surge` or `tau_surge`), of
+                which a missing one is zero. Of a steered vessel its inputs, in their units.
             period_s: time between two rows [s].
             step_s: longest integration step [s].
             pose: at the start [m, rad], shape (n_dof,); zero by default.
             velocity: at the start [m/s, rad/s], shape (n_dof,); zero by default.
-
-        Returns:
-            Pose, body velocity and command by time t [s], before the command of the row acts.
         """
         n_dof, inputs = len(self.dofs), self.parameters.input_names
-        command = _commands(force, inputs or self.dofs)
+        names = list(inputs or self.dofs)
+        if isinstance(force, Mapping | pd.DataFrame):
+            frame = pd.DataFrame(force).rename(columns=lambda name: str(name).removeprefix("tau_"))
+            if frame.empty or set(frame) - set(names):
+                raise ConfigurationError(f"force: got {list(frame)}, expected some of {names}")
+            force = frame.reindex(columns=names, fill_value=0.0).to_numpy()
+        command = np.array(force, dtype=np.float64, order="C")
+        if command.ndim != 2 or command.shape[1] != len(names) or not len(command):
+            raise ConfigurationError(
+                f"force: got shape {command.shape}, expected (N, {len(names)})"
+            )
         still, start = np.zeros((len(command), n_dof)), {}
         for name, values in {"pose": pose, "velocity": velocity}.items():
             start[name] = np.array([0.0] * n_dof if values is None else values, dtype=np.float64)
             if (shape := start[name].shape) != (n_dof,):
                 raise ConfigurationError(f"{name}: got shape {shape}, expected ({n_dof},)")
-        voyage = sail(
+        voyage = loop.sail(
             self.parameters.plant(self.table), Weather(still, still, still, still),
-            (Timetable(still), np.zeros(1)), setpoints.UNFILTERED,
-            commands.open_loop(command.shape[1]), start["pose"], period_s, min(step_s, period_s),
+            (registry.Timetable(still), np.zeros(1)), setpoints.UNFILTERED,
+            commands.open_loop(len(names)), start["pose"], period_s, min(step_s, period_s),
             start["velocity"], added=command,
         )  # fmt: skip
         motion = motion_frame(voyage.t, self.dofs, voyage.log.eta, voyage.log.nu)
-        motion[list(inputs) or [f"tau_{dof}" for dof in self.dofs]] = command
+        motion[[name if inputs else f"tau_{name}" for name in names]] = command
         return motion
 
     def predict(self, recording: recordings.Recording, restart_s: float = 30.0) -> pd.DataFrame:
@@ -231,8 +217,8 @@ class Model(Displayed):
         lag = self.parameters.thruster
         known = recording.with_thruster(lag)
         every = max(round(restart_s / known.period_s), 2)
-        course = prediction(self.table, known, lag, horizon=every).course
-        motion = free_run(self.table, course, "rk4")
+        course = validation.prediction(self.table, known, lag, horizon=every).course
+        motion = free_run.free_run(self.table, course, "rk4")
         return motion_frame(known.t, self.dofs, *np.hsplit(motion, 2))
 
     def plot(self, ax: Axes | None = None) -> Figure:
@@ -250,8 +236,8 @@ class Model(Displayed):
                 force = self.table.inverse(np.zeros_like(nu), nu)[:, i]
                 held = np.abs(force) <= most[i]
                 panel.plot(nu[held, i], force[held])
-                panel.set_xlabel(f"{dof} [{VELOCITY_UNIT[dof]}]")
-                panel.set_ylabel(f"force [{FORCE_UNIT[dof]}]")
+                units = notation.VELOCITY_UNIT[dof], notation.FORCE_UNIT[dof]
+                panel.set(xlabel=f"{dof} [{units[0]}]", ylabel=f"force [{units[1]}]")
             style.headed(chart, panels, self._source)
         return chart
 
@@ -267,8 +253,7 @@ class Model(Displayed):
         """
         if self.stored is None:
             raise ConfigurationError("save: got a model of no run, expected that of a stored run")
-        path = None if output is None else Path(output)
-        return model_formats.write(self.stored, to, path, at, force)
+        return model_formats.write(self.stored, to, Path(output) if output else None, at, force)
 
     def _shown(self) -> TextTable:
         used = self.coefficients[np.any(self.table.theta, axis=1)]
@@ -279,20 +264,18 @@ class Vessel(Model):
     """A vessel with its nominal model, by name, from a file, or from numbers.
 
     `choice` is what the command line takes after `vessel=`, a name, the path of a file or `run:17`;
-    without one the options of a vessel are given: `name`, `dofs`, `inertia`, `derivatives`, ...
+    the options of a vessel replace its own: `name`, `dofs`, `inertia`, `derivatives`, ...
     """
 
     def __init__(self, choice: str | Path | None = None, **numbers: object) -> None:
-        if choice is not None and numbers:
-            raise ConfigurationError(f"Vessel: got {choice} and numbers, expected one of them")
-        node: object = numbers
+        node: Any = {}
         if choice is not None:
             node = in_process.composed(overrides_of({"vessel": choice})).config["vessel"]
-        parameters = build_as(VesselParameters, node, "vessel")
-        super().__init__(parameters.nominal(), parameters, choice or parameters)
+        parameters = build_as(VesselParameters, {**node, **numbers}, "vessel")
+        super().__init__(parameters.nominal(), parameters, parameters if numbers else choice)
 
     def fit(
-        self, recordings: Recordings, identifier: str | problems.Identifier = "auto",
+        self, recordings: Recordings, identifier: str | problem.Identifier = "auto",
         seed: int = 0, **options: object,
     ) -> Model:  # fmt: skip
         """Identify the vessel from recordings; the arguments are those of `Estimator`."""
@@ -300,35 +283,28 @@ class Vessel(Model):
 
 
 def fitted(
-    data: Recordings, vessel: str | Path | Model, identifier: str | problems.Identifier, seed: int,
+    data: Recordings, vessel: str | Path | Model, identifier: str | problem.Identifier, seed: int,
     options: Mapping[str, Any],
 ) -> Model:  # fmt: skip
-    """Identify a vessel from a recording, or from several with gaps between them.
-
-    Raises SeatrialError for a wrong option, and for data that do not determine the model.
-    """
-    method: Any = identifier
-    given: dict[str, object] = {"vessel": vessel}
-    if isinstance(identifier, str):
-        given |= {"identifier": identifier}
+    """Identify a vessel; raises SeatrialError for a wrong option, or data that do not suffice."""
+    named, given = isinstance(identifier, str), dict[str, object](vessel=vessel)
+    if named:
+        given["identifier"] = identifier
         given |= {f"identifier.{name}": value for name, value in options.items()}
-    else:
-        method = replace(method, **options)
     node = in_process.composed(overrides_of(given)).config
-    if isinstance(identifier, str):
-        role: Any = problems.Identifier  # abstract
-        method = build_as(role, node["identifier"], "identifier")
+    role, part = cast(Any, problem.Identifier), cast(Any, identifier)  # an abstract class
+    method = build_as(role, node["identifier"], "identifier") if named else replace(part, **options)
     if getattr(method, "selection", None) == "test":
         raise ConfigurationError("identifier.selection: got test, expected training data")
     parameters = build_as(VesselParameters, node["vessel"], "vessel")
     nominal, lag, training = parameters.nominal(), parameters.thruster, joined(data, parameters)
     method.check(nominal, lag, True)
-    problems.check_needs(method.needs(), parameters.name, lag, training)
+    problem.check_needs(method.needs(), parameters.name, lag, training)
     # Nothing is held out: what tests a model is not for its identification.
-    problem = problems.Problem(training, training, nominal, lag)
-    result = method.identify(problem, Streams(seed).generator("identifier"))
+    task = problem.Problem(training, training, nominal, lag)
+    result = method.identify(task, Streams(seed).generator("identifier"))
     model = Model(result.model, parameters)
-    model.identified = problems.with_interval(method, result)
+    model.identified = problem.with_interval(method, result)
     return model
 
 
@@ -345,7 +321,7 @@ def joined(data: Recordings, vessel: VesselParameters) -> recordings.Recording:
 
 def motion_frame(t: Array, dofs: tuple[str, ...], eta: Array, nu: Array) -> pd.DataFrame:
     """Return pose and body velocity, shape (N, n_dof) each, by time t [s]."""
-    names = [*poses_of(dofs), *velocities_of(dofs)]
+    names = [*notation.poses_of(dofs), *notation.velocities_of(dofs)]
     return pd.DataFrame(np.hstack([eta, nu]), columns=names, index=pd.Index(t, name="t"))
 
 
@@ -353,17 +329,3 @@ def table_of(title: str, index: str, numbers: pd.DataFrame) -> TextTable:
     """Return a frame of numbers as a table, each row with its name."""
     rows: list[list[Scalar]] = [[str(name), *row] for name, row in numbers.iterrows()]
     return grid_of(title, (index, *map(str, numbers)), rows)
-
-
-def _commands(given: Forces, names: tuple[str, ...]) -> Array:
-    """Return commands as an array (N, n), of forces or inputs by their names."""
-    if isinstance(given, Mapping | pd.DataFrame):
-        frame = pd.DataFrame(given).rename(columns=lambda name: str(name).removeprefix("tau_"))
-        if frame.empty or set(frame) - set(names):
-            got, expected = ", ".join(frame), ", ".join(names)
-            raise ConfigurationError(f"force: got columns {got}, expected some of {expected}")
-        given = frame.reindex(columns=list(names), fill_value=0.0).to_numpy()
-    array = np.array(given, dtype=np.float64, order="C")
-    if array.ndim != 2 or array.shape[1] != len(names) or not len(array):
-        raise ConfigurationError(f"force: got shape {array.shape}, expected (N, {len(names)})")
-    return array

@@ -5,14 +5,10 @@ notebook. Tables, figures and lists are those of `seatrial-results`, by the same
 """
 
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import fields
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
-from seatrial.models.diagnostics import Diagnostic
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import compare, database, export
 from seatrial.runner.compare import commands
@@ -30,26 +26,22 @@ if TYPE_CHECKING:  # slow to import
 
     from seatrial.runner.compare.frame import Queries
     from seatrial.runner.interface import models
-    from seatrial.runner.record import rows
     from seatrial.runner.sweeps import in_process
 else:
     import lazy_loader
 
     pd = lazy_loader.load("pandas")
-    models, rows, in_process = (
+    models, in_process = (
         lazy_loader.load(f"seatrial.runner.{name}", suppress_warning=True)
-        for name in ("interface.models", "record.rows", "sweeps.in_process")
+        for name in ("interface.models", "sweeps.in_process")
     )
-
-Stored = Literal["nominal", "identified", "plant", "adaptive"]
 
 
 class Table(Displayed):
     """A table of the comparison, with its `notes`."""
 
     def __init__(self, grid: TextTable) -> None:
-        self._grid = grid
-        self.notes = tuple(grid.notes)
+        self._grid, self.notes = grid, tuple(grid.notes)
 
     @property
     def frame(self) -> "pd.DataFrame":
@@ -99,11 +91,9 @@ class Logbook(Displayed):
     ) -> "pd.DataFrame":  # fmt: skip
         """Return the metrics of the runs as a tidy frame, one row a run and number.
 
-        A run with identifier=none has each number once: its nominal and its identified model are
-        the same, and the rows of the second one stay.
-
         Its columns are run_id, the choices of the run, seed, stage, model, dof, name, value and
-        unit. `names` are those of a metric or of several; `where` and `sweep` as for `runs`.
+        unit. `names` are those of a metric or of several; `where` and `sweep` as for `runs`. A run
+        with identifier=none has each number once, as that of its identified model.
         """
         with self.opened() as results:
             condition, _ = results.selected(where, self._chosen(sweep))
@@ -131,32 +121,22 @@ class Logbook(Displayed):
         """Draw a figure, as `seatrial-results plot` does, with its options, or into axes of yours.
 
         Such as `plot("track", run=17)` or `plot("bars", metric="e_pos_mae", dof="surge")`. Raises
-        ConfigurationError if no run has the data, or if there are several figures, for `plots`.
+        ConfigurationError if no run has the data, or if there are several figures.
         """
-        figures = self.plots(kind, ax, **options)
+        given = {"kind": kind, "sweep": self.number, **options}
+        with self.opened() as results:
+            request = command_options("plot", PlotRequest, given)
+            figures = compare.plots.figures_of(results, request, ax)
         if len(figures) > 1:
             raise ConfigurationError(f"plot {kind}: got {len(figures)} figures, expected one")
         return figures[0]
 
-    def plots(self, kind: str, ax: "Axes | None" = None, **options: Any) -> "list[Figure]":
-        """Draw all figures of a kind, such as one for each level of `facet`; see `plot`."""
-        given = {"kind": kind, "sweep": self.number, **options}
-        with self.opened() as results:
-            request = command_options("plot", PlotRequest, given)
-            return compare.plots.figures_of(results, request, ax)
-
-    def model(self, run: int, model: Stored = "identified") -> "models.Model":
-        """Return a model of a run, to simulate it, to sail it or to write it for others."""
+    def model(self, run: int, model: str = "identified") -> "models.Model":
+        """Return a model of a run: nominal, identified, plant or adaptive."""
         with self.opened() as results:
             stored = export.stored_model.read_model(results.reader, run, model)
         name = f"run:{run}" if model == "identified" else None
         return models.Model(stored.table, stored.parameters, name, stored, self.address)
-
-    def sql(self, query: str, timeout_s: float = 30.0, limit: int = 10_000) -> "pd.DataFrame":
-        """Return the rows of a query in SQL; one that writes is refused."""
-        with self.opened() as results:
-            answer = results.reader.sql(query, timeout_s, limit)
-        return pd.DataFrame(list(answer.rows), columns=list(answer.columns))
 
     def _chosen(self, sweep: int | str | None) -> str:
         return str(sweep or self.number or "all")
@@ -182,18 +162,18 @@ class Run(Displayed):
 
     @property
     def metrics(self) -> "pd.DataFrame":
-        """All metrics: columns stage, model, dof, name, value and unit."""
-        return self._facts("metrics", rows.Metric)
+        """All metrics, with their values and units."""
+        return self._facts("metrics", "stage model dof name value unit")
 
     @property
     def coefficients(self) -> "pd.DataFrame":
-        """All coefficients: columns model, dof, term, value, unit, std_error and true_value."""
-        return self._facts("coefficients", rows.Coefficient)
+        """All coefficients of all models, with their units, standard errors and true values."""
+        return self._facts("coefficients", "model dof term value std_error true_value unit")
 
     @property
     def diagnostics(self) -> "pd.DataFrame":
         """What the parts of the trial said of themselves, warnings included."""
-        return self._facts("diagnostics", Diagnostic)
+        return self._facts("diagnostics", "name dof value unit i j label")
 
     @property
     def model(self) -> "models.Model":
@@ -227,21 +207,20 @@ class Run(Displayed):
         own = [row for row in own if stage in (None, row.stage)]
         if len(own) != 1:
             known = ", ".join(sorted({f"{row.dof} of {row.model}" for row in same}))
-            raise ConfigurationError(
-                f"run {self.number}: got {len(own)} numbers {name} with dof {dof} of model {model}"
-                f", expected one; it has {known or 'no such metric'}"
-            )
+            got = f"got {len(own)} numbers {name} with dof {dof} of model {model}, expected one"
+            known = f"it has {known or 'no such metric'}"
+            raise ConfigurationError(f"run {self.number}: {got}; {known}")
         return float("nan") if own[0].value is None else own[0].value
 
     def plot(self, kind: str, ax: "Axes | None" = None, **options: Any) -> "Figure":
         """Draw a figure of this run; see `Logbook.plot`."""
         return self.logbook.plot(kind, ax, **{**options, "run": self.number})
 
-    def _facts(self, what: str, record: type[Any]) -> "pd.DataFrame":
+    def _facts(self, what: str, columns: str) -> "pd.DataFrame":
         """Return stored records as a frame, which has its columns also without a row."""
         with self.logbook.opened() as results:
             stored = getattr(results.reader, what)(self.number)
-        return pd.DataFrame(stored, columns=[field.name for field in fields(record)])
+        return pd.DataFrame(stored, columns=columns.split())
 
     def _shown(self) -> TextTable:
         with self.logbook.opened() as results:
@@ -264,28 +243,22 @@ def open(path: str | Path = DEFAULT_DATABASE, results_dir: str | Path | None = N
 def run(*overrides: str, database: str | Path | None = None, **options: object) -> Run:
     """Run one trial, as the command `seatrial` does; one that is stored already is not run again.
 
+    The overrides are options as on the command line, such as `"plant.scale=0.8"`; a double
+    underscore stands for a dot of other options: `vessel="tug"`, `identifier__basis="physical"`,
+    `seed=1`, `rerun=True`. `database` is the file or address of the logbook, by default
+    `results/results.db` in the working folder.
+
     A group (`vessel`, `disturbance`, `excitation`, `identifier`, `controller`, `evaluation`) takes
     the name of an option, a path, an object such as a `Vessel`, a `Model` or an `Identifier`, or a
     mapping: an object, or a mapping with `_target_`, replaces what the group has, any other mapping
     sets options of it.
 
-    Args:
-        *overrides: options as on the command line, such as `"plant.scale=0.8"`.
-        database: file or address of the logbook; by default `results/results.db` in the working
-            folder.
-        **options: any option; a double underscore stands for a dot: `vessel="tug"`,
-            `identifier__basis="physical"`, `seed=1`, `rerun=True`.
-
-    Raises:
-        RunFailed: The trial failed or diverged; the exception has the run.
-        SeatrialError: The trial cannot be run; the message is the line that the command prints.
+    Raises RunFailed, which has the run, if the trial failed or diverged, else SeatrialError with
+    the line that the command prints.
     """
-    words = [*_texts(options, database), *place_of(database), *overrides]
-    call = in_process.run_trial(words)
-    assert call.outcome is not None
-    assert call.logbook is not None
-    if call.outcome.run_id is None:
-        raise SeatrialError(str(call.outcome.error))
+    call = in_process.run_trial([*_texts(options, database), *place_of(database), *overrides])
+    if not (call.outcome and call.logbook and call.outcome.run_id):
+        raise SeatrialError(str(call.outcome and call.outcome.error))
     stored = Run(Logbook(*call.logbook), call.outcome.run_id)
     if isinstance(call.error, str):
         raise RunFailed(call.error, stored)
@@ -299,34 +272,24 @@ def sweep(
 ) -> Logbook:  # fmt: skip
     """Run many trials, as the command `seatrial -m` does; those that are stored are not run again.
 
-    Args:
-        trials: options with several values: `["identifier=ls,plsr", "seed=range(0,5)"]` are ten
-            trials. A mapping is a set of options that change together, like `--variant`.
-        launcher: basic (one after the other), processes (all cores), submitit_slurm, ...
-        name: name of the sweep, for tables and lists.
-        database: as for `run`.
-        progress: whether to show the progress on a terminal or in a notebook.
-        **options: options of all trials, as for `run`; a Python range has several values.
+    Texts have several values: `["identifier=ls,plsr", "seed=range(0,5)"]` are ten trials. A mapping
+    is a set of options that change together, like `--variant`. The other options are those of all
+    trials, as for `run`; a Python range has several values. `launcher` is basic (one after the
+    other), processes (all cores), submitit_slurm, ..., `name` that of the sweep, for tables and
+    lists; `progress` is shown on a terminal, and logged elsewhere.
 
-    Returns:
-        The runs of the sweep, those that failed or diverged among them.
-
-    Raises:
-        SeatrialError: A trial cannot be run (then none was started), or the workers were lost.
+    Returns the runs of the sweep, those that failed or diverged among them. Raises SeatrialError
+    if a trial cannot be run (then none was started), or the workers were lost.
     """
     texts = [trial for trial in trials if isinstance(trial, str)]
     variants = [_texts(trial, database) for trial in trials if not isinstance(trial, str)]
     fixed = _texts(options if name is None else {"sweep.name": name, **options}, database)
     words = [*texts, *fixed, *place_of(database), f"hydra/launcher={launcher}"]
     call = in_process.Call(["-m", *words], variants)
-    in_notebook = progress and Console().is_jupyter
-    if in_notebook or not progress:
-        call.view = (lambda: nullcontext(_NotebookLine())) if in_notebook else None
+    call.view = call.view if progress else None
     in_process.run_sweep(call, words)
-    if in_notebook:
-        _NotebookLine().show(call.lines[0])
-    assert call.sweep_id is not None
-    assert call.logbook is not None
+    assert call.sweep_id
+    assert call.logbook
     return Logbook(*call.logbook, call.sweep_id)
 
 
@@ -344,15 +307,3 @@ def _texts(options: Mapping[str, object], place: str | Path | None) -> list[str]
         expected = "expected one of the same logbook; vessel.save('yaml') writes it to a file"
         raise ConfigurationError(f"vessel: got a model of {address}, {expected}")
     return overrides_of(options)
-
-
-class _NotebookLine:
-    """The progress of a sweep as one line of a notebook, which is written again and again."""
-
-    def show(self, standing: object) -> None:
-        """Write the line over the last one."""
-        print(f"\r{standing!s:<80}", end="", flush=True)
-
-    def failure(self, line: str) -> None:
-        """Leave a line about a failed run above it."""
-        print(f"\r{line:<80}")

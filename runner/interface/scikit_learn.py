@@ -22,17 +22,14 @@ class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     `identifier` is a name of the group, such as `"ls"`, or an `Identifier`; `vessel` the nominal
     vessel by name, path or as a `Vessel`; `seed` that of what is drawn; `**options_` are options of
-    the identifier, such as `basis="physical"`, with a double underscore for a dot. `fit` sets the
-    identified `model_`, which holds all that the identifier returned as `model_.identified`.
+    the identifier, such as `basis="physical"`, with a double underscore for a dot. `fit` sets
+    `model_`, and `model_.identified` to all that the identifier returned.
     """
 
     def __init__(
-        self,
-        identifier: str | Identifier = "auto",
-        vessel: str | Path | Model = "milliampere",
-        seed: int = 0,
-        **options_: object,
-    ) -> None:
+        self, identifier: str | Identifier = "auto", vessel: str | Path | Model = "milliampere",
+        seed: int = 0, **options_: object,
+    ) -> None:  # fmt: skip
         self.__dict__.update(identifier=identifier, vessel=vessel, seed=seed, **options_)
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
@@ -45,10 +42,7 @@ class Estimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def fit(self, X: Recordings, y: None = None) -> Self:
-        """Identify the vessel from a recording, or from several with gaps between them.
-
-        Raises SeatrialError for a wrong option, and for data that do not determine the model.
-        """
+        """Identify the vessel from a recording, or from several with gaps between them."""
         options = self.get_params()
         identifier, vessel, seed = (options.pop(name) for name in ("identifier", "vessel", "seed"))
         self.model_ = fitted(X, vessel, identifier, seed, options)

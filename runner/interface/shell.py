@@ -46,8 +46,7 @@ def overrides_of(options: Mapping[str, object]) -> list[str]:
         key = name.replace("__", ".")
         given = part_of(value, key) if key in GROUPS else value
         if given is None and key in GROUPS:
-            got = f"got {'None' if value is None else 'a model that has no name'}"
-            raise ConfigurationError(f"{key}: {got}, expected an option, a file or a part")
+            raise ConfigurationError(f"{key}: got None or a model of no run, expected a choice")
         if key not in GROUPS or not isinstance(given, Mapping):
             texts.append(f"{key}={text_of(given, key)}")
         elif TARGET in given:

@@ -12,16 +12,15 @@ from contextlib import contextmanager, nullcontext
 from copy import deepcopy
 from dataclasses import replace
 from threading import current_thread, main_thread
-from typing import TYPE_CHECKING
 
 from hydra import initialize_config_dir
+from hydra._internal.hydra import Hydra
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
 from hydra.core.singleton import Singleton
-from hydra.plugins.plugin import Plugin
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
@@ -40,27 +39,15 @@ from seatrial.runner.sweeps.stop_signals import StopSignal, StopSignals
 from seatrial.runner.sweeps.sweep import SeatrialSweeper, Session
 from seatrial.runner.sweeps.yaml_files import FileConfigSource
 
-if TYPE_CHECKING:
-    from hydra._internal.hydra import Hydra
-
-# As the files of conf/hydra/sweeper and conf/hydra/launcher name them.
-PLUGINS: dict[str, type[Plugin]] = {
-    "hydra_plugins.seatrial.Processes": Processes,
-    "hydra_plugins.seatrial.Search": SearchSweeper,
-    "hydra_plugins.seatrial.Sweeper": SeatrialSweeper,
-}
-# Launchers configure the logging of the process that they run in; the caller's stays as it is.
-QUIET = ("hydra/job_logging=none", "hydra/hydra_logging=none")
 # Every composition, and each group in --help, copies the store. There is one in a process, nobody
 # writes to the copies, and what is loaded is copied again.
 ConfigStore.__deepcopy__ = lambda store, memo: store  # type: ignore[attr-defined]
 
 
 class Call(Session):
-    """A call from Python: it prints nothing, and is stored as the command that does the same.
+    """A call from Python, stored as the command of some words and variants that does the same.
 
-    `words` are those of the command, `variants` the overrides of each of its variants, and `lines`
-    what the command prints.
+    It prints nothing; `lines` are what the command prints.
     """
 
     def __init__(self, words: Sequence[str], variants: Sequence[Sequence[str]] = ()) -> None:
@@ -87,7 +74,7 @@ class Call(Session):
 
 
 def run_trial(overrides: Sequence[str]) -> Call:
-    """Run one trial; the call that is returned has its outcome, errors of the trial included.
+    """Run one trial; the call has its outcome, errors of the trial included.
 
     Raises SeatrialError, in one line, if the trial cannot be run.
     """
@@ -108,8 +95,10 @@ def run_sweep(call: Call, overrides: Sequence[str]) -> None:
     Raises SeatrialError, in one line, if the sweep cannot be run.
     """
     words, call.variants = left_to_jobs(overrides, call.variants)
+    # Launchers configure the logging of the process that they run in; the caller's stays as it is.
+    words += ["hydra/job_logging=none", "hydra/hydra_logging=none"]
     with _hydra(overrides, call) as hydra:
-        hydra.multirun("trial", call, [*words, *QUIET], with_log_configuration=False)
+        hydra.multirun("trial", call, words, with_log_configuration=False)
 
 
 def composed(overrides: Sequence[str]) -> Order:
@@ -119,7 +108,7 @@ def composed(overrides: Sequence[str]) -> Order:
         return order_of(config, config.hydra)
 
 
-def _composed(hydra: "Hydra", overrides: Sequence[str]) -> DictConfig:
+def _composed(hydra: Hydra, overrides: Sequence[str]) -> DictConfig:
     """Return the configuration of a trial with Hydra's part, which interpolations find as well."""
     config = hydra.compose_config("trial", list(overrides), run_mode=RunMode.RUN)
     HydraConfig.instance().set_config(config)
@@ -128,49 +117,46 @@ def _composed(hydra: "Hydra", overrides: Sequence[str]) -> DictConfig:
 
 def register(overrides: Sequence[str]) -> None:
     """Make our plugins and source of files known to Hydra; `overrides` are those of the call."""
-    Plugins.instance().class_name_to_class.update(PLUGINS)
-    Plugins.instance().register(UserFolders)
+    plugins = Plugins.instance()
+    plugins.class_name_to_class |= {  # as the files of conf/hydra name them
+        "hydra_plugins.seatrial.Processes": Processes,
+        "hydra_plugins.seatrial.Search": SearchSweeper,
+        "hydra_plugins.seatrial.Sweeper": SeatrialSweeper,
+    }
+    plugins.register(UserFolders)
     SourcesRegistry.instance().types["file"] = FileConfigSource
     FileConfigSource.overrides = overrides
 
 
 @contextmanager
-def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
-    """Provide a Hydra of our own, and errors in one line; its state is as before afterwards."""
+def _hydra(overrides: Sequence[str], call: Call) -> Iterator[Hydra]:
+    """Provide a Hydra with singletons of its own, and errors in one line."""
     refuse_unused(overrides)
     refuse_passwords(overrides)
-    stop = StopSignals()
-    signals = current_thread() is main_thread()
-    with _own_singletons(), stop.listening(["SIGINT"]) if signals else nullcontext():
-        import_from_working_folder()
-        register(overrides)  # before Hydra looks for its sources
-        with initialize_config_dir(str(CONF), job_name="seatrial", version_base="1.3"):
-            hydra = GlobalHydra.instance().hydra
-            assert hydra is not None
-            try:
-                yield hydra
-            except (Exception, StopSignal) as error:
-                # What a signal has interrupted may fail by any exception.
-                if stop.number is not None or isinstance(error, StopSignal):
-                    raise KeyboardInterrupt from None
-                # Before the start, any exception of Hydra is about the options; later it is a bug.
-                if call.started and not isinstance(error, EXPECTED):
-                    raise
-                line = error_line(one_line(error, overrides))
-                if line == str(error) and isinstance(error, SeatrialError):
-                    raise
-                raise ConfigurationError(line) from None
-
-
-@contextmanager
-def _own_singletons() -> Iterator[None]:
-    """Give a call Hydra's singletons as its own, and put back where modules are searched for."""
+    stop, is_main = StopSignals(), current_thread() is main_thread()
     Plugins.instance()  # which searches for plugins, once in a process
     kept, path = Singleton._instances, list(sys.path)
     known = {kind: one for kind, one in kept.items() if kind not in (GlobalHydra, HydraConfig)}
     Singleton._instances = deepcopy(known)
     try:
-        yield
+        with stop.listening(["SIGINT"]) if is_main else nullcontext():
+            import_from_working_folder()
+            register(overrides)  # before Hydra looks for its sources
+            initialize_config_dir(str(CONF), job_name="seatrial", version_base="1.3")
+            hydra = GlobalHydra.instance().hydra
+            assert hydra is not None
+            yield hydra
+    except (Exception, StopSignal) as error:
+        # What a signal has interrupted may fail by any exception.
+        if stop.number is not None or isinstance(error, StopSignal):
+            raise KeyboardInterrupt from None
+        # Before the start, any exception of Hydra is about the options; later it is a bug.
+        if call.started and not isinstance(error, EXPECTED):
+            raise
+        line = error_line(one_line(error, overrides))
+        if line == str(error) and isinstance(error, SeatrialError):
+            raise
+        raise ConfigurationError(line) from None
     finally:
         Singleton._instances = kept
         sys.path[:] = path

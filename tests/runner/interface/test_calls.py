@@ -6,6 +6,7 @@ import shlex
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
@@ -55,7 +56,7 @@ def test_the_command_of_a_run_repeats_it(seatrial: Command) -> None:
     seatrial.succeeds(*shlex.split(words))
     assert fake.ran == [5, 5]
     assert list(run.logbook.runs().index) == [2, 1]
-    (started,) = run.logbook.sql("SELECT command FROM run WHERE id = 1")["command"]
+    (started,) = pd.read_sql("SELECT command FROM run WHERE id = 1", run.logbook.address)["command"]
     assert started.startswith("python -m runner ")
     assert "'identifier.basis=[u_dot,u]'" in started
 

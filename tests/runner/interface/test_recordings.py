@@ -50,6 +50,19 @@ def test_a_bad_frame_is_refused(frame: pd.DataFrame) -> None:
             st.Recording.from_frame(wrong)
 
 
+def test_a_frame_is_read_as_a_file_is(frame: pd.DataFrame) -> None:
+    """Dates are times, gaps begin a new piece, and unequal steps are resampled where asked."""
+    dated = frame.set_axis(pd.Timestamp("2024-05-01") + pd.to_timedelta(frame.index, unit="s"))
+    whole, same = st.Recording.from_frame(frame), st.Recording.from_frame(dated)
+    np.testing.assert_allclose(same.t, whole.t, atol=1e-8)
+    np.testing.assert_allclose(same.nu, whole.nu)
+    parted = st.Recording.from_frame(frame.drop(frame.index[50:80]))
+    assert np.flatnonzero(parted.piece_starts).tolist() == [0, 50]
+    even = st.Recording.from_frame(frame.drop(frame.index[50:52]), resample_hz=10.0)
+    np.testing.assert_allclose(even.t, whole.t, atol=1e-9)
+    np.testing.assert_allclose(even.nu, whole.nu, atol=0.02)
+
+
 def test_blocks_are_consecutive_and_apart(frame: pd.DataFrame) -> None:
     recording = st.Recording.from_frame(frame)
     blocks = recording.blocks(4, gap_s=1.0)

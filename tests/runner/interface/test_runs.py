@@ -84,7 +84,6 @@ def test_figures_take_axes(sweep: st.Logbook, run: st.Run) -> None:
         run.plot("errors", ax=axes)
     with pytest.raises(st.ConfigurationError, match="got 2 figures, expected one"):
         sweep.plot("residual", facet="seed")
-    assert len(sweep.plots("residual", facet="seed")) == 2
     with pytest.raises(st.ConfigurationError, match="plot: got 'pie', expected one of bars"):
         sweep.plot("pie")
     with pytest.raises(st.ConfigurationError, match="table: no option 'metrics', did you mean met"):
@@ -106,7 +105,6 @@ def test_a_sweep_selects_its_own_runs(sweep: st.Logbook, here: Path) -> None:
     assert set(everything.runs().index) == {1, *frame.index}
     assert set(everything.to_pandas("force_mse")["run_id"]) == {1, *frame.index}
     assert list(everything.runs(where="seed=3").index) == [1]
-    assert everything.sql("SELECT count(*) AS n FROM run")["n"].item() == 5
     with pytest.raises(st.LogbookError, match="there is no run 77"):
         everything.run(77)
 
