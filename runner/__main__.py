@@ -10,6 +10,8 @@ These private parts of Hydra 1.3.8, submitit 1.5.4 and others are used, and no o
 
 get_args_parser     Hydra's command-line parser prints a usage message and ends the process by
                     itself, instead of reporting one line (tests/runner/test_command_line.py).
+_instances          A call from Python has singletons of its own, so that those of a program with a
+                    Hydra of its own are as before (tests/runner/interface/test_calls.py).
 class_name_to_class Hydra's public `Plugins.register` names a plugin after its module, which must be
                     in the name space `hydra_plugins`; seatrial installs no other name than its own
                     (tests/runner/test_sweep.py).

@@ -21,18 +21,17 @@ if TYPE_CHECKING:
     from seatrial.models.errors import LogbookError as LogbookError
     from seatrial.models.errors import RecordingError as RecordingError
     from seatrial.models.errors import SeatrialError as SeatrialError
-    from seatrial.runner.interface.calls import RunFailed as RunFailed
-    from seatrial.runner.interface.calls import open as open
-    from seatrial.runner.interface.calls import run as run
-    from seatrial.runner.interface.calls import sweep as sweep
-    from seatrial.runner.interface.displayed_table import Table as Table
-    from seatrial.runner.interface.recordings import Recording as Recording
+    from seatrial.runner.interface.models import Model as Model
+    from seatrial.runner.interface.models import Recording as Recording
+    from seatrial.runner.interface.models import Vessel as Vessel
+    from seatrial.runner.interface.runs import Logbook as Logbook
+    from seatrial.runner.interface.runs import Run as Run
+    from seatrial.runner.interface.runs import RunFailed as RunFailed
+    from seatrial.runner.interface.runs import Table as Table
+    from seatrial.runner.interface.runs import open as open
+    from seatrial.runner.interface.runs import run as run
+    from seatrial.runner.interface.runs import sweep as sweep
     from seatrial.runner.interface.scikit_learn import Estimator as Estimator
-    from seatrial.runner.interface.stored_runs import Logbook as Logbook
-    from seatrial.runner.interface.stored_runs import Run as Run
-    from seatrial.runner.interface.stored_runs import Sweep as Sweep
-    from seatrial.runner.interface.vessel import Vessel as Vessel
-    from seatrial.runner.interface.vessel_models import Model as Model
 else:
     import lazy_loader
 
@@ -43,12 +42,10 @@ else:
                 *("ConfigurationError", "Diverged", "IdentificationError", "LogbookError"),
                 *("RecordingError", "SeatrialError"),
             ],
-            "runner.interface.calls": ["RunFailed", "open", "run", "sweep"],
-            "runner.interface.displayed_table": ["Table"],
-            "runner.interface.recordings": ["Recording"],
+            "runner.interface.models": ["Model", "Recording", "Vessel"],
+            "runner.interface.runs": [
+                *("Logbook", "Run", "RunFailed", "Table", "open", "run", "sweep")
+            ],
             "runner.interface.scikit_learn": ["Estimator"],
-            "runner.interface.stored_runs": ["Logbook", "Run", "Sweep"],
-            "runner.interface.vessel": ["Vessel"],
-            "runner.interface.vessel_models": ["Model"],
         },
     )

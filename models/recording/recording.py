@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,7 @@ class Recording:
         """Noise of the velocities."""
         return noise_floor(self.nu, self.piece_starts, self.period_s)
 
-    def part(self, mask: Mask | slice) -> "Recording":
+    def part(self, mask: Mask | slice) -> Self:
         """The recording restricted to the samples of a mask (N,) or slice."""
         return replace(self, **{name: values[mask] for name, values in self.sampled.items()})
 

@@ -22,7 +22,7 @@ def run(folder: Path) -> st.Run:
 
 
 @pytest.fixture(scope="session")
-def sweep(folder: Path, run: st.Run) -> st.Sweep:
+def sweep(folder: Path, run: st.Run) -> st.Logbook:
     """Two identifiers and two seeds, in noise."""
     with chdir(folder):
         return st.sweep(

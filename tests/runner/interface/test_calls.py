@@ -6,6 +6,7 @@ import shlex
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
@@ -55,7 +56,7 @@ def test_the_command_of_a_run_repeats_it(seatrial: Command) -> None:
     seatrial.succeeds(*shlex.split(words))
     assert fake.ran == [5, 5]
     assert list(run.logbook.runs().index) == [2, 1]
-    (started,) = run.logbook.sql("SELECT command FROM run WHERE id = 1")["command"]
+    (started,) = pd.read_sql("SELECT command FROM run WHERE id = 1", run.logbook.address)["command"]
     assert started.startswith("python -m runner ")
     assert "'identifier.basis=[u_dot,u]'" in started
 
@@ -138,7 +139,7 @@ def test_an_interrupted_call_may_be_repeated(seatrial: Command) -> None:
     fake.interrupted = set()
     sweep = st.sweep(["seed=0,1,2"], progress=False)
     assert fake.ran == [1, 0, 1, 1, 2]
-    assert list(sweep.runs(status="finished").index) == [5, 4, 2]
+    assert list(sweep.runs("status=finished").index) == [5, 4, 2]
 
 
 def test_a_mapping_is_a_variant_and_a_list_of_texts_a_grid(seatrial: Command) -> None:

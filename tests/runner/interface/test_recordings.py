@@ -40,14 +40,27 @@ def test_a_bad_frame_is_refused(frame: pd.DataFrame) -> None:
     uneven.loc[50:, "t"] += 0.03
     lost = frame.assign(u=frame["u"].where(np.arange(200) != 7))
     for wrong, message in (
-        (frame.drop(columns="tau_surge"), "no column 'tau_surge', expected tau_surge; it has"),
-        (frame[["x"]], "no column 'of a velocity'"),
-        (lost, "column u, row 7: got nan"),
-        (uneven, r"row 50: got a step of 0.13 s, expected 0.1 s"),
-        (frame.iloc[::-1], r"row 1: got a step of -0.1 s"),
+        (frame.drop(columns="tau_surge"), "no column 'tau_surge', expected it among t, x, u"),
+        (frame[["x"]], "got 200 rows of t, x, expected at least 2, with u, v"),
+        (lost, "column u, row 8: got .nan., expected a finite number"),
+        (uneven, r"row 51: got .*equal steps, here 0.1 s; excitation.resample_hz"),
+        (frame.iloc[::-1], r"row 2: got .*expected time to increase"),
     ):
         with pytest.raises(st.RecordingError, match=message):
             st.Recording.from_frame(wrong)
+
+
+def test_a_frame_is_read_as_a_file_is(frame: pd.DataFrame) -> None:
+    """Dates are times, gaps begin a new piece, and unequal steps are resampled where asked."""
+    dated = frame.set_axis(pd.Timestamp("2024-05-01") + pd.to_timedelta(frame.index, unit="s"))
+    whole, same = st.Recording.from_frame(frame), st.Recording.from_frame(dated)
+    np.testing.assert_allclose(same.t, whole.t, atol=1e-8)
+    np.testing.assert_allclose(same.nu, whole.nu)
+    parted = st.Recording.from_frame(frame.drop(frame.index[50:80]))
+    assert np.flatnonzero(parted.piece_starts).tolist() == [0, 50]
+    even = st.Recording.from_frame(frame.drop(frame.index[50:52]), resample_hz=10.0)
+    np.testing.assert_allclose(even.t, whole.t, atol=1e-9)
+    np.testing.assert_allclose(even.nu, whole.nu, atol=0.02)
 
 
 def test_blocks_are_consecutive_and_apart(frame: pd.DataFrame) -> None:
@@ -60,7 +73,7 @@ def test_blocks_are_consecutive_and_apart(frame: pd.DataFrame) -> None:
     np.testing.assert_array_equal(whole.t, recording.t)
     assert np.count_nonzero(whole.piece_starts) == 1
     assert np.count_nonzero(end_to_end([blocks[0], blocks[2]]).piece_starts) == 2
-    with pytest.raises(st.ConfigurationError, match="expected at least two samples in each"):
+    with pytest.raises(st.RecordingError, match="got 0 samples, expected at least 2"):
         recording.blocks(4, gap_s=5.0)
     train, test = recording.split(0.25)
     assert (len(train), len(test)) == (50, 150)

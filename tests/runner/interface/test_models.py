@@ -57,6 +57,8 @@ def test_a_vessel_from_numbers_is_sailed_fitted_and_drawn(
     run = st.run(vessel=boat, excitation="prbs", identifier="none", evaluation="none")
     model = boat.fit(st.Recording.from_frame(run.series("recording")), "ls", basis="physical")
     assert model.table.coefficient("surge", "u") == pytest.approx(0.8 * 40.0, rel=1e-3)
+    with pytest.raises(st.ConfigurationError, match="vessel: got None or a model of no run"):
+        st.run(vessel=model)
     curve = boat.plot().axes[0].lines[0].get_xydata()
     np.testing.assert_allclose(curve[:, 1], 40.0 * curve[:, 0])
     assert np.max(np.abs(curve[:, 1])) <= 1e3
@@ -78,12 +80,20 @@ def test_the_study_of_the_guide(tmp_path: Path) -> None:
 def test_wrong_forces_are_refused(tug: st.Vessel) -> None:
     with pytest.raises(st.ConfigurationError, match=r"force: got shape \(5,\), expected \(N, 1\)"):
         tug.simulate(np.zeros(5))
-    with pytest.raises(st.ConfigurationError, match="got columns sway, expected some of surge"):
+    with pytest.raises(
+        st.ConfigurationError, match=r"force: got \[.sway.\], expected some of .'su"
+    ):
         tug.simulate({"sway": [1.0]})
     with pytest.raises(st.Diverged, match=r"tug: \|u\| exceeds 20 at t"):
         tug.simulate(np.full((5000, 1), 1e4))
     with pytest.raises(st.ConfigurationError, match=r"no option 'nowhere\.yaml'"):
         st.Vessel("nowhere.yaml")
+
+
+def test_options_replace_those_of_a_vessel(tug: st.Vessel) -> None:
+    other = st.Vessel("tug.yaml", derivatives={"X_u": -80.0})
+    assert other.table.coefficient("surge", "u") == 2.0 * tug.table.coefficient("surge", "u")
+    assert other.inertia.equals(tug.inertia)
 
 
 def test_a_model_repeats_the_motion_of_the_trial(run: st.Run) -> None:
@@ -95,6 +105,22 @@ def test_a_model_repeats_the_motion_of_the_trial(run: st.Run) -> None:
         np.testing.assert_array_equal(motion[name], sailed[name])
     other = run.model.simulate(forces, 0.1)
     assert np.max(np.abs(other["x"] - sailed["x"])) > 0.0
+
+
+@pytest.mark.parametrize("name", ["mariner", "container"])
+def test_a_steered_vessel_repeats_the_motion_of_its_inputs(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = st.run(vessel=name, identifier="none", evaluation="none")
+    sailed, plant = run.series(), run.logbook.model(run.number, "plant")
+    inputs = sailed.filter(like="_command").rename(columns=lambda c: c.removesuffix("_command"))
+    letters = {"surge": "u", "sway": "v", "roll": "p", "yaw": "r"}
+    start = sailed[[letters[dof] for dof in plant.dofs]].iloc[0].tolist()
+    motion = plant.simulate(inputs, sailed.index[1], velocity=start)
+    for column in ("x", "y", "psi", "u", "v", "r"):
+        np.testing.assert_array_equal(motion[column], sailed[column])
+    assert list(motion)[-len(inputs.columns) :] == list(inputs)
 
 
 def test_a_prediction_begins_at_the_measured_state(run: st.Run) -> None:
@@ -122,5 +148,5 @@ def test_a_model_is_written_for_others(run: st.Run, tmp_path: Path) -> None:
     vessel = st.Vessel(path)
     own, written = run.model.coefficients, vessel.coefficients
     np.testing.assert_allclose(written.loc[own.index, own.columns], own, rtol=1e-12)
-    with pytest.raises(st.ConfigurationError, match="expected the model of a stored run"):
+    with pytest.raises(st.ConfigurationError, match="expected that of a stored run"):
         vessel.save("yaml")

@@ -10,7 +10,7 @@ from hypothesis import strategies as any_
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.config import build_trial
-from seatrial.runner.interface.arguments import overrides_of, place_of, text_of
+from seatrial.runner.interface.shell import overrides_of, place_of, text_of
 from seatrial.runner.sweeps.in_process import composed
 
 PARSER = OverridesParser.create()
@@ -25,7 +25,7 @@ def read(text: str) -> object:
 
 @given(any_.text(any_.characters(codec="utf-8", exclude_categories=["Cc"])))
 def test_text_is_read_as_it_was_written(text: str) -> None:
-    assert read(text_of(text)) == text
+    assert read(text_of(text, "key")) == text
 
 
 @given(
@@ -40,17 +40,17 @@ def test_text_is_read_as_it_was_written(text: str) -> None:
 def test_values_are_read_as_they_were_written(value: object) -> None:
     if isinstance(value, dict) and {"null", "nan", "inf", "true", "false"} & set(value):
         return
-    assert repr(read(text_of(value))) == repr(value)
+    assert repr(read(text_of(value, "key"))) == repr(value)
 
 
 def test_arrays_and_paths_are_values() -> None:
-    assert read(text_of(np.array([1.5, 2.0]))) == [1.5, 2.0]
-    assert read(text_of(np.int64(3))) == 3
-    assert read(text_of(Path("a folder/it's.csv"))) == "a folder/it's.csv"
+    assert read(text_of(np.array([1.5, 2.0]), "key")) == [1.5, 2.0]
+    assert read(text_of(np.int64(3), "key")) == 3
+    assert read(text_of(Path("a folder/it's.csv"), "key")) == "a folder/it's.csv"
 
 
 def test_a_range_is_a_sweep() -> None:
-    override = PARSER.parse_override(f"seed={text_of(range(2, 8, 3))}")
+    override = PARSER.parse_override(f"seed={text_of(range(2, 8, 3), 'key')}")
     assert [int(text) for text in override.sweep_string_iterator()] == [2, 5]
 
 
@@ -88,9 +88,11 @@ def test_a_mapping_with_a_target_replaces_the_group() -> None:
 
 
 def test_what_is_no_value_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="got a object, expected a number"):
-        text_of(object())
-    with pytest.raises(ConfigurationError, match="vessel: got a mapping with name and without _t"):
+    with pytest.raises(ConfigurationError, match="seed: got a object, expected a value"):
+        overrides_of({"seed": object()})
+    with pytest.raises(
+        ConfigurationError, match="vessel: got name without _target_, expected options"
+    ):
         overrides_of({"vessel": {"name": "tug"}})
 
 
