@@ -46,8 +46,6 @@ def schema() -> Schema:
             whole["properties"][name] = {"$ref": f"#/$defs/{name}"}
         elif name != "_target_":
             declared.update(trial.get(name, {}))
-    update = _reference("seatrial.models.identification.adaptive.Update", classes)
-    whole["properties"]["update"] = {"anyOf": [update, {"type": "null"}]}
     whole["properties"]["hydra"] = {"type": "object"}
     definitions = dict(classes)
     for group, files in groups.items():

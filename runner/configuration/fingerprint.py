@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.source_digest import MODELS_FOLDER, files_digest, folder_digest, imported_files
-from seatrial.runner.configuration.plugins import targets
+from seatrial.runner.configuration.plugins import is_own, targets
 from seatrial.runner.configuration.search_path import harbour_file, located
 from seatrial.runner.record.vocabulary import NOT_COMPARED
 
@@ -34,13 +34,11 @@ PACKAGE = __name__.rsplit(".", 2)[0]  # of the runner
 # The second is named by a configuration alone.
 COMPUTING = ("trials/trial.py", "trials/command_identifier.py")
 STORAGE = ("database", "compare")  # subpackages that store and show what was computed
-# The project's own packages, whatever they are installed as.
-OWN = (f"{folder_digest.__module__.rpartition('.')[0]}.", f"{PACKAGE}.")
 INSTALLED = ("site-packages", "dist-packages")  # folders of installed packages
 FILE_NAME = re.compile(r"[./]")  # that the name of a file has, beside a folder or suffix
-FILES = ("path", "train", "test", "file")  # options that always name files
 # Options that name files, also those that come with the project: maps of recordings, harbours.
-NAMED: Mapping[str, Callable[[object], Path]] = {
+NAMED: Mapping[str, Callable[[str], Path]] = {
+    "path": Path, "train": Path, "test": Path, "file": Path,
     "map": located, "test_map": located, "harbour": harbour_file,
 }  # fmt: skip
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
@@ -55,8 +53,7 @@ def fingerprint(config: Mapping[str, object], names: Mapping[str, str], sources:
     compared.setdefault("excitation", None)
     nodes = {key: _by_files(key, node) for key, node in compared.items()}
     chosen = {group: name for group, name in names.items() if group not in NOT_COMPARED}
-    own = [name for name in targets(list(nodes.values())) if not name.startswith(OWN)]
-    parts = {name: part_digest(name) for name in own}
+    parts = {name: part_digest(name) for name in targets(nodes) if not is_own(name)}
     content = canonical({"config": nodes, "names": chosen, "parts": parts, "sources": sources})
     return hashlib.sha256(content.encode()).hexdigest()
 
@@ -69,29 +66,18 @@ def _by_files(key: str, node: object) -> object:
                 sets = (node["train"], node.get("test") or ())
                 train, test = ([*map(str, recorded_file.matched(names))] for names in sets)
                 node = {**node, "train": train, "test": test}
-        return {
-            str(name): _located_by_content(str(name), value)
-            if name in NAMED
-            else _by_files(str(name), value)
-            for name, value in node.items()
-        }
+        return {str(name): _by_files(str(name), value) for name, value in node.items()}
     if isinstance(node, list | tuple):
         return [_by_files(key, value) for value in node]
-    if not isinstance(node, str) or not (key in FILES or FILE_NAME.search(node)):
+    if not isinstance(node, str) or not (key in NAMED or FILE_NAME.search(node)):
         return node
-    path = Path(node).expanduser()
     try:
+        path = NAMED.get(key, Path)(node).expanduser()
         if path.is_dir() and key == "path":
             return [_digest(file) for file in sorted(path.rglob("*")) if file.is_file()]
         return _digest(path) if path.is_file() else node
     except (OSError, ValueError):  # a text that is no path
         return node
-
-
-def _located_by_content(key: str, name: object) -> object:
-    if isinstance(name, list | tuple):
-        return [_located_by_content(key, item) for item in name]
-    return _digest(path) if name and (path := NAMED[key](name)).is_file() else name
 
 
 def _digest(path: Path) -> str:
@@ -113,18 +99,13 @@ def canonical(value: object) -> str:
 
 def source_digest(models_folder: Path = MODELS_FOLDER, runner_folder: Path = RUNNER) -> str:
     """Return the SHA-256 of the syntax trees of the project's code that computes results."""
-    runner_files = computing_files(runner_folder)
-    digests = (folder_digest(models_folder), files_digest(runner_folder, runner_files))
-    return hashlib.sha256("".join(digests).encode()).hexdigest()
-
-
-def computing_files(folder: Path = RUNNER) -> set[Path]:
-    """Return the files of the runner that compute results: `COMPUTING` and their imports."""
-    return {
+    runner_files = {
         path
         for name in COMPUTING
-        for path in imported_files(folder / name, folder, PACKAGE, STORAGE)
+        for path in imported_files(runner_folder / name, runner_folder, PACKAGE, STORAGE)
     }
+    digests = (folder_digest(models_folder), files_digest(runner_folder, runner_files))
+    return hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
 def part_digest(target: str) -> str:

@@ -9,6 +9,7 @@ not converted to numbers. This module is imported when the first trial is built,
 takes as long to import as Hydra.
 """
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache, partial
@@ -73,6 +74,10 @@ class OptionError(ValueError):
         return (key + message).removeprefix(": ")
 
 
+class WrongClassError(OptionError):
+    """A node that describes an object of another class."""
+
+
 def part(cls: type, node: object) -> object:
     """Build the object, a `cls`, that a node describes; raises OptionError."""
     if cls is object and node in (None, {}):
@@ -83,13 +88,10 @@ def part(cls: type, node: object) -> object:
         raise OptionError(("_target_",), " is missing, expected the name of a class")
     node_class = target(node["_target_"]) if "_target_" in node else cls
     if not (getattr(cls, "_is_protocol", False) or issubclass(node_class, cls)):
-        raise OptionError((), f": got a {node_class.__name__}, expected a {cls.__name__}")
+        raise WrongClassError((), f": got {node_class.__name__}, expected {cls.__name__}")
     values = {name: value for name, value in node.items() if name != "_target_"}
     try:
-        checked = options(node_class).validate_python(values)
-        if isinstance(tuned := checked.get(TUNE), dict):
-            checked[TUNE] = _tuned(node_class, values, tuned)
-        return node_class(**checked)
+        return node_class(**options(node_class).validate_python(values))
     except ValidationError as error:
         raise _option_error(error, values, node_class) from None
     except ConfigurationError as error:
@@ -102,25 +104,6 @@ def part(cls: type, node: object) -> object:
         ) from error
 
 
-def _tuned(
-    cls: type, values: Mapping[str, object], tuned: Mapping[str, tuple[object, ...]]
-) -> dict[str, tuple[object, ...]]:
-    """The values of the options of `cls` that it is to choose among; raises OptionError."""
-    known, result = {field.name for field in fields(cls)} - {TUNE}, dict(tuned)
-    for name in known & tuned.keys():
-        checked: list[object] = []
-        for i, value in enumerate(tuned[name]):
-            own = {**values, TUNE: None, name: value}
-            try:
-                checked.append(options(cls).validate_python(own)[name])
-            except ValidationError as error:
-                problem = _option_error(error, own, cls)
-                place = (TUNE, name, i, *problem.place[1:])
-                raise OptionError(place, str(problem)) from None
-        result[name] = tuple(checked)
-    return result
-
-
 def target(name: object) -> type:
     """Import the dataclass that a `_target_` names; raises OptionError."""
     module_name, _, class_name = name.rpartition(".") if isinstance(name, str) else ("", "", "")
@@ -128,18 +111,15 @@ def target(name: object) -> type:
         raise OptionError(("_target_",), f": got {name!r}, expected the name of a class")
     try:
         result = getattr(import_module(module_name), class_name, None)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+    except (Exception, SystemExit) as error:
+        absent = error.name if isinstance(error, ModuleNotFoundError) else None
+        if absent is None or not f"{module_name}.".startswith(f"{absent}."):
             if is_own(module_name):
                 raise  # the module exists, but one of its imports does not: a bug
             raise OptionError(
                 ("_target_",), f": cannot import {failure(str(name), error)}"
             ) from error
         result = None
-    except (Exception, SystemExit) as error:
-        if is_own(module_name):
-            raise
-        raise OptionError(("_target_",), f": cannot import {failure(str(name), error)}") from error
     if not (isinstance(result, type) and is_dataclass(result)):
         raise OptionError(("_target_",), f": got {name!r}, which is not a dataclass to build")
     return result
@@ -155,10 +135,21 @@ def options(cls: type) -> TypeAdapter[dict[str, object]]:
         hint = _strict(hints[field.name])
         if field.init:
             declared[field.name] = hint if required else NotRequired[hint]
+    if TUNE in declared:
+        several: Any = tuple  # of the values of each of the other options
+        tuned = {
+            name: NotRequired[several[_strict(hints[name]), ...]] for name in {*declared} - {TUNE}
+        }
+        declared[TUNE] = Union[_table(TUNE, tuned), None]  # noqa: UP007 - known at run time only
+    return TypeAdapter(_table(cls.__name__, declared))
+
+
+def _table(name: str, declared: Mapping[str, Any]) -> Any:
+    """A mapping of these keys and no others."""
     make: Any = TypedDict  # its name and keys are known at run time only
-    table = make(cls.__name__, declared)
+    table = make(name, declared)
     table.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
-    return TypeAdapter(table)
+    return table
 
 
 def _strict(hint: Any) -> Any:
@@ -198,19 +189,17 @@ def _anything(value: object) -> object:
 
 def _option_error(error: ValidationError, values: Mapping[str, object], cls: type) -> OptionError:
     """Convert the first of pydantic's errors about an object to a message."""
+    order = {"extra_forbidden": 0, "missing": 1}
     problems = error.errors(include_url=False)
-    order = ("extra_forbidden", "missing")
-    problems.sort(
-        key=lambda item: order.index(item["type"]) if item["type"] in order else len(order)
-    )
+    problems.sort(key=lambda item: order.get(item["type"], len(order)))
     # Each alternative of a union has its error; the one deepest in the object is reported.
     errors = [item for item in problems if item["loc"][0] == problems[0]["loc"][0]]
     place = max((_place(values, item["loc"]) for item in errors), key=len)
     errors = [item for item in errors if _place(values, item["loc"]) == place]
-    for item in errors:
-        inner = item.get("ctx", {}).get("error")
-        if isinstance(inner, OptionError):
-            return OptionError((*place, *inner.place), str(inner))
+    own = [item["ctx"]["error"] for item in errors if "error" in item.get("ctx", {})]
+    if inner := [each for each in own if isinstance(each, OptionError)]:
+        best = max(inner, key=lambda each: (not isinstance(each, WrongClassError), len(each.place)))
+        return OptionError((*place, *best.place), str(best))
     first = errors[0]
     if first["type"] == "extra_forbidden":
         return OptionError(place, f": unknown option, {_hint(str(place[-1]), cls)}")
@@ -255,6 +244,5 @@ def _hint(name: str, cls: type) -> str:
 
 def _shown(value: object) -> str:
     """Format a value as in YAML, shortened to 80 characters."""
-    words = {None: "null", True: "true", False: "false"}
-    text = words[value] if value is None or isinstance(value, bool) else repr(value)
+    text = json.dumps(value) if value is None or isinstance(value, bool) else repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

@@ -14,18 +14,8 @@ from seatrial.runner.configuration.invocation import ROOT, in_checkout, typed_co
 
 # The packages that results can depend on.
 PACKAGES = (
-    "seatrial",
-    "numpy",
-    "scipy",
-    "numba",
-    "llvmlite",
-    "scikit-learn",
-    "pymoo",
-    "daqp",
-    "hydra-core",
-    "omegaconf",
-    "sqlalchemy",
-    "pyarrow",
+    *("seatrial", "numpy", "scipy", "numba", "llvmlite", "scikit-learn", "pymoo", "daqp"),
+    *("hydra-core", "omegaconf", "sqlalchemy", "pyarrow"),
 )
 
 
@@ -43,27 +33,19 @@ class Provenance:
 @cache
 def collect() -> Provenance:
     """Collect the provenance of this process."""
-    commit = _git("rev-parse", "HEAD")
     changes = _git("status", "--porcelain", "--untracked-files=no")
-    return Provenance(
-        git_commit=commit,
-        git_dirty=None if changes is None else changes != "",
-        versions=_versions(),
-        command=typed_command(sys.orig_argv),
-        sources=source_digest(),
-    )
-
-
-def _versions() -> dict[str, str]:
-    versions = {
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "cpus": str(os.cpu_count()),
-    }
+    machine = {"python": platform.python_version(), "platform": platform.platform()}
+    versions = {**machine, "cpus": str(os.cpu_count())}
     for name in PACKAGES:
         with suppress(PackageNotFoundError):
             versions[name] = version(name)
-    return versions
+    return Provenance(
+        git_commit=_git("rev-parse", "HEAD"),
+        git_dirty=None if changes is None else changes != "",
+        versions=versions,
+        command=typed_command(sys.orig_argv),
+        sources=source_digest(),
+    )
 
 
 def _git(*arguments: str) -> str | None:
@@ -73,14 +55,9 @@ def _git(*arguments: str) -> str | None:
     """
     if not in_checkout(ROOT):
         return None
+    command = ["git", "-C", str(ROOT), *arguments]
+    quiet = subprocess.DEVNULL
     try:
-        answer = subprocess.run(
-            ["git", "-C", str(ROOT), *arguments],
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        )
+        return subprocess.check_output(command, stderr=quiet, text=True, timeout=10).strip()
     except (OSError, subprocess.SubprocessError):
         return None
-    return answer.stdout.strip()

@@ -24,7 +24,6 @@ from seatrial.runner.configuration.plugins import plugins
 CONF = Path(__file__).resolve().parents[2] / "conf"
 HARBOURS = CONF / "evaluation" / "harbours"
 VARIABLE = "SEATRIAL_CONF"
-NAMED = 3  # files that a warning names
 NONE = "Your own options: a folder conf here, --config-dir FOLDER, or folders in SEATRIAL_CONF"
 
 
@@ -64,10 +63,10 @@ def user_folders() -> list[Path]:
     first = [Path(UserFolders.config_dir)] if UserFolders.config_dir else []
     packaged = [plugin.conf for plugin in plugins() if plugin.conf is not None]
     candidates = [*first, *named, Path("conf"), *packaged]
-    found: dict[Path, Path] = {}
-    for path in candidates:
-        if path.is_dir() and path.resolve() != CONF:
-            found.setdefault(path.resolve(), path.absolute())
+    found = dict[Path, Path]()
+    for path in filter(Path.is_dir, candidates):
+        found.setdefault(path.resolve(), path.absolute())
+    found.pop(CONF, None)
     return list(found.values())
 
 
@@ -83,50 +82,38 @@ def is_group(name: str) -> bool:
 
 
 def hidden() -> Iterator[str]:
-    """Yield a warning for each folder with files that an earlier folder has as well."""
-    for folder, own in _owned():
-        names = [
-            path.as_posix()
-            for path, first in own.items()
-            if first is not None and first.read_bytes() != (folder / path).read_bytes()
-        ]
-        if names:
-            more = f" and {len(names) - NAMED} more" if names[NAMED:] else ""
+    """Yield a warning for each file that differs from one of an earlier folder."""
+    for folder, path, first in _owned():
+        if first is not None and first.read_bytes() != (folder / path).read_bytes():
             yield (
-                f"{_shown(folder)}: {', '.join(names[:NAMED])}{more} not used: "
-                "seatrial or an earlier folder has a file of this name, expected another name"
+                f"{_shown(folder / path)} is not used: seatrial or an earlier folder has a file of "
+                "this name, expected another name"
             )
 
 
 def listing() -> str:
     """Return the user's folders with the options that they add, for the help."""
-    lines = []
-    for folder, own in _owned():
-        new = [path.with_suffix("") for path, first in own.items() if first is None]
-        names = [f"{path.parent.as_posix()}={path.name}" for path in new if path.parent.name]
-        lines.append(f"  {_shown(folder)}: {', '.join(names) or 'no options'}")
-    return "\n".join(["Folders of your own:", *lines]) if lines else NONE
+    new: dict[Path, list[str]] = {folder: [] for folder in user_folders()}
+    for folder, path, first in _owned():
+        if first is None and path.parent.name:
+            new[folder].append(f"{path.parent.as_posix()}={path.stem}")
+    lines = (f"  {_shown(path)}: {', '.join(each) or 'no options'}" for path, each in new.items())
+    return "\n".join(["Folders of your own:", *lines]) if new else NONE
 
 
-def _owned() -> Iterator[tuple[Path, dict[Path, Path | None]]]:
-    """Yield the user's folders with their files, each with that of an earlier folder, if any."""
+def _owned() -> Iterator[tuple[Path, Path, Path | None]]:
+    """Yield folder and name of the user's files, each with that of an earlier folder, if any."""
     folders = [CONF, *user_folders()]
-    for i, folder in enumerate(folders[1:], start=1):
-        own = sorted(path.relative_to(folder) for path in folder.glob("**/*.yaml"))
-        firsts = ((earlier / path for earlier in folders[:i]) for path in own)
-        yield (
-            folder,
-            {
-                path: next(filter(Path.is_file, first), None)
-                for path, first in zip(own, firsts, strict=True)
-            },
-        )
+    for i, folder in enumerate(folders):
+        for path in sorted(each.relative_to(folder) for each in folder.glob("**/*.yaml") if i):
+            earlier = (before / path for before in folders[:i])
+            yield folder, path, next(filter(Path.is_file, earlier), None)
 
 
-def _shown(folder: Path) -> str:
-    """Return a folder as it is named from the working folder."""
+def _shown(path: Path) -> str:
+    """Return a path as it is named from the working folder."""
     here = Path.cwd()
-    return str(folder.relative_to(here)) if folder.is_relative_to(here) else str(folder)
+    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
 
 
 OmegaConf.register_new_resolver("seatrial_folders", listing, replace=True)

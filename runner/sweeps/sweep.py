@@ -367,7 +367,7 @@ def begin_sweep(
 
 def _perform(trial: Trial, order: Order, provenance: Provenance) -> Outcome:
     """Run a single trial; one with labels is a sweep of its own."""
-    if not trial.sweep:
+    if trial.sweep == SweepLabels():
         return perform(trial, order, provenance)
     with database.LogbookWriter.open(trial.database_url, results_dir=trial.results_dir) as logbook:
         sweep_id = begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)

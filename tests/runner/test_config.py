@@ -61,7 +61,7 @@ def test_an_error_names_the_key_inside_a_node() -> None:
     said = refusal(VESSEL | {"thruster": LAG | {"damping": "much"}}, "vessel")
     assert said == "vessel.thruster.damping: got 'much', expected a number"
     said = refusal(VESSEL | {"thruster": VESSEL}, "vessel")
-    assert said == "vessel.thruster: got a VesselParameters, expected a SecondOrderLag"
+    assert said == "vessel.thruster: got VesselParameters, expected SecondOrderLag"
     said = refusal(VESSEL | {"dofs": ["surge", "surge"]}, "vessel")  # an error of the class
     assert said.startswith("vessel: ")
 
