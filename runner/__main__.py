@@ -8,8 +8,8 @@ An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well
 
 These private parts of Hydra 1.3.8, submitit 1.5.4 and others are used, and no others:
 
-get_args_parser     Hydra's command-line parser prints a usage message and ends the process by
-                    itself, instead of reporting one line (tests/runner/test_command_line.py).
+get_args_parser,    Hydra's command-line parser prints a usage message and ends the process by
+_run_hydra          itself, instead of reporting one line (tests/runner/test_command_line.py).
 class_name_to_class Hydra's public `Plugins.register` names a plugin after its module, which must be
                     in the name space `hydra_plugins`; seatrial installs no other name than its own
                     (tests/runner/test_sweep.py).
@@ -35,25 +35,22 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from difflib import get_close_matches
+from argparse import Namespace
 from importlib import import_module
 from io import TextIOWrapper
-from itertools import pairwise
-from typing import NoReturn
+from typing import Any, NoReturn
 
-import hydra
+from hydra import version
 from hydra._internal.hydra import Hydra
-from hydra._internal.utils import get_args_parser
+from hydra._internal.utils import _run_hydra, get_args_parser
 from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_unused
+from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_gone
 from seatrial.runner.configuration.invocation import (
     import_from_working_folder,
+    meant,
     program_version,
-    replaced,
     results_program,
     trial_program,
 )
@@ -81,7 +78,7 @@ seatrial {version}: sea trials for models and controllers of marine vessels
 MEANT = {"run": "{trial} option=value ...", "help": "{trial} --help", "list": "{results} runs"}
 VARIANT = "--variant"  # options that change together in a sweep
 SANITIZED, MODE = Hydra.get_sanitized_cfg, Hydra.get_mode
-SET_MODE = ("experiment", "hydra", "--config")  # beginnings of words with which it can be set
+SET_MODE = ("experiment", "hydra")  # beginnings of overrides with which it can be set
 FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 # What the first word may ask for beside trials and sweeps: modules with a function `main`.
@@ -99,57 +96,108 @@ def main() -> int:
     """Run the command in sys.argv and return its exit code."""
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # what its encoding does not have
-    stop = StopSignals()
+    stop, before = StopSignals(), os.environ.get(FULL_ERROR)
     with stop.listening():
-        return _main(stop)
+        try:
+            return _main(stop, sys.argv[1:], traceback_wanted=before == "1")
+        finally:
+            os.environ.pop(FULL_ERROR, None)
+            os.environ |= {} if before is None else {FULL_ERROR: before}
 
 
-def _main(stop: StopSignals) -> int:
+def _main(stop: StopSignals, words: list[str], traceback_wanted: bool) -> int:
     import_from_working_folder()
     NewWarnings.forget()
-    traceback_wanted = os.environ.get(FULL_ERROR) == "1"
-    session = Session()
-    overrides: Sequence[str] = ()
+    session, arguments = Session(), Namespace(overrides=[])
     try:
-        refuse_passwords(sys.argv)
-        if not sys.argv[1:] or sys.argv[1] == "--version":
-            print(_named("seatrial {version}" if sys.argv[1:] else WELCOME))
+        refuse_passwords(words)
+        if not words or words[0] == "--version":
+            print(_named("seatrial {version}" if words else WELCOME))
             return 0
-        if command := COMMANDS.get(sys.argv[1]):
+        if command := COMMANDS.get(words[0]):
             session.started = True
             module = import_module(f"seatrial.runner.commands.{command}")
-            return int(module.main(sys.argv[2:]))
-        refuse_unused(sys.argv[1:])
-        session.variants = _take_variants()
-        if {"-m", "--multirun"} & set(sys.argv):
-            sys.argv[1:], session.variants = left_to_jobs(sys.argv[1:], session.variants)
-        overrides = _checked_arguments()
+            return int(module.main(words[1:]))
+        arguments = _parsed(words, session)
         for warning in hidden():
             _say(warning)
-        with _raising():
-            register(overrides)
-            Hydra.get_sanitized_cfg = _shown_config  # type: ignore[method-assign, assignment]
-            Hydra.get_mode = _mode  # type: ignore[method-assign, assignment]
-            hydra.main(config_path=str(CONF), config_name="trial", version_base="1.3")(session)()
+        _run(session, arguments)
+        if isinstance(session.error, Exception):
+            raise session.error
     except (Exception, KeyboardInterrupt) as error:
         # What a signal has interrupted may fail by any exception.
         if stop.number is not None or isinstance(error, KeyboardInterrupt):
-            return _complain(INTERRUPTED, 128 + (stop.number or signal.SIGINT))
+            return _say(INTERRUPTED, 128 + (stop.number or signal.SIGINT))
         # Before the start, any exception of Hydra is about the command line; later it is a bug.
         if isinstance(error, BrokenPipeError) and not session.started:  # `seatrial --help | head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
-        is_bug = session.started and not isinstance(error, EXPECTED)
-        if is_bug or traceback_wanted:
+        if traceback_wanted or (session.started and not isinstance(error, EXPECTED)):
             raise
-        return _complain(one_line(error, overrides), 2)
+        return _say(one_line(error, arguments.overrides), 2)
     if session.error and stop.number is not None:
-        return _complain(INTERRUPTED, 128 + stop.number)
-    if isinstance(session.error, Exception):
-        if traceback_wanted:
-            raise session.error
-        session.error = one_line(session.error, overrides)
-    return _complain(session.error, session.exit_code) if session.error else session.exit_code
+        return _say(INTERRUPTED, 128 + stop.number)
+    return _say(session.error, session.exit_code) if session.error else session.exit_code
+
+
+def _parsed(words: list[str], session: Session) -> Namespace:
+    """Return the arguments of a trial or a sweep, whose variants are noted in the session.
+
+    Raises ConfigurationError for those that are wrong.
+    """
+    parser = get_args_parser()
+    parser.error = _refuse  # type: ignore[method-assign]
+    parser.add_argument(VARIANT, action="append", default=[])
+    arguments, unknown = parser.parse_known_intermixed_args(words)
+    for flag in unknown:
+        name, equals, value = flag.lstrip("-").partition("=")
+        value = value if equals else [*words, "NAME"][words.index(flag) + 1]
+        hint = meant(flag, ["--version", *parser._option_string_actions]).rstrip()
+        hint = f"did you mean {name}={value}?" if is_group(name) else hint
+        raise ConfigurationError(f"unknown flag {flag}, {hint or 'see --help'}")
+    refuse_gone(arguments.overrides)
+    for word in filter(str.isidentifier, arguments.overrides):
+        raise ConfigurationError(f"{word!r} cannot be read, {_meant(word)}")
+    session.variants = [*map(shlex.split, arguments.variant)]
+    for overrides, text in zip(session.variants, arguments.variant, strict=True):
+        if not overrides or not all("=" in override for override in overrides):
+            expected = "expected overrides such as 'identifier=ls seed=1'"
+            raise ConfigurationError(f"{VARIANT}: got {text!r}, {expected}")
+    if arguments.multirun:
+        arguments.overrides, session.variants = left_to_jobs(arguments.overrides, session.variants)
+    elif session.variants:
+        raise ConfigurationError(f"{VARIANT}: got one trial, expected a sweep (-m)")
+    UserFolders.config_dir = arguments.config_dir
+    return arguments
+
+
+def _refuse(message: str) -> NoReturn:
+    raise ConfigurationError(message)
+
+
+def _run(session: Session, arguments: Namespace) -> None:
+    """Let Hydra run the command, and raise its errors instead of printing them.
+
+    What `--cfg` prints has the numbers that options take from the vessel. Without what can set
+    hydra.mode, nothing is composed to know it.
+    """
+    os.environ[FULL_ERROR] = "1"
+    register(arguments.overrides)
+    shown = _with_numbers if arguments.cfg else SANITIZED
+    own = arguments.config_dir or arguments.config_name or arguments.config_path
+    is_set = any(word.lstrip("+~").startswith(SET_MODE) for word in arguments.overrides)
+    Hydra.get_sanitized_cfg = shown  # type: ignore[method-assign, assignment]
+    Hydra.get_mode = MODE if own or is_set else _no_mode  # type: ignore[method-assign]
+    version.setbase("1.3")
+    _run_hydra(arguments, get_args_parser(), session, str(CONF), "trial")
+
+
+def _with_numbers(*arguments: Any) -> DictConfig:
+    return with_numbers(SANITIZED(*arguments))
+
+
+def _no_mode(*_: object, **__: object) -> None:
+    return None
 
 
 def _named(text: str) -> str:
@@ -158,74 +206,9 @@ def _named(text: str) -> str:
     return text.format(**names)
 
 
-def _shown_config(hydra: Hydra, config: DictConfig, kind: str) -> DictConfig:
-    """Return what `--cfg` prints, with the numbers that options take from the vessel.
-
-    The help shows the configuration as it is written, and so needs no numbers.
-    """
-    shown = SANITIZED(hydra, config, kind)
-    return with_numbers(shown) if {"--cfg", "-c"} & set(sys.argv) else shown
-
-
-def _mode(hydra: Hydra, config_name: str | None, overrides: list[str]) -> object:
-    """Return hydra.mode; None, as by default, without a composition if nothing can have set it."""
-    is_set = any(word.lstrip("+~").startswith(SET_MODE) for word in (*sys.argv[1:], *overrides))
-    return MODE(hydra, config_name, overrides) if is_set else None
-
-
-def _complain(line: str, code: int) -> int:
-    _say(line)
-    return code
-
-
-def _say(line: str) -> None:
+def _say(line: str, code: int = 0) -> int:
     print(f"seatrial: {error_line(line)}", file=sys.stderr)
-
-
-def _take_variants() -> list[list[str]]:
-    """Take `--variant 'key=value ...'` out of sys.argv; return the overrides of each variant.
-
-    Raises ConfigurationError for an empty variant, and for one without -m.
-    """
-    variants, rest = [], []
-    words = iter(sys.argv[1:])
-    for word in words:
-        name, equals, text = word.partition("=")
-        if name != VARIANT:
-            rest.append(word)
-            continue
-        text = text if equals else next(words, "")
-        try:
-            overrides = shlex.split(text)
-        except ValueError as error:
-            raise ConfigurationError(f"{VARIANT}: got {text!r}: {error}") from error
-        if not overrides or not all("=" in override for override in overrides):
-            raise ConfigurationError(
-                f"{VARIANT}: got {text!r}, expected overrides such as 'identifier=ls seed=1'"
-            )
-        variants.append(overrides)
-    if variants and not {"-m", "--multirun"} & set(rest):
-        raise ConfigurationError(f"{VARIANT}: got one trial, expected a sweep (-m)")
-    sys.argv[1:] = rest
-    return variants
-
-
-def _checked_arguments() -> list[str]:
-    """Return the overrides of the command line, and note its folder of configurations.
-
-    Raises ConfigurationError for invalid flags.
-    """
-    parser = get_args_parser()
-    parser.error = _refuse  # type: ignore[method-assign]
-    arguments = parser.parse_args()
-    UserFolders.config_dir = arguments.config_dir
-    overrides: list[str] = arguments.overrides
-    for word in overrides:
-        if instead := replaced().get(f"seatrial {word}"):
-            raise ConfigurationError(f"{word} is gone: {instead}")
-        if word.isidentifier():
-            raise ConfigurationError(f"{word!r} cannot be read, {_meant(word)}")
-    return overrides
+    return code
 
 
 def _meant(word: str) -> str:
@@ -235,35 +218,10 @@ def _meant(word: str) -> str:
         return _named(f"expected {group}=NAME; {{trial}} --help lists the names")
     from seatrial.runner.compare.__main__ import names  # slow to import
 
-    meant = {name: f"{{results}} {name}" for name in names()}
-    meant |= {name: f"{{trial}} {name}" for name in COMMANDS} | MEANT
-    close = get_close_matches(word, meant, n=1, cutoff=0.8)
-    return _named(f"did you mean {meant[close[0]]}?" if close else "expected option=value")
-
-
-def _refuse(message: str) -> NoReturn:
-    """Raise ConfigurationError for flags that the parser does not know."""
-    flags = ["--version", *get_args_parser()._option_string_actions]
-    for flag, following in pairwise([*sys.argv[1:], "NAME"]):
-        if not flag.startswith("--") or flag not in message:
-            continue
-        name, equals, value = flag.removeprefix("--").partition("=")
-        option = [f"{name}={value if equals else following}"] if is_group(name) else []
-        for meant in option or get_close_matches(flag, flags, n=1):
-            raise ConfigurationError(f"unknown flag {flag}, did you mean {meant}?")
-    raise ConfigurationError(f"{message} (flags come before or after all options, see --help)")
-
-
-@contextmanager
-def _raising() -> Iterator[None]:
-    """Make Hydra raise its errors instead of printing them."""
-    before = {name: os.environ[name] for name in {FULL_ERROR} & os.environ.keys()}
-    os.environ[FULL_ERROR] = "1"
-    try:
-        yield
-    finally:
-        del os.environ[FULL_ERROR]
-        os.environ |= before
+    known = {name: f"{{results}} {name}" for name in names()}
+    known |= {name: f"{{trial}} {name}" for name in COMMANDS} | MEANT
+    hint = meant(word, known, shown=known.__getitem__).rstrip()
+    return _named(hint or "expected option=value")
 
 
 if __name__ == "__main__":

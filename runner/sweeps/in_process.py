@@ -26,7 +26,7 @@ from hydra.types import RunMode
 from hydra.version import VersionBase
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_unused
+from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_gone
 from seatrial.runner.configuration.invocation import import_from_working_folder, trial_program
 from seatrial.runner.configuration.overrides import left_to_jobs
 from seatrial.runner.configuration.provenance import Provenance, collect
@@ -141,7 +141,7 @@ def _itself(store: ConfigStore, memo: object) -> ConfigStore:
 @contextmanager
 def _hydra(overrides: Sequence[str], call: Call) -> Iterator["Hydra"]:
     """Provide a Hydra of our own, and errors in one line; its state is as before afterwards."""
-    refuse_unused(overrides)
+    refuse_gone(overrides)
     refuse_passwords(overrides)
     stop = StopSignals()
     signals = current_thread() is main_thread()
