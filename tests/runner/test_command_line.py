@@ -92,7 +92,7 @@ def test_a_sample_time_whose_powers_are_no_numbers(seatrial: Command) -> None:
     """Some vessels derive weights from it before it is compared with the mission."""
     for seconds in (1e300, 1e-300):
         said = seatrial.refuses("vessel=blueboat", f"sample_time_s={seconds!r}")
-        assert said.startswith(f"sample_time_s: got {seconds:g} s, expected 1e-09 to 1e+09")
+        assert said.startswith("sample_time_s must be at ")
 
 
 def test_a_flag_may_stand_in_the_midst_of_options(seatrial: Command) -> None:
