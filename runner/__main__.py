@@ -36,6 +36,7 @@ import shlex
 import signal
 import sys
 from argparse import Namespace
+from contextlib import suppress
 from importlib import import_module
 from io import TextIOWrapper
 from typing import Any, NoReturn
@@ -107,7 +108,7 @@ def main() -> int:
 
 def _main(stop: StopSignals, words: list[str], traceback_wanted: bool) -> int:
     import_from_working_folder()
-    NewWarnings.forget()
+    NewWarnings.known.clear()
     session, arguments = Session(), Namespace(overrides=[])
     try:
         refuse_passwords(words)
@@ -158,11 +159,14 @@ def _parsed(words: list[str], session: Session) -> Namespace:
     refuse_gone(arguments.overrides)
     for word in filter(str.isidentifier, arguments.overrides):
         raise ConfigurationError(f"{word!r} cannot be read, {_meant(word)}")
-    session.variants = [*map(shlex.split, arguments.variant)]
-    for overrides, text in zip(session.variants, arguments.variant, strict=True):
-        if not overrides or not all("=" in override for override in overrides):
+    for text in arguments.variant:
+        variant: list[str] = []
+        with suppress(ValueError):  # of a quotation that is not closed
+            variant = shlex.split(text)
+        if not variant or not all("=" in override for override in variant):
             expected = "expected overrides such as 'identifier=ls seed=1'"
             raise ConfigurationError(f"{VARIANT}: got {text!r}, {expected}")
+        session.variants.append(variant)
     if arguments.multirun:
         arguments.overrides, session.variants = left_to_jobs(arguments.overrides, session.variants)
     elif session.variants:

@@ -30,19 +30,23 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.runner.configuration import harbours, options, recording_map
     from seatrial.runner.record import own_metrics
 else:
-    from lazy_loader import load
+    import lazy_loader
 
-    controllers = load("seatrial.models.control.controller", suppress_warning=True)
-    missions = load("seatrial.models.excitation.missions", suppress_warning=True)
-    adaptive = load("seatrial.models.identification.adaptive", suppress_warning=True)
-    problem = load("seatrial.models.identification.problem", suppress_warning=True)
-    recorded_file = load("seatrial.models.recording.recorded_file", suppress_warning=True)
-    parameters = load("seatrial.models.vessel.parameters", suppress_warning=True)
-    disturbances = load("seatrial.models.weather.disturbance", suppress_warning=True)
-    harbours = load("seatrial.runner.configuration.harbours", suppress_warning=True)
-    options = load("seatrial.runner.configuration.options", suppress_warning=True)
-    recording_map = load("seatrial.runner.configuration.recording_map", suppress_warning=True)
-    own_metrics = load("seatrial.runner.record.own_metrics", suppress_warning=True)
+    controllers = lazy_loader.load("seatrial.models.control.controller", suppress_warning=True)
+    missions = lazy_loader.load("seatrial.models.excitation.missions", suppress_warning=True)
+    adaptive = lazy_loader.load("seatrial.models.identification.adaptive", suppress_warning=True)
+    problem = lazy_loader.load("seatrial.models.identification.problem", suppress_warning=True)
+    recorded_file = lazy_loader.load(
+        "seatrial.models.recording.recorded_file", suppress_warning=True
+    )
+    parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
+    disturbances = lazy_loader.load("seatrial.models.weather.disturbance", suppress_warning=True)
+    harbours = lazy_loader.load("seatrial.runner.configuration.harbours", suppress_warning=True)
+    options = lazy_loader.load("seatrial.runner.configuration.options", suppress_warning=True)
+    recording_map = lazy_loader.load(
+        "seatrial.runner.configuration.recording_map", suppress_warning=True
+    )
+    own_metrics = lazy_loader.load("seatrial.runner.record.own_metrics", suppress_warning=True)
 
 LARGEST_INTEGER = 2**63 - 1  # that databases hold
 T = TypeVar("T")

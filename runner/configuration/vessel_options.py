@@ -31,13 +31,13 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.vessel import derivation, parameters, tuning
     from seatrial.runner.configuration import options
 else:
-    from lazy_loader import load
+    import lazy_loader
 
-    missions = load("seatrial.models.excitation.missions", suppress_warning=True)
-    derivation = load("seatrial.models.vessel.derivation", suppress_warning=True)
-    parameters = load("seatrial.models.vessel.parameters", suppress_warning=True)
-    tuning = load("seatrial.models.vessel.tuning", suppress_warning=True)
-    options = load("seatrial.runner.configuration.options", suppress_warning=True)
+    missions = lazy_loader.load("seatrial.models.excitation.missions", suppress_warning=True)
+    derivation = lazy_loader.load("seatrial.models.vessel.derivation", suppress_warning=True)
+    parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
+    tuning = lazy_loader.load("seatrial.models.vessel.tuning", suppress_warning=True)
+    options = lazy_loader.load("seatrial.runner.configuration.options", suppress_warning=True)
 
 NULLABLE = ("tuning.windage", "thruster", "driven_by")  # of a vessel, where null is a value
 

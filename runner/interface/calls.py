@@ -123,10 +123,10 @@ def sweep(
     call = in_process.Call(["-m", *words], variants)
     in_notebook = progress and _in_notebook()
     if in_notebook or not progress:
-        call.view = (lambda: nullcontext(_NotebookLine())) if in_notebook else None
+        call.view = (lambda: nullcontext(_notebook_line)) if in_notebook else None
     in_process.run_sweep(call, words)
     if in_notebook:
-        _NotebookLine().show(call.lines[0])
+        _notebook_line(call.lines[0])
     assert call.sweep_id is not None
     assert call.logbook is not None
     return Sweep(*call.logbook, call.sweep_id)
@@ -169,13 +169,8 @@ def _in_notebook() -> bool:
     return type(shell).__name__ == "ZMQInteractiveShell"
 
 
-class _NotebookLine:
-    """The progress of a sweep as one line of a notebook, which is written again and again."""
-
-    def show(self, standing: object) -> None:
-        """Write the line over the last one."""
-        print(f"\r{standing!s:<{LINE}}", end="", flush=True)
-
-    def failure(self, line: str) -> None:
-        """Leave a line about a failed run above it."""
+def _notebook_line(standing: str, failures: Sequence[str] = ()) -> None:
+    """Write the progress of a sweep over its last line, and lines about failed runs above it."""
+    for line in failures:
         print(f"\r{line:<{LINE}}")
+    print(f"\r{standing:<{LINE}}", end="", flush=True)

@@ -34,6 +34,7 @@ from seatrial.runner.sweeps.job import Order, PlannedTrial, Refusal, known, list
 if TYPE_CHECKING:  # what is slow to import, and Optuna may be lacking
     import optuna
 
+    from seatrial.runner import database
     from seatrial.runner.record import catalogue
     from seatrial.runner.trials import budget
 else:
@@ -239,10 +240,10 @@ class SearchSweeper(sweeps.SeatrialSweeper):
             self.session.say([*lines, f"{trials} candidates, at most {trials * seeds} trials"])
             return
         plan = sweeps.accepted(first.plans)[0]
-        with self.underway(plan, arguments, trials * seeds) as begun:
-            done = self._search(first, begun)
-            begun.planned = sum(len(one.runs) for one in done)
-        self._conclude(done, begun.job.sweep_id, plan.database_url)
+        with self.underway(plan, arguments, trials * seeds) as (logbook, job):
+            done = self._search(first, logbook, job)
+            logbook.end_sweep(job.sweep_id, sum(len(one.runs) for one in done))
+        self._conclude(done, job.sweep_id, plan.database_url)
 
     def _ask(self) -> Attempt:
         """Return the next candidate, planned; the first one must not be refused."""
@@ -256,7 +257,9 @@ class SearchSweeper(sweeps.SeatrialSweeper):
         ready = [plan for plan in plans if isinstance(plan, PlannedTrial)]
         return Attempt(asked, ready, "infeasible" if len(ready) < len(plans) else "complete")
 
-    def _search(self, first: Attempt, begun: sweeps.SweepUnderway) -> list[Attempt]:
+    def _search(
+        self, first: Attempt, logbook: "database.LogbookWriter", job: sweeps.SweepJob
+    ) -> list[Attempt]:
         """Run batches of candidates until all are done.
 
         Optuna's pruners know a single objective; then candidates are run seed by seed. Infeasible
@@ -264,7 +267,6 @@ class SearchSweeper(sweeps.SeatrialSweeper):
         """
         options, seeds = self._options, range(len(self._space.seeds))
         single = len(options.metric) == 1
-        logbook, job = begun.logbook, begun.job
         batch, done = [first], list[Attempt]()
         while len(done) < options.trials:
             wanted = min(options.batch, options.trials - len(done))

@@ -35,14 +35,14 @@ from seatrial.runner.configuration.provenance import Provenance, collect
 from seatrial.runner.sweeps import console
 from seatrial.runner.sweeps.composition import Composer, SharingLoader, order_of
 from seatrial.runner.sweeps.job import (
-    Order,
+    Checked,
     Outcome,
     PlannedTrial,
-    Planner,
     Refusal,
     known,
     listed,
     perform,
+    plan_of,
     prepare,
     shown,
 )
@@ -100,12 +100,11 @@ def texts(options: Options) -> list[str]:
 def _count(override: Override) -> tuple[str, float]:
     """Return the option of an override and the number of its values, without listing them."""
     value: Any = override.value()
+    count = float(len(value.list)) if isinstance(value, ChoiceSweep) else 1.0
     if isinstance(value, RangeSweep):
-        start, stop, step = value.start or 0.0, value.stop or 0.0, float(value.step)
-        first, last = float(start), float(stop)
-        return override.key_or_group, max(0.0, (last - first) / step) if step else inf
-    count = len(value.list) if isinstance(value, ChoiceSweep) else 1
-    return override.key_or_group, float(count)
+        span, step = float(value.stop or 0.0) - float(value.start or 0.0), float(value.step)
+        count = max(0.0, span / step) if step else inf
+    return override.key_or_group, count
 
 
 def values_of(override: Override) -> list[str]:
@@ -128,7 +127,10 @@ def values_of(override: Override) -> list[str]:
 
 log = logging.getLogger(__name__)
 COMPILING = ("basic", "submitit_slurm")  # launchers whose processes compile for themselves
-SKIPPED = "%s: already in the logbook as run %d"
+STATES = {
+    "skipped": "%s: already in the logbook as run %d",
+    "busy": "%s: another process is running it, as run %d",
+}
 
 
 class Session:
@@ -168,27 +170,32 @@ class Session:
         return collect()
 
     def __call__(self, config: DictConfig) -> None:
-        """Run the one trial of a command without -m."""
+        """Run the one trial of a command without -m; one with labels is a sweep of its own."""
         self.started = True
         try:
-            self._run(order_of(config, HydraConfig.get()))
+            order = order_of(config, HydraConfig.get())
+            if order.config.get("dry_run") is True:
+                self.list_trials(listed([plan_of(order, collect().sources, {})]))
+                return
+            trial, provenance = prepare(order), self.provenance()
+            self.logbook = url, folder = trial.database_url, trial.results_dir
+            if trial.sweep == SweepLabels():
+                outcome = perform(trial, order, provenance)
+            else:
+                with database.LogbookWriter.open(url, results_dir=folder) as logbook:
+                    sweep_id = begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)
+                    outcome = perform(trial, order, provenance, sweep_id)
+                    logbook.end_sweep(sweep_id)
         except (SeatrialError, OmegaConfBaseException) as error:
             self.error, self.exit_code = error, 2
-
-    def _run(self, order: Order) -> None:
-        if order.config.get("dry_run") is True:
-            self.list_trials(listed([Planner(collect().sources).plan(order)]))
             return
-        trial = prepare(order)
-        self.logbook = trial.database_url, trial.results_dir
-        self.outcome = outcome = _perform(trial, order, self.provenance())
-        line = console.outcome_line(outcome, trial.database_url)
+        self.outcome, line = outcome, console.outcome_line(outcome, url)
         if outcome.state in ("failed", "diverged"):
             unusable = outcome.error_type in ("ConfigurationError", "RecordingError")
             self.error, self.exit_code = line, 2 if unusable else 1
         else:
             run = None if outcome.state == "busy" else outcome.run_id
-            self.say([line, *console.result_of(run, trial.database_url)])
+            self.say([line, *console.result_of(run, url)])
 
 
 @dataclass(frozen=True)
@@ -203,37 +210,23 @@ class SweepJob:
 
         Returns a bug as an outcome: its exception need not fit through the pipe of a worker.
         """
+        name = ""
         try:
             order = order_of(config, HydraConfig.get())
-            console.NewWarnings.trial = str(order)
-            return self._perform(order)
-        except (Exception, SystemExit) as error:
-            return Outcome("bug", None, type(error).__name__, traceback.format_exc())
-        finally:
-            console.NewWarnings.trial = ""
-
-    def _perform(self, order: Order) -> Outcome:
-        try:
+            name = console.NewWarnings.trial = str(order)
             trial = build_trial(order.config, order.names)
             address = database.engine.parse(trial.database_url)
             database.outage.expect(address)  # reached before: it holds the sweep
             outcome = perform(trial, order, self.provenance, self.sweep_id)
+            if outcome.state in STATES:
+                log.info(STATES[outcome.state], name, outcome.run_id)
+            return outcome
         except SeatrialError as error:
-            return Outcome("lost", None, type(error).__name__, f"{order}: {error}")
-        if outcome.state == "skipped":
-            log.info(SKIPPED, order, outcome.run_id)
-        elif outcome.state == "busy":
-            log.info("%s: another process is running it, as run %d", order, outcome.run_id)
-        return outcome
-
-
-@dataclass
-class SweepUnderway:
-    """A sweep that has begun; a search sets `planned` to the trials that it has run."""
-
-    logbook: "database.LogbookWriter"
-    job: SweepJob
-    planned: int
+            return Outcome("lost", None, type(error).__name__, f"{name}: {error}")
+        except (Exception, SystemExit) as error:
+            return Outcome("bug", None, type(error).__name__, traceback.format_exc())
+        finally:
+            console.NewWarnings.trial = ""
 
 
 class SeatrialSweeper(Sweeper):
@@ -278,14 +271,15 @@ class SeatrialSweeper(Sweeper):
             self._run(accepted(plans), arguments, _factors(jobs))
 
     def _run(self, plans: Sequence[PlannedTrial], arguments: list[str], factors: list[str]) -> None:
-        with self.underway(plans[0], arguments, len(plans), plans) as sweep:
-            outcomes, remaining = finished_before(plans, sweep.logbook, sweep.job.sweep_id)
-            launched = self._launch(remaining, sweep.job)
-            status = sweep.logbook.sweep_status(sweep.job.sweep_id)
+        with self.underway(plans[0], arguments, len(plans), plans) as (logbook, job):
+            outcomes, remaining = finished_before(plans, logbook, job.sweep_id)
+            launched = self._launch(remaining, job)
+            status = logbook.sweep_status(job.sweep_id)
         outcomes += launched.outcomes
         url = plans[0].database_url
         self.session.say(console.sweep_summary(status, outcomes, url, factors))
-        self.session.exit_code = console.sweep_exit_code(status, outcomes)
+        done = status.counts.get("finished", 0) + sum(each.state == "busy" for each in outcomes)
+        self.session.exit_code = int(done < status.planned)
         if launched.bugs:
             raise RuntimeError(launched.bugs[0].error)
         self.session.show_table(url, status.sweep_id, factors)
@@ -297,7 +291,7 @@ class SeatrialSweeper(Sweeper):
         arguments: Sequence[str],
         planned: int,
         trials: Sequence[PlannedTrial] = (),
-    ) -> Iterator["SweepUnderway"]:
+    ) -> "Iterator[tuple[database.LogbookWriter, SweepJob]]":
         """Begin a sweep in the logbook of a plan, show its progress, and end it after the block.
 
         `trials` are stored as planned; those of a search are not known before.
@@ -311,15 +305,14 @@ class SeatrialSweeper(Sweeper):
             sweep_id = begin_sweep(logbook, plan.labels, provenance, arguments, planned, rows)
             self.session.sweep_id, self.session.logbook = sweep_id, (url, plan.results_dir)
             job = SweepJob(sweep_id, provenance)
-            sweep = SweepUnderway(logbook, job, planned)
             with console.shown(url, sweep_id, self.session.view):
                 try:
                     with ready(partial(self._make_launcher, job), self._choice) as self._launcher:
-                        yield sweep
+                        yield logbook, job
                 except BaseException:  # what Ctrl-C has interrupted may fail by any exception
                     logbook.give_up_sweep(sweep_id)
                     raise
-            logbook.end_sweep(sweep_id, sweep.planned)
+            logbook.end_sweep(sweep_id)
 
     @property
     def _choice(self) -> str:
@@ -365,24 +358,13 @@ def begin_sweep(
     )
 
 
-def _perform(trial: Trial, order: Order, provenance: Provenance) -> Outcome:
-    """Run a single trial; one with labels is a sweep of its own."""
-    if trial.sweep == SweepLabels():
-        return perform(trial, order, provenance)
-    with database.LogbookWriter.open(trial.database_url, results_dir=trial.results_dir) as logbook:
-        sweep_id = begin_sweep(logbook, trial.sweep, provenance, order.overrides, 1)
-        outcome = perform(trial, order, provenance, sweep_id)
-        logbook.end_sweep(sweep_id)
-    return outcome
-
-
 def planned(composer: Composer, jobs: Sequence[list[str]]) -> list[PlannedTrial | Refusal]:
     """Compose, build and check the jobs; those that choose the same options one after the other."""
-    planner, plans = Planner(collect().sources), dict[int, PlannedTrial | Refusal]()
+    sources, checked, plans = collect().sources, Checked(), dict[int, PlannedTrial | Refusal]()
     choices = [composer.choices(job) for job in jobs]
     for index in sorted(range(len(jobs)), key=choices.__getitem__):
         try:
-            plans[index] = planner.plan(composer.order(jobs[index]))
+            plans[index] = plan_of(composer.order(jobs[index]), sources, checked)
         except EXPECTED as error:
             plans[index] = Refusal(shown(jobs[index]), one_line(error, jobs[index]))
     return [plans[index] for index in range(len(jobs))]
@@ -419,7 +401,7 @@ def finished_before(
         run_id = finished.get(plan.fingerprint)
         if run_id in present:
             if not quiet:
-                log.info(SKIPPED, plan, run_id)
+                log.info(STATES["skipped"], plan, run_id)
             outcomes.append(Outcome("skipped", run_id))
         else:
             remaining.append(plan)
