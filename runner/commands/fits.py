@@ -45,17 +45,14 @@ def main(words: Sequence[str]) -> int:
             raise ConfigurationError(f"fits: got {word!r}, expected vessel=NAME or GROUP=OPTION")
     given = dict(word.split("=", 1) for word in words)
     vessels = given.pop("vessel", "").split(",") if "vessel" in given else options("vessel")
-    fits = {}
+    alike = defaultdict[object, dict[str, dict[str, Fit]]](dict)  # by what fits, and by vessel
     for i, vessel in enumerate(vessels, 1):
         if len(vessels) > 1:
             print(f"{i} of {len(vessels)}: {vessel}", file=sys.stderr)
-        fits[vessel] = fits_of(vessel, given)
-    alike = defaultdict[object, list[str]](list)
-    for vessel, groups in fits.items():
-        fitting = {group: [name for name, why in fit.items() if not why]
-                   for group, fit in groups.items()}  # fmt: skip
-        alike[str(fitting)].append(vessel)
-    print("\n\n".join("\n".join(_lines(names, fits[names[0]])) for names in alike.values()))
+        groups = fits_of(vessel, given)
+        fitting = {group: [name for name in fit if not fit[name]] for group, fit in groups.items()}
+        alike[str(fitting)][vessel] = groups
+    print("\n\n".join("\n".join(_lines(fits)) for fits in alike.values()))
     return 0
 
 
@@ -65,15 +62,15 @@ def fits_of(vessel: str, given: dict[str, str]) -> dict[str, Fit]:
     Raises ConfigurationError if nothing does, for one reason.
     """
     fixed = [f"{group}={name}" for group, name in given.items()]
-    groups = {group: options(group) for group in CHOSEN if group not in given}
     words = {
         (group, name): [f"vessel={vessel}", *fixed, f"{group}={name}"]
-        for group, names in groups.items()
-        for name in names
+        for group in CHOSEN
+        if group not in given
+        for name in options(group)
     }
     listing = _Listing(["-m", "dry_run=true"], [*words.values()])
     in_process.run_sweep(listing, ["dry_run=true"])
-    fits = {group: Fit() for group in groups}
+    fits = defaultdict[str, Fit](dict)
     for (group, name), one in words.items():
         reason = listing.refusals[shown(one)]
         fits[group][name] = reason.removeprefix(f"{group}={name}").removeprefix(": ").strip()
@@ -82,17 +79,16 @@ def fits_of(vessel: str, given: dict[str, str]) -> dict[str, Fit]:
     return fits
 
 
-def _lines(vessels: Sequence[str], groups: dict[str, Fit]) -> list[str]:
+def _lines(fits: dict[str, dict[str, Fit]]) -> list[str]:
     """What vessels can have, and why not the rest, as lines of the terminal's width."""
-    width = min(shutil.get_terminal_size().columns, 100)
-    lines = textwrap.wrap(", ".join(vessels), width)
-    for group, fit in groups.items():
-        names = ", ".join(name for name, why in fit.items() if not why) or "-"
-        lines += textwrap.wrap(f"  {group:10s}  {names}", width, subsequent_indent=" " * 14)
+    width, first = min(shutil.get_terminal_size().columns, 100), next(iter(fits))
+    lines = textwrap.wrap(", ".join(fits), width)
+    for group, fit in fits[first].items():
         lacking = defaultdict[str, list[str]](list)
         for name, why in fit.items():
-            if why:
-                lacking[why.replace(vessels[0], "the vessel")].append(name)
+            lacking[why.replace(first, "the vessel")].append(name)
+        names = ", ".join(lacking.pop("", ["-"]))
+        lines += textwrap.wrap(f"  {group:10s}  {names}", width, subsequent_indent=" " * 14)
         for why, which in lacking.items():
             text = f"not {', '.join(which)}: {why}"
             lines += textwrap.wrap(text, width, initial_indent=" " * 14, subsequent_indent=" " * 18)

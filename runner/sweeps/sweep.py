@@ -20,7 +20,6 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import ChoiceSweep, Override, RangeSweep
 from hydra.core.plugins import Plugins
-from hydra.plugins.launcher import Launcher
 from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, ListConfig, OmegaConf
@@ -32,7 +31,7 @@ from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, bui
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line
 from seatrial.runner.configuration.overrides import nested_sweeps, text_of
 from seatrial.runner.configuration.provenance import Provenance, collect
-from seatrial.runner.sweeps import console
+from seatrial.runner.sweeps import console, launching
 from seatrial.runner.sweeps.composition import Composer, SharingLoader, order_of
 from seatrial.runner.sweeps.job import (
     Checked,
@@ -46,7 +45,6 @@ from seatrial.runner.sweeps.job import (
     prepare,
     shown,
 )
-from seatrial.runner.sweeps.launching import LaunchResult, check, launch, ready
 from seatrial.runner.trials.precompile import precompile
 
 if TYPE_CHECKING:  # what is slow to import
@@ -74,16 +72,11 @@ def jobs_of(
     A variant is options by name, or overrides as on the command line. It replaces the params of the
     same name; the arguments replace both. Raises ConfigurationError for more jobs than the limit.
     """
-    given = parser.parse_overrides(list(arguments))
-    keys = {override.key_or_group for override in given}
+    keys = {override.key_or_group for override in parser.parse_overrides(list(arguments))}
     jobs: list[list[str]] = []
     for variant in variants or [{}]:
-        own = texts(variant) if isinstance(variant, Mapping) else list(variant)
-        kept = [
-            text
-            for text in [*texts(params), *own]
-            if text.partition("=")[0].lstrip("+") not in keys
-        ]
+        own = [*texts(params), *(texts(variant) if isinstance(variant, Mapping) else variant)]
+        kept = [text for text in own if text.partition("=")[0].lstrip("+") not in keys]
         overrides = parser.parse_overrides([*kept, *arguments])
         # Of several overrides of one option the last counts, at the position of the first.
         last = {override.get_key_element(): override for override in overrides}.values()
@@ -110,19 +103,18 @@ def _count(override: Override) -> tuple[str, float]:
 def values_of(override: Override) -> list[str]:
     """Return one override for each value of a sweep override."""
     key = override.get_key_element()
-    if not override.is_sweep_override():
-        if next(nested_sweeps(override.value(), key), None) is not None:
-            raise ConfigurationError(
-                f"{override.input_line}: a grid has no values inside of lists, "
-                "expected several lists, or a search (hydra/sweeper=optuna)"
-            )
+    if override.is_discrete_sweep():
+        if values := [f"{key}={value}" for value in override.sweep_string_iterator()]:
+            return values
+        wrong = "got no values, expected at least one"
+    elif override.is_sweep_override():
+        wrong = "expected values that can be listed"
+    elif next(nested_sweeps(override.value(), key), None) is not None:
+        wrong = "a grid has no values inside of lists, expected several lists, "
+        wrong += "or a search (hydra/sweeper=optuna)"
+    else:
         return [f"{key}={override.get_value_element_as_str()}"]
-    if not override.is_discrete_sweep():
-        raise ConfigurationError(f"{override.input_line}: expected values that can be listed")
-    values = [f"{key}={value}" for value in override.sweep_string_iterator()]
-    if not values:
-        raise ConfigurationError(f"{override.input_line}: got no values, expected at least one")
-    return values
+    raise ConfigurationError(f"{override.input_line}: {wrong}")
 
 
 log = logging.getLogger(__name__)
@@ -250,6 +242,7 @@ class SeatrialSweeper(Sweeper):
         self._loader = SharingLoader(hydra_context.config_loader)
         self._context = HydraContext(cast(ConfigLoader, self._loader), hydra_context.callbacks)
         self._config = config
+        self._choice = str(config.hydra.runtime.choices["hydra/launcher"])
         self.session = cast(Session, task_function)
 
     def sweep(self, arguments: list[str]) -> None:
@@ -258,25 +251,22 @@ class SeatrialSweeper(Sweeper):
         parser = OverridesParser.create(config_loader=self._loader.hydra)
         own, variants = self._config, self.session.variants or self.variants
         limits = build_as(Limits, OmegaConf.to_container(own.limits, resolve=True), "limits")
-        jobs = jobs_of(parser, self.params, variants, arguments, limits)
-        composer = Composer(self._loader, self._config)
-        jobs = composer.applicable(jobs)
+        composer = Composer(self._loader, own)
+        jobs = composer.applicable(jobs_of(parser, self.params, variants, arguments, limits))
         plans = planned(composer, jobs)
         fitting = [plan for plan in plans if isinstance(plan, PlannedTrial)]
         if lines := console.chosen_by_vessels(fitting):
             self.session.say(lines)
         if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
             self.session.list_trials(listed(plans))
-        else:
-            self._run(accepted(plans), arguments, _factors(jobs))
-
-    def _run(self, plans: Sequence[PlannedTrial], arguments: list[str], factors: list[str]) -> None:
-        with self.underway(plans[0], arguments, len(plans), plans) as (logbook, job):
-            outcomes, remaining = finished_before(plans, logbook, job.sweep_id)
+            return
+        ready, factors = accepted(plans), _factors(jobs)
+        with self.underway(ready[0], arguments, len(ready), ready) as (logbook, job):
+            outcomes, remaining = finished_before(ready, logbook, job.sweep_id)
             launched = self._launch(remaining, job)
             status = logbook.sweep_status(job.sweep_id)
         outcomes += launched.outcomes
-        url = plans[0].database_url
+        url = ready[0].database_url
         self.session.say(console.sweep_summary(status, outcomes, url, factors))
         done = status.counts.get("finished", 0) + sum(each.state == "busy" for each in outcomes)
         self.session.exit_code = int(done < status.planned)
@@ -298,28 +288,24 @@ class SeatrialSweeper(Sweeper):
 
         On Ctrl-C its runs are marked as interrupted, after its workers have ended.
         """
-        check(self._config.hydra.launcher)
+        launching.check(self._config.hydra.launcher)
         url, provenance = plan.database_url, self.session.provenance()
         with database.LogbookWriter.open(url, results_dir=plan.results_dir) as logbook:
             rows = [trial.row for trial in trials]
             sweep_id = begin_sweep(logbook, plan.labels, provenance, arguments, planned, rows)
             self.session.sweep_id, self.session.logbook = sweep_id, (url, plan.results_dir)
-            job = SweepJob(sweep_id, provenance)
+            job, make = SweepJob(sweep_id, provenance), Plugins.instance().instantiate_launcher
+            make = partial(make, self._context, job, self._config)
             with console.shown(url, sweep_id, self.session.view):
                 try:
-                    with ready(partial(self._make_launcher, job), self._choice) as self._launcher:
+                    with launching.ready(make, self._choice) as self._launcher:
                         yield logbook, job
                 except BaseException:  # what Ctrl-C has interrupted may fail by any exception
                     logbook.give_up_sweep(sweep_id)
                     raise
             logbook.end_sweep(sweep_id)
 
-    @property
-    def _choice(self) -> str:
-        """The name of the launcher."""
-        return str(self._config.hydra.runtime.choices["hydra/launcher"])
-
-    def _launch(self, plans: Sequence[PlannedTrial], job: SweepJob) -> LaunchResult:
+    def _launch(self, plans: Sequence[PlannedTrial], job: SweepJob) -> launching.LaunchResult:
         if len(plans) > 1 and self._choice not in COMPILING:
             composer = Composer(self._loader, self._config)
 
@@ -328,12 +314,8 @@ class SeatrialSweeper(Sweeper):
                 return build_trial(order.config, order.names)
 
             precompile((plan.kinds, partial(trial, plan)) for plan in plans)
-        return launch(self._launcher, self._choice, plans, job.sweep_id, self.max_batch_size)
-
-    def _make_launcher(self, job: SweepJob) -> Launcher:
-        return Plugins.instance().instantiate_launcher(
-            hydra_context=self._context, task_function=job, config=self._config
-        )
+        size = self.max_batch_size
+        return launching.launch(self._launcher, self._choice, plans, job.sweep_id, size)
 
 
 def begin_sweep(
@@ -346,16 +328,9 @@ def begin_sweep(
 ) -> int:
     """Store the start of a sweep with its labels, or the experiment's name; returns its id."""
     prefix = "experiment="
-    experiments = [text.removeprefix(prefix) for text in arguments if prefix in text]
-    return logbook.begin_sweep(
-        labels.name or (experiments or ["sweep"])[-1],
-        provenance.command,
-        arguments,
-        planned,
-        tags=labels.tags,
-        note=labels.note,
-        trials=trials,
-    )
+    names = [text.removeprefix(prefix) for text in arguments if prefix in text] or ["sweep"]
+    words = labels.name or names[-1], provenance.command, arguments
+    return logbook.begin_sweep(*words, planned, tags=labels.tags, note=labels.note, trials=trials)
 
 
 def planned(composer: Composer, jobs: Sequence[list[str]]) -> list[PlannedTrial | Refusal]:
@@ -377,13 +352,12 @@ def accepted(plans: Iterable[PlannedTrial | Refusal]) -> list[PlannedTrial]:
     if refused:
         more = f" (and {len(refused) - 1} more: dry_run=true lists them)" if refused[1:] else ""
         raise ConfigurationError(f"{refused[0]}{more}")
-    ready = [plan for plan in plans if isinstance(plan, PlannedTrial)]
-    logbooks = {(plan.database_url, plan.results_dir) for plan in ready}
-    if len(logbooks) > 1:
+    ready = {plan.fingerprint: plan for plan in plans if isinstance(plan, PlannedTrial)}
+    if (count := len({(plan.database_url, plan.results_dir) for plan in ready.values()})) > 1:
         raise ConfigurationError(
-            f"database.url, results_dir: got {len(logbooks)} logbooks in one sweep, expected one"
+            f"database.url, results_dir: got {count} logbooks in one sweep, expected one"
         )
-    return list({plan.fingerprint: plan for plan in ready}.values())
+    return list(ready.values())
 
 
 def finished_before(
@@ -396,16 +370,11 @@ def finished_before(
     runs = known(plan for plan in plans if not plan.rerun)
     finished = {key: run.run_id for key, run in runs.items() if run.status == "finished"}
     present = logbook.reuse(sweep_id, list(finished.values()))
-    outcomes, remaining = list[Outcome](), list[PlannedTrial]()
-    for plan in plans:
-        run_id = finished.get(plan.fingerprint)
-        if run_id in present:
-            if not quiet:
-                log.info(STATES["skipped"], plan, run_id)
-            outcomes.append(Outcome("skipped", run_id))
-        else:
-            remaining.append(plan)
-    return outcomes, remaining
+    done = [plan for plan in plans if finished.get(plan.fingerprint) in present]
+    for plan in [] if quiet else done:
+        log.info(STATES["skipped"], plan, finished[plan.fingerprint])
+    outcomes = [Outcome("skipped", finished[plan.fingerprint]) for plan in done]
+    return outcomes, [plan for plan in plans if finished.get(plan.fingerprint) not in present]
 
 
 def _factors(jobs: Sequence[Sequence[str]]) -> list[str]:
