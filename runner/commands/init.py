@@ -48,9 +48,16 @@ def main(words: Sequence[str]) -> int:
     return run_typer(app, words)
 
 
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"got {text!r}, expected a number") from error
+
+
 def _size(meaning: str) -> Any:
     """Return the option of a dimension."""
-    return typer.Option(help=meaning, parser=float, metavar="X")
+    return typer.Option(help=meaning, parser=_number, metavar="X")
 
 
 @app.command("vessel")
