@@ -8,27 +8,23 @@ An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well
 
 These private parts of Hydra 1.3.8, submitit 1.5.4 and others are used, and no others:
 
-get_args_parser,    Hydra's command-line parser prints a usage message and ends the process by
-_run_hydra          itself, instead of reporting one line (tests/runner/test_command_line.py).
-class_name_to_class Hydra's public `Plugins.register` names a plugin after its module, which must be
-                    in the name space `hydra_plugins`; seatrial installs no other name than its own
-                    (tests/runner/test_sweep.py).
-file_config_source, A vessel may also be a file of the working folder, or the model of a run
-SourcesRegistry     (tests/runner/test_yaml_files.py); so _get_header_dict and
-                    _normalize_file_name of the source are called.
-get_sanitized_cfg,  What `--cfg` prints has the numbers that options take from the vessel
-Hydra               (tests/runner/test_vessel_options.py).
-get_mode            Hydra composes everything once more for hydra.mode, which only experiments and
-                    a user's own files can set (tests/runner/test_experiments.py).
-SlurmInfoWatcher,   submitit asks the queue of Slurm instead of its accounting, by the command of
-SlurmJob            _make_command (tests/runner/test_slurm.py).
-_get_node,          OmegaConf's interpolations are looked at as they are written, without an
-_is_interpolation,  error, and one node is written to (tests/runner/test_composition.py).
-_set_flag
-_option_string_actions  The flags of Hydra's parser, for `did you mean`
-                    (tests/runner/test_command_line.py).
-_left_title         matplotlib's title at the left of an axis has no public name
-                    (tests/runner/compare/test_figures.py).
+get_args_parser, _run_hydra, _option_string_actions (tests/runner/test_command_line.py)
+    Hydra's parser prints a usage message and ends the process instead of reporting one line.
+class_name_to_class (tests/runner/test_sweep.py)
+    Hydra's public `Plugins.register` names a plugin after its module, which must be in the name
+    space `hydra_plugins`; seatrial installs no other name than its own.
+file_config_source, SourcesRegistry, _get_header_dict, _normalize_file_name
+    A vessel may also be a file or the model of a run (tests/runner/test_yaml_files.py).
+get_sanitized_cfg, Hydra (tests/runner/test_vessel_options.py)
+    What `--cfg` prints has the numbers that options take from the vessel.
+get_mode (tests/runner/test_experiments.py)
+    Hydra composes everything once more for hydra.mode, which little can set.
+SlurmInfoWatcher, SlurmJob, _make_command (tests/runner/test_slurm.py)
+    submitit asks the queue of Slurm instead of its accounting.
+_get_node, _is_interpolation, _set_flag (tests/runner/test_composition.py)
+    OmegaConf's interpolations are looked at as they are written, and one node is written to.
+_left_title (tests/runner/compare/test_figures.py)
+    matplotlib's title at the left of an axis has no public name.
 """
 
 import os

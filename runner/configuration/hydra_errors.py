@@ -101,13 +101,12 @@ def _unknown_option(key: str, overrides: Sequence[str]) -> str:
 def _known_keys(overrides: Sequence[str]) -> Iterable[str]:
     """Return all keys of the configuration, with the valid choices of groups in `overrides`."""
     choices = [item for item in overrides if is_group(item.partition("=")[0])]
-    for attempt in (choices, []):
-        GlobalHydra.instance().clear()
-        with (
-            suppress(HydraException, OmegaConfBaseException, ValueError),
-            initialize_config_dir(str(CONF), version_base="1.3"),
-        ):
-            node = OmegaConf.to_container(compose("trial", overrides=attempt))
-            paths = (accumulate(key.split("."), "{}.{}".format) for key, _ in leaves(node))
-            return {*chain.from_iterable(paths)}
+    GlobalHydra.instance().clear()
+    with (
+        suppress(HydraException, OmegaConfBaseException, ValueError),
+        initialize_config_dir(str(CONF), version_base="1.3"),
+    ):
+        node = OmegaConf.to_container(compose("trial", overrides=choices))
+        paths = (accumulate(key.split("."), "{}.{}".format) for key, _ in leaves(node))
+        return {*chain.from_iterable(paths)}
     return ()
