@@ -80,13 +80,9 @@ FULL_ERROR = "HYDRA_FULL_ERROR"
 INTERRUPTED = "interrupted: finished runs are kept, the same command runs the rest"
 # What the first word may ask for beside trials and sweeps: modules with a function `main`.
 COMMANDS = {
-    "benchmark": "benchmark",
-    "data": "data_commands",
-    "fits": "fits",
-    "init": "init",
-    "model": "model_command",
-    "next": "next",
-}
+    "benchmark": "benchmark", "data": "data_commands", "fits": "fits", "init": "init",
+    "model": "model_command", "next": "next",
+}  # fmt: skip
 
 
 def main() -> int:
@@ -189,7 +185,10 @@ def _run(session: Session, arguments: Namespace) -> None:
     Hydra.get_sanitized_cfg = shown  # type: ignore[method-assign, assignment]
     Hydra.get_mode = MODE if own or is_set else _no_mode  # type: ignore[method-assign]
     version.setbase("1.3")
-    _run_hydra(arguments, get_args_parser(), session, str(CONF), "trial")
+    try:
+        _run_hydra(arguments, get_args_parser(), session, str(CONF), "trial")
+    finally:  # calls from Python in the same process are as before
+        Hydra.get_sanitized_cfg, Hydra.get_mode = SANITIZED, MODE  # type: ignore[method-assign]
 
 
 def _with_numbers(*arguments: Any) -> DictConfig:

@@ -8,15 +8,15 @@ what was got and what was expected.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
+
+from annotated_types import Le
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import NotNegativeInt, Positive
 from seatrial.models.vessel.tuning import FromVessel
 from seatrial.runner import database
-from seatrial.runner.configuration.plugins import leaves
 from seatrial.runner.database.terminal import refuse_passwords
 from seatrial.runner.record.vocabulary import GROUPS
 
@@ -48,7 +48,6 @@ else:
     )
     own_metrics = lazy_loader.load("seatrial.runner.record.own_metrics", suppress_warning=True)
 
-LARGEST_INTEGER = 2**63 - 1  # that databases hold
 T = TypeVar("T")
 Node = Mapping[str, object]
 
@@ -111,7 +110,7 @@ class Settings:
     identifier: "problem.Identifier"
     controller: "controllers.Controller | None"
     evaluation: "missions.Evaluation | None"
-    seed: NotNegativeInt
+    seed: Annotated[NotNegativeInt, Le(2**63 - 1)]  # which databases hold
     sample_time_s: Positive  # control and logging period
     integration_step_s: Positive  # of the plant's simulation
     plant: PlantOptions
@@ -156,15 +155,8 @@ class Trial(Settings):
 def build_trial(config: Node, names: Mapping[str, str]) -> Trial:
     """Build the trial of a resolved configuration; raises ConfigurationError if it is invalid.
 
-    Infinite numbers and NaN are refused in keys that are not used as well. A measured recording
-    without a mission to evaluate has no deployment.
+    A measured recording without a mission to evaluate has no deployment.
     """
-    for key, value in leaves(config):
-        if isinstance(value, float) and not isfinite(value):
-            raise ConfigurationError(f"{key}: got {value}, expected a finite number")
-        if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
-            bits = value.bit_length()
-            raise ConfigurationError(f"{key}: got an integer of {bits} bits, expected 64")
     nodes = {**config, **{group: config.get(group) or None for group in GROUPS}}
     nodes["excitation"] = recording_map.with_map(nodes["excitation"])
     nodes["evaluation"] = harbours.with_harbours(nodes["evaluation"])

@@ -1,21 +1,29 @@
-"""Fingerprints of trials: equal for equal configurations and equal code that computes the results.
+"""Fingerprints of trials, and where results come from.
 
-That code is all of `models/`, the modules of this package that `trial.py` imports, except the
-storage, and the files of user-defined parts. Comments and docstrings do not count.
+Fingerprints are equal for equal configurations and equal code that computes the results. That code
+is all of `models/`, the modules of this package that `trial.py` imports, except the storage, and
+the files of user-defined parts. Comments and docstrings do not count.
 """
 
 import hashlib
 import json
+import os
+import platform
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.source_digest import MODELS_FOLDER, files_digest, folder_digest, imported_files
+from seatrial.runner.configuration.invocation import ROOT, in_checkout, typed_command
 from seatrial.runner.configuration.plugins import is_own, targets
 from seatrial.runner.configuration.search_path import harbour_file, located
 from seatrial.runner.record.vocabulary import NOT_COMPARED
@@ -41,6 +49,12 @@ NAMED: Mapping[str, Callable[[str], Path]] = {
     "path": Path, "train": Path, "test": Path, "file": Path,
     "map": located, "test_map": located, "harbour": harbour_file,
 }  # fmt: skip
+# The packages that results can depend on.
+PACKAGES = (
+    *("seatrial", "numpy", "scipy", "numba", "llvmlite", "scikit-learn", "pymoo", "daqp"),
+    *("hydra-core", "omegaconf", "sqlalchemy", "pyarrow"),
+)
+GIT = ("git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 
@@ -130,3 +144,39 @@ def _plain(value: object) -> object:
     if isinstance(value, float) and value.is_integer() and abs(value) <= EXACT_INTEGERS:
         return int(value)
     return value
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The provenance of results, collected once per command and passed to the workers."""
+
+    git_commit: str | None
+    git_dirty: bool | None
+    versions: dict[str, str]  # of packages; with python, platform and the number of cpus
+    command: str  # as typed
+    sources: str  # digest of the code that computes results
+
+
+@cache
+def collect() -> Provenance:
+    """Collect the provenance of this process.
+
+    An installed package may be inside the repository of another project, so git is not run for it.
+    """
+    machine = {"python": platform.python_version(), "platform": platform.platform()}
+    versions = {**machine, "cpus": str(os.cpu_count())}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    commit = ""
+    if in_checkout(ROOT):
+        with suppress(OSError, subprocess.SubprocessError):
+            quiet = subprocess.DEVNULL
+            commit = subprocess.check_output(GIT, stderr=quiet, text=True, timeout=10).strip()
+    return Provenance(
+        git_commit=commit.removesuffix("-dirty") or None,
+        git_dirty=commit.endswith("-dirty") if commit else None,
+        versions=versions,
+        command=typed_command(sys.orig_argv),
+        sources=source_digest(),
+    )

@@ -36,7 +36,7 @@ from typing_extensions import TypedDict
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import Bound, in_words
 from seatrial.runner.configuration.invocation import meant
-from seatrial.runner.configuration.plugins import failure, is_own
+from seatrial.runner.configuration.plugins import failure, is_own, leaves
 
 TUNE = "tune"  # the option that maps others of the same class to the values to choose among
 CLASS = "class"  # in a JSON schema: the class that the node must describe
@@ -167,8 +167,10 @@ def _not_empty(value: object) -> object:
 
 
 def _anything(value: object) -> object:
-    if isinstance(value, float) and not isfinite(value):
-        raise OptionError(f": got {value}, expected a finite number")
+    for key, leaf in leaves(value):
+        if isinstance(leaf, float) and not isfinite(leaf):
+            dot = "." if key and key[0] != "[" else ""
+            raise OptionError(f"{dot}{key}: got {leaf}, expected a finite number")
     return part(object, value) if isinstance(value, Mapping) and "_target_" in value else value
 
 

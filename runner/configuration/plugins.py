@@ -31,9 +31,8 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Plugin:
-    """A plug-in: its name, its module, and the files of this module or package by their names."""
+    """A plug-in: its module, and the files of this module or package by their names."""
 
-    name: str
     module: str
     files: Mapping[str, Path]
     conf: Path | None = None  # a package's folder of configurations
@@ -46,28 +45,27 @@ def plugins() -> tuple[Plugin, ...]:
 
 @cache
 def _plugins(named: str) -> tuple[Plugin, ...]:
-    installed = sorted((point.name, point.module) for point in entry_points(group=ENTRY_POINTS))
-    modules = [(word, word) for word in map(str.strip, named.split(",")) if word]
-    candidates = (_plugin(name, module) for name, module in (*installed, *modules))
-    return tuple(plugin for plugin in candidates if plugin is not None)
+    installed = sorted(point.module for point in entry_points(group=ENTRY_POINTS))
+    modules = (*installed, *filter(None, map(str.strip, named.split(","))))
+    return tuple(plugin for plugin in map(_plugin, modules) if plugin is not None)
 
 
-def _plugin(name: str, module: str) -> Plugin | None:
+def _plugin(module: str) -> Plugin | None:
     """Find a plug-in; of a package nothing is imported."""
     try:
         spec = find_spec(module)
     except Exception as error:  # a module inside a package that cannot be imported
-        log.warning(BROKEN, failure(name, error))
+        log.warning(BROKEN, failure(module, error))
         return None
     if spec is None or spec.origin is None:
-        log.warning("plug-in %s: there is no module %s", name, module)
+        log.warning("plug-in %s: there is no such module", module)
         return None
     file = Path(spec.origin)
     if not spec.submodule_search_locations:
-        return Plugin(name, module, {module: file})
+        return Plugin(module, {module: file})
     files = {f"{module}.{path.stem}": path for path in sorted(file.parent.glob("[!_]*.py"))}
     conf = file.with_name("conf")
-    return Plugin(name, module, {module: file, **files}, conf if conf.is_dir() else None)
+    return Plugin(module, {module: file, **files}, conf if conf.is_dir() else None)
 
 
 def load() -> None:
@@ -76,7 +74,7 @@ def load() -> None:
         try:
             import_module(plugin.module)
         except Exception as error:
-            log.warning(BROKEN, failure(plugin.name, error))
+            log.warning(BROKEN, failure(plugin.module, error))
 
 
 def failure(name: str, error: BaseException) -> str:

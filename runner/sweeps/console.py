@@ -305,12 +305,9 @@ def time_left(
 ) -> float | None:
     """Return the time [s] for the trials that are left; None while nothing is known of it.
 
-    A trial takes as long as those of the same choices did, or else as all did.
-
-    Args:
-        left: number of trials by their choices.
-        spent_s: durations of the trials that have ended, by their choices.
-        pace: how many seconds of trials are done in a second, by all workers.
+    A trial takes as long as those of the same choices did, or else as all did. `left` is the number
+    of trials by choices, `spent_s` the durations of those that have ended, and `pace` how many
+    seconds of trials are done in a second, by all workers.
     """
     known = {choices: fmean(each) for choices, each in spent_s.items() if each}
     if not known or not pace > 0.0:

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from seatrial.models.errors import Diverged, RecordingError, SeatrialError
 from seatrial.runner import database
 from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, build_trial
-from seatrial.runner.configuration.fingerprint import fingerprint
+from seatrial.runner.configuration.fingerprint import Provenance, fingerprint
 from seatrial.runner.configuration.plugins import attributed
-from seatrial.runner.configuration.provenance import Provenance
 from seatrial.runner.record.vocabulary import GROUPS, NO_RESULT, Ending
 from seatrial.runner.trials.precompile import kinds
 

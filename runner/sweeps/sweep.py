@@ -22,15 +22,15 @@ from hydra.core.override_parser.types import ChoiceSweep, Override, RangeSweep
 from hydra.core.plugins import Plugins
 from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
 from seatrial.runner import database
 from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, build_as, build_trial
+from seatrial.runner.configuration.fingerprint import Provenance, collect
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line
 from seatrial.runner.configuration.overrides import nested_sweeps, text_of
-from seatrial.runner.configuration.provenance import Provenance, collect
 from seatrial.runner.sweeps import console, launching
 from seatrial.runner.sweeps.composition import Composer, SharingLoader, order_of
 from seatrial.runner.sweeps.job import (
@@ -224,16 +224,12 @@ class SweepJob:
 class SeatrialSweeper(Sweeper):
     """The grid of Hydra's basic sweeper, with the logbook."""
 
-    def __init__(
-        self,
-        max_batch_size: int | None,
-        params: DictConfig | None = None,
-        variants: ListConfig | None = None,
-    ) -> None:
+    def __init__(self, max_batch_size: int | None, params: Any, variants: Any) -> None:
         self.max_batch_size = max_batch_size
-        self.params = cast(Options, OmegaConf.to_container(params) if params else {})
-        listed = OmegaConf.to_container(variants) if variants else []
-        self.variants = cast(Sequence[Options], listed)
+        self.params: Options = cast(Any, OmegaConf.to_container(params)) if params else {}
+        self.variants: Sequence[Options] = (
+            cast(Any, OmegaConf.to_container(variants)) if variants else []
+        )
 
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig

@@ -73,7 +73,7 @@ def test_a_target_must_be_a_dataclass_of_ours() -> None:
         "seatrial.models", f"{ours}.thruster", f"{ours}.thruster.Nothing",
         "seatrial.models.nowhere.SecondOrderLag", f"{ours}.table.np.ndarray",
         f"{ours}.parameters.field", "seatrial.models.errors.Diverged",
-        "seatrial.runner.configuration.provenance.subprocess.Popen",
+        "seatrial.runner.configuration.fingerprint.subprocess.Popen",
         "seatrial.runner.configuration.config.Path",
         "seatrial.runner..config.Trial", "", 3, None,
     ):  # fmt: skip
