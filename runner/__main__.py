@@ -40,7 +40,6 @@ from typing import Any, NoReturn
 from hydra import version
 from hydra._internal.hydra import Hydra
 from hydra._internal.utils import _run_hydra, get_args_parser
-from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_gone
@@ -179,24 +178,17 @@ def _run(session: Session, arguments: Namespace) -> None:
     """
     os.environ[FULL_ERROR] = "1"
     register(arguments.overrides)
-    shown = _with_numbers if arguments.cfg else SANITIZED
     own = arguments.config_dir or arguments.config_name or arguments.config_path
-    is_set = any(word.lstrip("+~").startswith(SET_MODE) for word in arguments.overrides)
-    Hydra.get_sanitized_cfg = shown  # type: ignore[method-assign, assignment]
-    Hydra.get_mode = MODE if own or is_set else _no_mode  # type: ignore[method-assign]
+    patched: Any = Hydra
+    if arguments.cfg:
+        patched.get_sanitized_cfg = lambda *given: with_numbers(SANITIZED(*given))
+    if not own and not any(w.lstrip("+~").startswith(SET_MODE) for w in arguments.overrides):
+        patched.get_mode = lambda *_, **__: None
     version.setbase("1.3")
     try:
         _run_hydra(arguments, get_args_parser(), session, str(CONF), "trial")
     finally:  # calls from Python in the same process are as before
-        Hydra.get_sanitized_cfg, Hydra.get_mode = SANITIZED, MODE  # type: ignore[method-assign]
-
-
-def _with_numbers(*arguments: Any) -> DictConfig:
-    return with_numbers(SANITIZED(*arguments))
-
-
-def _no_mode(*_: object, **__: object) -> None:
-    return None
+        patched.get_sanitized_cfg, patched.get_mode = SANITIZED, MODE
 
 
 def _named(text: str) -> str:

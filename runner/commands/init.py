@@ -4,13 +4,13 @@ Their templates are in the folder `templates`.
 """
 
 import re
-import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -55,22 +55,22 @@ def _number(text: str) -> float:
         raise typer.BadParameter(f"got {text!r}, expected a number") from error
 
 
-def _size(meaning: str) -> Any:
-    """Return the option of a dimension."""
-    return typer.Option(help=meaning, parser=_number, metavar="X")
+Size = partial(typer.Option, parser=_number, metavar="X")
 
 
 @app.command("vessel")
 def _vessel(
     name: Name,
-    length: Annotated[float, _size("[m] between perpendiculars")] = 5.0,
+    length: Annotated[float, Size(help="[m] between perpendiculars")] = 5.0,
     beam: Annotated[
-        float | None, _size("[m] at the waterline (default: a third of the length)")
+        float | None, Size(help="[m] at the waterline (default: a third of the length)")
     ] = None,
     draught: Annotated[
-        float | None, _size("[m] (default: that of the mass, or a third of the beam)")
+        float | None, Size(help="[m] (default: that of the mass, or a third of the beam)")
     ] = None,
-    mass: Annotated[float | None, _size("[kg] displacement (default: from the draught)")] = None,
+    mass: Annotated[
+        float | None, Size(help="[kg] displacement (default: of the draught)")
+    ] = None,
 ) -> None:
     """A vessel as a YAML file, every number with its symbol, unit and where to find it."""
     given = {"length": length, "beam": beam, "draught": draught, "mass": mass}
@@ -86,7 +86,7 @@ def _plugin(name: Name) -> None:
         raise ConfigurationError(f"init plugin: got {name!r}, expected small letters, digits and _")
     spec = find_spec(name)  # what an import would find in place of the new file
     elsewhere = spec is not None and Path(spec.origin or "").parent != Path.cwd()
-    if name in sys.stdlib_module_names or elsewhere:
+    if elsewhere:
         raise ConfigurationError(f"init plugin: {name} is a module of Python, expected a new name")
     values = {"name": name, "class_name": "".join(map(str.capitalize, name.split("_")))}
     files = {

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from itertools import accumulate, chain
+from itertools import accumulate
 
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
@@ -90,23 +90,21 @@ def _missing_config(error: MissingConfigException) -> str:
 
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:
-    """Return a message with the unknown option and similar options."""
+    """Return a message with the unknown option and a similar one.
+
+    The valid choices of groups in `overrides` have options of their own.
+    """
     for name in accumulate(key.split("."), "{}.{}".format):  # with the mappings that hold it
         if name in replaced():
             return f"{name} is gone: {replaced()[name]}"
-    hint = meant(key, _known_keys(overrides)).rstrip() or f"see {trial_program()} --cfg job"
-    return f"{key}: unknown option, {hint}"
-
-
-def _known_keys(overrides: Sequence[str]) -> Iterable[str]:
-    """Return all keys of the configuration, with the valid choices of groups in `overrides`."""
+    known = set[str]()
     choices = [item for item in overrides if is_group(item.partition("=")[0])]
     GlobalHydra.instance().clear()
     with (
         suppress(HydraException, OmegaConfBaseException, ValueError),
         initialize_config_dir(str(CONF), version_base="1.3"),
     ):
-        node = OmegaConf.to_container(compose("trial", overrides=choices))
-        paths = (accumulate(key.split("."), "{}.{}".format) for key, _ in leaves(node))
-        return {*chain.from_iterable(paths)}
-    return ()
+        for option, _ in leaves(OmegaConf.to_container(compose("trial", overrides=choices))):
+            known.update(accumulate(option.split("."), "{}.{}".format))
+    hint = meant(key, known).rstrip() or f"see {trial_program()} --cfg job"
+    return f"{key}: unknown option, {hint}"

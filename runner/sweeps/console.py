@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import fmean
 from threading import Event, Thread
 from typing import TYPE_CHECKING, ClassVar
@@ -73,7 +73,8 @@ def sweep_summary(
     parts += [f"{counts[name]} {name}" for name in ("failed", "diverged")]
     rest = {"running in another process": busy, "not done": undone}
     parts += [f"{count} {words}" for words, count in rest.items() if count > 0]
-    lines = [f"sweep {status.sweep_id}, {_number(status.planned, 'run')}: {', '.join(parts)}"]
+    runs = f"{status.planned} run{'s' * (status.planned != 1)}"
+    lines = [f"sweep {status.sweep_id}, {runs}: {', '.join(parts)}"]
     lines += [f"  {failure(run)}" for run in status.failed[:LISTED]]
     if len(status.failed) > LISTED:
         lines.append(f"  and {len(status.failed) - LISTED} more")
@@ -177,17 +178,13 @@ def dry_run(trials: Iterable[tuple[str, str, str]]) -> list[str]:
     lines = [f"{state:<11}  {name:<{width}}  {note}".rstrip() for state, name, note in rows]
     counts = Counter(state for state, _, _ in rows)
     totals = ", ".join(f"{count} {state}" for state, count in counts.items())
-    return [*lines, f"{_number(len(rows), 'trial')}: {totals}; nothing was run"]
+    return [*lines, f"{len(rows)} trial{'s' * (len(rows) != 1)}: {totals}; nothing was run"]
 
 
 def compare(command: str, url: str, *arguments: str) -> str:
     """Return a command line of the comparison program, for the database at `url`."""
     place = [] if url == DEFAULT_DATABASE else ["--database", url]
     return f"{results_program()} {shlex.join([command, *arguments, *place])}"
-
-
-def _number(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 class NewWarnings(logging.Filter):
@@ -211,34 +208,23 @@ class NewWarnings(logging.Filter):
 
 log = logging.getLogger(__name__)
 POLL_S = 0.25  # at least; queries take at most a twentieth of the time
-QUIET_S = 5.0  # between two plain lines
+QUIET_S = 30.0  # between two plain lines
 # What shows a line on the progress, a few times a second, and a line on each run that has failed.
 View = Callable[[str, Sequence[str]], None]
 MakeView = Callable[[], AbstractContextManager[View]] | None  # None: the progress is not shown
 
 
-@dataclass
-class PlainLines:
-    """A line in the log when trials have ended, at most every QUIET_S; and the failures."""
-
-    _last: float = -QUIET_S
-    _reported: str = "0"
-
-    def __call__(self, standing: str, failures: Sequence[str] = ()) -> None:
-        """Log what is new."""
-        for line in failures:
-            log.info("%s", line)
-        now, done = time.monotonic(), standing.partition(" ")[0]
-        if done != self._reported and now - self._last >= QUIET_S:
-            log.info("%s", standing)
-            self._last, self._reported = now, done
+def plain_lines(standing: str, failures: Sequence[str]) -> None:
+    """Log the progress."""
+    for line in (*failures, standing):
+        log.info("%s", line)
 
 
 @contextmanager
 def terminal_view() -> Iterator[View]:
     """Open a live line on a terminal, plain lines in the log elsewhere."""
     if not sys.stderr.isatty():
-        yield PlainLines()
+        yield plain_lines
         return
     from rich.console import Console
 
@@ -274,7 +260,7 @@ def shown(url: str, sweep_id: int, make_view: MakeView = terminal_view) -> Itera
 def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
     reported: set[int] = set()
     began_s, before_s = time.monotonic(), -1.0  # of the trials that were done when it began
-    wait_s = 0.0
+    wait_s = period_s = QUIET_S if view is plain_lines else POLL_S
     try:
         with database.LogbookReader.read(url) as logbook:
             while not stop.wait(wait_s):
@@ -295,7 +281,7 @@ def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
                     + ("" if left_s is None else f", about {duration(left_s)} left"),
                     [failure(run) for run in new],
                 )
-                wait_s = max(POLL_S, 20.0 * (time.monotonic() - start_s))
+                wait_s = max(period_s, 20.0 * (time.monotonic() - start_s))
     except LogbookError as error:
         log.warning("the progress is no longer shown: %s", error)
 

@@ -274,7 +274,7 @@ class SearchSweeper(sweeps.SeatrialSweeper):
             for step in [[seed] for seed in seeds] if options.prune and single else [[*seeds]]:
                 running = [one for one in batch if one.state == "complete"]
                 plans = [one.plans[seed] for one in running for seed in step]
-                _, remaining = sweeps.finished_before(plans, logbook, job.sweep_id, quiet=True)
+                _, remaining = sweeps.finished_before(plans, logbook, job.sweep_id)
                 launched = self._launch(remaining, job)
                 if launched.bugs:
                     raise RuntimeError(launched.bugs[0].error)

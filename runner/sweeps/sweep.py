@@ -6,6 +6,7 @@ configured launcher, and ends with a summary from the logbook.
 
 import logging
 import traceback
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -102,27 +103,21 @@ def _count(override: Override) -> tuple[str, float]:
 
 def values_of(override: Override) -> list[str]:
     """Return one override for each value of a sweep override."""
-    key = override.get_key_element()
+    key, values = override.get_key_element(), list[str]()
     if override.is_discrete_sweep():
-        if values := [f"{key}={value}" for value in override.sweep_string_iterator()]:
-            return values
-        wrong = "got no values, expected at least one"
-    elif override.is_sweep_override():
-        wrong = "expected values that can be listed"
-    elif next(nested_sweeps(override.value(), key), None) is not None:
-        wrong = "a grid has no values inside of lists, expected several lists, "
-        wrong += "or a search (hydra/sweeper=optuna)"
-    else:
-        return [f"{key}={override.get_value_element_as_str()}"]
-    raise ConfigurationError(f"{override.input_line}: {wrong}")
+        values = [f"{key}={value}" for value in override.sweep_string_iterator()]
+    elif next(nested_sweeps(override.value(), key), None) is None:
+        values = [f"{key}={override.get_value_element_as_str()}"]
+    if not values:
+        raise ConfigurationError(
+            f"{override.input_line}: expected a list of values; a search (hydra/sweeper=optuna) "
+            "takes intervals, and sweeps inside of lists"
+        )
+    return values
 
 
 log = logging.getLogger(__name__)
 COMPILING = ("basic", "submitit_slurm")  # launchers whose processes compile for themselves
-STATES = {
-    "skipped": "%s: already in the logbook as run %d",
-    "busy": "%s: another process is running it, as run %d",
-}
 
 
 class Session:
@@ -209,10 +204,7 @@ class SweepJob:
             trial = build_trial(order.config, order.names)
             address = database.engine.parse(trial.database_url)
             database.outage.expect(address)  # reached before: it holds the sweep
-            outcome = perform(trial, order, self.provenance, self.sweep_id)
-            if outcome.state in STATES:
-                log.info(STATES[outcome.state], name, outcome.run_id)
-            return outcome
+            return perform(trial, order, self.provenance, self.sweep_id)
         except SeatrialError as error:
             return Outcome("lost", None, type(error).__name__, f"{name}: {error}")
         except (Exception, SystemExit) as error:
@@ -357,27 +349,21 @@ def accepted(plans: Iterable[PlannedTrial | Refusal]) -> list[PlannedTrial]:
 
 
 def finished_before(
-    plans: Sequence[PlannedTrial],
-    logbook: "database.LogbookWriter",
-    sweep_id: int,
-    quiet: bool = False,
+    plans: Sequence[PlannedTrial], logbook: "database.LogbookWriter", sweep_id: int
 ) -> tuple[list[Outcome], list[PlannedTrial]]:
     """Return the outcomes of trials that had finished before, and the plans to be launched."""
     runs = known(plan for plan in plans if not plan.rerun)
     finished = {key: run.run_id for key, run in runs.items() if run.status == "finished"}
     present = logbook.reuse(sweep_id, list(finished.values()))
     done = [plan for plan in plans if finished.get(plan.fingerprint) in present]
-    for plan in [] if quiet else done:
-        log.info(STATES["skipped"], plan, finished[plan.fingerprint])
+    for plan in done:
+        log.info("%s: already in the logbook as run %d", plan, finished[plan.fingerprint])
     outcomes = [Outcome("skipped", finished[plan.fingerprint]) for plan in done]
     return outcomes, [plan for plan in plans if finished.get(plan.fingerprint) not in present]
 
 
 def _factors(jobs: Sequence[Sequence[str]]) -> list[str]:
     """Return the options that differ between the jobs, in their order, without the seed."""
-    values: dict[str, set[str]] = {}
-    for job in jobs:
-        for override in job:
-            key, _, value = override.partition("=")
-            values.setdefault(key.lstrip("+"), set()).add(value)
-    return [key for key, levels in values.items() if len(levels) > 1 and key != "seed"]
+    texts = dict.fromkeys(text.lstrip("+") for job in jobs for text in job)
+    counts = Counter(text.partition("=")[0] for text in texts)
+    return [key for key, levels in counts.items() if levels > 1 and key != "seed"]

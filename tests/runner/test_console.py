@@ -16,7 +16,7 @@ from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Results, metric
 from seatrial.runner.sweeps import console as progress
-from seatrial.runner.sweeps.console import NewWarnings, PlainLines, time_left
+from seatrial.runner.sweeps.console import NewWarnings, time_left
 from tests.runner.compare.conftest import logbook as logbook
 from tests.runner.database.samples import make_start
 from tests.runner.programs import ROOT, wait
@@ -35,36 +35,16 @@ def test_the_time_left_is_that_of_trials_of_the_same_choices() -> None:
     assert time_left({"none": 0, "auto": 0}, done, 1.0) == 0.0
 
 
-def test_plain_lines_only_when_there_is_news(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now = 1000.0
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now)
-    lines = PlainLines()
-    with caplog.at_level(logging.INFO):
-        lines("0 of 9 done, 1 running")
-        lines("1 of 9 done, 1 running, 0 failed")
-        now += 1.0
-        lines("2 of 9 done, 1 running")  # too soon
-        now += 10.0
-        lines("2 of 9 done, 1 running, about 3 s left")
-        now += 10.0
-        lines("2 of 9 done, 1 running, about 2 s left", ["run 3 failed"])  # none has ended
-    assert [record.getMessage() for record in caplog.records] == [
-        "1 of 9 done, 1 running, 0 failed",
-        "2 of 9 done, 1 running, about 3 s left",
-        "run 3 failed",
-    ]
-
-
 def told(caplog: pytest.LogCaptureFixture, what: str) -> bool:
     """Whether a line begins with `what`."""
     return any(record.getMessage().startswith(what) for record in caplog.records)
 
 
 def test_it_is_read_from_the_logbook(
-    url: str, logbook: LogbookWriter, caplog: pytest.LogCaptureFixture
-) -> None:
+    url: str, logbook: LogbookWriter, caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setattr(progress, "QUIET_S", 0.1)
     sweep_id = logbook.begin_sweep("sweep", "seatrial -m seed=0,1,2,3", ["seed=0,1,2,3"], 4)
     logbook.finish_run(logbook.begin_run(make_start(0), sweep_id).run_id, Results())
     with caplog.at_level(logging.INFO), progress.shown(url, sweep_id):
@@ -75,6 +55,7 @@ def test_it_is_read_from_the_logbook(
             else:
                 logbook.fail_run(run.run_id, "failed", "ValueError", "no wind", None)
         wait(lambda: told(caplog, "run 3 failed"))
+        wait(lambda: told(caplog, "3 of 4 done, 0 running, 1 failed, about "))
     said = [record.getMessage() for record in caplog.records]
     assert " left" not in said[0]  # what was done before it began has no pace
     assert any(line.startswith("run 3 failed (vessel=milliampere") for line in said)
