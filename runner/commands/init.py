@@ -68,9 +68,7 @@ def _vessel(
     draught: Annotated[
         float | None, Size(help="[m] (default: that of the mass, or a third of the beam)")
     ] = None,
-    mass: Annotated[
-        float | None, Size(help="[kg] displacement (default: of the draught)")
-    ] = None,
+    mass: Annotated[float | None, Size(help="[kg] displacement (default: of the draught)")] = None,
 ) -> None:
     """A vessel as a YAML file, every number with its symbol, unit and where to find it."""
     given = {"length": length, "beam": beam, "draught": draught, "mass": mass}

@@ -16,7 +16,6 @@ from typing import ClassVar
 
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.plugins import plugins
@@ -24,7 +23,6 @@ from seatrial.runner.configuration.plugins import plugins
 CONF = Path(__file__).resolve().parents[2] / "conf"
 HARBOURS = CONF / "evaluation" / "harbours"
 VARIABLE = "SEATRIAL_CONF"
-NONE = "Your own options: a folder conf here, --config-dir FOLDER, or folders in SEATRIAL_CONF"
 
 
 class UserFolders(SearchPathPlugin):
@@ -82,38 +80,14 @@ def is_group(name: str) -> bool:
 
 
 def hidden() -> Iterator[str]:
-    """Yield a warning for each file that differs from one of an earlier folder."""
-    for folder, path, first in _owned():
-        if first is not None and first.read_bytes() != (folder / path).read_bytes():
-            yield (
-                f"{_shown(folder / path)} is not used: seatrial or an earlier folder has a file of "
-                "this name, expected another name"
-            )
-
-
-def listing() -> str:
-    """Return the user's folders with the options that they add, for the help."""
-    new: dict[Path, list[str]] = {folder: [] for folder in user_folders()}
-    for folder, path, first in _owned():
-        if first is None and path.parent.name:
-            new[folder].append(f"{path.parent.as_posix()}={path.stem}")
-    lines = (f"  {_shown(path)}: {', '.join(each) or 'no options'}" for path, each in new.items())
-    return "\n".join(["Folders of your own:", *lines]) if new else NONE
-
-
-def _owned() -> Iterator[tuple[Path, Path, Path | None]]:
-    """Yield folder and name of the user's files, each with that of an earlier folder, if any."""
+    """Yield a warning for each file of the user that differs from one of an earlier folder."""
     folders = [CONF, *user_folders()]
-    for i, folder in enumerate(folders):
-        for path in sorted(each.relative_to(folder) for each in folder.glob("**/*.yaml") if i):
-            earlier = (before / path for before in folders[:i])
-            yield folder, path, next(filter(Path.is_file, earlier), None)
-
-
-def _shown(path: Path) -> str:
-    """Return a path as it is named from the working folder."""
-    here = Path.cwd()
-    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
-
-
-OmegaConf.register_new_resolver("seatrial_folders", listing, replace=True)
+    for i, folder in enumerate(folders[1:], start=1):
+        for file in sorted(folder.glob("**/*.yaml")):
+            earlier = (before / file.relative_to(folder) for before in folders[:i])
+            first = next(filter(Path.is_file, earlier), file)
+            if first.read_bytes() != file.read_bytes():
+                yield (
+                    f"{os.path.relpath(file)} is not used: seatrial or an earlier folder has a "
+                    "file of this name, expected another name"
+                )

@@ -340,12 +340,12 @@ def accepted(plans: Iterable[PlannedTrial | Refusal]) -> list[PlannedTrial]:
     if refused:
         more = f" (and {len(refused) - 1} more: dry_run=true lists them)" if refused[1:] else ""
         raise ConfigurationError(f"{refused[0]}{more}")
-    ready = {plan.fingerprint: plan for plan in plans if isinstance(plan, PlannedTrial)}
-    if (count := len({(plan.database_url, plan.results_dir) for plan in ready.values()})) > 1:
+    ready = [plan for plan in plans if isinstance(plan, PlannedTrial)]
+    if (count := len({(plan.database_url, plan.results_dir) for plan in ready})) > 1:
         raise ConfigurationError(
             f"database.url, results_dir: got {count} logbooks in one sweep, expected one"
         )
-    return list(ready.values())
+    return list({plan.fingerprint: plan for plan in ready}.values())
 
 
 def finished_before(
