@@ -10,8 +10,9 @@ A vessel takes the first pair of `SUITED` that agrees with what is named. A lap 
 PID control is for a vessel by force in the plane, or one whose devices give any force.
 """
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from functools import cached_property, partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any
@@ -78,7 +79,7 @@ class _Numbers:
                 inner = value.get if isinstance(value, Mapping) else partial(getattr, value)
                 value = inner(name, tuning.AUTO)
             if value != tuning.AUTO and (value is not None or path in NULLABLE):
-                return _plain(value)
+                return json.loads(json.dumps(value, default=asdict))  # as in a configuration
         expected = f"expected a number: vessel.{path} cannot be derived"
         raise ConfigurationError(f"{key}: got auto, {expected}")
 
@@ -90,15 +91,6 @@ class _Numbers:
         except ConfigurationError as error:
             raise ConfigurationError(f"{key}: cannot be derived from vessel {error}") from error
         return self._completed
-
-
-def _plain(value: object) -> object:
-    """Return a number, list or mapping as it stands in a configuration."""
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value)
-    return value
 
 
 def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) -> object:

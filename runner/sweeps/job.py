@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from sys import intern
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from seatrial.models.errors import Diverged, RecordingError, SeatrialError
 from seatrial.runner import database
@@ -40,17 +40,16 @@ class Order:
     names: Mapping[str, str]
     overrides: Sequence[str]
 
-    def __str__(self) -> str:
-        return shown(self.overrides)
+    def fingerprints(self, sources: str) -> tuple[str, str]:
+        """Return the fingerprints of the trial, and of its experiment, which is without the seed.
 
-    def fingerprint(self, sources: str) -> str:
-        """Return the fingerprint of the trial; `sources` is the digest of the code."""
-        return fingerprint(self.config, self.names, sources)
-
-    def experiment(self, sources: str) -> str:
-        """Return the fingerprint without the seed, equal for the replicates of one experiment."""
+        Replicates have the latter in common. `sources` is the digest of the code.
+        """
         unseeded = {key: value for key, value in self.config.items() if key != "seed"}
-        return fingerprint(unseeded, self.names, sources)
+        return (
+            fingerprint(self.config, self.names, sources),
+            fingerprint(unseeded, self.names, sources),
+        )
 
 
 @dataclass(frozen=True)
@@ -89,17 +88,17 @@ def perform(
 
     Errors of the trial are stored in its row; errors of the logbook are raised.
     """
-    sources = provenance.sources
+    key, experiment = order.fingerprints(provenance.sources)
     own: dict[str, Any] = {group: trial.names[group] for group in GROUPS}
     own |= {key: value for key, value in vars(provenance).items() if key != "sources"}
     # Where results are stored is no part of a trial; the sweep has a row of its own.
     own["config"] = {k: v for k, v in order.config.items() if k not in ("database", "sweep")}
     start = database.RunStart(
-        fingerprint=order.fingerprint(sources),
+        fingerprint=key,
         seed=trial.seed,
         overrides=list(order.overrides),
-        code=sources[:16],
-        experiment=order.experiment(sources),
+        code=provenance.sources[:16],
+        experiment=experiment,
         **own,
     )
     with database.LogbookWriter.open(trial.database_url, results_dir=trial.results_dir) as logbook:
@@ -143,9 +142,6 @@ class PlannedTrial:
         names = ("fingerprint", "seed", "choices", "overrides")
         return {name: getattr(self, name) for name in names}
 
-    def __str__(self) -> str:
-        return shown(self.overrides)
-
 
 Checked = dict[tuple[str, Limits], SeatrialError | None]  # by experiment: why it cannot be run
 
@@ -158,20 +154,21 @@ def plan_of(order: Order, sources: str, checked: Checked) -> PlannedTrial:
     cannot be sailed for another one, such as a start in a harbour, its run fails.
     """
     trial = build_trial(order.config, order.names)
-    key = order.experiment(sources), trial.limits
+    own, experiment = order.fingerprints(sources)
+    key = experiment, trial.limits
     if key not in checked:
         checked[key] = None
         try:
             with attributed(trial.config):
                 trials.check(trial)
         except RecordingError as problem:  # of its contents: its run fails, the others go on
-            log.warning("%s: %s", order, problem)
+            log.warning("%s: %s", shown(order.overrides), problem)
         except SeatrialError as problem:
             checked[key] = problem
     if (error := checked[key]) is not None:
         raise error.with_traceback(None)
     return PlannedTrial(
-        fingerprint=order.fingerprint(sources),
+        fingerprint=own,
         seed=trial.seed,
         choices={group: intern(trial.names[group]) for group in GROUPS},
         overrides=list(order.overrides),
@@ -183,15 +180,11 @@ def plan_of(order: Order, sources: str, checked: Checked) -> PlannedTrial:
     )
 
 
-@dataclass(frozen=True)
-class Refusal:
+class Refusal(NamedTuple):
     """A trial that cannot be run, and the reason."""
 
     asked: str
     reason: str
-
-    def __str__(self) -> str:
-        return f"{self.asked}: {self.reason}"
 
 
 def states(url: str, sweep_id: int, plans: Iterable[PlannedTrial]) -> dict[str, str]:
@@ -223,11 +216,11 @@ def listed(plans: Sequence[PlannedTrial | Refusal]) -> list[tuple[str, str, str]
     rows = []
     for plan in plans:
         if isinstance(plan, Refusal):
-            rows.append(("refused", plan.asked, plan.reason))
+            rows.append(("refused", *plan))
         elif (run := runs.get(plan.fingerprint)) is None:
-            rows.append(("new", str(plan), ""))
+            rows.append(("new", shown(plan.overrides), ""))
         else:
             note = f"run {run.run_id}{f': {run.error}' if run.error else ''}"
             again = ", to be run again" if run.status == "finished" and plan.rerun else ""
-            rows.append((run.status, str(plan), note + again))
+            rows.append((run.status, shown(plan.overrides), note + again))
     return rows

@@ -252,8 +252,8 @@ class SearchSweeper(sweeps.SeatrialSweeper):
         plans = sweeps.planned(self._composer, [[*overrides, seed] for seed in self._space.seeds])
         for refusal in [plan for plan in plans if isinstance(plan, Refusal)][:1]:
             if asked.number == 0:
-                raise ConfigurationError(str(refusal))
-            log.warning("refused: %s", refusal)
+                raise ConfigurationError(": ".join(refusal))
+            log.warning("refused: %s", ": ".join(refusal))
         ready = [plan for plan in plans if isinstance(plan, PlannedTrial)]
         return Attempt(asked, ready, "infeasible" if len(ready) < len(plans) else "complete")
 

@@ -200,7 +200,7 @@ class SweepJob:
         name = ""
         try:
             order = order_of(config, HydraConfig.get())
-            name = console.NewWarnings.trial = str(order)
+            name = console.NewWarnings.trial = shown(order.overrides)
             trial = build_trial(order.config, order.names)
             address = database.engine.parse(trial.database_url)
             database.outage.expect(address)  # reached before: it holds the sweep
@@ -339,7 +339,7 @@ def accepted(plans: Iterable[PlannedTrial | Refusal]) -> list[PlannedTrial]:
     refused = [plan for plan in plans if isinstance(plan, Refusal)]
     if refused:
         more = f" (and {len(refused) - 1} more: dry_run=true lists them)" if refused[1:] else ""
-        raise ConfigurationError(f"{refused[0]}{more}")
+        raise ConfigurationError(f"{': '.join(refused[0])}{more}")
     ready = [plan for plan in plans if isinstance(plan, PlannedTrial)]
     if (count := len({(plan.database_url, plan.results_dir) for plan in ready})) > 1:
         raise ConfigurationError(
@@ -356,9 +356,9 @@ def finished_before(
     finished = {key: run.run_id for key, run in runs.items() if run.status == "finished"}
     present = logbook.reuse(sweep_id, list(finished.values()))
     done = [plan for plan in plans if finished.get(plan.fingerprint) in present]
-    for plan in done:
-        log.info("%s: already in the logbook as run %d", plan, finished[plan.fingerprint])
     outcomes = [Outcome("skipped", finished[plan.fingerprint]) for plan in done]
+    for plan, outcome in zip(done, outcomes, strict=True):
+        log.info("%s: already in the logbook as run %d", shown(plan.overrides), outcome.run_id)
     return outcomes, [plan for plan in plans if finished.get(plan.fingerprint) not in present]
 
 

@@ -34,7 +34,7 @@ def alone(order: Order) -> str:
         prepare(order)
     except ConfigurationError as error:
         return str(error)
-    return order.fingerprint("sources")
+    return order.fingerprints("sources")[0]
 
 
 def test_a_trial_is_planned_among_others_as_alone() -> None:
