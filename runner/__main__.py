@@ -8,31 +8,24 @@ An error is reported in one line; HYDRA_FULL_ERROR=1 shows the traceback as well
 
 These private parts of Hydra 1.3.8, submitit 1.5.4 and others are used, and no others:
 
-get_args_parser, _run_hydra, _option_string_actions (tests/runner/test_command_line.py)
-    Hydra's parser prints a usage message and ends the process instead of reporting one line.
-class_name_to_class (tests/runner/test_sweep.py)
-    Hydra's public `Plugins.register` names a plugin after its module, which must be in the name
-    space `hydra_plugins`; seatrial installs no other name than its own.
-file_config_source, SourcesRegistry, _get_header_dict, _normalize_file_name
-    A vessel may also be a file or the model of a run (tests/runner/test_yaml_files.py).
-get_sanitized_cfg, Hydra (tests/runner/test_vessel_options.py)
-    What `--cfg` prints has the numbers that options take from the vessel.
-get_mode (tests/runner/test_experiments.py)
-    Hydra composes everything once more for hydra.mode, which little can set.
-SlurmInfoWatcher, SlurmJob, _make_command (tests/runner/test_slurm.py)
-    submitit asks the queue of Slurm instead of its accounting.
-_get_node, _is_interpolation, _set_flag (tests/runner/test_composition.py)
-    OmegaConf's interpolations are looked at as they are written, and one node is written to.
-_left_title (tests/runner/compare/test_figures.py)
-    matplotlib's title at the left of an axis has no public name.
+get_args_parser, _run_hydra, _option_string_actions: to report wrong flags in one line, and not to
+    print a usage message and end (tests/runner/test_command_line.py)
+class_name_to_class: for plugins outside of `hydra_plugins` (tests/runner/test_sweep.py)
+file_config_source, SourcesRegistry, _get_header_dict, _normalize_file_name: for vessels that are a
+    file or the model of a run (tests/runner/test_yaml_files.py)
+get_sanitized_cfg, Hydra: for the vessel's numbers in --cfg (tests/runner/test_vessel_options.py)
+get_mode: to compose once less (tests/runner/test_experiments.py)
+SlurmInfoWatcher, SlurmJob, _make_command: to ask Slurm's queue (tests/runner/test_slurm.py)
+_get_node, _is_interpolation, _set_flag: for interpolations as they are written, and to write to a
+    node (tests/runner/test_composition.py)
+_left_title: of an axis in matplotlib (tests/runner/compare/test_figures.py)
 """
 
 import os
 import shlex
 import signal
 import sys
-from argparse import Namespace
-from contextlib import suppress
+from argparse import ArgumentTypeError, Namespace
 from importlib import import_module
 from io import TextIOWrapper
 from typing import Any, NoReturn
@@ -62,12 +55,9 @@ from seatrial.runner.sweeps.sweep import Session
 WELCOME = """\
 seatrial {version}: sea trials for models and controllers of marine vessels
 
-  {trial} disturbance=noise identifier=auto
-      one trial: excite the vessel, identify it, validate the model, sail with it, store it all
-  {trial} -m identifier=none,ls,auto disturbance=noise seed=0,1,2
-      a sweep of them; the same command goes on where it was stopped
-  {results} table
-      what came of it
+  {trial} disturbance=noise  one trial: excite, identify, validate, sail, store
+  {trial} -m identifier=none,ls,auto disturbance=noise seed=0,1,2  a sweep, which can be resumed
+  {results} table  what came of it
 
 {trial} vessel=NAME runs a trial that suits the vessel; {trial} --help names what can be chosen."""
 # What a first word may be meant as that is neither an option nor a command.
@@ -139,7 +129,7 @@ def _parsed(words: list[str], session: Session) -> Namespace:
     """
     parser = get_args_parser()
     parser.error = _refuse  # type: ignore[method-assign]
-    parser.add_argument(VARIANT, action="append", default=[])
+    parser.add_argument(VARIANT, action="append", default=[], type=variant)
     arguments, unknown = parser.parse_known_intermixed_args(words)
     for flag in unknown:
         name, equals, value = flag.lstrip("-").partition("=")
@@ -150,20 +140,22 @@ def _parsed(words: list[str], session: Session) -> Namespace:
     refuse_gone(arguments.overrides)
     for word in filter(str.isidentifier, arguments.overrides):
         raise ConfigurationError(f"{word!r} cannot be read, {_meant(word)}")
-    for text in arguments.variant:
-        variant: list[str] = []
-        with suppress(ValueError):  # of a quotation that is not closed
-            variant = shlex.split(text)
-        if not variant or not all("=" in override for override in variant):
-            expected = "expected overrides such as 'identifier=ls seed=1'"
-            raise ConfigurationError(f"{VARIANT}: got {text!r}, {expected}")
-        session.variants.append(variant)
+    session.variants = arguments.variant
     if arguments.multirun:
         arguments.overrides, session.variants = left_to_jobs(arguments.overrides, session.variants)
     elif session.variants:
         raise ConfigurationError(f"{VARIANT}: got one trial, expected a sweep (-m)")
     UserFolders.config_dir = arguments.config_dir
     return arguments
+
+
+def variant(text: str) -> list[str]:
+    """Return the overrides of a --variant; raises ArgumentTypeError or ValueError."""
+    overrides = shlex.split(text)
+    if not overrides or not all("=" in override for override in overrides):
+        expected = "expected overrides such as 'identifier=ls seed=1'"
+        raise ArgumentTypeError(f"got {text!r}, {expected}")
+    return overrides
 
 
 def _refuse(message: str) -> NoReturn:

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
+from datetime import timedelta
 from itertools import groupby
 from pathlib import Path
 from time import perf_counter
@@ -15,7 +16,7 @@ from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.sweeps import in_process
-from seatrial.runner.sweeps.console import duration, terminal_view
+from seatrial.runner.sweeps.console import terminal_view
 
 app = typer.Typer(name="seatrial benchmark", pretty_exceptions_enable=False, add_completion=False)
 
@@ -59,8 +60,8 @@ def benchmark(
             else:
                 launched = [*words, f"hydra/launcher={launcher}"]
                 code = max(code, _sweep(f"{name}, {label}", launched, variants))
-        print(f"{name}: {duration(perf_counter() - began_task)}")
-    print(f"benchmark: {duration(perf_counter() - began)}")
+        print(f"{name}: {timedelta(seconds=round(perf_counter() - began_task))}")
+    print(f"benchmark: {timedelta(seconds=round(perf_counter() - began))}")
     raise typer.Exit(code)
 
 

@@ -1,7 +1,8 @@
-"""`seatrial fits`: which excitations, identifiers, controllers and evaluations a vessel can have.
+"""Usage: seatrial fits [vessel=NAME,...] [GROUP=OPTION ...]
 
-Every option of these groups is checked as the one choice of a trial, by the checks of any trial;
-what it leaves open is chosen by the vessel. Vessels that can have the same are shown together.
+Which excitations, identifiers, controllers and evaluations vessels can have, each as the one choice
+of a trial beside those that are given, and why not; of all vessels in about ten minutes. What is
+left open is chosen by the vessel. Vessels that can have the same are shown together.
 """
 
 import shutil
@@ -16,19 +17,7 @@ from seatrial.runner.sweeps import in_process
 from seatrial.runner.sweeps.job import shown
 
 CHOSEN = ("excitation", "identifier", "controller", "evaluation")
-USAGE = """\
-usage: seatrial fits [vessel=NAME,...] [GROUP=OPTION ...]
-
-which excitations, identifiers, controllers and evaluations vessels can have, each as the one choice
-of a trial beside those that are given, and why not; of all vessels in about ten minutes"""
 Fit = dict[str, str]  # why an option of a group does not fit, by its name; empty: it does
-
-
-class _Listing(in_process.Call):
-    """Keeps the trials of a dry run."""
-
-    def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
-        self.refusals = {t: note if state == "refused" else "" for state, t, note in trials}
 
 
 def main(words: Sequence[str]) -> int:
@@ -37,7 +26,7 @@ def main(words: Sequence[str]) -> int:
     Raises ConfigurationError for a word that is no choice of a group.
     """
     if {"-h", "--help"} & set(words):
-        print(USAGE)
+        print(__doc__)
         return 0
     for word in words:
         group, _, name = word.partition("=")
@@ -68,11 +57,13 @@ def fits_of(vessel: str, given: dict[str, str]) -> dict[str, Fit]:
         if group not in given
         for name in options(group)
     }
-    listing = _Listing(["-m", "dry_run=true"], [*words.values()])
-    in_process.run_sweep(listing, ["dry_run=true"])
+    call = in_process.Call(["-m", "dry_run=true"], [*words.values()])
+    call.lists = True
+    in_process.run_sweep(call, ["dry_run=true"])
+    refusals = {trial: note for state, trial, note in call.trials if state == "refused"}
     fits = defaultdict[str, Fit](dict)
     for (group, name), one in words.items():
-        reason = listing.refusals[shown(one)]
+        reason = refusals.get(shown(one), "")
         fits[group][name] = reason.removeprefix(f"{group}={name}").removeprefix(": ").strip()
     if len(reasons := {why for fit in fits.values() for why in fit.values()}) == 1 and any(reasons):
         raise ConfigurationError(reasons.pop())

@@ -51,9 +51,9 @@ def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
     """
     if isinstance(error, OverrideParseException):
         return f"{error.override!r} cannot be read, expected option=value"
-    if isinstance(error, MissingConfigException):
-        return _missing_config(error)
     text, key = str(error), getattr(error, "full_key", None)
+    if isinstance(error, MissingConfigException) and (match := _NOT_FOUND.search(text)):
+        return _missing_option(match["group"], match["option"], error.options or ())
     if match := _NO_KEY.search(text):
         return _unknown_option(match["key"], overrides)
     for pattern, message in TRANSLATED.items():
@@ -63,30 +63,22 @@ def one_line(error: BaseException, overrides: Sequence[str] = ()) -> str:
         for group, _, value in (override.partition("=") for override in overrides):
             if _NO_NAME.fullmatch(value) and (known := options(group)):
                 return f"{group}: got {value}, expected one of {', '.join(known)}"
-    line = _joined(text)
+    # What says something, up to the list of folders that were searched.
+    lines = map(str.strip, text.partition("Config search path")[0].splitlines())
+    line = " ".join(line for line in lines if line and not _NOISE.match(line)) or "unknown error"
     return f"{key}: {line}" if isinstance(error, OmegaConfBaseException) and key else line
 
 
-def _joined(text: str) -> str:
-    """Return the lines that say something, up to the list of folders that were searched."""
-    lines = map(str.strip, text.partition("Config search path")[0].splitlines())
-    return " ".join(line for line in lines if line and not _NOISE.match(line)) or "unknown error"
-
-
-def _missing_config(error: MissingConfigException) -> str:
-    match = _NOT_FOUND.search(str(error))
-    if match is None:
-        return _joined(str(error))
-    text = f"{match['group']}={match['option']}"
+def _missing_option(group: str, name: str, known: Iterable[str]) -> str:
+    text = f"{group}={name}"
     if text in replaced():
         return f"{text} is gone: {replaced()[text]}"
-    if (extra := LAUNCHERS.get(match["option"])) and match["group"] == "hydra/launcher":
+    if (extra := LAUNCHERS.get(name)) and group == "hydra/launcher":
         return f"{text} is not installed: pip install 'seatrial[{extra}]'"
-    known = sorted(error.options or ()) or options(match["group"])
-    known = [name for name in known if f"seatrial {match['group']}={name}" not in replaced()]
+    known = sorted(known) or options(group)
+    known = [each for each in known if f"seatrial {group}={each}" not in replaced()]
     expected = f"one of {', '.join(known)}" if known else "none: there are none"
-    hint = meant(match["option"], known)
-    return f"{match['group']}: no option {match['option']!r}, {hint}expected {expected}"
+    return f"{group}: no option {name!r}, {meant(name, known)}expected {expected}"
 
 
 def _unknown_option(key: str, overrides: Sequence[str]) -> str:

@@ -12,6 +12,7 @@ PID control is for a vessel by force in the plane, or one whose devices give any
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import MISSING, asdict, dataclass, fields
 from functools import cached_property, partial
 from types import SimpleNamespace
@@ -49,8 +50,8 @@ def filled(config: Config) -> dict[str, object]:
     Raises ConfigurationError if a number cannot be derived.
     """
     numbers = _Numbers(config.get("vessel"), config.get("sample_time_s"))
-    parts = tuning.marks_of(Settings).parts
-    return {name: _fill(node, name, numbers, parts.get(name)) for name, node in config.items()}
+    result: dict[str, object] = _fill(dict(config), "", numbers, Settings)
+    return result
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class _Numbers:
         return self._completed
 
 
-def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) -> object:
+def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) -> Any:
     """Return a node with its numbers filled in.
 
     `cls` is the class that the node describes if it does not name one itself. An option that is
@@ -109,7 +110,8 @@ def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) ->
         cls = None  # the error is reported when the part is built
     marks, parts = vars(tuning.marks_of(cls)).values() if cls else ({}, {})
     result = {
-        name: _fill(item, f"{key}.{name}", numbers, parts.get(name)) for name, item in node.items()
+        name: _fill(item, f"{key}.{name}".lstrip("."), numbers, parts.get(name))
+        for name, item in node.items()
     }
     for field in fields(cls) if cls and marks else ():
         if (mark := marks.get(field.name)) is None:
@@ -153,14 +155,13 @@ def suited_parts(vessel: Config, words: Sequence[str]) -> Choice:
 
 def _closed(excitation: str) -> bool:
     """Whether an option of the group always needs a controller."""
-    paths = (folder / "excitation" / f"{excitation}.yaml" for folder in (CONF, *user_folders()))
-    file = next((path for path in paths if path.is_file()), None)
-    try:
-        node = yaml.safe_load(file.read_text(encoding="utf-8")) if file else None
-        cls = options.target(node.get("_target_")) if isinstance(node, Mapping) else None
-    except (options.OptionError, yaml.YAMLError):
-        return False  # it is reported when the trial is composed
-    return cls is not None and getattr(cls, "open_loop", None) is missions.Mission.open_loop
+    for folder in (CONF, *user_folders()):
+        # What is wrong with a file is reported when the trial is composed.
+        with suppress(OSError, TypeError, KeyError, options.OptionError, yaml.YAMLError):
+            file = folder / "excitation" / f"{excitation}.yaml"
+            cls = options.target(yaml.safe_load(file.read_text(encoding="utf-8"))["_target_"])
+            return getattr(cls, "open_loop", None) is missions.Mission.open_loop
+    return False
 
 
 def _family(vessel: Config) -> str:
@@ -172,10 +173,10 @@ def _family(vessel: Config) -> str:
         return "by force in the plane" if {*PLANAR} == {*map(str, dofs)} else "by force"
     if HELM in inputs and "yaw" in dofs:
         return "by helm"
-    if vessel.get("devices"):
-        try:
-            built = build_as(parameters.VesselParameters, vessel, "vessel")
-        except ConfigurationError:
-            return ""  # it is reported when the trial is built
-        return "by force in the plane" if built.positioning else "by other inputs"
-    return "by other inputs"
+    with suppress(ConfigurationError):  # which is reported when the trial is built
+        is_positioned = (
+            vessel.get("devices")
+            and build_as(parameters.VesselParameters, vessel, "vessel").positioning
+        )
+        return "by force in the plane" if is_positioned else "by other inputs"
+    return ""

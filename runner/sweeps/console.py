@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from datetime import timedelta
 from statistics import fmean
 from threading import Event, Thread
 from typing import TYPE_CHECKING, ClassVar
@@ -132,15 +133,14 @@ def failure(run: "RunSummary") -> str:
 def outcome_line(outcome: "Outcome", url: str) -> str:
     """Return one line about a single trial, with the command that shows more."""
     show, run = compare("show", url, str(outcome.run_id)), f"run {outcome.run_id}"
-    if outcome.state in ("failed", "diverged"):
+    if outcome.error:
         reason = error_line(f"{outcome.error_type}: {outcome.error}")
         return f"{run} {outcome.state}: {reason}; see {show} --traceback"
-    message = {
-        "finished": f"{run} finished",
+    more = {
         "skipped": f"already in the logbook as {run} (rerun=true runs it again)",
         "busy": f"another process is running it, as {run}",
-    }[outcome.state]
-    return f"{message}; see {show}"
+    }
+    return f"{more.get(outcome.state, f'{run} finished')}; see {show}"
 
 
 def result_of(run: int | None, url: str) -> list[str]:
@@ -278,7 +278,7 @@ def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
                 view(
                     f"{done} of {status.planned} done, {counts['running']} running, "
                     f"{counts['failed'] + counts['diverged']} failed"
-                    + ("" if left_s is None else f", about {duration(left_s)} left"),
+                    + ("" if left_s is None else f", about {timedelta(seconds=left_s)} left"),
                     [failure(run) for run in new],
                 )
                 wait_s = max(period_s, 20.0 * (time.monotonic() - start_s))
@@ -288,7 +288,7 @@ def _watch(url: str, sweep_id: int, view: View, stop: Event) -> None:
 
 def time_left(
     left: Mapping[str, int], spent_s: Mapping[str, Sequence[float]], pace: float
-) -> float | None:
+) -> int | None:
     """Return the time [s] for the trials that are left; None while nothing is known of it.
 
     A trial takes as long as those of the same choices did, or else as all did. `left` is the number
@@ -299,12 +299,4 @@ def time_left(
     if not known or not pace > 0.0:
         return None
     usual = fmean(one for each in spent_s.values() for one in each)
-    return sum(n * known.get(choices, usual) for choices, n in left.items()) / pace
-
-
-def duration(seconds: float) -> str:
-    """Format a duration in seconds, minutes or hours."""
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60.0)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+    return round(sum(n * known.get(choices, usual) for choices, n in left.items()) / pace)

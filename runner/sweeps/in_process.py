@@ -65,6 +65,7 @@ class Call(Session):
         self._words = [*words, *chain.from_iterable(named)]
         self.variants = [*map(list, variants)]
         self.lines: list[str] = []
+        self.lists = False  # whether it may be a dry run, which has no results to return
 
     def say(self, lines: Iterable[str]) -> None:
         """Keep the lines that the command prints."""
@@ -72,10 +73,6 @@ class Call(Session):
 
     def show_table(self, url: str, sweep_id: int, factors: Sequence[str]) -> None:
         """Leave the table to the caller, who asks for it."""
-
-    def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
-        """Refuse a dry run, which has no results to return."""
-        raise ConfigurationError("dry_run: the command line lists trials, Python runs them")
 
     def provenance(self) -> Provenance:
         """Return where the results come from, with the command line that gives them as well."""
@@ -96,6 +93,7 @@ def run_trial(overrides: Sequence[str]) -> Call:
         hydra.run("trial", call, list(overrides), with_log_configuration=False)
         if isinstance(call.error, Exception):
             raise call.error
+    _refuse_dry_run(call)
     return call
 
 
@@ -107,6 +105,12 @@ def run_sweep(call: Call, overrides: Sequence[str]) -> None:
     words, call.variants = left_to_jobs(overrides, call.variants)
     with _hydra(overrides, call) as hydra:
         hydra.multirun("trial", call, [*words, *QUIET], with_log_configuration=False)
+    _refuse_dry_run(call)
+
+
+def _refuse_dry_run(call: Call) -> None:
+    if call.trials and not call.lists:
+        raise ConfigurationError("dry_run: the command line lists trials, Python runs them")
 
 
 def composed(overrides: Sequence[str]) -> Order:

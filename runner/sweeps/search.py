@@ -234,8 +234,8 @@ class SearchSweeper(sweeps.SeatrialSweeper):
             self._study.enqueue_trial(space.parameters(default))
         first = self._ask()
         if own.dry_run is True:
-            self.session.say(["the first candidate:"])
-            self.session.list_trials(listed(first.plans))
+            self.session.trials = listed(first.plans)
+            self.session.say(["the first candidate:", *console.dry_run(self.session.trials)])
             lines = [override.input_line or "" for override in space.searched.values()]
             self.session.say([*lines, f"{trials} candidates, at most {trials * seeds} trials"])
             return

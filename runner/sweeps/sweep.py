@@ -133,6 +133,7 @@ class Session:
         self.error: Exception | str | None = None
         self.started = False  # before that, an exception is about the command line
         self.outcome: Outcome | None = None  # of a single trial
+        self.trials: Sequence[tuple[str, str, str]] = ()  # of a dry run: state, trial, note
         self.sweep_id: int | None = None
         self.logbook: tuple[str, Path] | None = None  # address, and the folder of its series
         self.view: console.MakeView = console.terminal_view  # of the progress of a sweep
@@ -148,10 +149,6 @@ class Session:
         if lines := console.sweep_table(url, sweep_id, factors):
             self.say(lines)
 
-    def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
-        """Print what a dry run found: (state, trial, note) of each trial."""
-        self.say(console.dry_run(trials))
-
     def provenance(self) -> Provenance:
         """Return where the results come from."""
         return collect()
@@ -162,7 +159,8 @@ class Session:
         try:
             order = order_of(config, HydraConfig.get())
             if order.config.get("dry_run") is True:
-                self.list_trials(listed([plan_of(order, collect().sources, {})]))
+                self.trials = listed([plan_of(order, collect().sources, {})])
+                self.say(console.dry_run(self.trials))
                 return
             trial, provenance = prepare(order), self.provenance()
             self.logbook = url, folder = trial.database_url, trial.results_dir
@@ -246,7 +244,8 @@ class SeatrialSweeper(Sweeper):
         if lines := console.chosen_by_vessels(fitting):
             self.session.say(lines)
         if own.dry_run is True or any("dry_run=true" in map(str.lower, job) for job in jobs):
-            self.session.list_trials(listed(plans))
+            self.session.trials = listed(plans)
+            self.session.say(console.dry_run(self.session.trials))
             return
         ready, factors = accepted(plans), _factors(jobs)
         with self.underway(ready[0], arguments, len(ready), ready) as (logbook, job):

@@ -30,9 +30,9 @@ def url(tmp_path: Path) -> str:
 def test_the_time_left_is_that_of_trials_of_the_same_choices() -> None:
     assert time_left({"auto": 8}, {}, 0.0) is None
     done = {"none": [0.2, 0.2, 0.2], "auto": [6.0, 6.0]}
-    assert time_left({"none": 10, "auto": 5}, done, 2.0) == pytest.approx(16.0)  # two workers
-    assert time_left({"plsr": 4}, done, 1.0) == pytest.approx(4 * 12.6 / 5)  # as all did
-    assert time_left({"none": 0, "auto": 0}, done, 1.0) == 0.0
+    assert time_left({"none": 10, "auto": 5}, done, 2.0) == 16  # two workers
+    assert time_left({"plsr": 4}, done, 1.0) == 10  # as all did
+    assert time_left({"none": 0, "auto": 0}, done, 1.0) == 0
 
 
 def told(caplog: pytest.LogCaptureFixture, what: str) -> bool:
@@ -55,7 +55,6 @@ def test_it_is_read_from_the_logbook(
             else:
                 logbook.fail_run(run.run_id, "failed", "ValueError", "no wind", None)
         wait(lambda: told(caplog, "run 3 failed"))
-        wait(lambda: told(caplog, "3 of 4 done, 0 running, 1 failed, about "))
     said = [record.getMessage() for record in caplog.records]
     assert " left" not in said[0]  # what was done before it began has no pace
     assert any(line.startswith("run 3 failed (vessel=milliampere") for line in said)
