@@ -35,14 +35,8 @@ from hydra._internal.hydra import Hydra
 from hydra._internal.utils import _run_hydra, get_args_parser
 
 from seatrial.models.errors import ConfigurationError
+from seatrial.runner.configuration import invocation
 from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_gone
-from seatrial.runner.configuration.invocation import (
-    import_from_working_folder,
-    meant,
-    program_version,
-    results_program,
-    trial_program,
-)
 from seatrial.runner.configuration.overrides import left_to_jobs
 from seatrial.runner.configuration.search_path import CONF, UserFolders, hidden, is_group
 from seatrial.runner.database.terminal import error_line, refuse_passwords
@@ -88,7 +82,7 @@ def main() -> int:
 
 
 def _main(stop: StopSignals, words: list[str], traceback_wanted: bool) -> int:
-    import_from_working_folder()
+    invocation.import_from_working_folder()
     NewWarnings.known.clear()
     session, arguments = Session(), Namespace(overrides=[])
     try:
@@ -134,7 +128,7 @@ def _parsed(words: list[str], session: Session) -> Namespace:
     for flag in unknown:
         name, equals, value = flag.lstrip("-").partition("=")
         value = value if equals else [*words, "NAME"][words.index(flag) + 1]
-        hint = meant(flag, ["--version", *parser._option_string_actions]).rstrip()
+        hint = invocation.meant(flag, ["--version", *parser._option_string_actions]).rstrip()
         hint = f"did you mean {name}={value}?" if is_group(name) else hint
         raise ConfigurationError(f"unknown flag {flag}, {hint or 'see --help'}")
     refuse_gone(arguments.overrides)
@@ -185,8 +179,11 @@ def _run(session: Session, arguments: Namespace) -> None:
 
 def _named(text: str) -> str:
     """Return a text with the names of the two programs and the version in their places."""
-    names = {"trial": trial_program(), "results": results_program(), "version": program_version()}
-    return text.format(**names)
+    return text.format(
+        trial=invocation.trial_program(),
+        results=invocation.results_program(),
+        version=invocation.program_version(),
+    )
 
 
 def _say(line: str, code: int = 0) -> int:
@@ -203,7 +200,7 @@ def _meant(word: str) -> str:
 
     known = {name: f"{{results}} {name}" for name in names()}
     known |= {name: f"{{trial}} {name}" for name in COMMANDS} | MEANT
-    hint = meant(word, known, shown=known.__getitem__).rstrip()
+    hint = invocation.meant(word, known, shown=known.__getitem__).rstrip()
     return _named(hint or "expected option=value")
 
 

@@ -28,17 +28,8 @@ from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.vocabulary import COMBINED, ENDINGS, GROUPS, SAILED
 
 if TYPE_CHECKING:
-    from seatrial.runner.compare import cli, formats
     from seatrial.runner.database.records import RunSummary, SweepStatus
     from seatrial.runner.sweeps.job import Outcome, PlannedTrial
-else:  # slow to import, and used at the end of a sweep
-    import lazy_loader
-
-    cli, formats = (
-        lazy_loader.load(f"seatrial.runner.compare.{name}", suppress_warning=True)
-        for name in ("cli", "formats")
-    )
-
 
 # The metrics that are printed after a trial, at most so many lines, and of which models.
 SHOWN = ("e_pos_mae", "e_psi_mae", "velocity_rmse_restarts")
@@ -109,7 +100,7 @@ def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     with comparison.frame.open_results(url) as results:
         for name in (each for each in SHOWN if each in results.metric_names()):
-            options = cli.TableOptions(
+            options = comparison.cli.TableOptions(
                 rows=factors[0], columns=columns, metric=[name], sweep=str(sweep_id)
             )
             try:
@@ -119,7 +110,8 @@ def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
             if all(cell.sort is None for row in grid.rows for cell in row[grid.labels :]):
                 continue  # other runs of the logbook have it
             grid = replace(grid, notes=grid.notes[:1])
-            return formats.render(grid, formats.OutputFormat.RICH, width).splitlines()[:LISTED]
+            rich = comparison.formats.OutputFormat.RICH
+            return comparison.formats.render(grid, rich, width).splitlines()[:LISTED]
     return []
 
 

@@ -110,8 +110,8 @@ def values_of(override: Override) -> list[str]:
         values = [f"{key}={override.get_value_element_as_str()}"]
     if not values:
         raise ConfigurationError(
-            f"{override.input_line}: expected a list of values; a search (hydra/sweeper=optuna) "
-            "takes intervals, and sweeps inside of lists"
+            f"{override.input_line}: got no values that can be listed; intervals, and sweeps "
+            "inside of lists, are for a search (hydra/sweeper=optuna)"
         )
     return values
 

@@ -81,7 +81,7 @@ def test_one_bad_trial_stops_the_sweep_before_it_starts(seatrial: Command) -> No
 def test_a_sweep_over_no_values_is_refused(seatrial: Command) -> None:
     seatrial.pretend()
     for option in ("seed=glob(*)", "seed=range(3,3)"):
-        assert seatrial.refuses("-m", option) == f"{option}: got no values, expected at least one"
+        assert seatrial.refuses("-m", option).startswith(f"{option}: got no values that can be")
 
 
 def test_the_same_trial_twice_is_one_run(seatrial: Command) -> None:
