@@ -46,8 +46,6 @@ def schema() -> Schema:
             whole["properties"][name] = {"$ref": f"#/$defs/{name}"}
         elif name != "_target_":
             declared.update(trial.get(name, {}))
-    update = _reference("seatrial.models.identification.adaptive.Update", classes)
-    whole["properties"]["update"] = {"anyOf": [update, {"type": "null"}]}
     whole["properties"]["hydra"] = {"type": "object"}
     definitions = dict(classes)
     for group, files in groups.items():
@@ -109,7 +107,11 @@ def _reference(name: str, classes: dict[str, Schema]) -> Schema:
 def _described(cls: type, classes: dict[str, Schema]) -> Schema:
     """The schema of a class: its options, with the comments beside them."""
     comments = dict(COMMENT.findall(inspect.getsource(cls)))
-    described = _resolved(options(cls).json_schema(), classes)
+    own = options(cls).json_schema()
+    inner = own.pop("$defs", {})  # of options to choose among
+    for name in inner:
+        own["properties"][name] = {"anyOf": [inner[name], {"type": "null"}]}
+    described = _resolved(own, classes)
     described.pop("required", None)
     described["description"] = inspect.getdoc(cls)
     for name, mark in marks_of(cls).marks.items():

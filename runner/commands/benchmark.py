@@ -2,6 +2,7 @@
 
 import shlex
 from collections import defaultdict
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -15,7 +16,7 @@ from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.sweeps import in_process
-from seatrial.runner.sweeps.console import duration, terminal_view
+from seatrial.runner.sweeps.console import terminal_view
 
 app = typer.Typer(name="seatrial benchmark", pretty_exceptions_enable=False, add_completion=False)
 main = partial(run_typer, app)  # of the words that follow `seatrial benchmark`
@@ -58,7 +59,7 @@ def benchmark(
             except SeatrialError as error:
                 print(f"{name}, {label}: cannot take part: {error}")
                 code = 1
-    print(f"benchmark: {duration(perf_counter() - began)}")
+    print(f"benchmark: {timedelta(seconds=round(perf_counter() - began))}")
     raise typer.Exit(code)
 
 

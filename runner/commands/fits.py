@@ -1,7 +1,8 @@
-"""`seatrial fits`: which excitations, identifiers, controllers and evaluations a vessel can have.
+"""Usage: seatrial fits [vessel=NAME,...] [GROUP=OPTION ...]
 
-Every option of these groups is checked as the one choice of a trial, by the checks of any trial;
-what it leaves open is chosen by the vessel. Vessels that can have the same are shown together.
+Which excitations, identifiers, controllers and evaluations vessels can have, each as the one choice
+of a trial beside those that are given, and why not; of all vessels in about ten minutes. What is
+left open is chosen by the vessel. Vessels that can have the same are shown together.
 """
 
 import shutil
@@ -16,19 +17,7 @@ from seatrial.runner.sweeps import in_process
 from seatrial.runner.sweeps.job import shown
 
 CHOSEN = ("excitation", "identifier", "controller", "evaluation")
-USAGE = """\
-usage: seatrial fits [vessel=NAME,...] [GROUP=OPTION ...]
-
-which excitations, identifiers, controllers and evaluations vessels can have, each as the one choice
-of a trial beside those that are given, and why not; of all vessels in about ten minutes"""
 Fit = dict[str, str]  # why an option of a group does not fit, by its name; empty: it does
-
-
-class _Listing(in_process.Call):
-    """Keeps the trials of a dry run."""
-
-    def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
-        self.refusals = {t: note if state == "refused" else "" for state, t, note in trials}
 
 
 def main(words: Sequence[str]) -> int:
@@ -37,7 +26,7 @@ def main(words: Sequence[str]) -> int:
     Raises ConfigurationError for a word that is no choice of a group.
     """
     if {"-h", "--help"} & set(words):
-        print(USAGE)
+        print(__doc__)
         return 0
     for word in words:
         group, _, name = word.partition("=")
@@ -45,17 +34,14 @@ def main(words: Sequence[str]) -> int:
             raise ConfigurationError(f"fits: got {word!r}, expected vessel=NAME or GROUP=OPTION")
     given = dict(word.split("=", 1) for word in words)
     vessels = given.pop("vessel", "").split(",") if "vessel" in given else options("vessel")
-    fits = {}
+    alike = defaultdict[object, dict[str, dict[str, Fit]]](dict)  # by what fits, and by vessel
     for i, vessel in enumerate(vessels, 1):
         if len(vessels) > 1:
             print(f"{i} of {len(vessels)}: {vessel}", file=sys.stderr)
-        fits[vessel] = fits_of(vessel, given)
-    alike = defaultdict[object, list[str]](list)
-    for vessel, groups in fits.items():
-        fitting = {group: [name for name, why in fit.items() if not why]
-                   for group, fit in groups.items()}  # fmt: skip
-        alike[str(fitting)].append(vessel)
-    print("\n\n".join("\n".join(_lines(names, fits[names[0]])) for names in alike.values()))
+        groups = fits_of(vessel, given)
+        fitting = {group: [name for name in fit if not fit[name]] for group, fit in groups.items()}
+        alike[str(fitting)][vessel] = groups
+    print("\n\n".join("\n".join(_lines(fits)) for fits in alike.values()))
     return 0
 
 
@@ -65,34 +51,35 @@ def fits_of(vessel: str, given: dict[str, str]) -> dict[str, Fit]:
     Raises ConfigurationError if nothing does, for one reason.
     """
     fixed = [f"{group}={name}" for group, name in given.items()]
-    groups = {group: options(group) for group in CHOSEN if group not in given}
     words = {
         (group, name): [f"vessel={vessel}", *fixed, f"{group}={name}"]
-        for group, names in groups.items()
-        for name in names
+        for group in CHOSEN
+        if group not in given
+        for name in options(group)
     }
-    listing = _Listing(["-m", "dry_run=true"], [*words.values()])
-    in_process.run_sweep(listing, ["dry_run=true"])
-    fits = {group: Fit() for group in groups}
+    call = in_process.Call(["-m", "dry_run=true"], [*words.values()])
+    call.lists = True
+    in_process.run_sweep(call, ["dry_run=true"])
+    refusals = {trial: note for state, trial, note in call.trials if state == "refused"}
+    fits = defaultdict[str, Fit](dict)
     for (group, name), one in words.items():
-        reason = listing.refusals[shown(one)]
+        reason = refusals.get(shown(one), "")
         fits[group][name] = reason.removeprefix(f"{group}={name}").removeprefix(": ").strip()
     if len(reasons := {why for fit in fits.values() for why in fit.values()}) == 1 and any(reasons):
         raise ConfigurationError(reasons.pop())
     return fits
 
 
-def _lines(vessels: Sequence[str], groups: dict[str, Fit]) -> list[str]:
+def _lines(fits: dict[str, dict[str, Fit]]) -> list[str]:
     """What vessels can have, and why not the rest, as lines of the terminal's width."""
-    width = min(shutil.get_terminal_size().columns, 100)
-    lines = textwrap.wrap(", ".join(vessels), width)
-    for group, fit in groups.items():
-        names = ", ".join(name for name, why in fit.items() if not why) or "-"
-        lines += textwrap.wrap(f"  {group:10s}  {names}", width, subsequent_indent=" " * 14)
+    width, first = min(shutil.get_terminal_size().columns, 100), next(iter(fits))
+    lines = textwrap.wrap(", ".join(fits), width)
+    for group, fit in fits[first].items():
         lacking = defaultdict[str, list[str]](list)
         for name, why in fit.items():
-            if why:
-                lacking[why.replace(vessels[0], "the vessel")].append(name)
+            lacking[why.replace(first, "the vessel")].append(name)
+        names = ", ".join(lacking.pop("", ["-"]))
+        lines += textwrap.wrap(f"  {group:10s}  {names}", width, subsequent_indent=" " * 14)
         for why, which in lacking.items():
             text = f"not {', '.join(which)}: {why}"
             lines += textwrap.wrap(text, width, initial_indent=" " * 14, subsequent_indent=" " * 18)

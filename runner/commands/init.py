@@ -4,13 +4,13 @@ Their templates are in the folder `templates`.
 """
 
 import re
-import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,10 +20,13 @@ from seatrial.runner.configuration.invocation import trial_program
 from seatrial.runner.configuration.search_path import CONF
 
 if TYPE_CHECKING:  # what is slow to import
+    import yaml
+
     from seatrial.models.vessel import scales
 else:
     import lazy_loader
 
+    yaml = lazy_loader.load("yaml")
     scales = lazy_loader.load("seatrial.models.vessel.scales", suppress_warning=True)
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -32,13 +35,6 @@ app = typer.Typer(
     help="Write files to start from.",
 )  # fmt: skip
 Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the files.")]
-
-
-class Draft(NamedTuple):
-    """The files of a subject, their text by path, and the command that uses them."""
-
-    files: Mapping[Path, str]
-    use: str
 
 
 def main(words: Sequence[str]) -> int:
@@ -52,110 +48,97 @@ def main(words: Sequence[str]) -> int:
     return run_typer(app, words)
 
 
-def _positive(text: str) -> float:
+def _number(text: str) -> float:
     try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise typer.BadParameter(f"got {text!r}, expected a positive number")
-    return value
+        return float(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"got {text!r}, expected a number") from error
 
 
-def _size(meaning: str) -> Any:
-    """Return the option of a dimension."""
-    return typer.Option(help=meaning, parser=_positive, metavar="X")
+Size = partial(typer.Option, parser=_number, metavar="X")
 
 
 @app.command("vessel")
 def _vessel(
     name: Name,
-    length: Annotated[float, _size("[m] between perpendiculars")] = 5.0,
+    length: Annotated[float, Size(help="[m] between perpendiculars")] = 5.0,
     beam: Annotated[
-        float | None, _size("[m] at the waterline (default: a third of the length)")
+        float | None, Size(help="[m] at the waterline (default: a third of the length)")
     ] = None,
     draught: Annotated[
-        float | None, _size("[m] (default: that of the mass, or a third of the beam)")
+        float | None, Size(help="[m] (default: that of the mass, or a third of the beam)")
     ] = None,
-    mass: Annotated[float | None, _size("[kg] displacement (default: from the draught)")] = None,
+    mass: Annotated[float | None, Size(help="[kg] displacement (default: of the draught)")] = None,
 ) -> None:
     """A vessel as a YAML file, every number with its symbol, unit and where to find it."""
     given = {"length": length, "beam": beam, "draught": draught, "mass": mass}
-    _write(draft_vessel(_checked(name), given))
+    path = new_option("vessel", name)
+    _write({path: draft_vessel(name, given)}, f"{trial_program()} vessel={path.as_posix()}")
 
 
 @app.command("plugin")
 def _plugin(name: Name) -> None:
     """An identifier, its options and a test: a plug-in to change."""
-    if iskeyword(_checked(name)) or not name.islower():
+    options = new_option("identifier", name)
+    if iskeyword(name) or not name.islower():
         raise ConfigurationError(f"init plugin: got {name!r}, expected small letters, digits and _")
-    if (CONF / "identifier" / f"{name}.yaml").is_file():
-        raise ConfigurationError(f"identifier {name} is seatrial's own, expected a new name")
     spec = find_spec(name)  # what an import would find in place of the new file
     elsewhere = spec is not None and Path(spec.origin or "").parent != Path.cwd()
-    if name in sys.stdlib_module_names or elsewhere:
+    if elsewhere:
         raise ConfigurationError(f"init plugin: {name} is a module of Python, expected a new name")
     values = {"name": name, "class_name": "".join(map(str.capitalize, name.split("_")))}
-    templates = {
-        Path(f"{name}.py"): "plugin.py.template",
-        Path("conf", "identifier", f"{name}.yaml"): "plugin.yaml.template",
-        Path(f"test_{name}.py"): "plugin_test.py.template",
+    files = {
+        Path(f"{name}.py"): _filled("plugin.py.template", values),
+        options: _filled("plugin.yaml.template", values),
+        Path(f"test_{name}.py"): _filled("plugin_test.py.template", values),
     }
-    files = {path: _filled(template, values) for path, template in templates.items()}
-    use = f"{trial_program()} identifier={name}, python -m pytest test_{name}.py"
-    _write(Draft(files, use))
+    _write(files, f"{trial_program()} identifier={name}, python -m pytest test_{name}.py")
 
 
-def _checked(name: str) -> str:
+def new_option(group: str, name: str) -> Path:
+    """Return the file of a new option; raises ConfigurationError for a name that it cannot have."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise ConfigurationError(f"init: NAME: got {name!r}, expected letters, digits and _")
-    return name
+    path = Path(group, f"{name}.yaml")
+    if (CONF / path).is_file():
+        raise ConfigurationError(f"{group} {name} is seatrial's own, expected a new name")
+    return "conf" / path
 
 
-def _write(draft: Draft) -> None:
+def _write(files: Mapping[Path, str], use: str) -> None:
     """Write all files or, if one of them exists, none; print what to do with them."""
-    for path in draft.files:
+    for path in files:
         if path.exists() or path.is_symlink():
             raise ConfigurationError(f"{path.as_posix()} exists, expected a new name")
-    for path, text in draft.files.items():
+    for path, text in files.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
         except OSError as error:
             raise ConfigurationError(f"{path.as_posix()}: {error.strerror}") from error
-    print(*(f"wrote {path.as_posix()}" for path in draft.files), f"try: {draft.use}", sep="\n")
+    print(*(f"wrote {path.as_posix()}" for path in files), f"try: {use}", sep="\n")
 
 
 def _filled(template: str, values: Mapping[str, object]) -> str:
-    """The text of a template; its numbers have four digits."""
+    """The text of a template; its numbers are those of YAML with four digits."""
     shown = {
-        key: _number(value) if isinstance(value, float) else value for key, value in values.items()
+        key: yaml.safe_dump(float(f"{value:.4g}")).split()[0] if isinstance(value, float) else value
+        for key, value in values.items()
     }
     return Template((TEMPLATES / template).read_text(encoding="utf-8")).substitute(shown)
 
 
-def _number(value: float) -> str:
-    """Four digits, written as a number of YAML: with a point, also before an exponent."""
-    mantissa, e, exponent = repr(float(f"{value:.4g}")).partition("e")
-    return f"{mantissa if '.' in mantissa else f'{mantissa}.0'}{e}{exponent}"
-
-
-def draft_vessel(name: str, given: Mapping[str, float | None]) -> Draft:
-    """A planar vessel of some dimensions (length, beam, draught, mass), in conf/vessel."""
-    path = Path("conf", "vessel", f"{name}.yaml")
-    if (CONF / "vessel" / path.name).is_file():
-        raise ConfigurationError(f"vessel {name} is seatrial's own, expected a new name")
+def draft_vessel(name: str, given: Mapping[str, float | None]) -> str:
+    """A planar vessel of some dimensions (length, beam, draught, mass) as a YAML file."""
     known = {key: value for key, value in given.items() if value is not None}
     hull = scales.hull(known["length"], *map(known.get, ("beam", "draught", "mass")))
-    forces = scales.derivatives(hull)
-    thrust = scales.limits(hull)
-    words = "".join(f" --{key} {value:g}" for key, value in known.items())
+    forces, thrust = scales.derivatives(hull), scales.limits(hull)
     values = {
-        "name": name, "path": path.as_posix(), "given": words,
+        "name": name, "path": f"conf/vessel/{name}.yaml",
+        "given": "".join(f" --{key} {value:g}" for key, value in known.items()),
         "length": hull.length_m, "beam": hull.beam_m, "draught": hull.draught_m,
         "mass": hull.mass_kg, **scales.rigid_body(hull),
         **{key.replace("|", ""): value for key, value in forces.items()},
         "surge_n": thrust[0], "sway_n": thrust[1], "yaw_nm": thrust[2],
     }  # fmt: skip
-    text = _filled("vessel.yaml", values)
-    return Draft({path: text}, f"{trial_program()} vessel={path.as_posix()}")
+    return _filled("vessel.yaml", values)

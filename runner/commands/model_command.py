@@ -88,10 +88,10 @@ def _drafted_vessel(
     The thrust of the shafts holds the mean speed. A rudder turns the way it did in the log, with
     the lift of the area of DNV, L T / 100 (1 + 50 (B / L)^2).
     """
-    path = Path("conf", "vessel", f"{name}.yaml")
+    path = init.new_option("vessel", name)
     if path.exists() and not force:
         return path.as_posix()  # of a run before, and perhaps corrected since
-    (text,) = init.draft_vessel(name, {"length": length, "mass": mass}).files.values()
+    text = init.draft_vessel(name, {"length": length, "mass": mass})
     inputs = {key.partition(".")[2]: signals[key] for key in signals if key.startswith("inputs.")}
     hull, terms = scales.hull(length, mass_kg=mass), dict[str, float]()
     drag, shafts = scales.derivatives(hull), [n for n in inputs if n[0] in "np"]  # and pulses

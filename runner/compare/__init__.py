@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import animation as animation
     from seatrial.runner.compare import audit as audit
     from seatrial.runner.compare import benchmark_page as benchmark_page
+    from seatrial.runner.compare import cli as cli
+    from seatrial.runner.compare import formats as formats
     from seatrial.runner.compare import frame as frame
     from seatrial.runner.compare import leaderboard as leaderboard
     from seatrial.runner.compare import manoeuvre_comparison as manoeuvre_comparison
@@ -25,7 +27,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_loader.attach(
         __name__,
         [
-            *("animation", "audit", "benchmark_page", "frame", "leaderboard"),
+            *("animation", "audit", "benchmark_page", "cli", "formats", "frame", "leaderboard"),
             *("manoeuvre_comparison", "page", "plots", "report", "runs", "site", "table"),
         ],
     )

@@ -148,13 +148,11 @@ def _module(name: str) -> ModuleType:
 @cache
 def _modules() -> dict[str, ModuleType]:
     """The modules of the figures by name; of two figures of one name the first counts."""
-    files = [(path, f"{__package__}.plots.{path.stem}") for path in sorted(PLOTS.glob("*.py"))]
+    files = {f"{__package__}.plots.{path.stem}": path for path in sorted(PLOTS.glob("*.py"))}
     for plugin in plugins():
-        for path in plugin.files:
-            inside = plugin.is_package and path.stem != "__init__"
-            files.append((path, f"{plugin.module}.{path.stem}" if inside else plugin.module))
+        files |= plugin.files
     modules: dict[str, ModuleType] = {}
-    for name in (name for path, name in files if DECLARES in path.read_text("utf-8", "replace")):
+    for name in (n for n, path in files.items() if DECLARES in path.read_text("utf-8", "replace")):
         try:
             module = import_module(name)
             figure = vars(module)["FIGURE"]

@@ -1,22 +1,30 @@
-"""Fingerprints of trials: equal for equal configurations and equal code that computes the results.
+"""Fingerprints of trials, and where results come from.
 
-That code is all of `models/`, the modules of this package that `trial.py` imports, except the
-storage, and the files of user-defined parts. Comments and docstrings do not count.
+Fingerprints are equal for equal configurations and equal code that computes the results. That code
+is all of `models/`, the modules of this package that `trial.py` imports, except the storage, and
+the files of user-defined parts. Comments and docstrings do not count.
 """
 
 import hashlib
 import json
+import os
+import platform
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.source_digest import MODELS_FOLDER, files_digest, folder_digest, imported_files
-from seatrial.runner.configuration.plugins import targets
+from seatrial.runner.configuration.invocation import ROOT, in_checkout, typed_command
+from seatrial.runner.configuration.plugins import is_own, targets
 from seatrial.runner.configuration.search_path import harbour_file, located
 from seatrial.runner.record.vocabulary import NOT_COMPARED
 
@@ -34,15 +42,19 @@ PACKAGE = __name__.rsplit(".", 2)[0]  # of the runner
 # The second is named by a configuration alone.
 COMPUTING = ("trials/trial.py", "trials/command_identifier.py")
 STORAGE = ("database", "compare")  # subpackages that store and show what was computed
-# The project's own packages, whatever they are installed as.
-OWN = (f"{folder_digest.__module__.rpartition('.')[0]}.", f"{PACKAGE}.")
 INSTALLED = ("site-packages", "dist-packages")  # folders of installed packages
 FILE_NAME = re.compile(r"[./]")  # that the name of a file has, beside a folder or suffix
-FILES = ("path", "train", "test", "file")  # options that always name files
 # Options that name files, also those that come with the project: maps of recordings, harbours.
-NAMED: Mapping[str, Callable[[object], Path]] = {
+NAMED: Mapping[str, Callable[[str], Path]] = {
+    "path": Path, "train": Path, "test": Path, "file": Path,
     "map": located, "test_map": located, "harbour": harbour_file,
 }  # fmt: skip
+# The packages that results can depend on.
+PACKAGES = (
+    *("seatrial", "numpy", "scipy", "numba", "llvmlite", "scikit-learn", "pymoo", "daqp"),
+    *("hydra-core", "omegaconf", "sqlalchemy", "pyarrow"),
+)
+GIT = ("git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
 EXACT_INTEGERS = 2**53  # up to here a float holds every integer
 
 
@@ -55,8 +67,7 @@ def fingerprint(config: Mapping[str, object], names: Mapping[str, str], sources:
     compared.setdefault("excitation", None)
     nodes = {key: _by_files(key, node) for key, node in compared.items()}
     chosen = {group: name for group, name in names.items() if group not in NOT_COMPARED}
-    own = [name for name in targets(list(nodes.values())) if not name.startswith(OWN)]
-    parts = {name: part_digest(name) for name in own}
+    parts = {name: part_digest(name) for name in targets(nodes) if not is_own(name)}
     content = canonical({"config": nodes, "names": chosen, "parts": parts, "sources": sources})
     return hashlib.sha256(content.encode()).hexdigest()
 
@@ -69,29 +80,18 @@ def _by_files(key: str, node: object) -> object:
                 sets = (node["train"], node.get("test") or ())
                 train, test = ([*map(str, recorded_file.matched(names))] for names in sets)
                 node = {**node, "train": train, "test": test}
-        return {
-            str(name): _located_by_content(str(name), value)
-            if name in NAMED
-            else _by_files(str(name), value)
-            for name, value in node.items()
-        }
+        return {str(name): _by_files(str(name), value) for name, value in node.items()}
     if isinstance(node, list | tuple):
         return [_by_files(key, value) for value in node]
-    if not isinstance(node, str) or not (key in FILES or FILE_NAME.search(node)):
+    if not isinstance(node, str) or not (key in NAMED or FILE_NAME.search(node)):
         return node
-    path = Path(node).expanduser()
     try:
+        path = NAMED.get(key, Path)(node).expanduser()
         if path.is_dir() and key == "path":
             return [_digest(file) for file in sorted(path.rglob("*")) if file.is_file()]
         return _digest(path) if path.is_file() else node
     except (OSError, ValueError):  # a text that is no path
         return node
-
-
-def _located_by_content(key: str, name: object) -> object:
-    if isinstance(name, list | tuple):
-        return [_located_by_content(key, item) for item in name]
-    return _digest(path) if name and (path := NAMED[key](name)).is_file() else name
 
 
 def _digest(path: Path) -> str:
@@ -113,18 +113,13 @@ def canonical(value: object) -> str:
 
 def source_digest(models_folder: Path = MODELS_FOLDER, runner_folder: Path = RUNNER) -> str:
     """Return the SHA-256 of the syntax trees of the project's code that computes results."""
-    runner_files = computing_files(runner_folder)
-    digests = (folder_digest(models_folder), files_digest(runner_folder, runner_files))
-    return hashlib.sha256("".join(digests).encode()).hexdigest()
-
-
-def computing_files(folder: Path = RUNNER) -> set[Path]:
-    """Return the files of the runner that compute results: `COMPUTING` and their imports."""
-    return {
+    runner_files = {
         path
         for name in COMPUTING
-        for path in imported_files(folder / name, folder, PACKAGE, STORAGE)
+        for path in imported_files(runner_folder / name, runner_folder, PACKAGE, STORAGE)
     }
+    digests = (folder_digest(models_folder), files_digest(runner_folder, runner_files))
+    return hashlib.sha256("".join(digests).encode()).hexdigest()
 
 
 def part_digest(target: str) -> str:
@@ -149,3 +144,39 @@ def _plain(value: object) -> object:
     if isinstance(value, float) and value.is_integer() and abs(value) <= EXACT_INTEGERS:
         return int(value)
     return value
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The provenance of results, collected once per command and passed to the workers."""
+
+    git_commit: str | None
+    git_dirty: bool | None
+    versions: dict[str, str]  # of packages; with python, platform and the number of cpus
+    command: str  # as typed
+    sources: str  # digest of the code that computes results
+
+
+@cache
+def collect() -> Provenance:
+    """Collect the provenance of this process.
+
+    An installed package may be inside the repository of another project, so git is not run for it.
+    """
+    machine = {"python": platform.python_version(), "platform": platform.platform()}
+    versions = {**machine, "cpus": str(os.cpu_count())}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    commit = ""
+    if in_checkout(ROOT):
+        with suppress(OSError, subprocess.SubprocessError):
+            quiet = subprocess.DEVNULL
+            commit = subprocess.check_output(GIT, stderr=quiet, text=True, timeout=10).strip()
+    return Provenance(
+        git_commit=commit.removesuffix("-dirty") or None,
+        git_dirty=commit.endswith("-dirty") if commit else None,
+        versions=versions,
+        command=typed_command(sys.orig_argv),
+        sources=source_digest(),
+    )

@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 from argparse import ArgumentParser
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
@@ -34,10 +34,10 @@ def replaced() -> Mapping[str, str]:
     return dict(yaml.safe_load(text))
 
 
-def meant(word: str, known: Iterable[str], most: int = 1) -> str:
+def meant(word: str, known: Iterable[str], most: int = 1, shown: Callable[[str], str] = str) -> str:
     """Return the words on the known names that are near to a wrong one; empty without any."""
-    close = get_close_matches(word, [*known], n=most)
-    return f"did you mean {' or '.join(close)}? " if close else ""
+    close = map(shown, get_close_matches(word, [*known], n=most))
+    return f"did you mean {names}? " if (names := " or ".join(close)) else ""
 
 
 def in_checkout(root: Path = ROOT) -> bool:

@@ -9,6 +9,8 @@ not converted to numbers. This module is imported when the first trial is built,
 takes as long to import as Hydra.
 """
 
+import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache, partial
@@ -34,43 +36,34 @@ from typing_extensions import TypedDict
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.ranges import Bound, in_words
 from seatrial.runner.configuration.invocation import meant
-from seatrial.runner.configuration.plugins import failure, is_own
+from seatrial.runner.configuration.plugins import failure, is_own, leaves
 
-Place = tuple[str | int, ...]  # from an object to a value inside it: keys and indices
 TUNE = "tune"  # the option that maps others of the same class to the values to choose among
 CLASS = "class"  # in a JSON schema: the class that the node must describe
 BOUNDS: dict[str, Callable[[Any], Bound]] = {
     "greater_than": Gt, "greater_than_equal": Ge, "less_than_equal": Le, "less_than": Lt,
 }  # fmt: skip
 EXPECTED = {
-    "bool_type": "true or false",
-    "dict_type": "a group of options",
-    "finite_number": "a finite number",
-    "float_type": "a number",
-    "int_type": "an integer",
-    "list_type": "a list",
-    "none_required": "null",
-    "path_type": "a path",
-    "string_type": "text",
-    "tuple_type": "a list",
-}
+    "bool_type": "true or false", "dict_type": "a group of options", "list_type": "a list",
+    "finite_number": "a finite number", "float_type": "a number", "int_type": "an integer",
+    "none_required": "null", "path_type": "a path", "string_type": "text", "tuple_type": "a list",
+}  # fmt: skip
 
 
 class OptionError(ValueError):
-    """An invalid object, with the place of the error; pydantic passes ValueErrors on."""
+    """An invalid object: the place inside it, such as `.kp[1]`, and what is wrong there.
 
-    def __init__(self, place: Place, message: str) -> None:
-        super().__init__(message)
-        self.place = place
+    pydantic passes ValueErrors on.
+    """
 
     def at(self, key: str) -> str:
         """Return the message for the object at the option `key`."""
-        for part in self.place:
-            key += f"[{part}]" if isinstance(part, int) else f".{part}"
-        key, message = key.removeprefix("."), str(self)
-        if message.startswith((f": {key}.", f": {key}:")):
-            return message[2:]  # the class names the option itself
-        return (key + message).removeprefix(": ")
+        text = (key + str(self)).lstrip(".: ")
+        return re.sub(r"^([^:]+): (?=\1[.:])", "", text)  # where the class names the option itself
+
+
+class WrongClassError(OptionError):
+    """A node that describes an object of another class."""
 
 
 def part(cls: type, node: object) -> object:
@@ -78,70 +71,42 @@ def part(cls: type, node: object) -> object:
     if cls is object and node in (None, {}):
         return None
     if not isinstance(node, Mapping):
-        raise OptionError((), f": got {_shown(node)}, expected a group of options")
+        raise OptionError(f": got {_shown(node)}, expected a group of options")
     if "_target_" not in node and not is_dataclass(cls):
-        raise OptionError(("_target_",), " is missing, expected the name of a class")
+        raise OptionError("._target_ is missing, expected the name of a class")
     node_class = target(node["_target_"]) if "_target_" in node else cls
     if not (getattr(cls, "_is_protocol", False) or issubclass(node_class, cls)):
-        raise OptionError((), f": got a {node_class.__name__}, expected a {cls.__name__}")
+        raise WrongClassError(f": got {node_class.__name__}, expected {cls.__name__}")
     values = {name: value for name, value in node.items() if name != "_target_"}
     try:
-        checked = options(node_class).validate_python(values)
-        if isinstance(tuned := checked.get(TUNE), dict):
-            checked[TUNE] = _tuned(node_class, values, tuned)
-        return node_class(**checked)
+        return node_class(**options(node_class).validate_python(values))
     except ValidationError as error:
         raise _option_error(error, values, node_class) from None
     except ConfigurationError as error:
-        raise OptionError((), f": {error}") from error
+        raise OptionError(f": {error}") from error
     except Exception as error:
         if is_own(node_class.__module__):
             raise
-        raise OptionError(
-            (), f": {node_class.__module__}.{failure(node_class.__name__, error)}"
-        ) from error
-
-
-def _tuned(
-    cls: type, values: Mapping[str, object], tuned: Mapping[str, tuple[object, ...]]
-) -> dict[str, tuple[object, ...]]:
-    """The values of the options of `cls` that it is to choose among; raises OptionError."""
-    known, result = {field.name for field in fields(cls)} - {TUNE}, dict(tuned)
-    for name in known & tuned.keys():
-        checked: list[object] = []
-        for i, value in enumerate(tuned[name]):
-            own = {**values, TUNE: None, name: value}
-            try:
-                checked.append(options(cls).validate_python(own)[name])
-            except ValidationError as error:
-                problem = _option_error(error, own, cls)
-                place = (TUNE, name, i, *problem.place[1:])
-                raise OptionError(place, str(problem)) from None
-        result[name] = tuple(checked)
-    return result
+        name = f"{node_class.__module__}.{node_class.__name__}"
+        raise OptionError(f": {failure(name, error)}") from error
 
 
 def target(name: object) -> type:
     """Import the dataclass that a `_target_` names; raises OptionError."""
     module_name, _, class_name = name.rpartition(".") if isinstance(name, str) else ("", "", "")
     if not all(part.isidentifier() for part in f"{module_name}.{class_name}".split(".")):
-        raise OptionError(("_target_",), f": got {name!r}, expected the name of a class")
+        raise OptionError(f"._target_: got {name!r}, expected the name of a class")
     try:
         result = getattr(import_module(module_name), class_name, None)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+    except (Exception, SystemExit) as error:
+        absent = error.name if isinstance(error, ModuleNotFoundError) else None
+        if absent is None or not f"{module_name}.".startswith(f"{absent}."):
             if is_own(module_name):
                 raise  # the module exists, but one of its imports does not: a bug
-            raise OptionError(
-                ("_target_",), f": cannot import {failure(str(name), error)}"
-            ) from error
+            raise OptionError(f"._target_: cannot import {failure(str(name), error)}") from error
         result = None
-    except (Exception, SystemExit) as error:
-        if is_own(module_name):
-            raise
-        raise OptionError(("_target_",), f": cannot import {failure(str(name), error)}") from error
     if not (isinstance(result, type) and is_dataclass(result)):
-        raise OptionError(("_target_",), f": got {name!r}, which is not a dataclass to build")
+        raise OptionError(f"._target_: got {name!r}, which is not a dataclass to build")
     return result
 
 
@@ -155,10 +120,21 @@ def options(cls: type) -> TypeAdapter[dict[str, object]]:
         hint = _strict(hints[field.name])
         if field.init:
             declared[field.name] = hint if required else NotRequired[hint]
+    if TUNE in declared:
+        several: Any = tuple  # of the values of each of the other options
+        tuned = {
+            name: NotRequired[several[_strict(hints[name]), ...]] for name in {*declared} - {TUNE}
+        }
+        declared[TUNE] = Union[_table(TUNE, tuned), None]  # noqa: UP007 - known at run time only
+    return TypeAdapter(_table(cls.__name__, declared))
+
+
+def _table(name: str, declared: Mapping[str, Any]) -> Any:
+    """A mapping of these keys and no others."""
     make: Any = TypedDict  # its name and keys are known at run time only
-    table = make(cls.__name__, declared)
+    table = make(name, declared)
     table.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
-    return TypeAdapter(table)
+    return table
 
 
 def _strict(hint: Any) -> Any:
@@ -186,47 +162,52 @@ def _strict(hint: Any) -> Any:
 
 def _not_empty(value: object) -> object:
     if value == "":
-        raise OptionError((), ": got '', expected a path")
+        raise OptionError(": got '', expected a path")
     return value
 
 
 def _anything(value: object) -> object:
-    if isinstance(value, float) and not isfinite(value):
-        raise OptionError((), f": got {value}, expected a finite number")
+    for key, leaf in leaves(value):
+        if isinstance(leaf, float) and not isfinite(leaf):
+            dot = "." if key and key[0] != "[" else ""
+            raise OptionError(f"{dot}{key}: got {leaf}, expected a finite number")
     return part(object, value) if isinstance(value, Mapping) and "_target_" in value else value
 
 
 def _option_error(error: ValidationError, values: Mapping[str, object], cls: type) -> OptionError:
     """Convert the first of pydantic's errors about an object to a message."""
+    order = {"extra_forbidden": 0, "missing": 1}
     problems = error.errors(include_url=False)
-    order = ("extra_forbidden", "missing")
-    problems.sort(
-        key=lambda item: order.index(item["type"]) if item["type"] in order else len(order)
-    )
+    problems.sort(key=lambda item: order.get(item["type"], len(order)))
     # Each alternative of a union has its error; the one deepest in the object is reported.
     errors = [item for item in problems if item["loc"][0] == problems[0]["loc"][0]]
     place = max((_place(values, item["loc"]) for item in errors), key=len)
     errors = [item for item in errors if _place(values, item["loc"]) == place]
-    for item in errors:
-        inner = item.get("ctx", {}).get("error")
-        if isinstance(inner, OptionError):
-            return OptionError((*place, *inner.place), str(inner))
+    at = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place)
+    own = [item["ctx"]["error"] for item in errors if "error" in item.get("ctx", {})]
+    own.sort(key=lambda each: isinstance(each, WrongClassError))
+    if own and isinstance(own[0], OptionError):
+        return OptionError(f"{at}{own[0]}")
     first = errors[0]
+    got = _shown(first["input"])
     if first["type"] == "extra_forbidden":
-        return OptionError(place, f": unknown option, {_hint(str(place[-1]), cls)}")
+        known = [field.name for field in fields(cls) if field.init]
+        expected = f"expected one of {', '.join(known)}" if known else "expected no options here"
+        hint = meant(str(place[-1]), known, 3).rstrip() or expected
+        return OptionError(f"{at}: unknown option, {hint}")
     if first["type"] == "missing" and not place:
-        return OptionError((first["loc"][0],), " is missing")
+        return OptionError(f".{first['loc'][0]} is missing")
     if first["type"] in BOUNDS:
         bound = BOUNDS[first["type"]](*first["ctx"].values())
         null = " or null" if "none_required" in [item["type"] for item in errors] else ""
-        return OptionError(place, f" must {in_words(bound)}{null}, got {_shown(first['input'])}")
+        return OptionError(f"{at} must {in_words(bound)}{null}, got {got}")
     expected = " or ".join(dict.fromkeys(map(_expected, errors)))
     if first["type"] == "missing":  # one error per missing number of a list of fixed length
         expected = f"a list of {int(errors[-1]['loc'][-1]) + 1}"
-    return OptionError(place, f": got {_shown(first['input'])}, expected {expected}")
+    return OptionError(f"{at}: got {got}, expected {expected}")
 
 
-def _place(value: Any, location: Place) -> Place:
+def _place(value: Any, location: tuple[str | int, ...]) -> tuple[str | int, ...]:
     """Return a location of pydantic without the names of the alternatives of unions."""
     place = []
     for key in location:
@@ -247,14 +228,7 @@ def _expected(problem: ErrorDetails) -> str:
     return EXPECTED.get(problem["type"], problem["msg"])
 
 
-def _hint(name: str, cls: type) -> str:
-    known = [field.name for field in fields(cls) if field.init]
-    expected = f"expected one of {', '.join(known)}" if known else "expected no options here"
-    return meant(name, known, 3).rstrip() or expected
-
-
 def _shown(value: object) -> str:
     """Format a value as in YAML, shortened to 80 characters."""
-    words = {None: "null", True: "true", False: "false"}
-    text = words[value] if value is None or isinstance(value, bool) else repr(value)
+    text = json.dumps(value) if value is None or isinstance(value, bool) else repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

@@ -11,7 +11,7 @@ metrics that it declares; its modules with a `FIGURE` are kinds of figures.
 
 import logging
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -25,17 +25,16 @@ from seatrial.models.errors import PartError, SeatrialError
 
 ENTRY_POINTS = "seatrial.plugins"
 VARIABLE = "SEATRIAL_PLUGINS"
+BROKEN = "cannot import plug-in %s"
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Plugin:
-    """A plug-in: its name, its module, and the files of this module or package."""
+    """A plug-in: its module, and the files of this module or package by their names."""
 
-    name: str
     module: str
-    files: tuple[Path, ...]
-    is_package: bool
+    files: Mapping[str, Path]
     conf: Path | None = None  # a package's folder of configurations
 
 
@@ -46,27 +45,27 @@ def plugins() -> tuple[Plugin, ...]:
 
 @cache
 def _plugins(named: str) -> tuple[Plugin, ...]:
-    installed = [(point.name, point.module) for point in entry_points(group=ENTRY_POINTS)]
-    modules = [(word.strip(), word.strip()) for word in named.split(",") if word.strip()]
-    candidates = (_plugin(name, module) for name, module in (*sorted(installed), *modules))
-    return tuple(plugin for plugin in candidates if plugin is not None)
+    installed = sorted(point.module for point in entry_points(group=ENTRY_POINTS))
+    modules = (*installed, *filter(None, map(str.strip, named.split(","))))
+    return tuple(plugin for plugin in map(_plugin, modules) if plugin is not None)
 
 
-def _plugin(name: str, module: str) -> Plugin | None:
+def _plugin(module: str) -> Plugin | None:
     """Find a plug-in; of a package nothing is imported."""
     try:
         spec = find_spec(module)
     except Exception as error:  # a module inside a package that cannot be imported
-        _log_failure(name, error)
+        log.warning(BROKEN, failure(module, error))
         return None
     if spec is None or spec.origin is None:
-        log.warning("plug-in %s: there is no module %s", name, module)
+        log.warning("plug-in %s: there is no such module", module)
         return None
     file = Path(spec.origin)
     if not spec.submodule_search_locations:
-        return Plugin(name, module, (file,), False)
-    files, conf = tuple(sorted(file.parent.glob("*.py"))), file.with_name("conf")
-    return Plugin(name, module, files, True, conf if conf.is_dir() else None)
+        return Plugin(module, {module: file})
+    files = {f"{module}.{path.stem}": path for path in sorted(file.parent.glob("[!_]*.py"))}
+    conf = file.with_name("conf")
+    return Plugin(module, {module: file, **files}, conf if conf.is_dir() else None)
 
 
 def load() -> None:
@@ -75,11 +74,7 @@ def load() -> None:
         try:
             import_module(plugin.module)
         except Exception as error:
-            _log_failure(plugin.name, error)
-
-
-def _log_failure(name: str, error: BaseException) -> None:
-    log.warning("cannot import plug-in %s", failure(name, error))
+            log.warning(BROKEN, failure(plugin.module, error))
 
 
 def failure(name: str, error: BaseException) -> str:
@@ -88,48 +83,47 @@ def failure(name: str, error: BaseException) -> str:
     return f"{name}: {type(error).__name__}{': ' if reason else ''}{reason}"
 
 
-# The parts of a configuration that come from elsewhere.
-
-
 def is_own(name: str) -> bool:
     """Whether a class or module belongs to this package."""
     return f"{name}.".startswith(f"{__name__.partition('.')[0]}.")
 
 
-def targets(node: object) -> Iterator[str]:
-    """Yield the classes that a configuration names."""
+def leaves(node: object, key: str = "") -> Iterator[tuple[str, object]]:
+    """Yield the values of a configuration that hold no others, each with its option."""
     if isinstance(node, Mapping):
-        if isinstance(node.get("_target_"), str):
-            yield node["_target_"]
-        node = list(node.values())
-    if isinstance(node, list | tuple):
-        for child in node:
-            yield from targets(child)
+        for name, child in node.items():
+            yield from leaves(child, f"{key}.{name}" if key else str(name))
+    elif isinstance(node, list | tuple):
+        for i, child in enumerate(node):
+            yield from leaves(child, f"{key}[{i}]")
+    else:
+        yield key, node
+
+
+def targets(node: object) -> list[str]:
+    """Return the classes that a configuration names."""
+    named = (value for key, value in leaves(node) if key.rpartition(".")[2] == "_target_")
+    return [value for value in named if isinstance(value, str)]
 
 
 @contextmanager
 def attributed(config: object) -> Iterator[None]:
     """Turn an exception out of a part from elsewhere into a PartError that names the part.
 
-    Any other exception is a bug of ours, and passes as it is.
+    Of several that it passed through that is the innermost one. Any other exception is a bug of
+    ours, and passes as it is.
     """
     try:
         yield
     except SeatrialError:
         raise
     except Exception as error:
-        part = _culprit(error, {name for name in targets(config) if not is_own(name)})
-        if part is None:
+        parts = sorted({name for name in targets(config) if not is_own(name)})
+        frames = [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)]
+        tops = [module.partition(".")[0] for module in reversed(frames)]
+        passed = [part for top in tops for part in parts if part.partition(".")[0] == top]
+        if type(error).__module__.startswith("numba."):
+            passed += parts  # whose steps are compiled inside our loop
+        if not passed:
             raise
-        raise PartError(failure(part, error)) from error
-
-
-def _culprit(error: Exception, parts: Collection[str]) -> str | None:
-    """Return the part that an exception passed through; the innermost one of several."""
-    frames = [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)]
-    for module in reversed(frames):
-        for part in sorted(parts):
-            if module.partition(".")[0] == part.partition(".")[0]:
-                return part
-    # The step of a part is compiled inside our loop.
-    return min(parts, default=None) if type(error).__module__.startswith("numba.") else None
+        raise PartError(failure(passed[0], error)) from error

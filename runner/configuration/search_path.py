@@ -16,7 +16,6 @@ from typing import ClassVar
 
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import OmegaConf
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.plugins import plugins
@@ -24,8 +23,6 @@ from seatrial.runner.configuration.plugins import plugins
 CONF = Path(__file__).resolve().parents[2] / "conf"
 HARBOURS = CONF / "evaluation" / "harbours"
 VARIABLE = "SEATRIAL_CONF"
-NAMED = 3  # files that a warning names
-NONE = "Your own options: a folder conf here, --config-dir FOLDER, or folders in SEATRIAL_CONF"
 
 
 class UserFolders(SearchPathPlugin):
@@ -64,10 +61,10 @@ def user_folders() -> list[Path]:
     first = [Path(UserFolders.config_dir)] if UserFolders.config_dir else []
     packaged = [plugin.conf for plugin in plugins() if plugin.conf is not None]
     candidates = [*first, *named, Path("conf"), *packaged]
-    found: dict[Path, Path] = {}
-    for path in candidates:
-        if path.is_dir() and path.resolve() != CONF:
-            found.setdefault(path.resolve(), path.absolute())
+    found = dict[Path, Path]()
+    for path in filter(Path.is_dir, candidates):
+        found.setdefault(path.resolve(), path.absolute())
+    found.pop(CONF, None)
     return list(found.values())
 
 
@@ -83,50 +80,14 @@ def is_group(name: str) -> bool:
 
 
 def hidden() -> Iterator[str]:
-    """Yield a warning for each folder with files that an earlier folder has as well."""
-    for folder, own in _owned():
-        names = [
-            path.as_posix()
-            for path, first in own.items()
-            if first is not None and first.read_bytes() != (folder / path).read_bytes()
-        ]
-        if names:
-            more = f" and {len(names) - NAMED} more" if names[NAMED:] else ""
-            yield (
-                f"{_shown(folder)}: {', '.join(names[:NAMED])}{more} not used: "
-                "seatrial or an earlier folder has a file of this name, expected another name"
-            )
-
-
-def listing() -> str:
-    """Return the user's folders with the options that they add, for the help."""
-    lines = []
-    for folder, own in _owned():
-        new = [path.with_suffix("") for path, first in own.items() if first is None]
-        names = [f"{path.parent.as_posix()}={path.name}" for path in new if path.parent.name]
-        lines.append(f"  {_shown(folder)}: {', '.join(names) or 'no options'}")
-    return "\n".join(["Folders of your own:", *lines]) if lines else NONE
-
-
-def _owned() -> Iterator[tuple[Path, dict[Path, Path | None]]]:
-    """Yield the user's folders with their files, each with that of an earlier folder, if any."""
+    """Yield a warning for each file of the user that differs from one of an earlier folder."""
     folders = [CONF, *user_folders()]
     for i, folder in enumerate(folders[1:], start=1):
-        own = sorted(path.relative_to(folder) for path in folder.glob("**/*.yaml"))
-        firsts = ((earlier / path for earlier in folders[:i]) for path in own)
-        yield (
-            folder,
-            {
-                path: next(filter(Path.is_file, first), None)
-                for path, first in zip(own, firsts, strict=True)
-            },
-        )
-
-
-def _shown(folder: Path) -> str:
-    """Return a folder as it is named from the working folder."""
-    here = Path.cwd()
-    return str(folder.relative_to(here)) if folder.is_relative_to(here) else str(folder)
-
-
-OmegaConf.register_new_resolver("seatrial_folders", listing, replace=True)
+        for file in sorted(folder.glob("**/*.yaml")):
+            earlier = (before / file.relative_to(folder) for before in folders[:i])
+            first = next(filter(Path.is_file, earlier), file)
+            if first.read_bytes() != file.read_bytes():
+                yield (
+                    f"{os.path.relpath(file)} is not used: seatrial or an earlier folder has a "
+                    "file of this name, expected another name"
+                )

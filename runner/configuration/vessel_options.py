@@ -10,16 +10,20 @@ A vessel takes the first pair of `SUITED` that agrees with what is named. A lap 
 PID control is for a vessel by force in the plane, or one whose devices give any force.
 """
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, asdict, fields, is_dataclass
-from operator import is_
+from contextlib import suppress
+from dataclasses import MISSING, asdict, dataclass, fields
+from functools import cached_property, partial
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 import yaml
+from annotated_types import Ge, Le
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.models.notation import PLANAR
+from seatrial.models.ranges import Positive
 from seatrial.runner.configuration.config import Settings, build_as
 from seatrial.runner.configuration.search_path import CONF, user_folders
 from seatrial.runner.record.vocabulary import Config
@@ -37,9 +41,7 @@ else:
     tuning = lazy_loader.load("seatrial.models.vessel.tuning", suppress_warning=True)
     options = lazy_loader.load("seatrial.runner.configuration.options", suppress_warning=True)
 
-INNER = (dict, list)  # nodes that hold others
 NULLABLE = ("tuning.windage", "thruster", "driven_by")  # of a vessel, where null is a value
-SHORTEST_S, LONGEST_S = 1e-9, 1e9
 
 
 def filled(config: Config) -> dict[str, object]:
@@ -48,126 +50,80 @@ def filled(config: Config) -> dict[str, object]:
     Raises ConfigurationError if a number cannot be derived.
     """
     numbers = _Numbers(config.get("vessel"), config.get("sample_time_s"))
-    parts = tuning.marks_of(Settings).parts
-    return {name: _fill(node, name, numbers, parts.get(name)) for name, node in config.items()}
+    result: dict[str, object] = _fill(dict(config), "", numbers, Settings)
+    return result
+
+
+@dataclass(frozen=True)
+class _Period:
+    sample_time_s: Annotated[Positive, Ge(1e-9), Le(1e9)]  # powers of others are no numbers
 
 
 class _Numbers:
     """The numbers of a vessel by their paths; it is built when the first is derived."""
 
     def __init__(self, node: object, sample_time_s: object) -> None:
-        self._node = node
-        self._sample_time_s = sample_time_s
-        self._vessel: parameters.VesselParameters | None = None
+        self._node, self._sample_time_s = node, sample_time_s
         self._completed: SimpleNamespace | None = None  # limits and tuning with derived numbers
+
+    @cached_property
+    def _vessel(self) -> "parameters.VesselParameters":
+        if not isinstance(self._node, Mapping):
+            raise ConfigurationError("vessel: got none, expected an option of the group")
+        return build_as(parameters.VesselParameters, self._node, "vessel")
 
     def of(self, path: str, key: str) -> object:
         """The number at a path of the vessel, for the option `key`."""
-        given = self._node
-        for name in path.split("."):
-            given = given.get(name, tuning.AUTO) if isinstance(given, Mapping) else tuning.AUTO
-        return _plain(self._derived(path, key)) if _open(given, path) else given
+        for source in ("_node", "_vessel", "_derived"):
+            value: Any = self._derived(key) if source == "_derived" else getattr(self, source)
+            for name in path.split("."):
+                inner = value.get if isinstance(value, Mapping) else partial(getattr, value)
+                value = inner(name, tuning.AUTO)
+            if value != tuning.AUTO and (value is not None or path in NULLABLE):
+                return json.loads(json.dumps(value, default=asdict))  # as in a configuration
+        expected = f"expected a number: vessel.{path} cannot be derived"
+        raise ConfigurationError(f"{key}: got auto, {expected}")
 
-    def _derived(self, path: str, key: str) -> object:
-        if not isinstance(self._node, Mapping):
-            raise ConfigurationError("vessel: got none, expected an option of the group")
-        if "_target_" not in self._node:
-            build_as(object, self._node, "vessel")  # it is refused before anything is derived
-        if self._vessel is None:
-            self._vessel = build_as(parameters.VesselParameters, self._node, "vessel")
-        value = _at(self._vessel, path)
-        if _open(value, path):
-            self._completed = self._completed or self._complete(self._vessel, key)
-            value = _at(self._completed, path)
-        if _open(value, path):
-            raise ConfigurationError(
-                f"{key}: got auto, expected a number: vessel.{path} cannot be derived"
-            )
-        return value
-
-    def _complete(self, vessel: "parameters.VesselParameters", key: str) -> SimpleNamespace:
-        period = self._sample_time_s
-        if isinstance(period, bool) or not isinstance(period, int | float) or not period > 0.0:
-            raise ConfigurationError(f"sample_time_s must be positive, got {period}")
-        if not SHORTEST_S <= period <= LONGEST_S:  # or powers of it are no numbers any more
-            raise ConfigurationError(
-                f"sample_time_s: got {period:g} s, expected {SHORTEST_S:g} to {LONGEST_S:g}"
-            )
+    def _derived(self, key: str) -> SimpleNamespace:
+        period = build_as(_Period, {"sample_time_s": self._sample_time_s}, "").sample_time_s
         try:
-            return SimpleNamespace(**derivation.derived(vessel, period))
+            if self._completed is None:
+                self._completed = SimpleNamespace(**derivation.derived(self._vessel, period))
         except ConfigurationError as error:
             raise ConfigurationError(f"{key}: cannot be derived from vessel {error}") from error
+        return self._completed
 
 
-def _at(vessel: object, path: str) -> object:
-    """Return the value at a path of a vessel; None if there is no such path."""
-    for name in path.split("."):
-        vessel = getattr(vessel, name, None)
-    return vessel
+def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) -> Any:
+    """Return a node with its numbers filled in.
 
-
-def _open(value: object, path: str) -> bool:
-    """Whether a value is to be derived; null stands for none in `NULLABLE`."""
-    return value == tuning.AUTO if path in NULLABLE else value in (None, tuning.AUTO)
-
-
-def _fill(node: object, key: str, numbers: _Numbers, cls: type | None = None) -> object:
-    """Return a node with its numbers filled in; parts without any are not copied.
-
-    `cls` is the class that the node describes if it does not name one itself.
+    `cls` is the class that the node describes if it does not name one itself. An option that is
+    left out is filled in if its class has no number for it.
     """
     if isinstance(node, list):
-        items = [
-            _fill(item, f"{key}[{i}]", numbers) if isinstance(item, INNER) else item
-            for i, item in enumerate(node)
-        ]
-        return node if all(map(is_, items, node)) else items
+        return [_fill(item, f"{key}[{i}]", numbers) for i, item in enumerate(node)]
     if not isinstance(node, dict):
         return node
-    cls = _class_of(node, cls)
-    marks = tuning.Marks({}, {}) if cls is None else tuning.marks_of(cls)
-    filled = {
-        name: _fill(item, f"{key}.{name}", numbers, marks.parts.get(name))
-        if isinstance(item, INNER)
-        else item
+    try:
+        cls = options.target(node["_target_"]) if "_target_" in node else cls
+    except options.OptionError:
+        cls = None  # the error is reported when the part is built
+    marks, parts = vars(tuning.marks_of(cls)).values() if cls else ({}, {})
+    result = {
+        name: _fill(item, f"{key}.{name}".lstrip("."), numbers, parts.get(name))
         for name, item in node.items()
     }
-    for name, mark in marks.marks.items():
-        option = f"{key}.{name}"
-        value = filled.get(name, tuning.AUTO if cls and _wanted(cls, name) else None)
-        if mark.entry is not None and isinstance(value, dict):
-            if value.get(mark.entry) == tuning.AUTO:
-                number = numbers.of(mark.path(filled), f"{option}.{mark.entry}")
-                filled[name] = {**value, mark.entry: number}
-        elif mark.entry is None and value == tuning.AUTO:
-            filled[name] = numbers.of(mark.path(filled), option)
-    same = len(filled) == len(node) and all(map(is_, filled.values(), node.values()))
-    return node if same else filled
-
-
-def _class_of(node: Config, cls: type | None) -> type | None:
-    """Return the class that a node names by `_target_`, else the one that is expected."""
-    if "_target_" not in node:
-        return cls
-    try:
-        return options.target(node["_target_"])
-    except options.OptionError:
-        return None  # the error is reported when the part is built
-
-
-def _wanted(cls: type, name: str) -> bool:
-    """Whether an option that is left out is taken from the vessel: its class has no number."""
-    field = next(field for field in fields(cls) if field.name == name)
-    return field.default in (MISSING, None) and field.default_factory is MISSING
-
-
-def _plain(value: object) -> object:
-    """Return a number, list or mapping as it stands in a configuration."""
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value)
-    return value
+    for field in fields(cls) if cls and marks else ():
+        if (mark := marks.get(field.name)) is None:
+            continue
+        inner = result if mark.entry is None else result.get(field.name)
+        wanted = field.default in (MISSING, None) and field.default_factory is MISSING
+        absent = tuning.AUTO if wanted and mark.entry is None else None
+        name = mark.entry or field.name
+        if isinstance(inner, dict) and inner.get(name, absent) == tuning.AUTO:
+            option = ".".join(filter(None, (key, field.name, mark.entry)))
+            inner[name] = numbers.of(mark.path(result), option)
+    return result
 
 
 Choice = Mapping[str, str]
@@ -199,14 +155,13 @@ def suited_parts(vessel: Config, words: Sequence[str]) -> Choice:
 
 def _closed(excitation: str) -> bool:
     """Whether an option of the group always needs a controller."""
-    paths = (folder / "excitation" / f"{excitation}.yaml" for folder in (CONF, *user_folders()))
-    file = next((path for path in paths if path.is_file()), None)
-    try:
-        node = yaml.safe_load(file.read_text(encoding="utf-8")) if file else None
-        cls = options.target(node.get("_target_")) if isinstance(node, Mapping) else None
-    except (options.OptionError, yaml.YAMLError):
-        return False  # it is reported when the trial is composed
-    return cls is not None and getattr(cls, "open_loop", None) is missions.Mission.open_loop
+    for folder in (CONF, *user_folders()):
+        # What is wrong with a file is reported when the trial is composed.
+        with suppress(OSError, TypeError, KeyError, options.OptionError, yaml.YAMLError):
+            file = folder / "excitation" / f"{excitation}.yaml"
+            cls = options.target(yaml.safe_load(file.read_text(encoding="utf-8"))["_target_"])
+            return getattr(cls, "open_loop", None) is missions.Mission.open_loop
+    return False
 
 
 def _family(vessel: Config) -> str:
@@ -218,10 +173,10 @@ def _family(vessel: Config) -> str:
         return "by force in the plane" if {*PLANAR} == {*map(str, dofs)} else "by force"
     if HELM in inputs and "yaw" in dofs:
         return "by helm"
-    if vessel.get("devices"):
-        try:
-            built = build_as(parameters.VesselParameters, vessel, "vessel")
-        except ConfigurationError:
-            return ""  # it is reported when the trial is built
-        return "by force in the plane" if built.positioning else "by other inputs"
-    return "by other inputs"
+    with suppress(ConfigurationError):  # which is reported when the trial is built
+        is_positioned = (
+            vessel.get("devices")
+            and build_as(parameters.VesselParameters, vessel, "vessel").positioning
+        )
+        return "by force in the plane" if is_positioned else "by other inputs"
+    return ""

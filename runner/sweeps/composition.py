@@ -93,7 +93,7 @@ def with_numbers(config: DictConfig) -> DictConfig:
 def _set_changes(target: DictConfig, before: Config, after: Config) -> None:
     """Set in `target` what differs between two nodes of its resolved configuration."""
     for key, value in after.items():
-        if key in before and value is before[key]:
+        if key in before and value == before[key]:
             continue
         node = target._get_node(key)
         inner = isinstance(value, dict) and isinstance(before.get(key), dict)

@@ -25,10 +25,10 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from seatrial.models.errors import ConfigurationError, SeatrialError
-from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_unused
+from seatrial.runner.configuration.fingerprint import Provenance, collect
+from seatrial.runner.configuration.hydra_errors import EXPECTED, one_line, refuse_gone
 from seatrial.runner.configuration.invocation import import_from_working_folder, trial_program
 from seatrial.runner.configuration.overrides import left_to_jobs
-from seatrial.runner.configuration.provenance import Provenance, collect
 from seatrial.runner.configuration.search_path import CONF, UserFolders
 from seatrial.runner.database.terminal import error_line, refuse_passwords
 from seatrial.runner.sweeps.composition import order_of
@@ -56,6 +56,7 @@ class Call(Session):
         self._command = f"{trial_program()} {shlex.join([*words, *named])}"
         self.variants = [*map(list, variants)]
         self.lines: list[str] = []
+        self.lists = False  # whether it may be a dry run, which has no results to return
 
     def say(self, lines: Iterable[str]) -> None:
         """Keep the lines."""
@@ -63,10 +64,6 @@ class Call(Session):
 
     def show_table(self, url: str, sweep_id: int, factors: Sequence[str]) -> None:
         """Leave the table to the caller, who asks for it."""
-
-    def list_trials(self, trials: Sequence[tuple[str, str, str]]) -> None:
-        """Refuse a dry run, which has no results to return."""
-        raise ConfigurationError("dry_run: the command line lists trials, Python runs them")
 
     def provenance(self) -> Provenance:
         """Return where the results come from, with the command that gives them as well."""
@@ -86,6 +83,7 @@ def run_trial(overrides: Sequence[str]) -> Call:
         call(config)
         if isinstance(call.error, Exception):
             raise call.error
+    _refuse_dry_run(call)
     return call
 
 
@@ -99,6 +97,12 @@ def run_sweep(call: Call, overrides: Sequence[str]) -> None:
     words += ["hydra/job_logging=none", "hydra/hydra_logging=none"]
     with _hydra(overrides, call) as hydra:
         hydra.multirun("trial", call, words, with_log_configuration=False)
+    _refuse_dry_run(call)
+
+
+def _refuse_dry_run(call: Call) -> None:
+    if call.trials and not call.lists:
+        raise ConfigurationError("dry_run: the command line lists trials, Python runs them")
 
 
 def composed(overrides: Sequence[str]) -> Order:
@@ -131,7 +135,7 @@ def register(overrides: Sequence[str]) -> None:
 @contextmanager
 def _hydra(overrides: Sequence[str], call: Call) -> Iterator[Hydra]:
     """Provide a Hydra with singletons of its own, and errors in one line."""
-    refuse_unused(overrides)
+    refuse_gone(overrides)
     refuse_passwords(overrides)
     stop, is_main = StopSignals(), current_thread() is main_thread()
     Plugins.instance()  # which searches for plugins, once in a process

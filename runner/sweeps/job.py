@@ -6,14 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from sys import intern
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from seatrial.models.errors import Diverged, RecordingError, SeatrialError
 from seatrial.runner import database
 from seatrial.runner.configuration.config import Limits, SweepLabels, Trial, build_trial
-from seatrial.runner.configuration.fingerprint import fingerprint
+from seatrial.runner.configuration.fingerprint import Provenance, fingerprint
 from seatrial.runner.configuration.plugins import attributed
-from seatrial.runner.configuration.provenance import Provenance
 from seatrial.runner.record.vocabulary import GROUPS, NO_RESULT, Ending
 from seatrial.runner.trials.precompile import kinds
 
@@ -41,17 +40,16 @@ class Order:
     names: Mapping[str, str]
     overrides: Sequence[str]
 
-    def __str__(self) -> str:
-        return shown(self.overrides)
+    def fingerprints(self, sources: str) -> tuple[str, str]:
+        """Return the fingerprints of the trial, and of its experiment, which is without the seed.
 
-    def fingerprint(self, sources: str) -> str:
-        """Return the fingerprint of the trial; `sources` is the digest of the code."""
-        return fingerprint(self.config, self.names, sources)
-
-    def experiment(self, sources: str) -> str:
-        """Return the fingerprint without the seed, equal for the replicates of one experiment."""
+        Replicates have the latter in common. `sources` is the digest of the code.
+        """
         unseeded = {key: value for key, value in self.config.items() if key != "seed"}
-        return fingerprint(unseeded, self.names, sources)
+        return (
+            fingerprint(self.config, self.names, sources),
+            fingerprint(unseeded, self.names, sources),
+        )
 
 
 @dataclass(frozen=True)
@@ -78,14 +76,9 @@ def shown(overrides: Sequence[str]) -> str:
 def prepare(order: Order) -> Trial:
     """Build and check the trial of an order; raises SeatrialError if it cannot be run."""
     trial = build_trial(order.config, order.names)
-    check(trial)
-    return trial
-
-
-def check(trial: Trial) -> None:
-    """Check a trial; raises SeatrialError if it cannot be run."""
     with attributed(trial.config):
         trials.check(trial)
+    return trial
 
 
 def perform(
@@ -95,20 +88,18 @@ def perform(
 
     Errors of the trial are stored in its row; errors of the logbook are raised.
     """
+    key, experiment = order.fingerprints(provenance.sources)
+    own: dict[str, Any] = {group: trial.names[group] for group in GROUPS}
+    own |= {key: value for key, value in vars(provenance).items() if key != "sources"}
     # Where results are stored is no part of a trial; the sweep has a row of its own.
-    apart = ("database", "sweep")
+    own["config"] = {k: v for k, v in order.config.items() if k not in ("database", "sweep")}
     start = database.tables.RunRow(
-        fingerprint=order.fingerprint(provenance.sources),
-        **{group: trial.names[group] for group in GROUPS},
+        fingerprint=key,
         seed=trial.seed,
-        config={key: value for key, value in order.config.items() if key not in apart},
         overrides=list(order.overrides),
-        git_commit=provenance.git_commit,
-        git_dirty=provenance.git_dirty,
-        versions=provenance.versions,
-        command=provenance.command,
         code=provenance.sources[:16],
-        experiment=order.experiment(provenance.sources),
+        experiment=experiment,
+        **own,
     )
     with database.LogbookWriter.open(trial.database_url, results_dir=trial.results_dir) as logbook:
         begun = logbook.begin_run(start, sweep_id, rerun=trial.rerun)
@@ -131,92 +122,73 @@ def perform(
         return Outcome("finished", begun.run_id)
 
 
-# Checked trials, rejected trials, and their state in the logbook.
-
-
-class Planner:
-    """Plans the trials of one sweep: each is built, checked and given its fingerprint.
-
-    `sources` is the digest of the code that computes results. A check may read a recording. The
-    replicates of an experiment are checked once, by the first seed: where a mission draws what
-    cannot be sailed for another one, such as a start in a harbour, its run fails.
-    """
-
-    def __init__(self, sources: str) -> None:
-        self._sources = sources
-        self._errors: dict[tuple[str, Limits], SeatrialError | None] = {}  # by experiment
-
-    def plan(self, order: Order) -> "PlannedTrial":
-        """Build and check a trial; raises SeatrialError if it cannot be run."""
-        trial = build_trial(order.config, order.names)
-        key = order.experiment(self._sources), trial.limits
-        if key not in self._errors:
-            self._errors[key] = None
-            try:
-                check(trial)
-            except RecordingError as problem:  # of its contents: its run fails, the others go on
-                log.warning("%s: %s", order, problem)
-            except SeatrialError as problem:
-                self._errors[key] = problem
-        if (error := self._errors[key]) is not None:
-            raise error.with_traceback(None)
-        return PlannedTrial(
-            overrides=order.overrides,
-            fingerprint=order.fingerprint(self._sources),
-            database_url=trial.database_url,
-            results_dir=trial.results_dir,
-            rerun=trial.rerun,
-            labels=trial.sweep,
-            kinds=tuple(map(intern, kinds(trial))),
-            choices=tuple(trial.names[group] for group in GROUPS),
-            seed=trial.seed,
-        )
-
-
 @dataclass(frozen=True, slots=True)
 class PlannedTrial:
     """What a sweep needs of a checked trial; small, because a sweep may have very many."""
 
-    overrides: Sequence[str]
     fingerprint: str
+    seed: int
+    choices: Mapping[str, str]  # the option of each group
+    overrides: list[str]
     database_url: str
     results_dir: Path
     rerun: bool
     labels: SweepLabels
     kinds: tuple[str, ...]  # of its parts, as `precompile` takes them
-    choices: tuple[str, ...]  # the option of each group, in the order of GROUPS
-    seed: int
 
     @property
     def row(self) -> dict[str, object]:
         """The trial as a row of the table `planned`."""
-        own = {name: getattr(self, name) for name in ("fingerprint", "seed")}
-        choices = dict(zip(GROUPS, self.choices, strict=True))
-        return {**own, "choices": choices, "overrides": list(self.overrides)}
-
-    def __str__(self) -> str:
-        return shown(self.overrides)
+        names = ("fingerprint", "seed", "choices", "overrides")
+        return {name: getattr(self, name) for name in names}
 
 
-@dataclass(frozen=True)
-class Refusal:
+Checked = dict[tuple[str, Limits], SeatrialError | None]  # by experiment: why it cannot be run
+
+
+def plan_of(order: Order, sources: str, checked: Checked) -> PlannedTrial:
+    """Build and check a trial; raises SeatrialError if it cannot be run.
+
+    `sources` is the digest of the code that computes results. A check may read a recording. The
+    replicates of an experiment are checked once, by the first seed: where a mission draws what
+    cannot be sailed for another one, such as a start in a harbour, its run fails.
+    """
+    trial = build_trial(order.config, order.names)
+    own, experiment = order.fingerprints(sources)
+    key = experiment, trial.limits
+    if key not in checked:
+        checked[key] = None
+        try:
+            with attributed(trial.config):
+                trials.check(trial)
+        except RecordingError as problem:  # of its contents: its run fails, the others go on
+            log.warning("%s: %s", shown(order.overrides), problem)
+        except SeatrialError as problem:
+            checked[key] = problem
+    if (error := checked[key]) is not None:
+        raise error.with_traceback(None)
+    return PlannedTrial(
+        fingerprint=own,
+        seed=trial.seed,
+        choices={group: intern(trial.names[group]) for group in GROUPS},
+        overrides=list(order.overrides),
+        database_url=trial.database_url,
+        results_dir=trial.results_dir,
+        rerun=trial.rerun,
+        labels=trial.sweep,
+        kinds=tuple(map(intern, kinds(trial))),
+    )
+
+
+class Refusal(NamedTuple):
     """A trial that cannot be run, and the reason."""
 
     asked: str
     reason: str
 
-    def __str__(self) -> str:
-        return f"{self.asked}: {self.reason}"
-
-
-StoredRuns = dict[str, "database.RunSummary"]
-
 
 def states(url: str, sweep_id: int, plans: Iterable[PlannedTrial]) -> dict[str, str]:
-    """Return the status of the last attempt of a sweep at each trial, by fingerprint.
-
-    Trials without an attempt are left out.
-    """
+    """Return the status of the last attempt of a sweep at each trial, by fingerprint."""
     fingerprints = {plan.fingerprint for plan in plans}
     with database.LogbookWriter.read(url) as logbook:
         # In the order of their attempts.
@@ -224,7 +196,7 @@ def states(url: str, sweep_id: int, plans: Iterable[PlannedTrial]) -> dict[str, 
     return {run.fingerprint: run.status for run in runs if run.fingerprint in fingerprints}
 
 
-def known(plans: Iterable[PlannedTrial]) -> StoredRuns:
+def known(plans: Iterable[PlannedTrial]) -> dict[str, "database.RunSummary"]:
     """Return the stored runs of these trials, by fingerprint; empty without a logbook."""
     plans = list(plans)
     if not plans:
@@ -244,11 +216,11 @@ def listed(plans: Sequence[PlannedTrial | Refusal]) -> list[tuple[str, str, str]
     rows = []
     for plan in plans:
         if isinstance(plan, Refusal):
-            rows.append(("refused", plan.asked, plan.reason))
+            rows.append(("refused", *plan))
         elif (run := runs.get(plan.fingerprint)) is None:
-            rows.append(("new", str(plan), ""))
+            rows.append(("new", shown(plan.overrides), ""))
         else:
             note = f"run {run.run_id}{f': {run.error}' if run.error else ''}"
             again = ", to be run again" if run.status == "finished" and plan.rerun else ""
-            rows.append((run.status, str(plan), note + again))
+            rows.append((run.status, shown(plan.overrides), note + again))
     return rows

@@ -34,6 +34,7 @@ from seatrial.runner.sweeps.job import Order, PlannedTrial, Refusal, known, list
 if TYPE_CHECKING:  # what is slow to import, and Optuna may be lacking
     import optuna
 
+    from seatrial.runner import database
     from seatrial.runner.record import catalogue
     from seatrial.runner.trials import budget
 else:
@@ -233,16 +234,16 @@ class SearchSweeper(sweeps.SeatrialSweeper):
             self._study.enqueue_trial(space.parameters(default))
         first = self._ask()
         if own.dry_run is True:
-            self.session.say(["the first candidate:"])
-            self.session.list_trials(listed(first.plans))
+            self.session.trials = listed(first.plans)
+            self.session.say(["the first candidate:", *console.dry_run(self.session.trials)])
             lines = [override.input_line or "" for override in space.searched.values()]
             self.session.say([*lines, f"{trials} candidates, at most {trials * seeds} trials"])
             return
         plan = sweeps.accepted(first.plans)[0]
-        with self.underway(plan, arguments, trials * seeds) as begun:
-            done = self._search(first, begun)
-            begun.planned = sum(len(one.runs) for one in done)
-        self._conclude(done, begun.job.sweep_id, plan.database_url)
+        with self.underway(plan, arguments, trials * seeds) as (logbook, job):
+            done = self._search(first, logbook, job)
+            logbook.end_sweep(job.sweep_id, sum(len(one.runs) for one in done))
+        self._conclude(done, job.sweep_id, plan.database_url)
 
     def _ask(self) -> Attempt:
         """Return the next candidate, planned; the first one must not be refused."""
@@ -251,12 +252,14 @@ class SearchSweeper(sweeps.SeatrialSweeper):
         plans = sweeps.planned(self._composer, [[*overrides, seed] for seed in self._space.seeds])
         for refusal in [plan for plan in plans if isinstance(plan, Refusal)][:1]:
             if asked.number == 0:
-                raise ConfigurationError(str(refusal))
-            log.warning("refused: %s", refusal)
+                raise ConfigurationError(": ".join(refusal))
+            log.warning("refused: %s", ": ".join(refusal))
         ready = [plan for plan in plans if isinstance(plan, PlannedTrial)]
         return Attempt(asked, ready, "infeasible" if len(ready) < len(plans) else "complete")
 
-    def _search(self, first: Attempt, begun: sweeps.SweepUnderway) -> list[Attempt]:
+    def _search(
+        self, first: Attempt, logbook: "database.LogbookWriter", job: sweeps.SweepJob
+    ) -> list[Attempt]:
         """Run batches of candidates until all are done.
 
         Optuna's pruners know a single objective; then candidates are run seed by seed. Infeasible
@@ -264,7 +267,6 @@ class SearchSweeper(sweeps.SeatrialSweeper):
         """
         options, seeds = self._options, range(len(self._space.seeds))
         single = len(options.metric) == 1
-        logbook, job = begun.logbook, begun.job
         batch, done = [first], list[Attempt]()
         while len(done) < options.trials:
             wanted = min(options.batch, options.trials - len(done))
@@ -272,7 +274,7 @@ class SearchSweeper(sweeps.SeatrialSweeper):
             for step in [[seed] for seed in seeds] if options.prune and single else [[*seeds]]:
                 running = [one for one in batch if one.state == "complete"]
                 plans = [one.plans[seed] for one in running for seed in step]
-                _, remaining = sweeps.finished_before(plans, logbook, job.sweep_id, quiet=True)
+                _, remaining = sweeps.finished_before(plans, logbook, job.sweep_id)
                 launched = self._launch(remaining, job)
                 if launched.bugs:
                     raise RuntimeError(launched.bugs[0].error)

@@ -28,9 +28,7 @@ BASE_MS = 60.0  # what is asked
 SIZES = [10, 100, 1000]
 BARE = """
 import sys, hydra
-from omegaconf import OmegaConf
 sys.argv[0] = "app"
-OmegaConf.register_new_resolver("seatrial_folders", lambda: "")
 hydra.main(config_path=sys.argv.pop(1), config_name="trial", version_base="1.3")(lambda _: None)()
 """
 

@@ -11,7 +11,7 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError, Diverged
 from seatrial.runner.configuration.config import Trial
-from seatrial.runner.configuration.provenance import collect
+from seatrial.runner.configuration.fingerprint import collect
 from seatrial.runner.record.rows import Metric, Results
 from seatrial.runner.trials import trial as trials
 from seatrial.runner.trials.trial import TrialDiverged

@@ -152,7 +152,7 @@ REFUSED = {
                + NO_FIT[0].replace("gain: float", "gain: Positive"),
                f"+identifier.gain=-1 {NAMED}"), "identifier.gain must be positive, got -1"),
     "role": ((wave("return 0")[0], "identifier._target_={module}.Wave"),
-             "identifier._target_: got Wave, expected a class for this group"),
+             "identifier: got Wave, expected Identifier"),
     "method": ((NO_FIT[0].replace("identify", "identity"), NAMED),
                "{module}.Fit: TypeError: Can't instantiate abstract class"),
     "checks": ((NO_FIT[0] + "    def check(self, *rest):\n        1 / 0\n", NAMED),

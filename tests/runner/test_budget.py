@@ -99,8 +99,8 @@ WRONG = {
         "vessel.tuning.reference.interval_s: got inf, expected a finite number"
     ),
     "+vessel.tuning.mine=1": "vessel.tuning.mine: unknown option, expected one of pid, reference",
-    "+extra=nan": "extra: got nan, expected a finite number",
-    f"seed={2**70}": "seed: got an integer of 71 bits, expected 64",
+    "+extra=nan": "extra: unknown option, expected one of vessel, ",
+    f"seed={2**70}": "seed must be at most 9223372036854775807, got 11805",
     "vessel.tuning.reference.interval_s=abc": (
         "vessel.tuning.reference.interval_s: got 'abc', expected a number or null"
     ),

@@ -38,7 +38,7 @@ REFUSED = {
     "database=postgresql": "SEATRIAL_DATABASE is not set; expected postgresql://",
     "database.url=mysql://a/b": "database.url: unknown database dialect 'mysql' in mysql://a/b; ",
     "database.url=results.db": "database.url is not a database URL: got 'results.db'; ",
-    "--bogus": "unrecognized arguments: --bogus ",
+    "--bogus": "unknown flag --bogus, see --help",
     "--vessel=tug": "unknown flag --vessel=tug, did you mean vessel=tug?",
     "--show-completion": "unknown flag --show-completion, did you mean --shell-completion?",
     "vessels": "'vessels' cannot be read, expected vessel=NAME; python -m runner --help lists",
@@ -92,12 +92,15 @@ def test_a_sample_time_whose_powers_are_no_numbers(seatrial: Command) -> None:
     """Some vessels derive weights from it before it is compared with the mission."""
     for seconds in (1e300, 1e-300):
         said = seatrial.refuses("vessel=blueboat", f"sample_time_s={seconds!r}")
-        assert said.startswith(f"sample_time_s: got {seconds:g} s, expected 1e-09 to 1e+09")
+        assert said.startswith("sample_time_s must be at ")
 
 
-def test_a_flag_in_the_midst_of_options(seatrial: Command) -> None:
-    said = seatrial.refuses("seed=1", "-m", "identifier=ls,none")
-    assert said.startswith("unrecognized arguments: identifier=ls,none (flags come before")
+def test_a_flag_may_stand_in_the_midst_of_options(seatrial: Command) -> None:
+    answer = seatrial("seed=1", "-m", "identifier=ls,none", "dry_run=true")
+    assert "2 trials: 2 new" in answer.out
+    assert seatrial.refuses("seed=1", "--vessel", "tug") == (
+        "unknown flag --vessel, did you mean vessel=tug?"
+    )
 
 
 def test_a_trial_is_run_once(seatrial: Command) -> None:

@@ -61,7 +61,7 @@ def test_an_error_names_the_key_inside_a_node() -> None:
     said = refusal(VESSEL | {"thruster": LAG | {"damping": "much"}}, "vessel")
     assert said == "vessel.thruster.damping: got 'much', expected a number"
     said = refusal(VESSEL | {"thruster": VESSEL}, "vessel")
-    assert said == "vessel.thruster: got a VesselParameters, expected a SecondOrderLag"
+    assert said == "vessel.thruster: got VesselParameters, expected SecondOrderLag"
     said = refusal(VESSEL | {"dofs": ["surge", "surge"]}, "vessel")  # an error of the class
     assert said.startswith("vessel: ")
 
@@ -73,7 +73,7 @@ def test_a_target_must_be_a_dataclass_of_ours() -> None:
         "seatrial.models", f"{ours}.thruster", f"{ours}.thruster.Nothing",
         "seatrial.models.nowhere.SecondOrderLag", f"{ours}.table.np.ndarray",
         f"{ours}.parameters.field", "seatrial.models.errors.Diverged",
-        "seatrial.runner.configuration.provenance.subprocess.Popen",
+        "seatrial.runner.configuration.fingerprint.subprocess.Popen",
         "seatrial.runner.configuration.config.Path",
         "seatrial.runner..config.Trial", "", 3, None,
     ):  # fmt: skip

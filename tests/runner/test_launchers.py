@@ -100,8 +100,8 @@ def test_a_launcher_that_cannot_start_is_one_line(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["hydra/launcher=joblib"], "is not supported, use hydra/launcher=processes"),
-        (["hydra/launcher=submitit_local"], "is not supported, use hydra/launcher=processes"),
+        (["hydra/launcher=joblib"], "is gone: use hydra/launcher=processes"),
+        (["hydra/launcher=submitit_local"], "is gone: use hydra/launcher=processes"),
         (["hydra/launcher=processes", "hydra.launcher.n_jobs=0"], "got 0, expected a number of"),
         (["hydra/launcher=processes", "hydra.launcher.n_jobs=two"], "got two, expected a number"),
     ],

@@ -125,11 +125,11 @@ def test_a_word_that_is_no_choice_is_one_line(seatrial: Command) -> None:
 def test_stored_trials_fit_and_vessels_that_can_have_the_same_are_shown_together(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def run_sweep(listing: fits._Listing, words: Sequence[str]) -> None:
-        trials = [shown(variant) for variant in listing.variants]
+    def run_sweep(call: in_process.Call, words: Sequence[str]) -> None:
+        trials = [shown(variant) for variant in call.variants]
         assert all("excitation=prbs evaluation=none" in trial for trial in trials)
         states = ["refused"] * (2 if "vessel=otter" in trials[0] else 1) + ["finished"] * 99
-        listing.list_trials([*zip(states, trials, "x" * len(trials), strict=False)])
+        call.trials = [*zip(states, trials, "x" * len(trials), strict=False)]
 
     monkeypatch.setattr(in_process, "run_sweep", run_sweep)
     fits.main(["vessel=osv,otter,frigate", "excitation=prbs", "evaluation=none"])

@@ -6,7 +6,7 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.configuration.config import Trial
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record.rows import Results
-from seatrial.runner.sweeps.job import Order, PlannedTrial, Planner, prepare
+from seatrial.runner.sweeps.job import Checked, Order, PlannedTrial, plan_of, prepare
 from seatrial.runner.trials import trial as trials
 from tests.runner.command import Command
 from tests.runner.compare.conftest import logbook as logbook
@@ -21,9 +21,9 @@ JOBS = (
 )  # fmt: skip
 
 
-def planned(planner: Planner, order: Order) -> PlannedTrial | str:
+def planned(checked: Checked, order: Order) -> PlannedTrial | str:
     try:
-        return planner.plan(order)
+        return plan_of(order, "sources", checked)
     except ConfigurationError as error:
         return str(error)
 
@@ -34,13 +34,13 @@ def alone(order: Order) -> str:
         prepare(order)
     except ConfigurationError as error:
         return str(error)
-    return order.fingerprint("sources")
+    return order.fingerprints("sources")[0]
 
 
 def test_a_trial_is_planned_among_others_as_alone() -> None:
-    planner = Planner("sources")
+    checked = Checked()
     orders = [ordered(*job.split()) for job in JOBS]
-    plans = [planned(planner, order) for order in orders]
+    plans = [planned(checked, order) for order in orders]
     said = [plan.fingerprint if isinstance(plan, PlannedTrial) else plan for plan in plans]
     assert said == [alone(order) for order in orders]
     assert len({plan for plan in plans if isinstance(plan, str)}) >= 3  # several are refused
@@ -56,9 +56,9 @@ def test_the_replicates_of_an_experiment_are_checked_once(monkeypatch: pytest.Mo
             raise ConfigurationError("slow")
 
     monkeypatch.setattr(trials, "check", check)
-    planner = Planner("sources")
+    checked = Checked()
     said = [
-        planned(planner, ordered(f"seed={seed}", *others))
+        planned(checked, ordered(f"seed={seed}", *others))
         for others in ([], ["sample_time_s=0.2"], ["limits.samples=1"])
         for seed in range(3)
     ]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from seatrial.runner.compare.runs import repeat_command
-from seatrial.runner.configuration import invocation, provenance
+from seatrial.runner.configuration import fingerprint, invocation
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.database import engine
 from seatrial.runner.sweeps.console import compare
@@ -16,9 +16,11 @@ from seatrial.runner.sweeps.console import compare
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of the project, of which nothing is known yet."""
-    provenance.collect.cache_clear()
+    fingerprint.collect.cache_clear()
     (tmp_path / "pyproject.toml").touch()
-    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    monkeypatch.setattr(fingerprint, "ROOT", tmp_path)
+    command = [str(tmp_path) if word == str(invocation.ROOT) else word for word in fingerprint.GIT]
+    monkeypatch.setattr(fingerprint, "GIT", command)
     return tmp_path
 
 
@@ -32,31 +34,31 @@ def test_the_commit_and_whether_it_was_changed(checkout: Path) -> None:
     (checkout / "a.txt").write_text("a")
     git(checkout, "add", "a.txt")
     git(checkout, "commit", "-q", "-m", "Begin")
-    first = provenance.collect()
+    first = fingerprint.collect()
     assert first.git_commit is not None
     assert len(first.git_commit) == 40
     assert first.git_dirty is False
     (checkout / "a.txt").write_text("b")
-    assert provenance.collect() is first
-    provenance.collect.cache_clear()
-    assert provenance.collect().git_dirty is True
+    assert fingerprint.collect() is first
+    fingerprint.collect.cache_clear()
+    assert fingerprint.collect().git_dirty is True
 
 
 def test_the_repository_around_an_installed_package_is_not_ours(checkout: Path) -> None:
     git(checkout, "init", "-q")
     git(checkout, "commit", "-q", "--allow-empty", "-m", "Begin another project")
     (checkout / "pyproject.toml").unlink()
-    assert provenance.collect().git_commit is None
-    assert provenance.collect().git_dirty is None
+    assert fingerprint.collect().git_commit is None
+    assert fingerprint.collect().git_dirty is None
 
 
 def test_without_git(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(checkout.parent))
-    assert provenance.collect().git_commit is None
-    assert provenance.collect().git_dirty is None
-    provenance.collect.cache_clear()
+    assert fingerprint.collect().git_commit is None
+    assert fingerprint.collect().git_dirty is None
+    fingerprint.collect.cache_clear()
     monkeypatch.setenv("PATH", "")
-    assert provenance.collect().git_commit is None
+    assert fingerprint.collect().git_commit is None
 
 
 SCRIPT = "/home/somebody/.venv/bin/seatrial"

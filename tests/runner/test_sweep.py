@@ -81,7 +81,7 @@ def test_one_bad_trial_stops_the_sweep_before_it_starts(seatrial: Command) -> No
 def test_a_sweep_over_no_values_is_refused(seatrial: Command) -> None:
     seatrial.pretend()
     for option in ("seed=glob(*)", "seed=range(3,3)"):
-        assert seatrial.refuses("-m", option) == f"{option}: got no values, expected at least one"
+        assert seatrial.refuses("-m", option).startswith(f"{option}: got no values that can be")
 
 
 def test_the_same_trial_twice_is_one_run(seatrial: Command) -> None:
@@ -215,9 +215,12 @@ def test_variants_change_options_together(seatrial: Command) -> None:
 
 def test_a_wrong_variant_is_refused(seatrial: Command) -> None:
     for arguments, message in (
-        (["-m", "--variant"], "--variant: got '', expected overrides such as"),
-        (["-m", "--variant", "identifier"], "--variant: got 'identifier', expected overrides"),
-        (["-m", "--variant", "identifier='ls"], '--variant: got "identifier=\'ls": No closing'),
+        (["-m", "--variant"], "argument --variant: expected one argument"),
+        (["-m", "--variant", "identifier"], "argument --variant: got 'identifier', expected"),
+        (
+            ["-m", "--variant", "identifier='ls"],
+            'argument --variant: invalid variant value: "identifier=\'ls"',
+        ),
         (["--variant", "identifier=ls"], "--variant: got one trial, expected a sweep (-m)"),
     ):
         assert seatrial.refuses(*arguments).startswith(message)

@@ -96,7 +96,7 @@ def test_the_projects_option_wins_and_the_other_is_named_once(seatrial: Command)
     answer = seatrial("-m", "identifier=ls", "seed=0,1")
     assert "2 runs: 2 finished" in answer.out
     assert answer.err.count("not used") == 1
-    assert answer.err.startswith("seatrial: conf: identifier/ls.yaml not used")
+    assert answer.err.startswith("seatrial: conf/identifier/ls.yaml is not used")
 
 
 def test_of_two_folders_of_the_user_the_first_wins(
@@ -107,10 +107,10 @@ def test_of_two_folders_of_the_user_the_first_wins(
     monkeypatch.setenv("SEATRIAL_CONF", "named")
     answer = seatrial("identifier=twice", "--cfg", "job")
     assert "least_squares.LeastSquares" in answer.out
-    assert answer.err.startswith("seatrial: conf: identifier/twice.yaml not used")
+    assert answer.err.startswith("seatrial: conf/identifier/twice.yaml is not used")
     answer = seatrial("--config-dir", "conf", "identifier=twice", "--cfg", "job")
     assert "problem.NoIdentifier" in answer.out
-    assert answer.err.startswith("seatrial: named: identifier/twice.yaml not used")
+    assert answer.err.startswith("seatrial: named/identifier/twice.yaml is not used")
 
 
 def test_a_folder_that_does_not_exist_is_refused(

@@ -49,7 +49,7 @@ def trial(vessel: str, identifier: str) -> Trial:
         OmegaConf.set_struct(config, False)
         del config["hydra"]
         if not known:
-            (text,) = draft_vessel(vessel, {"length": 6.0, "mass": 4000.0}).files.values()
+            text = draft_vessel(vessel, {"length": 6.0, "mass": 4000.0})
             config.vessel = yaml.safe_load(text)
         nodes = OmegaConf.to_container(config, resolve=True)
     named = {group: choices[group] for group in GROUPS}
