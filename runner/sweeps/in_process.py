@@ -83,7 +83,6 @@ def run_trial(overrides: Sequence[str]) -> Call:
         call(config)
         if isinstance(call.error, Exception):
             raise call.error
-    _refuse_dry_run(call)
     return call
 
 
@@ -97,12 +96,6 @@ def run_sweep(call: Call, overrides: Sequence[str]) -> None:
     words += ["hydra/job_logging=none", "hydra/hydra_logging=none"]
     with _hydra(overrides, call) as hydra:
         hydra.multirun("trial", call, words, with_log_configuration=False)
-    _refuse_dry_run(call)
-
-
-def _refuse_dry_run(call: Call) -> None:
-    if call.trials and not call.lists:
-        raise ConfigurationError("dry_run: the command line lists trials, Python runs them")
 
 
 def composed(overrides: Sequence[str]) -> Order:
@@ -150,6 +143,9 @@ def _hydra(overrides: Sequence[str], call: Call) -> Iterator[Hydra]:
             hydra = GlobalHydra.instance().hydra
             assert hydra is not None
             yield hydra
+            if call.trials and not call.lists:
+                told = "the command line lists trials, Python runs them"
+                raise ConfigurationError(f"dry_run: {told}")
     except (Exception, StopSignal) as error:
         # What a signal has interrupted may fail by any exception.
         if stop.number is not None or isinstance(error, StopSignal):
