@@ -9,9 +9,8 @@ is a blade behind the stern, to the side to which the ship turns.
 import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation, HTMLWriter, PillowWriter
@@ -27,11 +26,12 @@ from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import Config
 
+WRITERS = {".html": HTMLWriter, ".gif": PillowWriter, ".mp4": FFMpegWriter}
 FRAMES = {".html": 120, ".gif": 120, ".mp4": 300}  # at most
 FRAMES_PER_S, INCHES, DPI = 15, 5.0, 100
 STERN = -0.5  # [L]
 BLADE = 0.16  # length of a rudder [L], longer than a real one, to be seen
-ARROW_LENGTHS = {"thrust": 0.8, "moment": 0.6}  # length of a line at the limit [L]
+ARROW, ARROW_OF_MOMENT = 0.8, 0.6  # length of a line at the limit [L]
 COLOURS = {"thrust": style.PALETTE[2], "moment": style.PALETTE[3], "rudder": style.REFERENCE}
 DRIVES = ("drive", "n", "delta")  # options of a device that name its input
 # Signs of the player's buttons, and a page that fits; matplotlib's page loads them from a network.
@@ -44,11 +44,9 @@ PAGE_STYLE = """<meta charset="utf-8"><meta name="viewport" content="width=devic
 .fa-flip-horizontal::before { content: "\\25c0"; }</style>"""
 
 
-@dataclass(frozen=True, eq=False)
-class DeviceLine:
+class DeviceLine(NamedTuple):
     """A device over time: `start` and `end` are points of the body [m], shape (n, 2)."""
 
-    name: str
     kind: Literal["thrust", "moment", "rudder"]
     start: Sample
     end: Sample
@@ -68,25 +66,19 @@ def animate(results: Queries, run: int, file: Path | None) -> Path:
     path = file or results.reader.results_dir / "figures" / f"animation-run-{run}.html"
     form = path.suffix.lower()
     if form not in FRAMES:
-        raise ConfigurationError(
-            f"--to: got {str(path)!r}, expected the ending .html, .gif or .mp4"
-        )
+        raise ConfigurationError(f"--to: got '{path}', expected the ending .html, .gif or .mp4")
     if form == ".mp4" and shutil.which("ffmpeg") is None:
-        raise ConfigurationError(
-            f"--to: {path} needs the program ffmpeg, which is not installed; expected .gif or .html"
-        )
+        raise ConfigurationError(f"--to: {path} needs the program ffmpeg, or expected .gif, .html")
     with style.drawn():
         film = film_of(results, run, FRAMES[form])
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.touch()
+            options = {"embed_frames": True} if form == ".html" else {}
+            film.save(path, WRITERS[form](FRAMES_PER_S, **options), dpi=DPI)
             if form == ".html":
-                film.save(path, HTMLWriter(FRAMES_PER_S, embed_frames=True), dpi=DPI)
                 text = path.read_text(encoding="utf-8")
                 path.write_text(re.sub("<link[^>]*>", lambda _: PAGE_STYLE, text), encoding="utf-8")
-            else:
-                writer = PillowWriter if form == ".gif" else FFMpegWriter
-                film.save(path, writer(FRAMES_PER_S), dpi=DPI)
         except OSError as error:
             raise LogbookError(f"{path}: cannot write the animation: {error.strerror}") from error
     return path
@@ -95,31 +87,22 @@ def animate(results: Queries, run: int, file: Path | None) -> Path:
 def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     """Return the film of a run in at most so many frames: a panel for each of its voyages."""
     config = results.reader.run(number).config  # that there is one
-    ((run, stored),) = selection.each_run(
-        results,
-        PlotRequest("film", run=number),
-        (*selection.DEPLOYMENTS, "recording", track.HARBOUR),
-    )
+    kinds = (*selection.DEPLOYMENTS, "recording", track.HARBOUR)
+    ((run, stored),) = selection.each_run(results, PlotRequest("film", run=number), kinds)
     harbour = stored.pop(track.HARBOUR, None)
     deployed = {kind: stored[kind] for kind in selection.DEPLOYMENTS if kind in stored}
     whole, absent = selection.distinct(results, run, deployed or stored)
     selection.in_plane(run, "animate", whole, ("t", "x", "y", "psi"))
     extent = max(float(np.ptp(one.columns[name])) for one in whole.values() for name in ("x", "y"))
     length, note = track.drawn_length(config, extent)
-    sails = dict[str, Series]()
-    for name, series in whole.items():  # thinned evenly
-        count = len(series.columns["t"])
-        frames = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
-        columns = {key: np.asarray(values)[frames] for key, values in series.columns.items()}
-        sails[name] = Series(series.kind, columns, series.units)
-    devices = parts_of([*sails.values()], config.get("vessel") or {}, length)
+    devices = parts_of([*whole.values()], config.get("vessel") or {}, length)
     notes = [note, "lines from the hull: thrust, relative to the largest or its limit"]
-    if any(part.kind == "rudder" for parts in devices for part in parts):
-        notes.append("rudder longer than it is")
-    sheet, panels = style.panels(1, len(sails), INCHES, INCHES)
+    rudders = [part for parts in devices for part in parts if part.kind == "rudder"]
+    notes += ["rudder longer than it is"] * bool(rudders)
+    sheet, panels = style.panels(1, len(whole), INCHES, INCHES)
     moves = [
         _drawn(axes, name, series, parts, length, harbour)
-        for axes, (name, series), parts in zip(panels, sails.items(), devices, strict=True)
+        for axes, (name, series), parts in zip(panels, whole.items(), devices, strict=True)
     ]
     limits = np.array([[axes.get_xlim(), axes.get_ylim()] for axes in panels])
     middle, half = np.mean(limits, axis=(0, 2)), 0.5 * np.max(np.ptp(limits, axis=2))
@@ -133,7 +116,9 @@ def film_of(results: Queries, number: int, most: int) -> FuncAnimation:
     show(0)
     sheet.draw_without_rendering()
     sheet.set_layout_engine("none")  # the panels stay where the first frame has them
-    return FuncAnimation(sheet, show, max(len(one.columns["t"]) for one in sails.values()))
+    count = max(len(one.columns["t"]) for one in whole.values())
+    frames = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+    return FuncAnimation(sheet, show, frames)
 
 
 def _drawn(
@@ -179,25 +164,29 @@ def parts_of(series_of: Sequence[Series], vessel: Config, length: float) -> list
     `vessel` is the stored configuration, `length` that of the drawn hull [m].
     """
     if any(name.startswith("tau_") for name in series_of[0].columns):
-        return [list(_forces(series, series_of, length)) for series in series_of]
+        return _forces(series_of, length)
     return [list(_inputs(series, vessel, length)) for series in series_of]
 
 
-def _forces(series: Series, series_of: Sequence[Series], length: float) -> Iterator[DeviceLine]:
+def _forces(series_of: Sequence[Series], length: float) -> list[list[DeviceLine]]:
     """The total force from amidships, and the moment as a side force at the bow."""
-    largest = {
-        name: largest_of([s.columns[name] for s in series_of if name in s.columns]) or 1.0
-        for name in ("tau_surge", "tau_sway", "tau_yaw")
-    }
-    zero = np.zeros(len(series.columns["t"]))
-    surge, sway, yaw = (np.asarray(series.columns.get(name, zero)) for name in largest)
-    size = ARROW_LENGTHS["thrust"] * length / max(largest["tau_surge"], largest["tau_sway"])
-    force = np.column_stack([size * surge, size * sway])
-    yield DeviceLine("force", "thrust", np.zeros_like(force), force)
-    if "tau_yaw" in series.columns:
-        side = ARROW_LENGTHS["moment"] * length / largest["tau_yaw"] * yaw
-        bow = np.column_stack([zero + 0.5 * length, zero])
-        yield DeviceLine("moment", "moment", bow, bow + np.column_stack([zero, side]))
+    forces = [
+        np.column_stack([
+            series.columns.get(f"tau_{dof}", np.zeros(len(series.columns["t"])))
+            for dof in ("surge", "sway", "yaw")
+        ])
+        for series in series_of
+    ]  # fmt: skip
+    thrust = ARROW * length / (largest_of([tau[:, :2] for tau in forces]) or 1.0)
+    moment = ARROW_OF_MOMENT * length / (largest_of([tau[:, 2] for tau in forces]) or 1.0)
+    parts = []
+    for tau in forces:
+        amidships, bow = np.zeros((len(tau), 2)), np.tile([0.5 * length, 0.0], (len(tau), 1))
+        parts.append([DeviceLine("thrust", amidships, thrust * tau[:, :2])])
+        if np.any(tau[:, 2]):
+            side = np.column_stack([bow[:, 0], moment * tau[:, 2]])
+            parts[-1].append(DeviceLine("moment", bow, side))
+    return parts
 
 
 def _inputs(series: Series, vessel: Config, length: float) -> Iterator[DeviceLine]:
@@ -215,13 +204,13 @@ def _inputs(series: Series, vessel: Config, length: float) -> Iterator[DeviceLin
             high = max(abs(float(limits.get(end) or 0.0)) for end in ("low", "high")) or 1.0
             fixed = np.full_like(value, float(device.get("angle_rad") or 0.0))
             angle = np.asarray(series.columns.get(str(device.get("alpha")), fixed))
-            size = ARROW_LENGTHS["thrust"] * length / high * value
+            size = ARROW * length / high * value
             thrust = np.column_stack([size * np.cos(angle), size * np.sin(angle)])
-            yield DeviceLine(name, "thrust", start, start + thrust)
+            yield DeviceLine("thrust", start, start + thrust)
         elif device.get("kind") != "plane" and not name.endswith("_s"):
             stock = np.tile([STERN * length, 0.0], (len(value), 1))
             blade = np.column_stack([-np.cos(value), turning_side(series, value) * np.sin(value)])
-            yield DeviceLine(name, "rudder", stock, stock + BLADE * length * blade)
+            yield DeviceLine("rudder", stock, stock + BLADE * length * blade)
 
 
 def turning_side(series: Series, helm: Sample) -> float:
@@ -230,7 +219,6 @@ def turning_side(series: Series, helm: Sample) -> float:
     It is the sign of b of `r_dot = a r + b helm`, fitted by least squares: conventions differ.
     """
     t = series.columns["t"]
-    rate = series.columns.get("r")
-    rate = np.gradient(np.unwrap(series.columns["psi"]), t) if rate is None else np.asarray(rate)
+    rate = series.columns.get("r", np.gradient(np.unwrap(series.columns["psi"]), t))
     solution = np.linalg.lstsq(np.column_stack([rate, helm]), np.gradient(rate, t), rcond=None)[0]
     return -1.0 if solution[1] < 0.0 else 1.0

@@ -1,6 +1,6 @@
 """The page of the benchmark: tables, free runs over every test file, failures, and licences."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from seatrial.runner.compare import page as pages
 from seatrial.runner.compare.benchmark.scores import REFERENCES
-from seatrial.runner.compare.benchmark.task import Case, located
+from seatrial.runner.compare.benchmark.task import located
 from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
@@ -42,7 +42,8 @@ ENTRANT = (
 
 def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> None:
     """Write the page; raises LogbookError if the file cannot be written."""
-    own, trials = _own(boards), trial_program()
+    own, trials = pd.concat([board.entries for board in boards]), trial_program()
+    own = own[~own["entrant"].isin(REFERENCES)]
     minutes = sum(own["duration_s"]) / 60.0
     lead = f"From {results.reader.address}: {len(own)} trials, {minutes:.0f} minutes of computing."
     first = [paragraph(ABOUT), html_table(summary(boards))]
@@ -90,12 +91,6 @@ def write_benchmark(results: Queries, boards: Sequence[Board], file: Path) -> No
     pages.write_page(pages.page(title, [paragraph(lead, "small")], sections), file)
 
 
-def _own(boards: Sequence[Board]) -> pd.DataFrame:
-    """The entries of all boards without the references."""
-    entries = pd.concat([board.entries for board in boards])
-    return entries[~entries["entrant"].isin(REFERENCES)]
-
-
 def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
     """Yield the figures of every test file, of the first entrants and `none`."""
     names = [*[name for name in board.contest.mean_ranks.index if name != "none"][:FIRST], "none"]
@@ -103,32 +98,23 @@ def _free_runs(results: Queries, board: Board) -> Iterator[Markup]:
         entries = board.entries[board.entries["status"] == FINISHED]
         entries = entries[(entries["case"] == label) & (entries["seed"] == 0)]
         runs = dict(zip(entries["entrant"], entries["run"], strict=True))
-        whole = {
-            name: results.reader.series(runs[name], "prediction") for name in names if name in runs
-        }
+        read = results.reader.series
+        whole = {name: read(runs[name], "prediction") for name in names if name in runs}
         if not whole:
             continue
-        for k, (title, parts) in enumerate(_by_file(label, case, whole)):
+        first = next(iter(whole.values())).columns
+        ends = [*pairwise([*np.flatnonzero(first["start"]), len(first["t"])])]
+        titles = [f"{label}, {Path(path).name}" for path in case.test]
+        if len(titles) != len(ends) or len(ends) == 1:  # the pieces are not the files
+            ends, titles = [(0, len(first["t"]))], [label]
+        for k, (title, (a, b)) in enumerate(zip(titles, ends, strict=True)):
+            parts = dict[str, Series]()
+            for name, one in whole.items():
+                columns = {key: values[a:b] for key, values in one.columns.items()}
+                parts[name] = Series(one.kind, columns, one.units)
+            shown, told = free_runs(title, parts, board.task.outputs), f"{title}: free run"
             prefix = f"{board.task.name}-{label}-{k}-"
-            shown = free_runs(title, parts, board.task.outputs)
-            yield picture(shown, f"{title}: free run from the first measured state", prefix)
-
-
-def _by_file(
-    label: str, case: Case, runs: Mapping[str, Series]
-) -> Iterator[tuple[str, Mapping[str, Series]]]:
-    """Yield the runs over each test file, where the pieces of the series are the files."""
-    first = next(iter(runs.values())).columns
-    ends = list(pairwise([*np.flatnonzero(first["start"]), len(first["t"])]))
-    if len(ends) != len(case.test) or len(ends) == 1:
-        yield label, runs
-        return
-    for path, (first, last) in zip(case.test, ends, strict=True):
-        parts = dict[str, Series]()
-        for name, series in runs.items():
-            columns = {key: values[first:last] for key, values in series.columns.items()}
-            parts[name] = Series(series.kind, columns, series.units)
-        yield f"{label}, {Path(path).name}", parts
+            yield picture(shown, f"{told} from the first measured state", prefix)
 
 
 def failures(own: pd.DataFrame) -> TextTable:
@@ -136,7 +122,7 @@ def failures(own: pd.DataFrame) -> TextTable:
     lost = own[own["loss"] == float("inf")]
     what = lost["error"].fillna("its free run diverges, or there is none")
     lost = lost.assign(what=[one_line(text, 200) for text in what])
-    groups = lost.groupby(["task", "entrant", "case", "status", "what"], sort=False)["run"]
+    headers = ["task", "entrant", "case", "status", "what"]
+    groups = lost.groupby(headers, sort=False)["run"]
     rows: list[list[Scalar]] = [[*key, len(runs), min(runs)] for key, runs in groups]
-    headers = ("task", "entrant", "case", "status", "what", "trials", "first run")
-    return grid_of("", headers, rows, labels=5)
+    return grid_of("", [*headers, "trials", "first run"], rows, labels=5)

@@ -50,16 +50,22 @@ class PlotRequest:
     pool: Several = None  # factors that a group may average over
     output: Path | None = None
 
-    def shown(self, has: Callable[[str], bool]) -> list[str]:
-        """Return the requested degrees of freedom for which `has` is true, in reading order."""
-        return [dof for dof in DOF_ORDER if (not self.dof or dof in self.dof) and has(dof)]
+    def shown(self, has: Callable[[str], bool], lacking: str = "") -> list[str]:
+        """Return the requested degrees of freedom for which `has` is true, in reading order.
+
+        Raises ConfigurationError with the message `lacking`, if it is given, where there are none.
+        """
+        dofs = [dof for dof in DOF_ORDER if (not self.dof or dof in self.dof) and has(dof)]
+        if lacking and not dofs:
+            raise ConfigurationError(f"plot {self.kind}: {lacking} of these degrees of freedom")
+        return dofs
 
     def check(self) -> None:
         """Raise ConfigurationError for an unknown kind, and for an option that it does not take."""
-        figure, untouched = figure_of(self.kind), PlotRequest(self.kind)
+        options, untouched = _module(self.kind).FIGURE.options, PlotRequest(self.kind)
         for name in OPTIONS:
-            if getattr(self, name) != getattr(untouched, name) and name not in figure.options:
-                taken = ", ".join(f"--{option}" for option in figure.options)
+            if getattr(self, name) != getattr(untouched, name) and name not in options:
+                taken = ", ".join(f"--{option}" for option in options)
                 raise ConfigurationError(
                     f"plot {self.kind}: --{name}: not an option of this figure, expected"
                     f" {taken or 'those of runs alone'}"
@@ -91,8 +97,8 @@ class Figure:
 
     `needs` is the data that runs must have stored. `options` are those of the command `plot` that
     the figure takes, beside those that select runs and files; `rows` is the default of --rows. A
-    report shows the figure with `caption` at position `place`, for each of `report_rows`, and if it
-    is `of_metrics` for each of the main metrics; a figure without a caption is not in the report.
+    report shows it at position `place`, 0 for not at all, with `help` as its caption, for each of
+    `report_rows`, and if it takes --metric for each of the main metrics.
     """
 
     name: str
@@ -100,21 +106,13 @@ class Figure:
     needs: str
     options: Sequence[str] = OPTIONS
     rows: str = ""
-    caption: str = ""
     place: int = 0
-    of_metrics: bool = False
     report_rows: Sequence[str] = ()
 
 
 def figures() -> dict[str, Figure]:
     """Return the figures of the folder `plots` and of plug-ins by name, in alphabetical order."""
-    return {name: vars(module)["FIGURE"] for name, module in sorted(_modules().items())}
-
-
-def figure_of(name: str) -> Figure:
-    """Return the declaration of a figure; raises ConfigurationError for an unknown name."""
-    figure: Figure = vars(_module(name))["FIGURE"]
-    return figure
+    return {name: module.FIGURE for name, module in sorted(_modules().items())}
 
 
 def drawings(results: "Queries", request: PlotRequest) -> "list[Drawing]":
@@ -122,8 +120,8 @@ def drawings(results: "Queries", request: PlotRequest) -> "list[Drawing]":
 
     Errors of a function from elsewhere are PartErrors with the name of its module.
     """
-    module, figure = _module(request.kind), figure_of(request.kind)
-    rows, columns = axes_of(request.rows or figure.rows or None, request.columns or None)
+    module = _module(request.kind)
+    rows, columns = axes_of(request.rows or module.FIGURE.rows or None, request.columns or None)
     try:
         made: list[Drawing] = module.drawings(results, replace(request, rows=rows, columns=columns))
     except SeatrialError:
@@ -155,7 +153,7 @@ def _modules() -> dict[str, ModuleType]:
     for name in (n for n, path in files.items() if DECLARES in path.read_text("utf-8", "replace")):
         try:
             module = import_module(name)
-            figure = vars(module)["FIGURE"]
+            figure = module.FIGURE
             if not isinstance(figure, Figure):
                 raise TypeError(f"FIGURE is a {type(figure).__name__}, expected a Figure")
         except Exception as error:

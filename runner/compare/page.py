@@ -7,12 +7,11 @@ published figures. A block is Markup by a macro of `templates/blocks.html`; it e
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache, partial
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -23,12 +22,10 @@ from seatrial.runner.database.terminal import visible
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SQLITE = b"SQLite format 3\0"  # the first bytes of a database
 WIDE_FIGURE = 7.0  # a wider figure fills a row of the page [inch]
-CSS_PX_PER_POINT = 4.0 / 3.0
 PLACES = re.compile(r' (?:d|x|y)="[^"]*"|translate\([^)]*\)')
 DECIMALS = re.compile(r"(\d\.\d\d)\d+")
-LEGIBLE = 0.72  # smallest scale of a figure; below it the figure scrolls
+LEGIBLE = 0.72 * 96.0  # width of a figure [px/inch], below which it scrolls
 
 
 @cache
@@ -57,8 +54,7 @@ group = partial(_block, "group")  # a class of the style sheet, and the blocks i
 table = partial(_block, "table")  # a TextTable, and its headers as cells
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     """A part of a page: its heading, the name for links to it, and its blocks."""
 
     title: str
@@ -84,15 +80,10 @@ def page(
 
 def write_page(page: str, file: Path) -> None:
     """Write a page atomically; raises LogbookError if the file cannot be written."""
-    if not file.name:
-        raise LogbookError(f"{file}: cannot write the report: expected the name of a file")
-    database = False
-    with suppress(OSError), file.open("rb") as stream:  # there is none, or it cannot be written
-        database = stream.read(len(SQLITE)) == SQLITE
-    if database:
-        raise LogbookError(f"{file}: got a SQLite database, expected the name of the report")
-    temporary = file.with_name(f".{file.name}.tmp")
+    temporary = file.parent / f".{file.name}.tmp"
     try:
+        if file.is_file() and file.read_bytes().startswith(b"SQLite format 3\0"):
+            raise LogbookError(f"{file}: got a SQLite database, expected the name of the report")
         file.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_text(visible(page), encoding="utf-8")
         temporary.replace(file)
@@ -115,6 +106,6 @@ def picture(figure: "Figure", caption: str, prefix: str) -> Markup:
     svg = re.sub(PLACES, lambda place: DECIMALS.sub(r"\1", place[0]), svg)
     svg = re.sub(r'(?<=[ \n]id=")|(?<=href="#)|(?<=url\(#)', prefix, svg)
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{escape(caption)}"', 1)
-    least = round(LEGIBLE * figure.get_figwidth() * 72.0 * CSS_PX_PER_POINT)
+    least = round(LEGIBLE * figure.get_figwidth())
     kind = "wide" if figure.get_figwidth() > WIDE_FIGURE else ""
     return _block("figure", Markup(svg), caption, least, kind)

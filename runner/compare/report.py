@@ -3,9 +3,9 @@
 import re
 import shlex
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from markupsafe import Markup
 
@@ -43,16 +43,6 @@ WORDS = {
 }
 
 
-@dataclass(frozen=True)
-class Headline:
-    """A table of a headline metric, unfolded if `shown`, and the words of its command."""
-
-    metric: str
-    table: TextTable
-    shown: bool
-    command: Sequence[str]
-
-
 def render_report(
     results: Queries, options: TableOptions, database: str = DEFAULT_DATABASE,
     title: str | None = None, links: Mapping[str, str] | None = None, figures: bool = True,
@@ -76,7 +66,7 @@ def render_report(
 
 
 class _Report:
-    """The parts of the page; `found` are its tables, of which the first is at the top.
+    """The parts of the page; `found` are its tables by metric, of which the first is at the top.
 
     The baseline is the level `none` of the rows, if some of the runs have it. `refused` are
     messages on tables whose runs differ in too much.
@@ -93,19 +83,20 @@ class _Report:
         self.baseline = [f"{rows}=none"] if "none" in levels and len(levels) > 1 else []
         words = {"--rows": rows, "--columns": columns, "--baseline": ",".join(self.baseline)}
         words |= {"--where": options.where or "", "--sweep": options.sweep or ""}
-        words["--database"] = "" if database == DEFAULT_DATABASE else database
         named = [word for pair in words.items() if pair[1] for word in pair]
-        self.found, self.refused, stored = list[Headline](), list[str](), results.metric_names()
-        for metric, shown in TABLES.items():
+        self.words = [*named, *words_of(database)]
+        self.found, self.refused = dict[str, TextTable](), list[str]()
+        stored = results.metric_names()
+        for metric in (name for name in TABLES if name in stored):
             asked = replace(options, metric=[metric], baseline=self.baseline)
             try:
-                table = comparison(results, asked) if metric in stored else None
+                table = comparison(results, asked)
             except ConfigurationError as error:
                 self.refused.append(f"{definition_of(metric).heading}: {error}")
                 continue
-            if table and any(cell.sort is not None for row in table.rows for cell in row):
-                command = [*results_program().split(), "table", "--metric", metric, *named]
-                self.found.append(Headline(metric, table, shown, command))
+            if any(cell.sort is not None for row in table.rows for cell in row):
+                self.found[metric] = table
+        self.first = next(iter(self.found), "")
 
     def lead(self) -> Iterator[Markup]:
         """What the runs say, above all: the best rows, and how many there are and failed."""
@@ -119,22 +110,20 @@ class _Report:
 
     def answers(self) -> Iterator[str]:
         """Say which row is best under each condition, and by how much it beats the baseline."""
-        for headline in self.found[:1]:
-            label, table = definition_of(headline.metric).label, headline.table
-            names = [*table.headers, self.columns]
-            for record in table.as_records():
-                value = record.get("mean")
-                if record["best"] and isinstance(value, float):
-                    other = [n for n in names if n not in (self.rows, "unit", "metric")]
-                    place = ", ".join(str(record[name]) for name in other if name in record)
-                    size = f"{number_text(value, 3)} {unit_text(str(record['unit']))}".rstrip()
-                    text = f"{record[self.rows]} has a {label[0].lower()}{label[1:]} of {size}"
-                    ratio, pairs = record.get("ratio"), record.get("pairs")
-                    if isinstance(ratio, float) and isinstance(pairs, int) and pairs:
-                        less = f"{number_text(1.0 / ratio, 2)} times" if 0.0 < ratio < 1.0 else "no"
-                        won = f"{record['wins']} of {pairs + int(record['lost_pairs'] or 0)}"
-                        text += f", {less} less than none, better in {won} pairs"
-                    yield f"{place or 'all runs'}: {text}."
+        for record in self.found[self.first].as_records() if self.first else ():
+            value, ratio, pairs = (record.get(name) for name in ("mean", "ratio", "pairs"))
+            if record["best"] and isinstance(value, float):
+                names = [*self.found[self.first].headers, self.columns]
+                other = [n for n in names if n not in (self.rows, "unit", "metric")]
+                place = ", ".join(str(record[name]) for name in other if name in record)
+                label = definition_of(self.first).label
+                size = f"{number_text(value, 3)} {unit_text(str(record['unit']))}".rstrip()
+                text = f"{record[self.rows]} has a {label[0].lower()}{label[1:]} of {size}"
+                if isinstance(ratio, float) and isinstance(pairs, int) and pairs:
+                    less = f"{number_text(1.0 / ratio, 2)} times" if 0.0 < ratio < 1.0 else "no"
+                    won = f"{record['wins']} of {pairs + int(record['lost_pairs'] or 0)}"
+                    text += f", {less} less than none, better in {won} pairs"
+                yield f"{place or 'all runs'}: {text}."
 
     def result(self) -> list[Markup]:
         """What was compared and under which conditions; the first figure; the first table."""
@@ -143,13 +132,12 @@ class _Report:
         baseline = f"{self.rows} none" if self.found and self.baseline else "none is named"
         named = [("baseline", baseline), ("failures", failed)]
         told, pictures = pages.facts([*self.choices(), *named]), list[Markup]()
-        for first in self.found[:1]:
-            heading = definition_of(first.metric).heading
-            with drawn(), suppress(ConfigurationError, LogbookError, PartError):
-                pictures = self.pictures(
-                    heading, replace(self.shared, metric=first.metric), "first"
-                )
-        return [group("beside", told, *pictures), *self.table(*self.found[:1])]
+        if not self.first:
+            return [group("beside", told)]
+        asked = replace(self.shared, metric=self.first)
+        with drawn(), suppress(ConfigurationError, LogbookError, PartError):
+            pictures = self.pictures(definition_of(self.first).heading, asked, "first")
+        return [group("beside", told, *pictures), *self.table(self.first)]
 
     def pictures(self, caption: str, asked: PlotRequest, prefix: str) -> list[Markup]:
         """The figures of a request; `prefix` makes their ids unique on the page."""
@@ -161,21 +149,21 @@ class _Report:
         choices = {name: ordered(run.levels[name] for run in self.runs) for name in GROUPS}
         varied = sorted(choices, key=lambda name: len(choices[name]) == 1)
         seeds = ordered(run.levels["seed"] for run in self.runs)
-        text = (
-            f"{len(seeds)} seeds, {seeds[0]} to {seeds[-1]}" if len(seeds) > 5 else ", ".join(seeds)
-        )
+        text = ", ".join(seeds)
+        if len(seeds) > 5:
+            text = f"{len(seeds)} seeds, {seeds[0]} to {seeds[-1]}"
         return [*((name, ", ".join(choices[name])) for name in varied), ("seed", text)]
 
-    def table(self, *of: Headline) -> list[Markup]:
-        """Tables, each with the command that makes it."""
-        pairs = [(html_table(in_words(one.table)), code(shlex.join(one.command))) for one in of]
-        return [block for pair in pairs for block in pair]
+    def table(self, metric: str) -> list[Markup]:
+        """The table of a metric with the command that makes it."""
+        command = [*results_program().split(), "table", "--metric", metric, *self.words]
+        return [html_table(in_words(self.found[metric])), code(shlex.join(command))]
 
     def tables(self) -> list[Markup]:
         """The tables beside the first one, the sheets of manoeuvres, and what is not shown."""
         blocks = [
-            folded(definition_of(one.metric).heading, *self.table(one), opened=one.shown)
-            for one in self.found[1:]
+            folded(definition_of(metric).heading, *self.table(metric), opened=TABLES[metric])
+            for metric in [*self.found][1:]
         ]
         for run, recorded in newest_manoeuvres(self.results, self.runs):
             # a manoeuvre that was not carried out, such as one that is too short, has no sheet
@@ -189,10 +177,9 @@ class _Report:
 
     def figures(self) -> list[Markup]:
         """Every figure that the runs have data for, but the bars that are at the top."""
-        first = self.found[0].metric if self.found else ""
         pictures, refused = list[Markup](), list[Markup]()
         with drawn():
-            for n, (caption, asked) in enumerate(self.asked(first)):
+            for n, (caption, asked) in enumerate(self.asked()):
                 try:
                     pictures += self.pictures(caption, asked, f"f{n}-")
                 except (TooDifferentError, LogbookError, PartError) as error:
@@ -202,17 +189,18 @@ class _Report:
         none = paragraph("None of these runs has data for a figure.")
         return [group("figures", *(pictures + refused or [none]))]
 
-    def asked(self, first: str) -> Iterator[tuple[str, PlotRequest]]:
+    def asked(self) -> Iterator[tuple[str, PlotRequest]]:
         """The figures of a report, with captions and requests; not of the metric at the top."""
-        for figure in sorted(figures().values(), key=lambda figure: figure.place):
+        shown = [figure for figure in figures().values() if figure.place]
+        for figure in sorted(shown, key=lambda figure: figure.place):
             for rows in figure.report_rows or (figure.rows or self.rows,):
                 asked = replace(self.shared, kind=figure.name, rows=rows)
-                if figure.of_metrics:
-                    for one in METRICS:
-                        if one.headline and one.name != first:
-                            yield one.heading, replace(asked, metric=one.name)
-                elif figure.caption:
-                    yield figure.caption, asked
+                if "metric" not in figure.options:
+                    yield figure.help, asked
+                    continue
+                for one in METRICS:
+                    if one.headline and one.name != self.first:
+                        yield one.heading, replace(asked, metric=one.name)
 
     def warnings(self) -> list[Markup]:
         """The warnings with the numbers of their runs."""
@@ -271,13 +259,17 @@ class _Report:
             dirty = " with uncommitted changes" if row.git_dirty else ""
             properties = {"git commit": f"{row.git_commit or 'unknown'}{dirty}", "host": row.host}
             for name, value in (properties | row.versions | {"command": row.command}).items():
-                counts_of[name][str(value or "")] += 1
-        told = []
+                counts_of[name].update([str(value)] if value else [])
+        told = list[tuple[str, Markup]]()
         for name, counts in counts_of.items():
-            values = [value for value, _ in counts.most_common(20) if value]
-            code_of = Markup(", ").join(Markup("<code>{}</code>").format(each) for each in values)
-            told += [(name, code_of)] if values else []
+            values = (Markup("<code>{}</code>").format(text) for text, _ in counts.most_common(20))
+            told += [(name, Markup(", ").join(values))] if counts else []
         return told
+
+
+def words_of(database: str) -> list[str]:
+    """Return the words that name a logbook in a command; none for the one by default."""
+    return [] if database == DEFAULT_DATABASE else ["--database", database]
 
 
 def in_words(grid: TextTable) -> TextTable:

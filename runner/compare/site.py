@@ -6,11 +6,11 @@ page that is opened from disk may not fetch files, but it may load scripts: they
 """
 
 import json
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,11 +26,11 @@ from seatrial.runner.compare.grid import number_text, with_unit
 from seatrial.runner.compare.page import Section, bullets, code, link, page, paragraph
 from seatrial.runner.compare.plots.selection import PREFIX, subtitle
 from seatrial.runner.compare.plots.tracking_errors import ERRORS
-from seatrial.runner.compare.report import TABLES, in_words, render_report
+from seatrial.runner.compare.report import TABLES, in_words, render_report, words_of
 from seatrial.runner.compare.runs import run_details
 from seatrial.runner.compare.statistics import Sample
-from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, results_program
-from seatrial.runner.database.tables import Reuse
+from seatrial.runner.compare.where import Condition
+from seatrial.runner.configuration.invocation import results_program
 from seatrial.runner.database.terminal import visible
 from seatrial.runner.record.catalogue import definition_of
 from seatrial.runner.record.rows import Series
@@ -42,10 +42,9 @@ MOST_SWEEPS = 50  # that have a page, the newest ones
 MOST_FILTERS = 30  # keys of the configuration
 STRETCHES = 300  # of which a line keeps the lowest and the highest sample
 DIGITS = 5  # significant
-LAST = ("Configuration", "Provenance")  # titles of the last tables of a run
 PROGRAMS = ("elements.js", "plot.js")
 PLOTS = Markup('<div class="figures" id="plots"></div>')
-Json = Mapping[str, object]
+Json = dict[str, Any]
 
 
 def write_site(results: Queries, folder: Path, database: str, opened: int) -> Path:
@@ -64,10 +63,8 @@ def write_site(results: Queries, folder: Path, database: str, opened: int) -> Pa
         for name, text in _files(results, database, opened):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(visible(text), encoding="utf-8")
-    except OSError as error:
-        raise LogbookError(f"{folder}: cannot write the site: {error.strerror}") from error
-    except ValueError as error:
-        raise LogbookError(f"{folder}: cannot write the site: expected a name in UTF-8") from error
+    except (OSError, ValueError) as error:  # a name that is not in UTF-8 is a ValueError
+        raise LogbookError(f"{folder}: cannot write the site: {error}") from error
     return folder / INDEX
 
 
@@ -110,12 +107,8 @@ def script_of(name: str, content: object) -> str:
     No text of the database can end the script or a string in it: `<` and all that is not ASCII are
     escaped. `content` may hold no NaN.
     """
-    text = json.dumps(content, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    text = text.replace("<", "\\u003c")
+    text = json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     return f"(window.seatrial ??= {{}})[{json.dumps(name)}] = {text};\n"
-
-
-# The pages.
 
 
 def _run_page(
@@ -129,7 +122,7 @@ def _run_page(
         title = titles.get(table.title, table.title.capitalize())
         shown = html_table(replace(in_words(table), title=""))
         sections.append(Section(title, title.lower(), [shown]))
-    sections.sort(key=lambda section: section.title in LAST)
+    sections.sort(key=lambda section: section.title in ("Configuration", "Provenance"))
     refused = [paragraph(text, "refused") for text in trouble]
     sections.insert(1, Section("Figures", "figures", [*refused, PLOTS]))
     show = [*results_program().split(), "show", str(run.id), *words_of(database)]
@@ -139,21 +132,17 @@ def _run_page(
     return page(title, lead, sections, {**links, **overlay}, scripts, PROGRAMS)
 
 
-# The list of runs.
-
-
 def _runs(
     results: Queries, runs: Sequence[StoredRun], whole: Sequence[StoredRun], database: str
 ) -> Json:
     """Return what the list needs: the runs in columns, their sweeps and metrics."""
     columns = sa.select(RUN.c.id, RUN.c.started_at, RUN.c.duration_s)
     rows = {row.id: row for row in results.reader.select(columns)}
-    places, members = {run.id: i for i, run in enumerate(runs)}, defaultdict[int, set[int]](set)
-    reuse = Reuse.__table__.c
-    reused = [*map(tuple, results.reader.select(sa.select(reuse.sweep_id, reuse.run_id)))]
-    for sweep, run_id in (*((run.sweep, run.id) for run in runs if run.sweep is not None), *reused):
-        if run_id in places:
-            members[sweep].add(places[run_id])
+    places, sweeps = {run.id: i for i, run in enumerate(runs)}, list[Json]()
+    for sweep in results.reader.sweeps():
+        chosen = sa.select(RUN.c.id).where(*results.clauses(Condition(sweeps=(sweep.id,))))
+        members = sorted(places[i] for (i,) in results.reader.select(chosen) if i in places)
+        sweeps.append({"id": sweep.id, "name": sweep.name, "runs": members})
     return {
         "program": results_program(),
         "database": words_of(database),
@@ -161,10 +150,7 @@ def _runs(
         "written": [run.id for run in whole],
         "factors": _factors(results),
         "measures": _measures(results, runs),
-        "sweeps": [
-            {"id": sweep.id, "name": sweep.name, "runs": sorted(members[sweep.id])}
-            for sweep in results.reader.sweeps()
-        ],
+        "sweeps": sweeps,
         "started": [f"{rows[run.id].started_at:%Y-%m-%d %H:%M}" for run in runs],
         "duration": [_text(rows[run.id].duration_s) for run in runs],
     }
@@ -177,7 +163,7 @@ def _text(value: float | None) -> str | None:
 def _factors(results: Queries) -> list[Json]:
     """Return choices, seed, status, code, and the keys that commands vary, with several levels.
 
-    `codes` are the places of the runs' levels; `conditions` say how --where writes a level.
+    `codes` are the places of the runs' levels.
     """
     rows = results.reader.select(sa.select(RUN.c.overrides))
     words = dict.fromkeys(
@@ -188,21 +174,9 @@ def _factors(results: Queries) -> list[Json]:
     trials, factors = results.trials(factors=keys), list[Json]()
     for name in (*own, *keys, "of_code"):
         texts = trials[name].astype(object).fillna("none").astype(str)
-        levels, first = ordered(texts), texts.drop_duplicates()
-        if len(levels) > 1:
-            configs = results.configs_of(first.index.tolist()) if name in keys else {}
-            conditions = {}
-            for run, text in first.items():
-                value = configs[run].get(name) if name in keys else text
-                if value is None or (name, text) == ("of_code", "none"):  # a run of before has none
-                    conditions[text] = "null"
-                elif name == "seed" or isinstance(value, bool | int | float):
-                    conditions[text] = text
-                else:
-                    conditions[text] = '"' + text.replace('"', '""') + '"'
+        if len(levels := ordered(texts)) > 1:
             factors.append({
                 "name": name.removeprefix("of_"), "levels": levels, "shown": name in own,
-                "conditions": [conditions[text] for text in levels],
                 "codes": pd.Categorical(texts, levels).codes.tolist(),
             })  # fmt: skip
     return factors
@@ -221,23 +195,13 @@ def _measures(results: Queries, runs: Sequence[StoredRun]) -> list[Json]:
     return sorted(found, key=lambda measure: names.index(str(measure["metric"])))
 
 
-def words_of(database: str) -> list[str]:
-    """Return the words that name a logbook in a command; none for the one by default."""
-    return [] if database == DEFAULT_DATABASE else ["--database", database]
-
-
-# The figures of a run.
-
-
 def figures_of(results: Queries, run_id: int) -> tuple[Json, list[str]]:
     """Return the lines of a run's figures by key, and the series that cannot be read.
 
     Figures of the same key are drawn over each other: track, errors over time, velocities with
     the band of the prediction, and residuals of the force.
     """
-    figures = dict[str, dict[str, object]]()
-    lines = defaultdict[str, dict[object, Json]](dict)
-    trouble = []
+    figures, trouble = dict[str, dict[str, Any]](), list[str]()
     for file in results.reader.series_files(run_id):
         try:
             series = results.reader.series(run_id, file.kind)
@@ -245,10 +209,10 @@ def figures_of(results: Queries, run_id: int) -> tuple[Json, list[str]]:
             trouble.append(str(error))
             continue
         for key, title, (x, y), line in _lines(series):
-            lines[key].setdefault(line["name"], line)
-            equal = key.endswith("track")
-            figures.setdefault(key, {"title": title, "x": x, "y": y, "equal": equal})
-    return {k: figure | {"lines": [*lines[k].values()]} for k, figure in figures.items()}, trouble
+            figure = {"title": title, "x": x, "y": y, "equal": key.endswith("track"), "lines": []}
+            lines = figures.setdefault(key, figure)["lines"]
+            lines += [] if line["name"] in [each["name"] for each in lines] else [line]
+    return figures, trouble
 
 
 def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
@@ -256,8 +220,6 @@ def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
     columns = {name: np.asarray(v, dtype=np.float64) for name, v in series.columns.items()}
     t, model = columns.get("t", np.zeros(0)), series.kind.removeprefix(PREFIX)
     deployed, plane = model != series.kind, ("East [m]", "North [m]")
-    if not t.size:
-        return
     if {"x", "y"} <= columns.keys() and (deployed or series.kind == "recording"):
         key, title = "track", "Track" if deployed else "Track of the recording"
         line = _plane(model if deployed else "measured", columns["y"], columns["x"])
@@ -282,7 +244,7 @@ def _lines(series: Series) -> Iterator[tuple[str, str, tuple[str, str], Json]]:
                 yield f"{series.kind}-{dof}", title, labels, curve
 
 
-def _plane(name: str, east: Sample, north: Sample) -> dict[str, object]:
+def _plane(name: str, east: Sample, north: Sample) -> Json:
     """A line of the track, thinned."""
     rows = np.unique(np.linspace(0, len(east) - 1, 2 * STRETCHES).astype(int))
     return {"name": name, "x": _rounded(east[rows]), "y": _rounded(north[rows])}
@@ -291,7 +253,7 @@ def _plane(name: str, east: Sample, north: Sample) -> dict[str, object]:
 def _over_time(name: str, t: Sample, values: Sample, deviation: Sample | None = None) -> Json:
     """A line over time, thinned, with the band of a normal distribution about it."""
     x, y = _thinned(t, values)
-    line: dict[str, object] = {"name": name, "x": x, "y": y}
+    line: Json = {"name": name, "x": x, "y": y}
     if deviation is not None and np.any(np.isfinite(values) & np.isfinite(deviation)):
         half = half_width(deviation)
         line["band"] = [[*_thinned(t, edge)] for edge in (values - half, values + half)]
@@ -302,11 +264,9 @@ def _thinned(t: Sample, values: Sample) -> tuple[list[float], list[float]]:
     """Return the finite samples of a line, of a long one the extremes of equal stretches."""
     finite = np.isfinite(values)
     t, values = t[finite], values[finite]
-    if len(t) > 2 * STRETCHES:
-        edges = np.searchsorted(t, np.linspace(t[0], t[-1], STRETCHES + 1)[1:-1])
-        parts = [part for part in np.split(np.arange(len(t)), edges) if len(part)]
-        ends = [int(part[end(values[part])]) for part in parts for end in (np.argmin, np.argmax)]
-        kept = sorted({0, len(t) - 1, *ends})
+    if (n := len(t)) > 2 * STRETCHES:
+        stretches = pd.Series(values).groupby(np.arange(n) * STRETCHES // n)
+        kept = sorted({0, n - 1, *stretches.idxmin(), *stretches.idxmax()})
         t, values = t[kept], values[kept]
     return _rounded(t), _rounded(values)
 

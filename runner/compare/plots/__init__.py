@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.figures import PlotRequest, drawings
 from seatrial.runner.compare.frame import Queries
-from seatrial.runner.compare.plots.style import drawn, save, width_of
+from seatrial.runner.compare.plots.style import drawn, fit, width_of
 
 
 def figures_of(results: Queries, request: PlotRequest, axes: Axes | None = None) -> list[Figure]:
@@ -28,14 +28,25 @@ def figures_of(results: Queries, request: PlotRequest, axes: Axes | None = None)
 def draw(results: Queries, request: PlotRequest, folder: Path) -> list[Path]:
     """Draw the figures of a request into a folder and return the paths of the files.
 
-    They are PNG and SVG files for the screen, or PDF files of its width. Raises ConfigurationError
-    for an unknown kind or a wrong option, or if no run has the data of the figure.
+    They are PNG and SVG files for the screen, or PDF files of its width; equal figures give equal
+    SVG and PDF. Raises ConfigurationError for an unknown kind or a wrong option, or if no run has
+    the data of the figure.
     """
     request.check()
     width_mm = None if request.width is None else width_of(request.width)
+    forms: dict[str, dict[str, None]] = {"png": {"Software": None}, "svg": {"Date": None}}
+    forms = forms if width_mm is None else {"pdf": {"CreationDate": None}}
+    paths = list[Path]()
     with drawn(width_mm=width_mm):
-        figures = drawings(results, request)
-        try:
-            return [path for one in figures for path in save(one, folder, width_mm is not None)]
-        except OSError as error:
-            raise LogbookError(f"{folder}: cannot write the figure: {error.strerror}") from error
+        for drawing in drawings(results, request):
+            if width_mm is not None:
+                fit(drawing.figure)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                for suffix, metadata in forms.items():
+                    paths.append(folder / f"{drawing.name}.{suffix}")
+                    drawing.figure.savefig(paths[-1], metadata=metadata)
+            except OSError as error:
+                told = f"{folder}: cannot write the figure: {error.strerror}"
+                raise LogbookError(told) from error
+    return paths

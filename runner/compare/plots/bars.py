@@ -19,7 +19,7 @@ FIGURE = Figure(
     "bars",
     "A metric by rows and columns: mean over seeds, its spread, every seed, and what is missing.",
     "a metric", ("run", "metric", "rows", "columns", "dof", "model", "facet", "log", "pool"),
-    of_metrics=True, caption="A metric", place=1,
+    place=1,
 )  # fmt: skip
 
 SHORT = {frames.DIVERGED: "diverged", frames.WITHOUT: "no value", frames.NOT_APPLICABLE: "n/a"}

@@ -24,7 +24,7 @@ FIGURE = Figure(
     "coefficients", "Identified against true coefficients with 95 % intervals.",
     "coefficients of an identified model",
     ("run", "rows", "columns", "dof", "model", "facet", "pool"),
-    caption="Identified against true coefficients", place=6,
+    place=6,
 )  # fmt: skip
 
 LOOKS: dict[bool, tuple[str, dict[str, Any]]] = {  # of an interval, by whether it covers
@@ -46,8 +46,7 @@ def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     """
     if request.facet is None and "vessel" in (request.rows, request.columns):
         request = replace(request, facet="vessel")
-    missing = f"no finished run that matches has coefficients of model {request.model}"
-    return per_facet(_drawing, f"plot coefficients: {missing}", averages=True)(results, request)
+    return per_facet(_drawing, averages=True)(results, request)
 
 
 def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Drawing | None:

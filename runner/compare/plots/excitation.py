@@ -11,8 +11,7 @@ with the names in `label`; `singular_value` (i = number, from 1), `selected_orde
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -23,17 +22,16 @@ from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, unit_text, with_unit
-from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.selection import diagnostics_of, per_run, subtitle
+from seatrial.runner.compare.plots import selection, style
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import DOFS, Config
 
 FIGURE = Figure(
     "excitation",
     "Forces or inputs of one run, their spectrum and the limits; its wind; singular values.",
-    "series recording", ("run", "dof", "facet"),
-    caption="Excitation of the newest run and its spectrum", place=13,
+    "series recording", ("run", "dof", "facet"), place=13,
 )  # fmt: skip
 
 # Units of inputs by the beginning of their names, and the size of the unit.
@@ -52,8 +50,7 @@ CALM_M_S = 1e-6  # below it wind has no direction
 SMALL: dict[str, Any] = {"loc": "left", "fontsize": 8.5, "fontweight": "normal"}  # titles of panels
 
 
-@dataclass(frozen=True, eq=False)
-class CommandedSignal:
+class CommandedSignal(NamedTuple):
     """A commanded signal over time, shape (n,), in the unit of its axis; an input has no `dof`."""
 
     name: str
@@ -61,7 +58,7 @@ class CommandedSignal:
     acting: Sample | None
     unit: str
     limits: tuple[float, float] | None
-    dof: str = ""
+    dof: str
 
     @property
     def peak(self) -> float:
@@ -77,37 +74,36 @@ class CommandedSignal:
 def commanded_signals(
     series_of: Sequence[Series], config: Config, dofs: Sequence[str]
 ) -> list[list[CommandedSignal]]:
-    """Return for each series its forces in these degrees of freedom, or else its inputs.
+    """Return the forces in these degrees of freedom, or else the inputs, each in every series.
 
     What acts is left out where it is what is commanded, or was in the sample before.
     """
-    first, vessel = series_of[0], config.get("vessel") or {}
+    first, vessel, signals = series_of[0], config.get("vessel") or {}, []
     limits = dict(zip(vessel.get("dofs") or (), vessel.get("force_limits") or (), strict=False))
-    rows: list[tuple[str, str, str, str, float, list[float | None], str]] = []
-    for dof in dofs:
-        name, end = f"tau_{dof}", limits.get(dof)
-        if name in first.columns:
-            largest = style.largest_of([series.columns[name] for series in series_of])
-            unit = style.prefixed(first.units[name], largest)
-            ends = [end and -end, end]
-            rows.append((dof.capitalize(), name, f"tau_actual_{dof}", *unit, ends, dof))
-    for name, options in (vessel.get("inputs") or {}).items() if not rows else ():
-        if name in first.columns:
-            unit = INPUT_UNITS.get(name.split("_")[0], ("-", 1.0))
-            ends = [options.get(end) for end in ("low", "high")]
-            rows.append((name, f"{name}_command", name, *unit, ends, ""))
-    signals_of = []
-    for columns in (series.columns for series in series_of):
-        signals_of.append(signals := list[CommandedSignal]())
-        for name, command, actual, unit_, size, (low, high), dof in rows:
-            acting, force = columns.get(actual), columns.get(command, columns.get(actual))
-            assert force is not None
+    inputs = {n: ends for n, ends in (vessel.get("inputs") or {}).items() if n in first.columns}
+    forces = [dof for dof in dofs if f"tau_{dof}" in first.columns]
+    for name in forces or inputs:
+        if name in forces:
+            largest = style.largest_of([series.columns[f"tau_{name}"] for series in series_of])
+            unit, size = style.prefixed(first.units[f"tau_{name}"], largest)
+            high = limits.get(name)
+            low = high and -high
+            names = name.capitalize(), f"tau_{name}", f"tau_actual_{name}", name
+        else:
+            unit, size = INPUT_UNITS.get(name.split("_")[0], ("-", 1.0))
+            low, high = (inputs[name].get(end) for end in ("low", "high"))
+            names = name, f"{name}_command", name, ""
+        own = None if low is None or high is None else (low / size, high / size)
+        label, command, actual, dof = names
+        signals.append(list[CommandedSignal]())
+        for columns in (series.columns for series in series_of):
+            acting = columns.get(actual)
+            force = columns[command if command in columns else actual]
             if acting is not None:
                 late = np.allclose(acting[1:], force[:-1]) or np.allclose(acting, force)
                 acting = None if late else acting / size
-            own = None if low is None or high is None else (low / size, high / size)
-            signals.append(CommandedSignal(name, force / size, acting, unit_, own, dof))
-    return signals_of
+            signals[-1].append(CommandedSignal(label, force / size, acting, unit, own, dof))
+    return signals
 
 
 def _drawing(
@@ -116,11 +112,13 @@ def _drawing(
     """Draw one row for each signal."""
     series = series_of["recording"]
     dofs = request.shown(lambda dof: f"tau_{dof}" in series.columns) or [*(request.dof or ())]
-    (signals,) = commanded_signals([series], results.reader.run(run.id).config, dofs)
+    config = results.reader.run(run.id).config
+    signals = [own[0] for own in commanded_signals([series], config, dofs)]
     excited = [s for s in signals if s.moves] or [s for s in signals if s.peak]
     if not excited:
         raise ConfigurationError(f"plot excitation: run {run.id} has no force in these DOFs")
-    diagnostics = diagnostics_of(results, run, (*REPORT, INSEPARABLE_TERMS, SINGULAR, ORDER))
+    names, of_run = (*REPORT, INSEPARABLE_TERMS, SINGULAR, ORDER), Condition(runs=(run.id,))
+    diagnostics = results.diagnostics(names, of_run)
     subspace = diagnostics[diagnostics["name"] == SINGULAR].dropna(subset="value")
     wind = _wind(series, request.shown(lambda dof: f"wind_{dof}" in series.columns))
     rows = len(excited) + -(-(len(wind) + (len(subspace) > 0)) // 2)
@@ -157,7 +155,7 @@ def _drawing(
     for dof, own in alike.groupby("dof", sort=False):
         terms = "; ".join(" ~ ".join(label.split()) for label in own["label"])
         notes.append(f"{dof}, not separable: {terms}")
-    name, title = f"excitation-run-{run.id}", f"Excitation, {subtitle(run)}"
+    name, title = f"excitation-run-{run.id}", f"Excitation, {selection.subtitle(run)}"
     return style.drawing_of(name, figure, figure.axes, title, notes)
 
 
@@ -230,4 +228,4 @@ def _wind(series: Series, dofs: Sequence[str]) -> list[tuple[str, list[style.Cur
     return panels
 
 
-drawings = per_run(_drawing, "recording")
+drawings = selection.per_run(_drawing, "recording")

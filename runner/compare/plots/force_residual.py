@@ -4,18 +4,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.selection import per_run, subtitle
+from seatrial.runner.compare.plots import selection, style
 from seatrial.runner.record.rows import Series
 
 FIGURE = Figure(
     "residual", "Force residual of one run over time, before and after identification.",
-    "series residual", ("run", "dof", "facet"), caption="Force residual of the newest run",
-    place=12,
+    "series residual", ("run", "dof", "facet"), place=12,
 )  # fmt: skip
 
 MODELS = {"nominal": "before (nominal)", "identified": "after (identified)"}
@@ -27,9 +24,8 @@ def _drawing(
     """Draw one panel for each DOF."""
     series = series_of["residual"]
     columns, shape = series.columns, series.columns["t"].shape
-    dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in columns)
-    if not dofs:
-        raise ConfigurationError(f"plot residual: run {run.id} has no residual of these DOFs")
+    none = f"run {run.id} has no residual"
+    dofs = request.shown(lambda dof: f"residual_nominal_{dof}" in columns, none)
     train = np.asarray(columns.get("train", np.zeros(shape)), dtype=np.float64)
     judged = train == 0.0 if np.any(train == 0.0) else train > 0.0
     figure, axes = style.panels(len(dofs), 1, 8.0, 2.3, share_x=True)
@@ -52,8 +48,8 @@ def _drawing(
     notes.append(f"dashed, and at the right: root mean square over {samples}")
     lacking = [dof for dof in dofs if f"residual_identified_{dof}" not in columns]
     notes += [f"no identified model in {', '.join(lacking)}"] if lacking else []
-    title = f"Force residual, {subtitle(run)}"
+    title = f"Force residual, {selection.subtitle(run)}"
     return style.drawing_of(f"residual-run-{run.id}", figure, axes, title, notes)
 
 
-drawings = per_run(_drawing, "residual")
+drawings = selection.per_run(_drawing, "residual")

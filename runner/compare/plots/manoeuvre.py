@@ -8,20 +8,19 @@ from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun, stored_runs
 from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.manoeuvre_comparison import newest_manoeuvres, notes_of
-from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.selection import subtitle, trials_of
+from seatrial.runner.compare.plots import selection, style
 from seatrial.runner.export import manoeuvre_tracks as tracks
 from seatrial.runner.export.manoeuvre_tracks import manoeuvre_sheet as sheets
 
 FIGURE = Figure(
     "manoeuvre", "Turning circle or zig-zag of a run, with its measures.",
-    "a recording of a manoeuvre of a steered vessel", ("run",), caption="Manoeuvre", place=16,
+    "a recording of a manoeuvre of a steered vessel", ("run",), place=16,
 )  # fmt: skip
 
 
 def drawings(results: Queries, request: PlotRequest) -> list[style.Drawing]:
     """Draw the newest run of each vessel and excitation that is a manoeuvre, or one run."""
-    runs = stored_runs(trials_of(results, request))
+    runs = stored_runs(selection.trials_of(results, request))
     newest = newest_manoeuvres(results, runs, ("turn", "zigzag"))
     drawn = [_drawing(run, recorded) for run, recorded in newest]
     if not drawn:
@@ -52,7 +51,7 @@ def _drawing(run: StoredRun, recorded: tracks.Recorded) -> style.Drawing:
         figure, axes = style.panels(1, 1, 7.0, 4.0)
         _zigzag(axes[0], track, result)
         title = f"Zig-zag {abs(helm)}/{round(result.values['change of heading'])}"
-    name, title = f"manoeuvre-run-{run.id}", f"{title}, {subtitle(run)}"
+    name, title = f"manoeuvre-run-{run.id}", f"{title}, {selection.subtitle(run)}"
     return style.drawing_of(name, figure, axes, title, notes_of(result))
 
 

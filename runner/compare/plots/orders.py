@@ -14,8 +14,8 @@ from seatrial.runner.compare.plots.selection import Facet, per_facet
 
 FIGURE = Figure(
     "orders", "Force MSE over model order; the selected orders are marked.",
-    "diagnostic order_mse, as of identifier=plsr",
-    ("run", "rows", "columns", "dof", "facet", "pool"), caption="Error over model order", place=2,
+    "the diagnostic order_mse, as of identifier=plsr",
+    ("run", "rows", "columns", "dof", "facet", "pool"), place=2,
 )  # fmt: skip
 
 LINE_STYLES = ("-", "--", ":", "-.")
@@ -72,5 +72,4 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
     return style.drawing_of(facet.file("orders"), figure, axes, title, notes)
 
 
-MISSING = "plot orders: no run that matches has the diagnostic order_mse (identifier=plsr does)"
-drawings = per_facet(_drawing, MISSING, averages=True)
+drawings = per_facet(_drawing, averages=True)

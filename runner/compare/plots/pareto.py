@@ -20,8 +20,8 @@ from seatrial.runner.compare.plots.selection import Facet, per_facet
 
 FIGURE = Figure(
     "pareto", "The Pareto set of a multi-objective identification.",
-    "diagnostic pareto_objective, as of identifier=nsga2", ("run", "rows", "columns", "facet"),
-    caption="Pareto set", place=4,
+    "the diagnostic pareto_objective, as of identifier=nsga2", ("run", "rows", "columns", "facet"),
+    place=4,
 )  # fmt: skip
 
 OBJECTIVE, CHOSEN, DEPLOYED = "pareto_objective", "pareto_chosen", "objective"
@@ -77,5 +77,4 @@ def _drawing(results: Queries, request: PlotRequest, facet: Facet) -> style.Draw
     return style.drawing_of(facet.file("pareto"), figure, axes, facet.title("Pareto set"), notes)
 
 
-MISSING = f"plot pareto: no run that matches has the diagnostic {OBJECTIVE}"
-drawings = per_facet(_drawing, MISSING)
+drawings = per_facet(_drawing)

@@ -16,21 +16,19 @@ from seatrial.runner.compare.benchmark.scores import half_width
 from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
 from seatrial.runner.compare.grid import with_unit
-from seatrial.runner.compare.plots import style
-from seatrial.runner.compare.plots.selection import diagnostics_of, per_run, subtitle
+from seatrial.runner.compare.plots import selection, style
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.where import Condition
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import DOFS, IDENTIFIED_STD, POSES, SAILED
 
 FIGURE = Figure(
     "prediction",
     "Velocities of one run, measured and predicted in a free run over the held-out part.",
-    "series prediction", ("run", "dof", "facet", "band"),
-    caption="Free run of the newest run's models over the held-out part", place=17,
+    "series prediction", ("run", "dof", "facet", "band"), place=17,
 )  # fmt: skip
 
 ROOM = 3.0  # standard deviations of the measured velocity around its range that are shown
-LINE_POINTS = 400  # of a line of several entrants
 Line = tuple[str, Sample, str]  # label, values over time, colour
 
 
@@ -40,9 +38,7 @@ def _drawing(
     """Draw one panel for each DOF."""
     series = series_of["prediction"]
     columns, band = series.columns, request.band
-    names = request.shown(lambda dof: dof in columns)
-    if not names:
-        raise ConfigurationError(f"plot prediction: run {run.id} has no prediction of these DOFs")
+    names = request.shown(lambda dof: dof in columns, f"run {run.id} has no prediction")
     piece = " of each piece" if np.sum(columns["start"]) > 1 else ""
     notes = [f"predictions begin at the first measured state{piece}; FIT at the right: 100 % is"
              " perfect"]  # fmt: skip
@@ -74,9 +70,9 @@ def _drawing(
         lines = {model: columns.get(f"{name}_{model}") for model in SAILED}
         shown = [(m, v, style.MODEL_COLOURS[m]) for m, v in lines.items() if v is not None]
         _draw_motion(panel, series, name, shown)
-    reasons = diagnostics_of(results, run, ("no_prediction",))["label"]
+    reasons = results.diagnostics(("no_prediction",), Condition(runs=(run.id,)))["label"]
     notes += [f"no prediction: {reason}" for reason in reasons]
-    title = f"Free run, {subtitle(run)}"
+    title = f"Free run, {selection.subtitle(run)}"
     return style.drawing_of(f"prediction-run-{run.id}", figure, axes, title, notes)
 
 
@@ -98,27 +94,24 @@ def free_runs(
     for panel, dof in zip(axes, outputs, strict=True):
         lines = {n: series.columns.get(f"{dof}_identified") for n, series in runs.items()}
         shown = [(n, values, colours[n]) for n, values in lines.items() if values is not None]
-        _draw_motion(panel, first, dof, shown, max(len(first.columns["t"]) // LINE_POINTS, 1))
+        _draw_motion(panel, first, dof, shown)
     return style.drawing_of("velocities", figure, axes, title).figure
 
 
-def _draw_motion(
-    axes: Axes, series: Series, name: str, lines: Sequence[Line], every: int = 1
-) -> None:
+def _draw_motion(axes: Axes, series: Series, name: str, lines: Sequence[Line]) -> None:
     """Draw a measured motion and predictions of it over time, with their FIT at the right.
 
     `series` has the time, the pieces and the measured motion in the column `name`. A prediction
-    that runs away leaves the panel. Of long series only each sample of number `every` is drawn.
+    that runs away leaves the panel.
     """
     measured, curves = series.columns[name], []
     spread = float(np.std(measured))
     for label, values, colour in (("measured", measured, style.REFERENCE), *lines):
         t, shown = _with_gaps(series, values)
-        chosen = (np.arange(len(t)) % every == 0) | np.isnan(shown)
         error = float(np.sqrt(np.mean(np.square(values - measured))))
         fit = f"{100.0 * (1.0 - error / spread):.0f} %" if spread else "-"
         text = "" if values is measured else "FIT diverges" if np.isnan(error) else f"FIT {fit}"
-        curves.append(style.Curve(t[chosen], shown[chosen], colour, label, text))
+        curves.append(style.Curve(t, shown, colour, label, text))
     margin = ROOM * spread or 1.0
     room = float(np.min(measured)) - margin, float(np.max(measured)) + margin
     label = with_unit(name.capitalize(), series.units[name])
@@ -131,4 +124,4 @@ def _with_gaps(series: Series, *signals: Sample) -> list[Sample]:
     return [np.insert(values, gaps, np.nan) for values in (series.columns["t"], *signals)]
 
 
-drawings = per_run(_drawing, "prediction")
+drawings = selection.per_run(_drawing, "prediction")

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Figure, PlotRequest, split
 from seatrial.runner.compare.frame import FINISHED, Queries, StoredRun, ordered, stored_runs
 from seatrial.runner.compare.grid import with_unit
@@ -24,8 +23,7 @@ from seatrial.runner.record.vocabulary import DOFS, GROUPS, POSES
 FIGURE = Figure(
     "response",
     "Set-points, pose, force and wind over time: models of one run, or runs that differ in --rows.",
-    "series deployment_*", ("run", "rows", "dof", "model", "facet"),
-    caption="Response of the newest deployed run", rows="model",
+    "series deployment_*", ("run", "rows", "dof", "model", "facet"), rows="model",
     report_rows=("model", "controller"), place=10,
 )  # fmt: skip
 
@@ -110,16 +108,13 @@ def _drawing(
     """
     series_of = [series for series, _ in lines.values()]
     first, shared = series_of[0], set.intersection(*({*s.columns} for s in series_of))
-    dofs = request.shown(lambda dof: f"tau_{dof}" in shared)
-    steered = "psi" in shared and not any(
-        n.startswith("tau_") for s in series_of for n in s.columns
-    )
-    if not (dofs or (steered and "yaw" in (request.dof or ["yaw"]))):
-        raise ConfigurationError(
-            f"plot response: run {run.id} has no response of these degrees of freedom"
-        )
-    signals_of = commanded_signals(series_of, results.reader.run(run.id).config, dofs)
-    poses, signals = dofs or ["yaw"], [*zip(*signals_of, strict=True)]
+    every = {name for series in series_of for name in series.columns}
+    steered = "psi" in shared and not any(name.startswith("tau_") for name in every)
+    turns = steered and "yaw" in (request.dof or ["yaw"])
+    lacking = "" if turns else f"run {run.id} has no response"
+    dofs = request.shown(lambda dof: f"tau_{dof}" in shared, lacking)
+    signals = commanded_signals(series_of, results.reader.run(run.id).config, dofs)
+    poses = dofs or ["yaw"]
     columns, winds = len(poses), [dof for dof in dofs if f"wind_{dof}" in first.columns]
     rows = 1 + len(signals) // columns + bool(winds)
     figure, axes = style.panels(rows, columns, max(4.3, 8.0 / columns), 2.1, share_x=True)

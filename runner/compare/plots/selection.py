@@ -5,13 +5,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 
-import numpy as np
 import pandas as pd
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare import frame as frames
 from seatrial.runner.compare.comparability import differing, of_runs, require_few, with_conditions
-from seatrial.runner.compare.figures import PlotRequest, split
+from seatrial.runner.compare.figures import PlotRequest, figures, split
 from seatrial.runner.compare.plots.style import Drawing
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.database.terminal import visible
@@ -22,7 +21,7 @@ from seatrial.runner.record.vocabulary import NOT_STARTED
 Voyages = Mapping[str, Series]  # deployments by model, or the recording
 PREFIX = "deployment_"
 DEPLOYMENTS = (f"{PREFIX}nominal", f"{PREFIX}identified")
-LONGEST_STEM = 150  # characters of a file name; file systems take 255 bytes
+LONGEST = 100  # characters of a level or the name of a file; file systems take 255 bytes
 
 
 def condition_of(results: frames.Queries, request: PlotRequest) -> Condition:
@@ -57,13 +56,14 @@ def trials_of(
 
 
 def _drawable(level: str) -> str:
-    """Return a level as text, not as a formula between $.
+    """Return a level as text, not as a formula between $."""
+    return _cut(visible(level)).replace("$", r"\$")
 
-    One that is long or has control characters ends with a part of its digest: it stays distinct.
-    """
-    if len(level) > LONGEST_STEM or visible(level) != level:
-        level = f"{visible(level)[:60]}… {sha256(level.encode()).hexdigest()[:8]}"
-    return level.replace("$", r"\$")
+
+def _cut(text: str) -> str:
+    """Return the beginning of a long text with a part of its digest, so that it stays distinct."""
+    digest = sha256(text.encode()).hexdigest()[:12]
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}-{digest}"
 
 
 @dataclass(frozen=True)
@@ -98,21 +98,18 @@ class Facet:
         """Return a safe file name: no path separators or special characters."""
         stem = f"{name}-{self.label.replace(' = ', '-')}" if self.label else name
         stem += f"-run-{self.run}" if self.run is not None else ""
-        safe = re.sub(r"[^\w.\-]+", "_", stem, flags=re.ASCII).strip("._") or "figure"
-        if len(safe) <= LONGEST_STEM:
-            return safe
-        return f"{safe[:LONGEST_STEM]}-{sha256(stem.encode()).hexdigest()[:12]}"
+        return _cut(re.sub(r"[^\w.\-]+", "_", stem, flags=re.ASCII).strip("._") or "figure")
 
 
 def per_facet(
-    draw: Callable[[frames.Queries, PlotRequest, Facet], Drawing | None], missing: str,
+    draw: Callable[[frames.Queries, PlotRequest, Facet], Drawing | None], missing: str = "",
     averages: bool = False,
 ) -> Callable[[frames.Queries, PlotRequest], list[Drawing]]:  # fmt: skip
     """Return what draws each facet that `draw` does not leave out by None.
 
     A figure that `averages` over runs is drawn once for each level of what the runs of a group
-    differ in, and for each vessel. Raises ConfigurationError if no run matches, and with the
-    message `missing` if `draw` leaves out all facets.
+    differ in, and for each vessel. Raises ConfigurationError if no run matches, and if `draw`
+    leaves out all facets, with the message `missing`, by default what the figure needs.
     """
 
     def drawings(results: frames.Queries, request: PlotRequest) -> list[Drawing]:
@@ -140,7 +137,9 @@ def per_facet(
             drawing = draw(results, request, Facet(parts[key], condition, label, request.run))
             made += [] if drawing is None else [drawing]
         if not made:
-            raise ConfigurationError(missing)
+            needs = figures()[request.kind].needs
+            lacking = f"plot {request.kind}: no run that matches has {needs}"
+            raise ConfigurationError(missing or lacking)
         return made
 
     return drawings
@@ -191,11 +190,10 @@ def in_plane(
 ) -> None:
     """Raise ConfigurationError if a voyage of a run has no track in the plane."""
     for series in series_of.values():
-        missing = [name for name in names if name not in series.columns]
-        if missing:
+        for name in (name for name in names if name not in series.columns):
             raise ConfigurationError(
-                f"{what}: run {run.id} has no {missing[0]} in its series {series.kind}; it needs a"
-                " vessel that moves in the plane"
+                f"{what}: run {run.id} has no {name} in its series {series.kind}; it needs a vessel"
+                " that moves in the plane"
             )
 
 
@@ -215,17 +213,8 @@ def distinct(
     if absent:
         reason = results.reader.run(run.id).note
         return voyages, [reason or f"the {model} model did not sail" for model in absent]
-    first, second = (voyages[model].columns for model in models)
-    if first.keys() == second.keys() and all(
-        np.array_equal(first[name], second[name], equal_nan=True) for name in first
-    ):
+    first, second = (pd.DataFrame(voyages[model].columns) for model in models)
+    if first.equals(second):
         del voyages["identified"]
         return voyages, ["the identified model sails the same track"]
     return voyages, []
-
-
-def diagnostics_of(
-    results: frames.Queries, run: frames.StoredRun, names: Sequence[str]
-) -> pd.DataFrame:
-    """Return the diagnostics of one run with these names."""
-    return results.diagnostics(names, Condition(runs=(run.id,)))

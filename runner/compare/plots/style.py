@@ -11,12 +11,9 @@ Units of forces on axes: kN and MNm for ships, N and Nm for models; and the thru
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from io import BytesIO
-from operator import ge
-from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -26,7 +23,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from matplotlib.ticker import FixedFormatter
+from numpy.typing import NDArray
 
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.statistics import Sample
@@ -89,10 +86,9 @@ class Canvas(NamedTuple):
 
     axes: Axes | None = None
     width_mm: float | None = None
-    styled: bool = True  # within `drawn`
 
 
-SCREEN = Canvas(styled=False)
+SCREEN = Canvas()
 _CANVAS = ContextVar("canvas", default=SCREEN)
 
 
@@ -101,7 +97,7 @@ class Chart(Figure):
 
     def savefig(self, *arguments: Any, **options: Any) -> None:
         """Write the figure as `matplotlib.figure.Figure.savefig` does, in the style above."""
-        with nullcontext() if _CANVAS.get().styled else drawn():
+        with drawn(*_CANVAS.get()):
             super().savefig(*arguments, **options)
 
     def _repr_png_(self) -> bytes:
@@ -110,8 +106,7 @@ class Chart(Figure):
         return image.getvalue()
 
 
-@dataclass(frozen=True)
-class Drawing:
+class Drawing(NamedTuple):
     """A figure and the name of its files."""
 
     name: str
@@ -162,12 +157,11 @@ def panels(
     With `share_x` all axes have the same range of x. Panels that are too narrow in print stand
     below each other. One panel is drawn into the axes of the caller, if there are any.
     """
-    canvas, abreast = _CANVAS.get(), columns
+    canvas = _CANVAS.get()
     if canvas.axes is not None and rows * columns == 1:
         return cast(Figure, canvas.axes.figure), [canvas.axes]
-    if canvas.width_mm is not None:
-        most = int(canvas.width_mm / MM_PER_INCH / PANEL_INCH)
-        abreast = max(1, min(columns, most))
+    most = columns if canvas.width_mm is None else int(canvas.width_mm / MM_PER_INCH / PANEL_INCH)
+    abreast = max(1, min(columns, most))
     bands = -(-columns // abreast)
     chart = figure(abreast * width, rows * bands * height)
     grid = chart.subplots(rows * bands, abreast, squeeze=False, sharex="all" if share_x else "none")
@@ -209,10 +203,7 @@ def footnote(chart: Figure, notes: Sequence[str]) -> None:
     """Add small text below the figure, wrapped to its width."""
     own = _CANVAS.get().axes
     if own is not None:
-        own.annotate(
-            "\n".join(notes), (0.0, 0.0), xycoords="axes fraction", xytext=(0.0, -36.0),
-            textcoords="offset points", va="top", fontsize=8, color=MUTED,
-        )  # fmt: skip
+        own.set_xlabel("\n".join([own.get_xlabel(), *notes]))
         return
     width = int(chart.get_figwidth() * LETTERS_PER_INCH * 1.05)
     lines = [line for note in notes for line in wrap(note, width)]
@@ -229,21 +220,6 @@ def drawing_of(
     return Drawing(name, chart)
 
 
-def save(drawing: Drawing, folder: Path, print_: bool = False) -> list[Path]:
-    """Write NAME.png and NAME.svg, or for print NAME.pdf; equal figures give equal SVG and PDF.
-
-    Returns the paths of the files. Raises OSError if one cannot be written.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    forms = {"png": {"Software": None}, "svg": {"Date": None}}
-    if print_:
-        _fit(drawing.figure)
-        forms = {"pdf": {"CreationDate": None}}
-    for suffix, metadata in forms.items():
-        drawing.figure.savefig(folder / f"{drawing.name}.{suffix}", metadata=metadata)
-    return [folder / f"{drawing.name}.{suffix}" for suffix in forms]
-
-
 def width_of(text: str) -> float:
     """Return the width [mm] of `column`, `page` or a number; raises ConfigurationError else."""
     try:
@@ -257,26 +233,21 @@ def width_of(text: str) -> float:
     return width
 
 
-def _fit(chart: Figure) -> None:
+def fit(chart: Figure) -> None:
     """Give all texts one size, and heighten a figure until its labels leave room for its panels."""
     for text in chart.findobj(Text):
         text.set(fontsize=TEXT_POINTS)
-    while chart.get_figheight() <= HIGHEST_INCH:
-        with warnings.catch_warnings():
+    while (height := chart.get_figheight()) <= HIGHEST_INCH:
+        with warnings.catch_warnings(), suppress(UserWarning):
             warnings.filterwarnings("error", "constrained_layout not applied")
-            with suppress(UserWarning):
-                chart.draw_without_rendering()
-                height = chart.get_figheight()
-                heights = [height * axes.get_position(original=True).height for axes in chart.axes]
-                lowest = []  # height that each panel needs; rows of names need a line each
-                for axes in chart.axes:
-                    named = isinstance(axes.yaxis.get_major_formatter(), FixedFormatter)
-                    names = [each for each in axes.get_yticklabels() if named and each.get_text()]
-                    label = len(axes.get_ylabel()) * LETTER_INCH
-                    lowest.append(max(LOWEST_INCH, label, 1.5 * TEXT_POINTS / 72.0 * len(names)))
-                if all(map(ge, heights, lowest)):
-                    return
-        chart.set_figheight(1.2 * chart.get_figheight())
+            chart.draw_without_rendering()
+            if all(
+                height * axes.get_position(original=True).height
+                >= max(LOWEST_INCH, LETTER_INCH * len(axes.get_ylabel()))
+                for axes in chart.axes
+            ):
+                return
+        chart.set_figheight(1.2 * height)
 
 
 class Curve(NamedTuple):
@@ -310,10 +281,14 @@ def over_time(
         axes.text(1.005, height, curve.text, transform=axes.transAxes, color=curve.colour, **look)
 
 
+def intervals(chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the intervals of consecutive chosen samples: their first one and that after them."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]))).reshape(-1, 2)
+
+
 def shaded(axes: Axes, t: Sample, train: Sample) -> None:
     """Shade the training samples; `t` [s] and `train` (0 or 1) have shape (n,)."""
-    chosen = np.concatenate([[False], train > 0, [False]])
-    for first, end in np.flatnonzero(np.diff(chosen)).reshape(-1, 2):
+    for first, end in intervals(train > 0):
         axes.axvspan(t[first], t[end - 1], color=SHADE, linewidth=0, zorder=0)
 
 

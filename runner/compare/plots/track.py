@@ -6,7 +6,7 @@ recorded track. A docking has its harbour (series `harbour`), and the forces bel
 `outline` and `draw_harbour` are for films of hulls in the plane too.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import count
 from typing import Any
 
@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
-from numpy.typing import NDArray
 
 from seatrial.runner.compare.figures import Figure, PlotRequest
 from seatrial.runner.compare.frame import Queries, StoredRun
@@ -22,6 +21,7 @@ from seatrial.runner.compare.grid import number_text
 from seatrial.runner.compare.plots import selection, style
 from seatrial.runner.compare.plots.excitation import EAST, NORTH
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.compare.where import Condition
 from seatrial.runner.export.manoeuvre_tracks import length_of
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import Config
@@ -29,8 +29,7 @@ from seatrial.runner.record.vocabulary import Config
 FIGURE = Figure(
     "track",
     "The sailed track of one run in the plane, with headings and wind; a mix with its plan.",
-    "series deployment_* or recording, in the plane", ("run", "facet"),
-    caption="Track of the newest deployed run", place=7,
+    "series deployment_* or recording, in the plane", ("run", "facet"), place=7,
 )  # fmt: skip
 
 # A hull of length 1 seen from above, bow to +x: body x and y of its corners, shape (5, 2).
@@ -255,22 +254,21 @@ def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> 
     sailed = recording.columns["y"], recording.columns["x"]
     axes.plot(*sailed, color=style.MUTED, linewidth=0.9, label="sailed", zorder=2.2)
     look: dict[str, Any] = {"linestyle": ":", "color": style.REFERENCE, "linewidth": 1.2}
-    for i, part in enumerate(_intervals(columns["manoeuvre"] < 0.0)):
-        label = None if i else "passage"
-        axes.plot(columns["y"][part], columns["x"][part], label=label, zorder=2.5, **look)
-    rows = selection.diagnostics_of(
-        results, run, ("mix_count", "plan_deviation", "sailed_clearance")
-    )
+    for i, (a, b) in enumerate(style.intervals(columns["manoeuvre"] < 0.0)):
+        label, way = None if i else "passage", (columns["y"][a : b + 1], columns["x"][a : b + 1])
+        axes.plot(*way, label=label, zorder=2.5, **look)
+    names = ("mix_count", "plan_deviation", "sailed_clearance")
+    rows = results.diagnostics(names, Condition(runs=(run.id,)))
     counts, values = rows[rows["name"] == "mix_count"], rows.set_index("name")["value"]
     held_out = columns["role"] == TESTING
     for k, (number, name) in enumerate(sorted(zip(counts["i"], counts["label"], strict=True))):
-        parts, colour = _intervals(columns["manoeuvre"] == number), style.colour_of(k)
+        parts, colour = style.intervals(columns["manoeuvre"] == number), style.colour_of(k)
         # the first line, which is in the legend, is thick
-        for i, part in enumerate(sorted(parts, key=lambda part: held_out[part.start])):
-            look = {"linewidth": 1.4 if held_out[part.start] else 2.6, "label": None if i else name}
+        for i, (a, b) in enumerate(sorted(parts.tolist(), key=lambda part: held_out[part[0]])):
+            look = {"linewidth": 1.4 if held_out[a] else 2.6, "label": None if i else name}
             axes.plot(
-                columns["y"][part], columns["x"][part], color=colour, marker="o", markersize=4,
-                markevery=[0], zorder=3, **look,
+                columns["y"][a : b + 1], columns["x"][a : b + 1], color=colour, marker="o",
+                markersize=4, markevery=[0], zorder=3, **look,
             )  # fmt: skip
     for index, label, fill in ((0, "start", "full"), (-1, "goal", "none")):
         axes.plot(
@@ -287,9 +285,3 @@ def _plan(results: Queries, run: StoredRun, plan: Series, recording: Series) -> 
         )
     name, title = f"track-plan-run-{run.id}", f"Track and plan, {selection.subtitle(run)}"
     return style.drawing_of(name, figure, [axes], title, notes)
-
-
-def _intervals(chosen: NDArray[np.bool_]) -> Iterator[slice]:
-    """Yield the intervals of consecutive chosen samples, each with the sample after it."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
-    return (slice(int(a), int(b) + 1) for a, b in edges.reshape(-1, 2))

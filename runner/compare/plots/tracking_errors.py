@@ -10,7 +10,7 @@ from seatrial.runner.compare.plots import selection, style
 
 FIGURE = Figure(
     "errors", "Tracking errors of one run over time.", "series deployment_*", ("run", "facet"),
-    caption="Tracking error of the newest deployed run", place=9,
+    place=9,
 )  # fmt: skip
 
 # Label, unit, and its size in the stored one.

@@ -61,8 +61,9 @@ function shellQuoted(word) {
 // A command line that selects the same runs.
 function commandOf(first, { sweep, filters }) {
   const parts = filters.flatMap((levels, i) => {
-    const { name, conditions, levels: all } = data.factors[i];
-    return levels.length ? [`${name} in (${levels.map((level) => conditions[all.indexOf(level)]).join(",")})`] : [];
+    const { name } = data.factors[i], quoted = (level) => `"${level.replaceAll('"', '""')}"`;
+    const written = (level) => name === "seed" ? level : level === "none" ? 'null,"none"' : quoted(level);
+    return levels.length ? [`${name} in (${levels.map(written).join(",")})`] : [];
   });
   const words = [...first, ...(parts.length ? ["--where", parts.join(" and ")] : []), "--sweep", sweep || "all", ...data.database];
   return [data.program, ...words.map(shellQuoted)].join(" ");

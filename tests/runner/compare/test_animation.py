@@ -97,7 +97,7 @@ def test_the_hull_is_on_the_track_and_to_scale(ship: Path) -> None:
     """At its last frame, the ship is where the last sample is."""
     with open_results(f"sqlite:///{ship}/results.db") as results, style.drawn():
         film = film_of(results, 1, 12)
-        hull = film._func(11)[0]  # type: ignore[attr-defined]
+        hull = film._func(len(T) - 1)[0]  # type: ignore[attr-defined]
         film._draw_was_started = True  # or matplotlib warns that nothing was shown
     assert isinstance(hull, Polygon)
     bow, stern = hull.get_xy()[0], hull.get_xy()[2:4].mean(axis=0)

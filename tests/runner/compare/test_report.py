@@ -84,7 +84,7 @@ def test_a_damaged_series_is_told_on_the_page(page: Path, tmp_path: Path) -> Non
     with open_results(f"sqlite:///{folder}/results.db") as results:
         request = TableOptions(sweep="all", where="vessel=milliampere and identifier=plsr")
         text = render_report(results, request)
-    assert "Not drawn: Force residual of the newest run" in text
+    assert "Not drawn: Force residual of one run over time" in text
 
 
 def test_the_page_opens_alone_and_its_tables_sort_by_a_click(browser: Any, page: Path) -> None:
