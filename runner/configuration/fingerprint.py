@@ -29,13 +29,11 @@ from seatrial.runner.configuration.search_path import harbour_file, located
 from seatrial.runner.record.vocabulary import NOT_COMPARED
 
 if TYPE_CHECKING:  # what is slow to import
-    from seatrial.models.recording import recorded_file
+    from seatrial.models.recording import recorded_file as files
 else:
     import lazy_loader
 
-    recorded_file = lazy_loader.load(
-        "seatrial.models.recording.recorded_file", suppress_warning=True
-    )
+    files = lazy_loader.load("seatrial.models.recording.recorded_file", suppress_warning=True)
 
 RUNNER = Path(__file__).parents[1]
 PACKAGE = __name__.rsplit(".", 2)[0]  # of the runner
@@ -78,7 +76,7 @@ def _by_files(key: str, node: object) -> object:
         if key == "excitation" and isinstance(node.get("train"), list | tuple) and node["train"]:
             with suppress(ConfigurationError):  # which the trial says
                 sets = (node["train"], node.get("test") or ())
-                train, test = ([*map(str, recorded_file.matched(names))] for names in sets)
+                train, test = ([*map(str, files.matched(names))] for names in sets)
                 node = {**node, "train": train, "test": test}
         return {str(name): _by_files(str(name), value) for name, value in node.items()}
     if isinstance(node, list | tuple):

@@ -27,8 +27,6 @@ else:
     trials = lazy_loader.load("seatrial.runner.trials.trial", suppress_warning=True)
 
 State = Literal["finished", "skipped", "busy", "diverged", "failed", "lost", "bug"]
-
-
 log = logging.getLogger(__name__)
 
 
@@ -46,10 +44,8 @@ class Order:
         Replicates have the latter in common. `sources` is the digest of the code.
         """
         unseeded = {key: value for key, value in self.config.items() if key != "seed"}
-        return (
-            fingerprint(self.config, self.names, sources),
-            fingerprint(unseeded, self.names, sources),
-        )
+        beside = self.names, sources
+        return fingerprint(self.config, *beside), fingerprint(unseeded, *beside)
 
 
 @dataclass(frozen=True)
@@ -110,10 +106,9 @@ def perform(
             with threadpoolctl.threadpool_limits(1), attributed(trial.config):
                 results = trials.run(trial)
         except Exception as error:
-            diverged = isinstance(error, Diverged)
-            kind = "Diverged" if diverged else type(error).__name__
+            status: Ending = "diverged" if isinstance(error, Diverged) else "failed"
+            kind = type(error).__name__ if status == "failed" else "Diverged"
             message = " ".join(str(error).split()) or kind
-            status: Ending = "diverged" if diverged else "failed"
             valid = error.results if isinstance(error, trials.TrialDiverged) else None
             trace = "".join(traceback.format_exception(error))
             logbook.fail_run(begun.run_id, status, kind, message, trace, valid)
