@@ -191,7 +191,7 @@ def _option_error(error: ValidationError, values: Mapping[str, object], cls: typ
     first = errors[0]
     got = _shown(first["input"])
     if first["type"] == "extra_forbidden":
-        known = [field.name for field in fields(cls) if field.init]
+        known = [each.name for each in fields(cls) if each.init and each.name != place[-1]]
         expected = f"expected one of {', '.join(known)}" if known else "expected no options here"
         hint = meant(str(place[-1]), known, 3).rstrip() or expected
         return OptionError(f"{at}: unknown option, {hint}")

@@ -106,7 +106,7 @@ class Recording(Displayed, recordings.Recording):
         """Return the columns that `from_frame` reads, by time t [s]."""
         columns = SeriesColumns(self.dofs, self.t)
         columns.add_recording(self)
-        return pd.DataFrame(columns).set_index("t")
+        return pd.DataFrame(columns.columns).set_index("t")
 
     def split(self, fraction: float = 0.5) -> tuple[Self, Self]:
         """Return the first `fraction` of the samples, to train on, and the rest, to test on."""

@@ -63,8 +63,8 @@ class Absent(BASIC):
 
 
 def use(monkeypatch: pytest.MonkeyPatch, launcher: Any) -> None:
-    def instantiate(self: Plugins, **context: Any) -> Any:
-        launcher.setup(**context)
+    def instantiate(self: Plugins, context: Any, function: Any, config: Any) -> Any:
+        launcher.setup(hydra_context=context, task_function=function, config=config)
         return launcher
 
     monkeypatch.setattr(Plugins, "instantiate_launcher", instantiate)

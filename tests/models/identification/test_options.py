@@ -44,8 +44,8 @@ REFUSED: dict[tuple[str, str], list[tuple[dict[str, Any], str]]] = {
         ({"validation": "peek"}, "validation: got 'peek'"),
     ],
     ("robust", "milliampere"): [
-        ({"tune": {"pryor": [1.0]}}, "tune: got 'pryor', expected options of the identifier: "),
-        ({"tune": {"tune": [{}]}}, "tune: got 'tune', expected options"),
+        ({"tune": {"pryor": [1.0]}}, "tune.pryor: unknown option, did you mean prior?"),
+        ({"tune": {"tune": [{}]}}, "tune.tune: unknown option, expected one of basis"),
         ({"tune": {"prior": [1.0, -1.0]}}, "tune.prior[1] must be positive, got -1"),
         ({"input_terms": True}, "has no devices"),
     ],
