@@ -98,5 +98,10 @@ def _unknown_option(key: str, overrides: Sequence[str]) -> str:
     ):
         for option, _ in leaves(OmegaConf.to_container(compose("trial", overrides=choices))):
             known.update(accumulate(option.split("."), "{}.{}".format))
-    hint = meant(key, known).rstrip() or f"see {trial_program()} --cfg job"
-    return f"{key}: unknown option, {hint}"
+    node, _, leaf = key.rpartition(".")
+    parts = {name.partition("[")[0].rpartition(".") for name in known} - {(node, ".", "_target_")}
+    beside = sorted(name for parent, _, name in parts if parent == node)
+    hint = meant(leaf, beside, shown=lambda name: f"{node}.{name}".lstrip("."))
+    if not hint:
+        hint = f"expected one of {', '.join(beside)}" if node and beside else meant(key, known)
+    return f"{key}: unknown option, {hint.rstrip() or f'see {trial_program()} --cfg job'}"
