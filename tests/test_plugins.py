@@ -105,7 +105,7 @@ def test_a_plug_in_that_cannot_be_imported_costs_one_line(tmp_path: Path) -> Non
     assert done.returncode == 0
     assert "speed_max" in done.stdout
     assert done.stderr.splitlines() == [
-        "plug-in nowhere: there is no module nowhere",
+        "plug-in nowhere: there is no such module",
         "cannot import plug-in broken: ModuleNotFoundError: No module named 'no_such_module'",
         "cannot import plug-in same: ValueError: metric e_pos_mae: got a second definition,"
         " expected one",

@@ -32,18 +32,21 @@ if TYPE_CHECKING:  # what is slow to import
 else:
     import lazy_loader
 
-    (controllers, missions, adaptive, problem, recorded_file, parameters, disturbances, harbours,
-     options, recording_map, own_metrics) = (
-        lazy_loader.load(f"seatrial.{name}", suppress_warning=True)
-        for name in (
-            "models.control.controller", "models.excitation.missions",
-            "models.identification.adaptive", "models.identification.problem",
-            "models.recording.recorded_file", "models.vessel.parameters",
-            "models.weather.disturbance", "runner.configuration.harbours",
-            "runner.configuration.options", "runner.configuration.recording_map",
-            "runner.record.own_metrics",
-        )
-    )  # fmt: skip
+    controllers = lazy_loader.load("seatrial.models.control.controller", suppress_warning=True)
+    missions = lazy_loader.load("seatrial.models.excitation.missions", suppress_warning=True)
+    adaptive = lazy_loader.load("seatrial.models.identification.adaptive", suppress_warning=True)
+    problem = lazy_loader.load("seatrial.models.identification.problem", suppress_warning=True)
+    recorded_file = lazy_loader.load(
+        "seatrial.models.recording.recorded_file", suppress_warning=True
+    )
+    parameters = lazy_loader.load("seatrial.models.vessel.parameters", suppress_warning=True)
+    disturbances = lazy_loader.load("seatrial.models.weather.disturbance", suppress_warning=True)
+    harbours = lazy_loader.load("seatrial.runner.configuration.harbours", suppress_warning=True)
+    options = lazy_loader.load("seatrial.runner.configuration.options", suppress_warning=True)
+    recording_map = lazy_loader.load(
+        "seatrial.runner.configuration.recording_map", suppress_warning=True
+    )
+    own_metrics = lazy_loader.load("seatrial.runner.record.own_metrics", suppress_warning=True)
 
 T = TypeVar("T")
 Node = Mapping[str, object]

@@ -113,6 +113,7 @@ def _trivial(
         begin = np.maximum.accumulate(np.where(columns["start"], begin, 0))
     else:
         begin -= max(round(after_s / _period_s(series)), 1)  # before the first sample: at the end
+        begin %= len(begin)
     before, moved = measured[begin], np.zeros(len(outputs))
     if outputs != POSITION:
         mean = np.broadcast_to(measured.mean(axis=0), measured.shape)

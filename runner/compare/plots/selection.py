@@ -21,7 +21,7 @@ from seatrial.runner.record.vocabulary import NOT_STARTED
 Voyages = Mapping[str, Series]  # deployments by model, or the recording
 PREFIX = "deployment_"
 DEPLOYMENTS = (f"{PREFIX}nominal", f"{PREFIX}identified")
-LONGEST = 100  # characters of a level or the name of a file; file systems take 255 bytes
+LONGEST = 60  # characters of a level or the name of a file; file systems take 255 bytes
 
 
 def condition_of(results: frames.Queries, request: PlotRequest) -> Condition:

@@ -36,7 +36,7 @@ def test_intervals_hold_the_overshoots_of_the_ship() -> None:
     trial = asked_for(*OPTIONS, "excitation.duration_s=400", "model_error=false")
     recording, ship = excite(trial, seeds).recording, trial.vessel.nominal()
     problem = Problem(recording, recording, ship, None)
-    identified, _ = identify(trial, problem, seeds)
+    identified = identify(trial, problem, seeds)
     length_m, ordered = trial.vessel.scales.length_m, OrderedManoeuvre("zigzag")
     found = manoeuvre_results.recorded_manoeuvres(problem, identified, length_m, ordered)
     values = {key: value or np.nan for key, value in compared(found).items()}
