@@ -34,7 +34,7 @@ def environment() -> Environment:
     loader = FileSystemLoader(Path(__file__).with_name("templates"))
     options: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True}
     templates = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **options)
-    templates.filters["lines"] = lambda text: Markup(escape(visible(text)).replace("\n", "<br>"))
+    templates.filters["lines"] = lambda text: Markup("<br>").join(visible(text).split("\n"))
     return templates
 
 

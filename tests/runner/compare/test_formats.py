@@ -62,6 +62,7 @@ def test_html_is_well_formed_ascii_and_escaped() -> None:
     quoted = re.sub(r"class=(\w+)", r'class="\1"', shown).replace("<br>", "<br/>")
     assert NASTY in [*ElementTree.fromstring(f"<div>{quoted}</div>").itertext()]
     assert 'data-value="1.2"' in shown
+    assert "value<br>[N" in shown
 
 
 def test_csv_and_json_read_back() -> None:
