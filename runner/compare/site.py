@@ -27,7 +27,7 @@ from seatrial.runner.compare.page import Section, bullets, code, link, page, par
 from seatrial.runner.compare.plots.selection import PREFIX, subtitle
 from seatrial.runner.compare.plots.tracking_errors import ERRORS
 from seatrial.runner.compare.report import TABLES, in_words, render_report, words_of
-from seatrial.runner.compare.runs import run_details
+from seatrial.runner.compare.runs import headline, run_details
 from seatrial.runner.compare.statistics import Sample
 from seatrial.runner.compare.where import Condition
 from seatrial.runner.configuration.invocation import results_program
@@ -115,10 +115,11 @@ def _run_page(
     results: Queries, run: StoredRun, trouble: Sequence[str], links: Mapping[str, str],
     database: str,
 ) -> str:  # fmt: skip
-    """The page of a run: its numbers, its figures, and at last where it comes from."""
-    titles = {f"run {run.id}": "Provenance"}
+    """The page of a run: its main numbers, its figures, all of it, and where it comes from."""
+    first = headline(results, run.id)
+    titles = {f"run {run.id}": "Provenance", first.title: "Result"}
     sections = list[Section]()
-    for table in run_details(results, run.id):
+    for table in (first, *run_details(results, run.id)):
         title = titles.get(table.title, table.title.capitalize())
         shown = html_table(replace(in_words(table), title=""))
         sections.append(Section(title, title.lower(), [shown]))

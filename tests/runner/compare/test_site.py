@@ -163,7 +163,7 @@ def test_runs_are_overlaid_and_a_run_shows_numbers_and_figures(offline: Any, sit
     drawn = [one.text for one in offline.find_elements("css selector", "figure")]
     assert any("nominal\nidentified" in text for text in drawn), drawn
     headings = [one.text for one in offline.find_elements("css selector", "h2")]
-    assert headings[:2] == ["Metrics", "Figures"]
+    assert headings[:3] == ["Result", "Figures", "Metrics"]
     assert headings[-2:] == ["Configuration", "Provenance"]
 
 
