@@ -113,10 +113,12 @@ class SteeredMission(ShipMission):
     def check(self, dofs: Sequence[str], needed: str | None = "yaw") -> None:
         """Raise ConfigurationError unless the vessel has the helm, and a degree of freedom."""
         if self.helm not in self.input_names or (needed and needed not in dofs):
+            turning = (n for n, k in zip(self.input_names, self.nomoto_gain, strict=True) if k)
+            cure = "".join(f"; excitation.helm={name} turns it" for name in [*turning][:1])
             raise ConfigurationError(
                 f"helm: needs a vessel {f'in {needed} ' if needed else ''}with an input "
                 f"{self.helm}, got inputs {', '.join(self.input_names) or 'none'} in "
-                f"{', '.join(dofs)}"
+                f"{', '.join(dofs)}{cure}"
             )
         if not self.nomoto_gain[self.index] and any(p.law != HOLD for p in self.pieces(1.0)):
             raise ConfigurationError(f"helm: got {self.helm}, which gives no steady turn")

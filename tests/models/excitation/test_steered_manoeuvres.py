@@ -147,3 +147,9 @@ def test_an_input_that_does_not_turn_the_vessel_steers_no_course() -> None:
         with pytest.raises(ConfigurationError, match="got n, which gives no steady turn"):
             voyage("kvlcc2", excitation, "excitation.helm=n")
     assert len(voyage("kvlcc2", "input_prbs", "excitation.helm=n", "excitation.bits=2").t) > 0
+
+
+def test_a_helm_that_the_vessel_lacks_is_answered_with_one_that_turns_it() -> None:
+    for name, helm in (("remus100", "delta_r"), ("otter", "n_1")):
+        with pytest.raises(ConfigurationError, match=f"; excitation.helm={helm} turns it"):
+            voyage(name, "rudder_zigzag")
