@@ -113,8 +113,8 @@ class SteeredMission(ShipMission):
     def check(self, dofs: Sequence[str], needed: str | None = "yaw") -> None:
         """Raise ConfigurationError unless the vessel has the helm, and a degree of freedom."""
         if self.helm not in self.input_names or (needed and needed not in dofs):
-            turning = (n for n, k in zip(self.input_names, self.nomoto_gain, strict=True) if k)
-            cure = "".join(f"; excitation.helm={name} turns it" for name in [*turning][:1])
+            ones = [n for n, k in zip(self.input_names, self.nomoto_gain, strict=True) if k]
+            cure = f"; excitation.helm={ones[0]} turns it" if ones and self.helm == "delta" else ""
             raise ConfigurationError(
                 f"helm: needs a vessel {f'in {needed} ' if needed else ''}with an input "
                 f"{self.helm}, got inputs {', '.join(self.input_names) or 'none'} in "
