@@ -29,7 +29,6 @@ from seatrial.runner.configuration.hydra_errors import CONF
 from seatrial.runner.database import LogbookReader, LogbookWriter
 from seatrial.runner.sweeps import job, sweep
 from seatrial.runner.sweeps.composition import Composer, SharingLoader
-from seatrial.runner.sweeps.job import Planner
 from seatrial.runner.trials import trial
 from tests.benchmarks.memory import peak_megabytes
 from tests.runner.command import logging_kept
@@ -106,7 +105,7 @@ def parts(trials: int) -> dict[str, float]:
 
     steps = (
         ("planning: compose", Composer, "order"),
-        ("planning: check and fingerprint", Planner, "plan"),
+        ("planning: check and fingerprint", sweep, "plan_of"),
         ("planning: ask the logbook", sweep, "known"),
         ("job: compose", SharingLoader, "load_sweep_config"),
         ("job in all", basic_launcher, "run_job"),
