@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # what is slow to import
     from seatrial.models.weather import disturbance as disturbances
     from seatrial.runner.configuration import harbours, options, recording_map
     from seatrial.runner.record import own_metrics
-else:
+else:  # each by its literal name, which the digest of the sources looks for
     import lazy_loader
 
     controllers = lazy_loader.load("seatrial.models.control.controller", suppress_warning=True)
