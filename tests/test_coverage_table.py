@@ -122,7 +122,7 @@ def test_white_errors_of_known_size_are_counted(deviation: float) -> None:
     white[0] = 0.0  # the run begins at the true state
     motion = run.motion() + white
     noisy = replace(own.validation, eta=motion[:, :1], nu=motion[:, 1:])
-    error = ModelError(1.0, 0.0, 1.0, np.zeros(1), deviation * 0.1 * spread)
+    error = ModelError(1.0, np.zeros(1), 1.0, np.zeros(1), deviation * 0.1 * spread)
     result = NoIdentifier().identify(own, rng)
     problem = replace(own, validation=noisy)
     done = scored(replace(result, model_error=error), problem, None)

@@ -6,7 +6,7 @@ run freely over them. Their errors e calibrate a distribution
 
     p ~ N(p_hat, ((C^-1 - P) / kappa^2 + P)^-1)        the parameters,
     a_k = phi a_(k-1) + sqrt(1 - phi^2) w_k,  phi = exp(-h / T),  T = 2 s,
-    nu_dot = f(nu, p) + lambda sqrt((m^2 + rho^2) / 2) a   an acceleration on every axis,
+    nu_dot = f(nu, p) + lambda sqrt((m^2 + rho^2) / 2) a   an acceleration, lambda of each axis,
 
 with C the covariance of the parameters, P the precision of a prior within it (the data alone count
 less), w standard normal, rho^2 = (M^-1 tau)^2 + (M^-1 F(nu))^2 the accelerations by inputs and by
@@ -94,17 +94,15 @@ class NearbyRuns:
         acting = self.own.course.acting[:, 0]
         return squared_accelerations(self.model, nu, attitude, acting, self.recording.wind)
 
-    def drawn(self, error: ModelError, seed: int, start: bool = True, push: bool = True) -> Course:
-        """A course by DEVIATION_SHARE of drawn offsets of the starts and accelerations."""
+    def drawn(self, error: ModelError, seed: int, start: bool = True) -> Course:
+        """A course by DEVIATION_SHARE of drawn offsets of the starts, and of accelerations."""
         course, rng = self.own.course, np.random.default_rng(seed)
         if start:
             shape = int(np.count_nonzero(course.restart)), course.measured.shape[1]
             offset = error.scale * error.noise * rng.standard_normal(shape)
             course = course.with_offset(DEVIATION_SHARE * offset)
-        if push:
-            process = DEVIATION_SHARE * error.accelerations(self.rho2, course.step_s, rng)
-            course = course._replace(weather=course.weather._replace(process=process))
-        return course
+        process = DEVIATION_SHARE * error.accelerations(self.rho2, course.step_s, rng)
+        return course._replace(weather=course.weather._replace(process=process))
 
     def variance(self, runs: Iterable[Prediction]) -> Array:
         """Mean square (N, 2 n_dof) of the deviations of runs, which are DEVIATION_SHARE of it.
@@ -226,18 +224,20 @@ def _most_likely(
     pose = noise_floor(training.eta, training.piece_starts, training.period_s)
     noise = np.concatenate([pose.deviation, training.noise.deviation])
     mean_square = np.mean(runs.squares(training.nu, training.attitude), axis=0)
-    trial = ModelError(1.0, TRIED, 1.0, mean_square, noise)
+    n = len(training.dofs)
 
-    def moved(start: bool, push: bool) -> Array:
-        """Variance (n, 2 n_dof) of runs over courses that are drawn."""
-        courses = (runs.drawn(trial, i, start, push) for i in range(CALIBRATION_RUNS))
+    def moved(force: Array, start: bool) -> Array:
+        """Variance (n, 2 n_dof) of runs over courses that are drawn, by lambda (n_dof,)."""
+        error = ModelError(1.0, force, 1.0, mean_square, noise)
+        courses = (runs.drawn(error, i, start) for i in range(CALIBRATION_RUNS))
         return runs.variance(Prediction(runs.own.plant, each) for each in courses)[rows]
 
-    fixed, by_force = moved(True, False) + noise**2, moved(False, True) / TRIED**2
+    fixed = moved(np.zeros(n), True) + noise**2
+    by_force = np.stack([moved(each, False) for each in TRIED * np.eye(n)]) / TRIED**2
     fixed += (LEAST_DEVIATION * np.std(course.measured, axis=0)) ** 2 + STILL**2
-    if not np.all(np.isfinite(fixed + by_force)):
+    if not np.all(np.isfinite(fixed + np.sum(by_force, axis=0))):
         raise IdentificationError("runs that begin or are accelerated a little apart diverge")
-    best, known, spread = (np.inf, 1.0, 0.0, fixed), fixed, identified.spread
+    best, known, spread = (np.inf, 1.0, np.zeros(n), fixed), fixed, identified.spread
     for kappa2 in KAPPA2 if spread is not None else KAPPA2[:1]:
         if spread is not None:
             rng = np.random.default_rng(0)
@@ -256,7 +256,8 @@ def _most_likely(
     if not np.isfinite(loss):
         raise IdentificationError("models drawn from its distribution diverge")
     ratio = np.abs(errors) / (
-        scipy.special.ndtri(0.5 + 0.5 * LEVEL) * np.sqrt(known + force**2 * by_force)
+        scipy.special.ndtri(0.5 + 0.5 * LEVEL)
+        * np.sqrt(known + np.tensordot(force**2, by_force, 1))
     )
     scale = weighted_quantile(ratio.ravel(), np.repeat(weight, ratio.shape[1]), LEVEL)
     return ModelError(kappa2, force, scale, mean_square, noise)
@@ -292,23 +293,25 @@ def left_out_errors(runs: NearbyRuns, models: Sequence[Vessel], fold: NDArray[np
     return errors
 
 
-def _best_force(e: Array, known: Array, by_force: Array, weight: Array) -> tuple[float, float]:
-    """The least loss by Student's t, and the lambda that has it.
+def _best_force(e: Array, known: Array, by_force: Array, weight: Array) -> tuple[float, Array]:
+    """The least loss by Student's t, and the lambda (n_dof,) that have it.
 
-    Errors e (n, k), their variances without acceleration and with a lambda of one, weights (n,).
+    Errors e (n, k), their variances without acceleration and (n_dof, n, k) with a lambda of one of
+    an axis, weights (n,).
     """
 
-    def loss(force: float) -> float:
-        variance = known + force**2 * by_force
+    def loss(logarithm: Array) -> tuple[float, Array]:
+        own = np.exp(2.0 * logarithm)
+        variance = known + np.tensordot(own, by_force, 1)
         each = np.log(variance) + (FREEDOM + 1.0) * np.log1p(e**2 / (FREEDOM * variance))
-        return float(np.sum(weight @ each))
+        slope = weight[:, None] / variance
+        slope *= 1.0 - (FREEDOM + 1.0) * e**2 / (FREEDOM * variance + e**2)
+        gradient = 2.0 * own * np.tensordot(by_force, slope, ((1, 2), (0, 1)))
+        return float(np.sum(weight @ each)), gradient
 
-    low, high = np.log(LAMBDA)
-    found = scipy.optimize.minimize_scalar(
-        lambda x: loss(np.exp(x)), bounds=(low, high), method="bounded"
-    )
-    force = float(np.exp(found.x))
-    return min((loss(0.0), 0.0), (loss(force), force))
+    start, bounds = np.full(len(by_force), np.log(TRIED)), [np.log(LAMBDA)] * len(by_force)
+    found = scipy.optimize.minimize(loss, start, jac=True, bounds=bounds)
+    return float(found.fun), np.exp(found.x)
 
 
 def weighted_quantile(values: Array, weights: Array, level: float) -> float:

@@ -20,7 +20,7 @@ class ModelError:
     """The second share of the uncertainty, calibrated on what was left out of the estimation."""
 
     kappa2: float  # the data count by 1 / kappa2 of their information
-    force: float  # lambda
+    force: Array  # lambda (n_dof,)
     scale: float  # k
     mean_square: Array  # m^2 (n_dof,) [(m/s^2)^2, (rad/s^2)^2]
     noise: Array  # (2 n_dof,) of the measured pose and velocity
@@ -39,11 +39,11 @@ class ModelError:
         n = len(dofs)
         rows = [
             Diagnostic("model_error_kappa2", "all", self.kappa2),
-            Diagnostic("model_error_lambda", "all", self.force),
             Diagnostic("model_error_scale", "all", self.scale),
             Diagnostic("model_error_share", "all", self.share),
         ]
         for name, values in (
+            ("model_error_lambda", self.force),
             ("model_error_mean_square", self.mean_square),
             ("noise_pose", self.noise[:n]),
             ("noise_velocity", self.noise[n:]),

@@ -43,7 +43,11 @@ def test_an_interval_grows_with_the_model_error() -> None:
     trial, identified = trial_and_model()
     widths = []
     for force in (None, 0.1, 0.4):
-        error = None if force is None else ModelError(1.0, force, 1.0, np.ones(1), np.zeros(2))
+        error = (
+            None
+            if force is None
+            else ModelError(1.0, np.array([force]), 1.0, np.ones(1), np.zeros(2))
+        )
         values = bounds(trial, replace(identified, model_error=error))
         assert values[LOW] < values[HIGH]
         widths.append(values[HIGH] - values[LOW])
