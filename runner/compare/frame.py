@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.where import EVERY_RUN, ColumnNames, Condition, compared, met
+from seatrial.runner.compare import where as conditions
+from seatrial.runner.compare.where import EVERY_RUN, ColumnNames, Condition
 from seatrial.runner.database import tables
 from seatrial.runner.database.engine import url_of
 from seatrial.runner.database.reader import LogbookReader
@@ -79,6 +80,7 @@ def ordered(levels: Iterable[str]) -> list[str]:
 RUN = tables.RunRow.__table__
 Clause = sa.ColumnElement[bool]
 Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
+NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
 LABELS = (*GROUPS, "seed")
 NO_LEVELS = ("of_sweep", "of_experiment", "streams", "of_code")  # columns of trials, no factors
 METRIC = ("run_id", "stage", "model", "dof", "name", "value", "unit")
@@ -108,9 +110,10 @@ class Queries:
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
         rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
         keys = {key for row in rows for key in flat(row.config)}
-        columns: dict[str, Any] = {column.name: column for column in RUN.c}
+        columns = {column.name: column for column in RUN.c if column.name not in NOT_COMPARABLE}
         columns |= {"status": run_overview.c.status, "sweep": run_overview.c.sweep}
-        return ColumnNames(columns, RUN.c.config, keys, self.reader.address.path is not None)
+        known = frozenset(key for key in keys if conditions.NAME.fullmatch(key))
+        return ColumnNames(columns, RUN.c.config, known)
 
     def where(self, text: str | None) -> Condition:
         """Return the condition of --where.
@@ -120,10 +123,10 @@ class Queries:
         if not text:
             return EVERY_RUN
         names = self.names.checked(text)
-        query = self._of_runs(sa.select(RUN.c.id, *map(self.names.text, names)), EVERY_RUN)
+        query = self._of_runs(sa.select(RUN.c.id, *map(self.names.level, names)), EVERY_RUN)
         rows = self.reader.select(query)
-        levels = pd.DataFrame([*map(tuple, rows)], columns=["", *names], dtype=object)
-        return Condition(text, runs=tuple(levels.loc[met(text, levels), ""]))
+        levels = pd.DataFrame([*map(tuple, rows)], columns=["", *names])
+        return Condition(text, runs=tuple(levels.loc[conditions.met(text, levels), ""]))
 
     def selected(self, where: str | None, sweep: str | None) -> tuple[Condition, str]:
         """Return the condition of --where and --sweep, and the words for the sweeps.
@@ -171,7 +174,7 @@ class Queries:
         """
         names = list(dict.fromkeys((*LABELS, *factors)))
         own = (RUN.c.id, run_overview.c.status, RUN.c.sweep_id, RUN.c.experiment, RUN.c.drawn)
-        query = self._of_runs(sa.select(*own, RUN.c.code, *map(self.names.text, names)), condition)
+        query = self._of_runs(sa.select(*own, RUN.c.code, *map(self.names.level, names)), condition)
         if not superseded:
             query = query.where(run_overview.c.superseded == 0)
         rows = self.reader.select(query.order_by(RUN.c.id))
@@ -181,7 +184,9 @@ class Queries:
         data = dict(zip((*columns, *names), map(list, zip(*rows, strict=True)), strict=True))
         data["streams"] = [None if each is None else " ".join(each) for each in data["streams"]]
         for name in names:
-            data[name] = ["none" if level is None else str(level) for level in data[name]]
+            data[name] = [
+                "none" if level is None else conditions.as_text(level) for level in data[name]
+            ]
         if planned:
             for row in self._not_started(condition, {name: data[name] for name in names}):
                 for name, values in data.items():
@@ -219,9 +224,11 @@ class Queries:
             return []
         held = np.ones(len(known), dtype=np.bool_)
         if condition.text is not None:
-            own = pd.DataFrame([*known.values()], dtype=object)
-            own = own.reindex(columns=[*compared(condition.text)])
-            held = met(condition.text, own).to_numpy() & own.notna().all(axis=1).to_numpy()
+            own = pd.DataFrame([*known.values()])
+            own = own.reindex(columns=[*conditions.compared(condition.text)])
+            held = (
+                conditions.met(condition.text, own).to_numpy() & own.notna().all(axis=1).to_numpy()
+            )
         common = {name: each[0] for name, each in levels.items() if len(set(each)) == 1}
         missing = {name: common.get(name, "unknown") for name in levels}
         listed = compress(known.values(), held)
@@ -345,7 +352,7 @@ class Queries:
     def _one_of(self, runs: Sequence[int]) -> Clause:
         """Return the SQL of being one of these runs, in one variable however many they are."""
         listed = sa.literal(json.dumps([*map(int, runs)]), sa.Text())
-        if self.names.sqlite:
+        if self.reader.address.path is not None:
             each = sa.func.json_each(listed).table_valued("value")
         else:
             each = sa.func.json_array_elements_text(sa.cast(listed, sa.JSON)).table_valued("value")
@@ -449,7 +456,9 @@ def codes(frame: pd.DataFrame, columns: Sequence[str]) -> pd.Series:
 
 def chooses(condition: Condition) -> bool:
     """Return whether a condition is about certain runs or sweeps."""
-    return bool(condition.text and {"id", "sweep_id", "sweep"} & compared(condition.text).keys())
+    return bool(
+        condition.text and {"id", "sweep_id", "sweep"} & conditions.compared(condition.text).keys()
+    )
 
 
 def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:

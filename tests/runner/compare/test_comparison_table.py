@@ -11,9 +11,8 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import TableOptions
-from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.frame import Queries
-from seatrial.runner.compare.grid import TextTable
+from seatrial.runner.compare.grid import OutputFormat, TextTable, render
 from seatrial.runner.compare.table import comparison
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record import catalogue
