@@ -15,7 +15,6 @@ All queries of tables and figures are here. SQL selects and names; what comes ba
 Columns of text are categorical, so that a row of 100,000 runs takes a byte and not a string.
 """
 
-import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -32,8 +31,9 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare import where as conditions
-from seatrial.runner.compare.where import EVERY_RUN, ColumnNames, Condition
+from seatrial.runner.compare import where as language
+from seatrial.runner.compare.where import EVERY_RUN, Condition
+from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.database import tables
 from seatrial.runner.database.engine import url_of
 from seatrial.runner.database.reader import LogbookReader
@@ -79,8 +79,10 @@ def ordered(levels: Iterable[str]) -> list[str]:
 
 RUN = tables.RunRow.__table__
 Clause = sa.ColumnElement[bool]
-Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
-NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
+NO_FACTORS = ("config", "overrides", "versions", "traceback")
+COLUMNS = {column.name: column for column in RUN.c if column.name not in NO_FACTORS}
+COLUMNS |= {"status": run_overview.c.status, "sweep": run_overview.c.sweep}
+OVERVIEW = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
 LABELS = (*GROUPS, "seed")
 NO_LEVELS = ("of_sweep", "of_experiment", "streams", "of_code")  # columns of trials, no factors
 METRIC = ("run_id", "stage", "model", "dof", "name", "value", "unit")
@@ -105,15 +107,22 @@ class Queries:
         self.reader = reader
 
     @cached_property
-    def names(self) -> ColumnNames:
-        """The names that are valid in conditions, rows and columns."""
+    def keys(self) -> frozenset[str]:
+        """The dotted keys of the configuration of at least one run."""
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
         rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
-        keys = {key for row in rows for key in flat(row.config)}
-        columns = {column.name: column for column in RUN.c if column.name not in NOT_COMPARABLE}
-        columns |= {"status": run_overview.c.status, "sweep": run_overview.c.sweep}
-        known = frozenset(key for key in keys if conditions.NAME.fullmatch(key))
-        return ColumnNames(columns, RUN.c.config, known)
+        return frozenset(k for row in rows for k in flat(row.config) if language.NAME.fullmatch(k))
+
+    def check(self, name: str, option: str) -> None:
+        """Raise ConfigurationError for an unknown factor; the message lists similar names.
+
+        `option` is the command-line option that the message begins with.
+        """
+        if name not in COLUMNS and name not in self.keys:
+            expected = meant(name, [*COLUMNS, *sorted(self.keys)], 3) or (
+                f"expected one of {', '.join(COLUMNS)} or a dotted name of the configuration"
+            )
+            raise ConfigurationError(f"{option}: {name!r} is not known; {expected.rstrip()}")
 
     def where(self, text: str | None) -> Condition:
         """Return the condition of --where.
@@ -122,11 +131,18 @@ class Queries:
         """
         if not text:
             return EVERY_RUN
-        names = self.names.checked(text)
-        query = self._of_runs(sa.select(RUN.c.id, *map(self.names.level, names)), EVERY_RUN)
+        named = language.compared(text)
+        for name, values in named.items():
+            self.check(name, "--where")
+            kind = COLUMNS[name].type if name in COLUMNS else None
+            for value in (value for value in values if value is not None):
+                if expected := language.expected_of(kind, value):
+                    told = f"{name} is compared with {expected}, got {value!r}"
+                    raise ConfigurationError(f"--where: {told}")
+        query = sa.select(RUN.c.id, *map(level_of, named)).select_from(OVERVIEW)
         rows = self.reader.select(query)
-        levels = pd.DataFrame([*map(tuple, rows)], columns=["", *names])
-        return Condition(text, runs=tuple(levels.loc[conditions.met(text, levels), ""]))
+        levels = pd.DataFrame([*map(tuple, rows)], columns=["", *named])
+        return Condition(text, runs=tuple(levels.loc[language.met(text, levels), ""]))
 
     def selected(self, where: str | None, sweep: str | None) -> tuple[Condition, str]:
         """Return the condition of --where and --sweep, and the words for the sweeps.
@@ -174,7 +190,8 @@ class Queries:
         """
         names = list(dict.fromkeys((*LABELS, *factors)))
         own = (RUN.c.id, run_overview.c.status, RUN.c.sweep_id, RUN.c.experiment, RUN.c.drawn)
-        query = self._of_runs(sa.select(*own, RUN.c.code, *map(self.names.level, names)), condition)
+        query = sa.select(*own, RUN.c.code, *map(level_of, names)).select_from(OVERVIEW)
+        query = query.where(*self.clauses(condition))
         if not superseded:
             query = query.where(run_overview.c.superseded == 0)
         rows = self.reader.select(query.order_by(RUN.c.id))
@@ -185,7 +202,7 @@ class Queries:
         data["streams"] = [None if each is None else " ".join(each) for each in data["streams"]]
         for name in names:
             data[name] = [
-                "none" if level is None else conditions.as_text(level) for level in data[name]
+                "none" if level is None else language.as_text(level) for level in data[name]
             ]
         if planned:
             for row in self._not_started(condition, {name: data[name] for name in names}):
@@ -225,10 +242,8 @@ class Queries:
         held = np.ones(len(known), dtype=np.bool_)
         if condition.text is not None:
             own = pd.DataFrame([*known.values()])
-            own = own.reindex(columns=[*conditions.compared(condition.text)])
-            held = (
-                conditions.met(condition.text, own).to_numpy() & own.notna().all(axis=1).to_numpy()
-            )
+            own = own.reindex(columns=[*language.compared(condition.text)])
+            held = language.met(condition.text, own).to_numpy() & own.notna().all(axis=1).to_numpy()
         common = {name: each[0] for name, each in levels.items() if len(set(each)) == 1}
         missing = {name: common.get(name, "unknown") for name in levels}
         listed = compress(known.values(), held)
@@ -325,7 +340,7 @@ class Queries:
 
     def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:
         """Return the configurations of the given runs by run number, with dotted names."""
-        query = sa.select(RUN.c.id, RUN.c.config).where(self._one_of(ids)).order_by(RUN.c.id)
+        query = sa.select(RUN.c.id, RUN.c.config).where(_one_of(ids)).order_by(RUN.c.id)
         return {row.id: flat(row.config) for row in self.reader.select(query)}
 
     def provenance(self, condition: Condition) -> Sequence[sa.Row[*tuple[object, ...]]]:
@@ -333,10 +348,6 @@ class Queries:
         r = RUN.c
         query = sa.select(r.git_commit, r.git_dirty, r.host, r.versions, r.command)
         return self.reader.select(query.where(r.id.in_(self._ids(condition))).order_by(r.id.desc()))
-
-    def _of_runs(self, query: Query, condition: Condition) -> Query:
-        joined = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
-        return query.select_from(joined).where(*self.clauses(condition))
 
     def clauses(self, condition: Condition) -> list[Clause]:
         """Return the SQL of a condition: all clauses must hold."""
@@ -346,20 +357,11 @@ class Queries:
             own = sa.select(RUN.c.id).where(RUN.c.sweep_id.in_(condition.sweeps))
             clauses.append(RUN.c.id.in_(own.union(sa.select(tables.Reuse.run_id).where(reused))))
         if condition.runs is not None:
-            clauses.append(self._one_of(condition.runs))
+            clauses.append(_one_of(condition.runs))
         return clauses
 
-    def _one_of(self, runs: Sequence[int]) -> Clause:
-        """Return the SQL of being one of these runs, in one variable however many they are."""
-        listed = sa.literal(json.dumps([*map(int, runs)]), sa.Text())
-        if self.reader.address.path is not None:
-            each = sa.func.json_each(listed).table_valued("value")
-        else:
-            each = sa.func.json_array_elements_text(sa.cast(listed, sa.JSON)).table_valued("value")
-        return RUN.c.id.in_(sa.select(sa.cast(each.c.value, sa.Integer)))
-
     def _ids(self, condition: Condition) -> sa.Select[int]:
-        return self._of_runs(sa.select(RUN.c.id), condition)
+        return sa.select(RUN.c.id).where(*self.clauses(condition))
 
     def why_none(self, *filters: object) -> str:
         """Say in one line why a list of runs is empty."""
@@ -368,6 +370,24 @@ class Queries:
             return f"{self.reader.address}: no runs in the logbook yet"
         narrowed = any(item not in (None, EVERY_RUN) for item in filters)
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
+
+
+def _one_of(runs: Iterable[int]) -> Clause:
+    """Return the SQL of being one of these runs, however many they are: no variables."""
+    listed: list[int] = [*map(int, runs)]
+    return RUN.c.id.in_(
+        sa.bindparam("run", listed, expanding=True, literal_execute=True, unique=True)
+    )
+
+
+def level_of(name: str) -> sa.ColumnElement[Any]:
+    """Return the level of a factor; `where.as_text` gives it as it is shown."""
+    if name in COLUMNS:
+        return COLUMNS[name]
+    level: sa.ColumnElement[Any] = RUN.c.config
+    for key in name.split("."):
+        level = level.op("->", return_type=sa.JSON())(sa.literal(key, sa.Text()))
+    return level
 
 
 def as_numbers(rows: pd.DataFrame) -> pd.DataFrame:
@@ -457,7 +477,7 @@ def codes(frame: pd.DataFrame, columns: Sequence[str]) -> pd.Series:
 def chooses(condition: Condition) -> bool:
     """Return whether a condition is about certain runs or sweeps."""
     return bool(
-        condition.text and {"id", "sweep_id", "sweep"} & conditions.compared(condition.text).keys()
+        condition.text and {"id", "sweep_id", "sweep"} & language.compared(condition.text).keys()
     )
 
 

@@ -170,7 +170,7 @@ def _factors(results: Queries) -> list[Json]:
         text.partition("=")[0].lstrip("+~") for row in rows for text in row.overrides
     )
     own = [*GROUPS, "seed", "status"]
-    keys = [key for key in words if key in results.names.keys and key not in own][:MOST_FILTERS]
+    keys = [key for key in words if key in results.keys and key not in own][:MOST_FILTERS]
     trials, factors = results.trials(factors=keys), list[Json]()
     for name in (*own, *keys, "of_code"):
         texts = trials[name].astype(object).fillna("none").astype(str)

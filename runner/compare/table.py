@@ -122,7 +122,7 @@ class _Comparison:
         for option, factors in (("--rows/--columns", own), ("--pool", pool)):
             for factor in factors:
                 if factor != "all":
-                    results.names.check(factor, option)
+                    results.check(factor, option)
         condition, self.scope = results.selected(options.where, options.sweep)
         self.trials = trials = results.trials(condition, own, planned=True)
         numbers = _read(results, options, condition)
@@ -163,13 +163,11 @@ class _Comparison:
         """Group the numbers into cells; raises ConfigurationError for too many of them."""
         options, axes = self.options, self.axes
         whole = frames.complete(self.shown, self.trials, (*axes["rows"], *axes["columns"]))
-        sizes = {axis: int(frames.codes(whole, own).max()) + 1 for axis, own in axes.items()}
-        if (count := math.prod(sizes.values())) > options.cells:
-            axis = max(sizes, key=lambda each: sizes[each])
-            raise ConfigurationError(
-                f"--{axis} {','.join(axes[axis])}: got {sizes[axis]} {axis}, {count} cells; "
-                f"expected at most {options.cells} cells (--cells)"
-            )
+        sizes = [int(frames.codes(whole, own).max()) + 1 for own in axes.values()]
+        if math.prod(sizes) > options.cells:
+            got = f"{sizes[0]} rows and {sizes[1]} columns"
+            expected = f"expected at most {options.cells} cells (--cells)"
+            raise ConfigurationError(f"--rows, --columns: got {got}, {expected}")
         self.table = table = stats.pivot(whole, axes["rows"], axes["columns"], options.names)
         self.baseline = ", ".join(f"{name}={level}" for name, level in options.reference.items())
         self.tests = {}

@@ -16,7 +16,7 @@ import ast
 import json
 import operator as op
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import reduce
@@ -27,11 +27,9 @@ import pandas as pd
 import sqlalchemy as sa
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.database.tables import Utc
 
 Value = str | float | None  # true and false are texts
-Expression = sa.ColumnElement[Any]
 Compared = Callable[[str, str, Sequence[Value]], Any]  # name, operator, values
 ORDERINGS: dict[str, Callable[[Any, Any], Any]] = {
     "<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge,
@@ -174,57 +172,7 @@ def as_date(value: Value) -> datetime | None:
     return moment.replace(tzinfo=moment.tzinfo or UTC)
 
 
-@dataclass(frozen=True)
-class ColumnNames:
-    """Columns and configuration keys of one database.
-
-    `columns` are the SQL expressions of the plain names; `config` is the JSON column;
-    `keys` are the dotted keys of at least one run.
-    """
-
-    columns: Mapping[str, Expression]
-    config: Expression
-    keys: frozenset[str]
-
-    def check(self, name: str, option: str) -> None:
-        """Raise ConfigurationError for an unknown name; the message lists similar names.
-
-        `option` is the command-line option that the message begins with.
-        """
-        if name not in self.columns and name not in self.keys:
-            known = dict.fromkeys([*self.columns, *sorted(self.keys)])
-            expected = meant(name, known, 3) or (
-                f"expected one of {', '.join(self.columns)} or a dotted name of the configuration"
-            )
-            raise ConfigurationError(f"{option}: {name!r} is not known; {expected.rstrip()}")
-
-    def checked(self, text: str) -> list[str]:
-        """Return the names of a condition.
-
-        Raises ConfigurationError for an unknown name or a value of a wrong type.
-        """
-
-        named = compared(text)
-        for name, values in named.items():
-            self.check(name, "--where")
-            kind = self.columns[name].type if name in self.columns else None
-            for value in (value for value in values if value is not None):
-                if expected := _expected(kind, value):
-                    told = f"{name} is compared with {expected}, got {value!r}"
-                    raise ConfigurationError(f"--where: {told}")
-        return [*named]
-
-    def level(self, name: str) -> Expression:
-        """Return the level of a checked name; `as_text` gives it as it is shown."""
-        if name in self.columns:
-            return self.columns[name]
-        level = self.config
-        for key in name.split("."):
-            level = level.op("->", return_type=sa.JSON())(sa.literal(key, sa.Text()))
-        return level
-
-
-def _expected(kind: object, value: Value) -> str | None:
+def expected_of(kind: object, value: Value) -> str | None:
     """Return what a column of a type is compared with, if the value is none of these."""
     if isinstance(kind, sa.Boolean) and value not in ("true", "false"):
         return "true or false"
