@@ -20,7 +20,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +84,7 @@ COLUMNS |= {"status": run_overview.c.status, "sweep": run_overview.c.sweep}
 OVERVIEW = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
 LABELS = (*GROUPS, "seed")
 NO_LEVELS = ("of_sweep", "of_experiment", "streams", "of_code")  # columns of trials, no factors
-METRIC = ("run_id", "stage", "model", "dof", "name", "value", "unit")
+METRIC = ("stage", "model", "dof", "name", "value", "unit")
 COEFFICIENT_STAGE = "coefficient"
 
 
@@ -197,18 +196,12 @@ class Queries:
         rows = self.reader.select(query.order_by(RUN.c.id))
         if not rows:
             raise ConfigurationError(self.why_none(condition))
-        columns = ("run", "status", *NO_LEVELS)
-        data = dict(zip((*columns, *names), map(list, zip(*rows, strict=True)), strict=True))
-        data["streams"] = [None if each is None else " ".join(each) for each in data["streams"]]
-        for name in names:
-            data[name] = [
-                "none" if level is None else language.as_text(level) for level in data[name]
-            ]
+        columns = ["run", "status", *NO_LEVELS, *names]
+        trials = pd.DataFrame([*map(tuple, rows)], columns=columns, dtype=object).set_index("run")
+        trials["streams"] = trials["streams"].map(" ".join, na_action="ignore")
+        trials[names] = trials[names].map(language.as_text, na_action="ignore").fillna("none")
         if planned:
-            for row in self._not_started(condition, {name: data[name] for name in names}):
-                for name, values in data.items():
-                    values.append(row.get(name))
-        trials = pd.DataFrame(data).set_index("run")
+            trials = pd.concat([trials, self._not_started(condition, trials[names])])
         return trials.astype({name: "category" for name in trials if name != "of_sweep"})
 
     def runs(
@@ -217,9 +210,7 @@ class Queries:
         """Return the trials as objects, for figures of single runs."""
         return stored_runs(self.trials(condition, factors))
 
-    def _not_started(
-        self, condition: Condition, levels: Mapping[str, Sequence[str]]
-    ) -> list[dict[str, object]]:
+    def _not_started(self, condition: Condition, levels: pd.DataFrame) -> pd.DataFrame:
         """Return the planned trials that meet the condition and have no run.
 
         A level that is not an option of the trial is that of all runs, whose `levels` are given, if
@@ -238,28 +229,23 @@ class Queries:
             own = {key: value for key, _, value in pairs} | choices | {"seed": str(seed)}
             known[fingerprint] = own | {"of_sweep": sweep, "status": NOT_STARTED}
         if not known or (condition.runs is not None and condition.text is None):
-            return []
-        held = np.ones(len(known), dtype=np.bool_)
+            return levels[:0]
+        planned = pd.DataFrame([*known.values()], dtype=object)
         if condition.text is not None:
-            own = pd.DataFrame([*known.values()])
-            own = own.reindex(columns=[*language.compared(condition.text)])
-            held = language.met(condition.text, own).to_numpy() & own.notna().all(axis=1).to_numpy()
-        common = {name: each[0] for name, each in levels.items() if len(set(each)) == 1}
-        missing = {name: common.get(name, "unknown") for name in levels}
-        listed = compress(known.values(), held)
-        return [missing | option | {"run": -1 - number} for number, option in enumerate(listed)]
+            told = planned.reindex(columns=[*language.compared(condition.text)])
+            planned = planned[language.met(condition.text, told) & told.notna().all(axis=1)]
+        common = {n: own.iloc[0] if own.nunique() == 1 else "unknown" for n, own in levels.items()}
+        planned = planned.reindex(columns=["of_sweep", "status", *levels]).fillna(common)
+        return planned.set_index(pd.Index(-1 - np.arange(len(planned)), name="run"))
 
     def _rows(
         self, table: type[tables.Base], columns: Sequence[str], condition: Condition, *where: Clause
     ) -> pd.DataFrame:
         """Return columns of the rows of a table that belong to the runs of a condition."""
         c = table.__table__.c
-        query = sa.select(*(c[name] for name in columns)).order_by(c.id)
+        query = sa.select(c.run_id, *(c[name] for name in columns)).order_by(c.id)
         rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition)), *where))
-        values = map(list, zip(*rows, strict=True)) if rows else ([] for _ in columns)
-        data = dict(zip(columns, values, strict=True))
-        frame = pd.DataFrame(data, dtype=None if rows else object)
-        return frame.rename(columns={"run_id": "run"})
+        return pd.DataFrame([*map(tuple, rows)], columns=["run", *columns])
 
     def metrics(
         self, names: Sequence[str], condition: Condition = EVERY_RUN,
@@ -289,7 +275,7 @@ class Queries:
 
     def coefficients(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the coefficients of the runs that meet the condition."""
-        columns = ("run_id", "model", "dof", "term", "value", "unit", "std_error", "true_value")
+        columns = ("model", "dof", "term", "value", "unit", "std_error", "true_value")
         return as_numbers(self._rows(tables.CoefficientRow, columns, condition))
 
     def marks(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
@@ -304,7 +290,7 @@ class Queries:
 
     def diagnostics(self, names: Sequence[str], condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the named diagnostics: run, name, dof, i, j, label, value (NaN), unit."""
-        columns = ("run_id", "name", "dof", "i", "j", "label", "value", "unit")
+        columns = ("name", "dof", "i", "j", "label", "value", "unit")
         rows = self._rows(
             tables.DiagnosticRow, columns, condition, tables.DiagnosticRow.name.in_(names)
         )
@@ -327,9 +313,7 @@ class Queries:
     def series_columns(self, condition: Condition = EVERY_RUN) -> dict[int, dict[str, list[str]]]:
         """Return the column names of the stored series by run and kind."""
         by_run: dict[int, dict[str, list[str]]] = defaultdict(dict)
-        for row in self._rows(
-            tables.SeriesRow, ("run_id", "kind", "columns"), condition
-        ).itertuples():
+        for row in self._rows(tables.SeriesRow, ("kind", "columns"), condition).itertuples():
             by_run[row.run][row.kind] = [*row.columns]
         return by_run
 

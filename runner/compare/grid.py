@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -18,7 +19,7 @@ from seatrial.runner.database.terminal import visible
 
 Scalar = str | float | int | bool | None
 """A value of a record; dates are ISO text."""
-_SUPERSCRIPTS = {"^2": "²", "^3": "³", "^-1": "⁻¹", "^-2": "⁻²"}
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class OutputFormat(StrEnum):
@@ -78,15 +79,14 @@ def grid_of(
     `headers` name the columns, of which the first `labels` name the row; `rows` hold one value for
     each column, `notes` stand under the table, and numbers have `digits` significant digits.
     """
-    cells = list[list[TableCell]]()
-    for row in rows:
-        cells.append([])
-        for value in row:
-            if value is None or isinstance(value, bool | str):
-                cells[-1].append(TableCell("" if value is None else str(value)))
-            else:
-                cells[-1].append(TableCell(number_text(value, digits), sort=float(value)))
+
+    def cell(value: Scalar) -> TableCell:
+        if value is None or isinstance(value, bool | str):
+            return TableCell("" if value is None else str(value))
+        return TableCell(number_text(value, digits), sort=float(value))
+
     records = [dict(zip(headers, row, strict=True)) for row in rows]
+    cells = [[*map(cell, row)] for row in rows]
     return TextTable(title, headers, cells, labels, notes, records)
 
 
@@ -95,7 +95,7 @@ def number_text(value: float, digits: int = 4) -> str:
     if isinstance(value, int):
         return str(value)
     if not math.isfinite(value):
-        return "nan" if math.isnan(value) else ("inf" if value > 0 else "-inf")
+        return str(float(value))
     if value == 0.0:
         return "0"
     size = int(f"{value:.{digits - 1}e}".partition("e")[2])  # after rounding: 9.96 is 10
@@ -109,9 +109,8 @@ def unit_text(unit: str | None) -> str:
     """Return a unit as it is printed: `N^2` becomes N²; `1` and None become empty."""
     if unit is None or unit in ("", "1", "-"):
         return ""
-    for plain, raised in _SUPERSCRIPTS.items():
-        unit = unit.replace(plain, raised)
-    return unit.replace("*", "·")
+    raised = re.sub(r"\^(-?\d)", lambda power: power[1].translate(_SUPERSCRIPTS), unit)
+    return raised.replace("*", "·")
 
 
 def with_unit(name: str, unit: str | None) -> str:
@@ -220,17 +219,11 @@ def _latex(grid: TextTable) -> str:
         texts = [(cell.text.replace("\n", " ").translate(_LATEX), cell.bold) for cell in row]
         rows.append([rf"\textbf{{{text}}}" if bold and text else text for text, bold in texts])
     notes = (note.translate(_LATEX) for note in grid.notes)
+    first, *others = (" & ".join(cells) + r" \\" for cells in [headers, *rows])
     return "\n".join([
-        r"\begin{table}  % needs \usepackage{booktabs}",
-        r"\centering",
+        r"\begin{table}  % needs \usepackage{booktabs}", r"\centering",
         rf"\caption{{{grid.title.translate(_LATEX)}}}",
         rf"\begin{{tabular}}{{{'l' * grid.labels + 'r' * (len(grid.headers) - grid.labels)}}}",
-        r"\toprule",
-        " & ".join(headers) + r" \\",
-        r"\midrule",
-        *(" & ".join(cells) + r" \\" for cells in rows),
-        r"\bottomrule",
-        r"\end{tabular}",
-        *(rf"\par\smallskip{{\footnotesize {note}}}" for note in notes),
-        r"\end{table}",
+        r"\toprule", first, r"\midrule", *others, r"\bottomrule", r"\end{tabular}",
+        *(rf"\par\smallskip{{\footnotesize {note}}}" for note in notes), r"\end{table}",
     ])  # fmt: skip
