@@ -133,9 +133,8 @@ class Queries:
         named = language.compared(text)
         for name, values in named.items():
             self.check(name, "--where")
-            kind = COLUMNS[name].type if name in COLUMNS else None
-            for value in (value for value in values if value is not None):
-                if expected := language.expected_of(kind, value):
+            for value in values:
+                if expected := language.expected_of(COLUMNS.get(name), value):
                     told = f"{name} is compared with {expected}, got {value!r}"
                     raise ConfigurationError(f"--where: {told}")
         query = sa.select(RUN.c.id, *map(level_of, named)).select_from(OVERVIEW)
@@ -267,10 +266,9 @@ class Queries:
         They are diagnostics, since a file is no part of the name of a metric.
         """
         rows = self.diagnostics([f"{OF_FILE}{name}" for name in names], condition)
-        parts = [str(label).rpartition(", ") for label in rows["label"]]
-        rows["name"] = [name.removeprefix(OF_FILE) for name in rows["name"]]
-        rows["model"] = [model.removesuffix(" model") for _, _, model in parts]
-        rows["file"] = [file for file, _, _ in parts]
+        rows["name"] = rows["name"].str.removeprefix(OF_FILE)
+        parts = rows["label"].str.extract(r"(.*), (.*?)(?: model)?$")
+        rows = rows.assign(file=parts[0], model=parts[1])
         return as_numbers(rows.drop(columns=["i", "j", "label"]).assign(stage="validation"))
 
     def coefficients(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
@@ -472,8 +470,6 @@ def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     """
     values: dict[str, object] = {}
     for key, value in config.items():
-        if isinstance(value, Mapping):
-            values |= flat(value, f"{prefix}{key}.")
-        else:
-            values[f"{prefix}{key}"] = value
+        name = f"{prefix}{key}"
+        values |= flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value}
     return values

@@ -193,10 +193,7 @@ def _json(grid: TextTable) -> str:
         {n: None if isinstance(v, float) and not math.isfinite(v) else v for n, v in r.items()}
         for r in grid.as_records()
     ]
-    text = json.dumps(records, indent=2, ensure_ascii=False, allow_nan=False)
-    if visible(text) == text:
-        return text
-    return json.dumps(records, indent=2, allow_nan=False)  # escaped as JSON has it
+    return json.dumps(records, indent=2, allow_nan=False)
 
 
 _LATEX = str.maketrans({

@@ -242,8 +242,7 @@ def best_cells(table: Pivot, facts: pd.DataFrame, statistic: str) -> "pd.Series[
     groups = pd.DataFrame({"shared": cells["condition"].map(shared).fillna(-1)})
     groups["levels"] = [tuple(key[k] for k in apart) for key in cells["row"] + cells["column"]]
     group = frames.codes(groups, [*groups])
-    values = table.values.join(group.rename("group"), on="cell")
-    values = values.join(cells["is_baseline"], on="cell")
+    values = table.values.join(cells[["is_baseline"]].assign(group=group), on="cell")
     drawn = values[values["replicate"] != EVERY_SEED]
     referred = drawn.loc[drawn["is_baseline"], "group"]
     drawn = drawn[drawn["is_baseline"] | ~drawn["group"].isin(referred)]
@@ -261,8 +260,7 @@ def best_cells(table: Pivot, facts: pd.DataFrame, statistic: str) -> "pd.Series[
         losses = (losses - cells["true_value"]).abs()
     else:  # none is best without a better direction
         each = zip(losses.to_numpy(), (one.better for one in definitions), strict=True)
-        found = [math.nan if better is None else loss(v, better) for v, better in each]
-        losses = pd.Series(found, losses.index, dtype="float64")
+        losses[:] = [math.nan if better is None else loss(v, better) for v, better in each]
     losses = losses.where(whole & ~spoilt)
     resolution = np.array([0.0 if "true_value" in cells else d.resolution for d in definitions])
     lowest = losses.groupby(group).transform("min").to_numpy()

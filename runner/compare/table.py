@@ -66,17 +66,16 @@ def _read(results: frames.Queries, options: TableOptions, condition: Condition) 
     names, wanted = options.names, options.levels
     if wanted["model"] and "model" in options.reference:
         wanted["model"] = (*wanted["model"], options.reference["model"])
-    what, known = "coefficient" if options.of_coefficients else "metric", {*names}
     if options.of_coefficients:
-        numbers = results.coefficients(condition)
+        what, numbers = "coefficient", results.coefficients(condition)
         known = {*numbers["metric"].unique()}
         numbers = numbers[numbers["metric"].isin(names)] if names else numbers
     else:
-        numbers = results.metrics(names, condition, wanted)
+        what, numbers = "metric", results.metrics(names, condition, wanted)
         if numbers.empty:  # read all levels, for the error message
             numbers = results.metrics(names, condition)
-        if not {*numbers["metric"].unique()}.issuperset(names):  # that these lack, or none has
-            known = {*numbers["metric"].unique(), *results.metric_names()}
+        known = {*numbers["metric"].unique()}
+        known |= {*(() if known.issuperset(names) else results.metric_names())}
     if "file" in (*options.axes[0], *options.axes[1], *options.reference):
         of_files = results.of_files(names, condition)
         if of_files.empty:

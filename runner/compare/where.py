@@ -172,8 +172,9 @@ def as_date(value: Value) -> datetime | None:
     return moment.replace(tzinfo=moment.tzinfo or UTC)
 
 
-def expected_of(kind: object, value: Value) -> str | None:
-    """Return what a column of a type is compared with, if the value is none of these."""
+def expected_of(column: sa.ColumnElement[Any] | None, value: Value) -> str | None:
+    """Return what a column is compared with, if the value is none of these."""
+    kind = None if column is None or value is None else column.type
     if isinstance(kind, sa.Boolean) and value not in ("true", "false"):
         return "true or false"
     if isinstance(kind, sa.Integer | sa.Float) and isinstance(value, str):
