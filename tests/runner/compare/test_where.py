@@ -71,6 +71,7 @@ SELECTIONS = (
     ("identifier not in (ls, plsr)", 6),
     ("identifier = \"ls' OR '1'='1\"", 0),  # only a value
     ("seed>=1 and seed<=1", 6),
+    (f"seed in ({', '.join(map(str, range(1, 5000)))})", 11),
     ("not (seed>=1)", 6),
     ("status=failed or status=diverged", 2),
     ("plant.scale=0.5", 17),
