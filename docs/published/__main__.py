@@ -13,8 +13,8 @@ from docs.published.page import NOTE, published_grid, summary_grids, write_publi
 from docs.published.printed import by_table, judged, read_folder
 from seatrial.models.errors import SeatrialError
 from seatrial.runner.compare.cli import show_grids
-from seatrial.runner.compare.formats import OutputFormat
 from seatrial.runner.compare.frame import open_results
+from seatrial.runner.compare.grid import OutputFormat
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 
 

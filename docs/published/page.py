@@ -19,10 +19,17 @@ from docs.published.printed import (
     file_of,
     newest_sweep,
 )
-from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import Queries
 from seatrial.runner.compare.grid import Scalar, TableCell, TextTable, number_text, with_unit
-from seatrial.runner.compare.page import Section, code, page, paragraph, picture, write_page
+from seatrial.runner.compare.page import (
+    Section,
+    code,
+    html_table,
+    page,
+    paragraph,
+    picture,
+    write_page,
+)
 from seatrial.runner.compare.plots.style import MUTED, REFERENCE, drawn, figure, footnote, headed
 from seatrial.runner.configuration.search_path import CONF
 

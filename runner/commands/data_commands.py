@@ -26,7 +26,7 @@ from seatrial.models.recording.source import ReadOptions, read_sources
 from seatrial.runner.commands.benchmark import get
 from seatrial.runner.commands.recording_report import recording_page, report
 from seatrial.runner.compare.cli import run_typer
-from seatrial.runner.compare.formats import OutputFormat, render
+from seatrial.runner.compare.grid import OutputFormat, render
 from seatrial.runner.compare.page import write_page
 from seatrial.runner.configuration.recording_map import (
     KEY,

@@ -15,9 +15,8 @@ from seatrial.models.recording.diagnosis import Examination, examine
 from seatrial.models.recording.recorded_file import ReadSignals, RecordedFile, clocks
 from seatrial.models.recording.recording import piece_starts
 from seatrial.models.recording.signals import Sampling, noise_floor, outliers, sampling
-from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.grid import TextTable, grid_of
-from seatrial.runner.compare.page import Section, bullets, page, picture
+from seatrial.runner.compare.page import Section, bullets, html_table, page, picture
 
 if TYPE_CHECKING:  # slow to import
     from matplotlib.figure import Figure

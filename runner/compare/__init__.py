@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from seatrial.runner.compare import audit as audit
     from seatrial.runner.compare import benchmark_page as benchmark_page
     from seatrial.runner.compare import cli as cli
-    from seatrial.runner.compare import formats as formats
     from seatrial.runner.compare import frame as frame
+    from seatrial.runner.compare import grid as grid
     from seatrial.runner.compare import leaderboard as leaderboard
     from seatrial.runner.compare import manoeuvre_comparison as manoeuvre_comparison
     from seatrial.runner.compare import page as page
@@ -27,7 +27,7 @@ else:
     __getattr__, __dir__, __all__ = lazy_loader.attach(
         __name__,
         [
-            *("animation", "audit", "benchmark_page", "cli", "formats", "frame", "leaderboard"),
+            *("animation", "audit", "benchmark_page", "cli", "frame", "grid", "leaderboard"),
             *("manoeuvre_comparison", "page", "plots", "report", "runs", "site", "table"),
         ],
     )

@@ -11,11 +11,10 @@ from markupsafe import Markup
 from seatrial.runner.compare import page as pages
 from seatrial.runner.compare.benchmark.scores import REFERENCES
 from seatrial.runner.compare.benchmark.task import located
-from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import Scalar, TextTable, grid_of, one_line
 from seatrial.runner.compare.leaderboard import Board, leaderboard, overall, summary
-from seatrial.runner.compare.page import Section, code, group, paragraph, picture
+from seatrial.runner.compare.page import Section, code, group, html_table, paragraph, picture
 from seatrial.runner.compare.plots.critical_difference import chart
 from seatrial.runner.compare.plots.prediction import free_runs
 from seatrial.runner.compare.plots.style import drawn

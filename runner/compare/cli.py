@@ -19,8 +19,7 @@ from typer.main import get_command
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.figures import Several, axes_of, figures, split
-from seatrial.runner.compare.formats import OutputFormat, render
-from seatrial.runner.compare.grid import TextTable
+from seatrial.runner.compare.grid import OutputFormat, TextTable, render
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE, program_version
 from seatrial.runner.record.catalogue import all_declared
 

@@ -13,8 +13,7 @@ from seatrial.runner import export as exports
 from seatrial.runner.compare import cli
 from seatrial.runner.compare.cli import TableOptions, command
 from seatrial.runner.compare.figures import PlotRequest, Several, figures
-from seatrial.runner.compare.formats import OutputFormat
-from seatrial.runner.compare.grid import TextTable, grid_of
+from seatrial.runner.compare.grid import OutputFormat, TextTable, grid_of
 from seatrial.runner.configuration.invocation import DEFAULT_DATABASE
 from seatrial.runner.record.catalogue import all_declared
 from seatrial.runner.record.vocabulary import LOST

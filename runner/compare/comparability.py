@@ -166,17 +166,13 @@ def pairs(
     ignored = fixed if "model" not in baseline else (*fixed, "identifier")
     free = [name for name in METRIC_FACTORS if name not in baseline]
     rows = frame[["cell", "condition", "replicate", "value", *free]].astype({"replicate": str})
-    shared = codes(facts, [name for name in facts if not within(name, ignored)])
-    rows["shared"] = shared.to_numpy()[rows["condition"]]
-    rows["key"] = codes(rows, [*free, "shared"])
+    shared = [name for name in facts if not within(name, ignored)]
     below = [name for name in facts if within(name, fixed) and name not in baseline]
-    for _, candidates in rows[rows["cell"] < 0].groupby("key"):
-        levels = facts.loc[candidates["condition"].unique(), below]
-        decisive = [n for n in below if n in named or levels[n].nunique(dropna=False) > 1]
-        alike = codes(facts, decisive).to_numpy()
-        group = rows.index[rows["key"] == candidates["key"].iloc[0]]
-        rows.loc[group, "alike"] = alike[rows.loc[group, "condition"]]
-    rows["key"] = codes(rows, ["key", "alike"]) if "alike" in rows else rows["key"]
+    levels = facts.loc[rows.loc[rows["cell"] < 0, "condition"].unique()]
+    several = levels[below].groupby(codes(levels, shared)).nunique(dropna=False).gt(1).any()
+    decisive = [name for name in below if name in named or several[name]]
+    rows["shared"] = codes(facts, [*shared, *decisive]).to_numpy()[rows["condition"]]
+    rows["key"] = codes(rows, [*free, "shared"])
     own = rows.loc[rows["cell"] >= 0, ["cell", "key", "condition", "replicate", "value"]]
     other = rows.loc[rows["cell"] < 0, ["key", "replicate", "value"]]
     other = other.rename(columns={"value": "other"})

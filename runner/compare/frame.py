@@ -15,15 +15,13 @@ All queries of tables and figures are here. SQL selects and names; what comes ba
 Columns of text are categorical, so that a row of 100,000 runs takes a byte and not a string.
 """
 
-import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import compress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -32,7 +30,9 @@ from numpy.typing import NDArray
 
 from seatrial.models.diagnostics import INTERVAL_OF_ESTIMATE
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.compare.where import EVERY_RUN, ColumnNames, Condition, compared, met
+from seatrial.runner.compare import where as language
+from seatrial.runner.compare.where import EVERY_RUN, Condition
+from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.database import tables
 from seatrial.runner.database.engine import url_of
 from seatrial.runner.database.reader import LogbookReader
@@ -78,10 +78,13 @@ def ordered(levels: Iterable[str]) -> list[str]:
 
 RUN = tables.RunRow.__table__
 Clause = sa.ColumnElement[bool]
-Query = TypeVar("Query", bound=sa.Select[*tuple[object, ...]])
+NO_FACTORS = ("config", "overrides", "versions", "traceback")
+COLUMNS = {column.name: column for column in RUN.c if column.name not in NO_FACTORS}
+COLUMNS |= {"status": run_overview.c.status, "sweep": run_overview.c.sweep}
+OVERVIEW = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
 LABELS = (*GROUPS, "seed")
 NO_LEVELS = ("of_sweep", "of_experiment", "streams", "of_code")  # columns of trials, no factors
-METRIC = ("run_id", "stage", "model", "dof", "name", "value", "unit")
+METRIC = ("stage", "model", "dof", "name", "value", "unit")
 COEFFICIENT_STAGE = "coefficient"
 
 
@@ -103,14 +106,22 @@ class Queries:
         self.reader = reader
 
     @cached_property
-    def names(self) -> ColumnNames:
-        """The names that are valid in conditions, rows and columns."""
+    def keys(self) -> frozenset[str]:
+        """The dotted keys of the configuration of at least one run."""
         newest = sa.select(sa.func.max(RUN.c.id)).group_by(*(RUN.c[name] for name in GROUPS))
         rows = self.reader.select(sa.select(RUN.c.config).where(RUN.c.id.in_(newest)))
-        keys = {key for row in rows for key in flat(row.config)}
-        columns: dict[str, Any] = {column.name: column for column in RUN.c}
-        columns |= {"status": run_overview.c.status, "sweep": run_overview.c.sweep}
-        return ColumnNames(columns, RUN.c.config, keys, self.reader.address.path is not None)
+        return frozenset(k for row in rows for k in flat(row.config) if language.NAME.fullmatch(k))
+
+    def check(self, name: str, option: str) -> None:
+        """Raise ConfigurationError for an unknown factor; the message lists similar names.
+
+        `option` is the command-line option that the message begins with.
+        """
+        if name not in COLUMNS and name not in self.keys:
+            expected = meant(name, [*COLUMNS, *sorted(self.keys)], 3) or (
+                f"expected one of {', '.join(COLUMNS)} or a dotted name of the configuration"
+            )
+            raise ConfigurationError(f"{option}: {name!r} is not known; {expected.rstrip()}")
 
     def where(self, text: str | None) -> Condition:
         """Return the condition of --where.
@@ -119,11 +130,17 @@ class Queries:
         """
         if not text:
             return EVERY_RUN
-        names = self.names.checked(text)
-        query = self._of_runs(sa.select(RUN.c.id, *map(self.names.text, names)), EVERY_RUN)
+        named = language.compared(text)
+        for name, values in named.items():
+            self.check(name, "--where")
+            for value in values:
+                if expected := language.expected_of(COLUMNS.get(name), value):
+                    told = f"{name} is compared with {expected}, got {value!r}"
+                    raise ConfigurationError(f"--where: {told}")
+        query = sa.select(RUN.c.id, *map(level_of, named)).select_from(OVERVIEW)
         rows = self.reader.select(query)
-        levels = pd.DataFrame([*map(tuple, rows)], columns=["", *names], dtype=object)
-        return Condition(text, runs=tuple(levels.loc[met(text, levels), ""]))
+        levels = pd.DataFrame([*map(tuple, rows)], columns=["", *named])
+        return Condition(text, runs=tuple(levels.loc[language.met(text, levels), ""]))
 
     def selected(self, where: str | None, sweep: str | None) -> tuple[Condition, str]:
         """Return the condition of --where and --sweep, and the words for the sweeps.
@@ -171,22 +188,19 @@ class Queries:
         """
         names = list(dict.fromkeys((*LABELS, *factors)))
         own = (RUN.c.id, run_overview.c.status, RUN.c.sweep_id, RUN.c.experiment, RUN.c.drawn)
-        query = self._of_runs(sa.select(*own, RUN.c.code, *map(self.names.text, names)), condition)
+        query = sa.select(*own, RUN.c.code, *map(level_of, names)).select_from(OVERVIEW)
+        query = query.where(*self.clauses(condition))
         if not superseded:
             query = query.where(run_overview.c.superseded == 0)
         rows = self.reader.select(query.order_by(RUN.c.id))
         if not rows:
             raise ConfigurationError(self.why_none(condition))
-        columns = ("run", "status", *NO_LEVELS)
-        data = dict(zip((*columns, *names), map(list, zip(*rows, strict=True)), strict=True))
-        data["streams"] = [None if each is None else " ".join(each) for each in data["streams"]]
-        for name in names:
-            data[name] = ["none" if level is None else str(level) for level in data[name]]
+        columns = ["run", "status", *NO_LEVELS, *names]
+        trials = pd.DataFrame([*map(tuple, rows)], columns=columns, dtype=object).set_index("run")
+        trials["streams"] = trials["streams"].map(" ".join, na_action="ignore")
+        trials[names] = trials[names].map(language.as_text, na_action="ignore").fillna("none")
         if planned:
-            for row in self._not_started(condition, {name: data[name] for name in names}):
-                for name, values in data.items():
-                    values.append(row.get(name))
-        trials = pd.DataFrame(data).set_index("run")
+            trials = pd.concat([trials, self._not_started(condition, trials[names])])
         return trials.astype({name: "category" for name in trials if name != "of_sweep"})
 
     def runs(
@@ -195,9 +209,7 @@ class Queries:
         """Return the trials as objects, for figures of single runs."""
         return stored_runs(self.trials(condition, factors))
 
-    def _not_started(
-        self, condition: Condition, levels: Mapping[str, Sequence[str]]
-    ) -> list[dict[str, object]]:
+    def _not_started(self, condition: Condition, levels: pd.DataFrame) -> pd.DataFrame:
         """Return the planned trials that meet the condition and have no run.
 
         A level that is not an option of the trial is that of all runs, whose `levels` are given, if
@@ -216,28 +228,23 @@ class Queries:
             own = {key: value for key, _, value in pairs} | choices | {"seed": str(seed)}
             known[fingerprint] = own | {"of_sweep": sweep, "status": NOT_STARTED}
         if not known or (condition.runs is not None and condition.text is None):
-            return []
-        held = np.ones(len(known), dtype=np.bool_)
+            return levels[:0]
+        planned = pd.DataFrame([*known.values()], dtype=object)
         if condition.text is not None:
-            own = pd.DataFrame([*known.values()], dtype=object)
-            own = own.reindex(columns=[*compared(condition.text)])
-            held = met(condition.text, own).to_numpy() & own.notna().all(axis=1).to_numpy()
-        common = {name: each[0] for name, each in levels.items() if len(set(each)) == 1}
-        missing = {name: common.get(name, "unknown") for name in levels}
-        listed = compress(known.values(), held)
-        return [missing | option | {"run": -1 - number} for number, option in enumerate(listed)]
+            told = planned.reindex(columns=[*language.compared(condition.text)])
+            planned = planned[language.met(condition.text, told) & told.notna().all(axis=1)]
+        common = {n: own.iloc[0] if own.nunique() == 1 else "unknown" for n, own in levels.items()}
+        planned = planned.reindex(columns=["of_sweep", "status", *levels]).fillna(common)
+        return planned.set_index(pd.Index(-1 - np.arange(len(planned)), name="run"))
 
     def _rows(
         self, table: type[tables.Base], columns: Sequence[str], condition: Condition, *where: Clause
     ) -> pd.DataFrame:
         """Return columns of the rows of a table that belong to the runs of a condition."""
         c = table.__table__.c
-        query = sa.select(*(c[name] for name in columns)).order_by(c.id)
+        query = sa.select(c.run_id, *(c[name] for name in columns)).order_by(c.id)
         rows = self.reader.select(query.where(c.run_id.in_(self._ids(condition)), *where))
-        values = map(list, zip(*rows, strict=True)) if rows else ([] for _ in columns)
-        data = dict(zip(columns, values, strict=True))
-        frame = pd.DataFrame(data, dtype=None if rows else object)
-        return frame.rename(columns={"run_id": "run"})
+        return pd.DataFrame([*map(tuple, rows)], columns=["run", *columns])
 
     def metrics(
         self, names: Sequence[str], condition: Condition = EVERY_RUN,
@@ -259,15 +266,14 @@ class Queries:
         They are diagnostics, since a file is no part of the name of a metric.
         """
         rows = self.diagnostics([f"{OF_FILE}{name}" for name in names], condition)
-        parts = [str(label).rpartition(", ") for label in rows["label"]]
-        rows["name"] = [name.removeprefix(OF_FILE) for name in rows["name"]]
-        rows["model"] = [model.removesuffix(" model") for _, _, model in parts]
-        rows["file"] = [file for file, _, _ in parts]
+        rows["name"] = rows["name"].str.removeprefix(OF_FILE)
+        parts = rows["label"].str.extract(r"(.*), (.*?)(?: model)?$")
+        rows = rows.assign(file=parts[0], model=parts[1])
         return as_numbers(rows.drop(columns=["i", "j", "label"]).assign(stage="validation"))
 
     def coefficients(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the coefficients of the runs that meet the condition."""
-        columns = ("run_id", "model", "dof", "term", "value", "unit", "std_error", "true_value")
+        columns = ("model", "dof", "term", "value", "unit", "std_error", "true_value")
         return as_numbers(self._rows(tables.CoefficientRow, columns, condition))
 
     def marks(self, condition: Condition = EVERY_RUN) -> pd.DataFrame:
@@ -282,7 +288,7 @@ class Queries:
 
     def diagnostics(self, names: Sequence[str], condition: Condition = EVERY_RUN) -> pd.DataFrame:
         """Return the named diagnostics: run, name, dof, i, j, label, value (NaN), unit."""
-        columns = ("run_id", "name", "dof", "i", "j", "label", "value", "unit")
+        columns = ("name", "dof", "i", "j", "label", "value", "unit")
         rows = self._rows(
             tables.DiagnosticRow, columns, condition, tables.DiagnosticRow.name.in_(names)
         )
@@ -305,9 +311,7 @@ class Queries:
     def series_columns(self, condition: Condition = EVERY_RUN) -> dict[int, dict[str, list[str]]]:
         """Return the column names of the stored series by run and kind."""
         by_run: dict[int, dict[str, list[str]]] = defaultdict(dict)
-        for row in self._rows(
-            tables.SeriesRow, ("run_id", "kind", "columns"), condition
-        ).itertuples():
+        for row in self._rows(tables.SeriesRow, ("kind", "columns"), condition).itertuples():
             by_run[row.run][row.kind] = [*row.columns]
         return by_run
 
@@ -318,7 +322,7 @@ class Queries:
 
     def configs_of(self, ids: Sequence[int]) -> dict[int, Mapping[str, object]]:
         """Return the configurations of the given runs by run number, with dotted names."""
-        query = sa.select(RUN.c.id, RUN.c.config).where(self._one_of(ids)).order_by(RUN.c.id)
+        query = sa.select(RUN.c.id, RUN.c.config).where(_one_of(ids)).order_by(RUN.c.id)
         return {row.id: flat(row.config) for row in self.reader.select(query)}
 
     def provenance(self, condition: Condition) -> Sequence[sa.Row[*tuple[object, ...]]]:
@@ -326,10 +330,6 @@ class Queries:
         r = RUN.c
         query = sa.select(r.git_commit, r.git_dirty, r.host, r.versions, r.command)
         return self.reader.select(query.where(r.id.in_(self._ids(condition))).order_by(r.id.desc()))
-
-    def _of_runs(self, query: Query, condition: Condition) -> Query:
-        joined = RUN.join(run_overview, run_overview.c.run_id == RUN.c.id)
-        return query.select_from(joined).where(*self.clauses(condition))
 
     def clauses(self, condition: Condition) -> list[Clause]:
         """Return the SQL of a condition: all clauses must hold."""
@@ -339,20 +339,11 @@ class Queries:
             own = sa.select(RUN.c.id).where(RUN.c.sweep_id.in_(condition.sweeps))
             clauses.append(RUN.c.id.in_(own.union(sa.select(tables.Reuse.run_id).where(reused))))
         if condition.runs is not None:
-            clauses.append(self._one_of(condition.runs))
+            clauses.append(_one_of(condition.runs))
         return clauses
 
-    def _one_of(self, runs: Sequence[int]) -> Clause:
-        """Return the SQL of being one of these runs, in one variable however many they are."""
-        listed = sa.literal(json.dumps([*map(int, runs)]), sa.Text())
-        if self.names.sqlite:
-            each = sa.func.json_each(listed).table_valued("value")
-        else:
-            each = sa.func.json_array_elements_text(sa.cast(listed, sa.JSON)).table_valued("value")
-        return RUN.c.id.in_(sa.select(sa.cast(each.c.value, sa.Integer)))
-
     def _ids(self, condition: Condition) -> sa.Select[int]:
-        return self._of_runs(sa.select(RUN.c.id), condition)
+        return sa.select(RUN.c.id).where(*self.clauses(condition))
 
     def why_none(self, *filters: object) -> str:
         """Say in one line why a list of runs is empty."""
@@ -361,6 +352,24 @@ class Queries:
             return f"{self.reader.address}: no runs in the logbook yet"
         narrowed = any(item not in (None, EVERY_RUN) for item in filters)
         return f"no runs {'match' if narrowed else 'to show'}; the logbook has {total}"
+
+
+def _one_of(runs: Iterable[int]) -> Clause:
+    """Return the SQL of being one of these runs, however many they are: no variables."""
+    listed: list[int] = [*map(int, runs)]
+    return RUN.c.id.in_(
+        sa.bindparam("run", listed, expanding=True, literal_execute=True, unique=True)
+    )
+
+
+def level_of(name: str) -> sa.ColumnElement[Any]:
+    """Return the level of a factor; `where.as_text` gives it as it is shown."""
+    if name in COLUMNS:
+        return COLUMNS[name]
+    level: sa.ColumnElement[Any] = RUN.c.config
+    for key in name.split("."):
+        level = level.op("->", return_type=sa.JSON())(sa.literal(key, sa.Text()))
+    return level
 
 
 def as_numbers(rows: pd.DataFrame) -> pd.DataFrame:
@@ -449,7 +458,9 @@ def codes(frame: pd.DataFrame, columns: Sequence[str]) -> pd.Series:
 
 def chooses(condition: Condition) -> bool:
     """Return whether a condition is about certain runs or sweeps."""
-    return bool(condition.text and {"id", "sweep_id", "sweep"} & compared(condition.text).keys())
+    return bool(
+        condition.text and {"id", "sweep_id", "sweep"} & language.compared(condition.text).keys()
+    )
 
 
 def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:
@@ -459,8 +470,6 @@ def flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     """
     values: dict[str, object] = {}
     for key, value in config.items():
-        if isinstance(value, Mapping):
-            values |= flat(value, f"{prefix}{key}.")
-        else:
-            values[f"{prefix}{key}"] = value
+        name = f"{prefix}{key}"
+        values |= flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value}
     return values

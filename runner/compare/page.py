@@ -51,7 +51,7 @@ status = partial(_block, "status")  # a status, and a text in its colour
 facts = partial(_block, "facts")  # pairs of names with what stands for them
 folded = partial(_block, "folded")  # a summary, and blocks that a click on it shows; opened=True
 group = partial(_block, "group")  # a class of the style sheet, and the blocks in its box
-table = partial(_block, "table")  # a TextTable, and its headers as cells
+html_table = partial(_block, "table")  # a TextTable, whose headings sort it
 
 
 class Section(NamedTuple):

@@ -14,11 +14,10 @@ from seatrial.runner.compare import page as pages
 from seatrial.runner.compare.cli import TableOptions
 from seatrial.runner.compare.comparability import TooDifferentError
 from seatrial.runner.compare.figures import PlotRequest, axes_of, drawings, figures
-from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import Queries, ordered
 from seatrial.runner.compare.grid import TextTable, grid_of, number_text, one_line, unit_text
 from seatrial.runner.compare.manoeuvre_comparison import grid_of_sheet, newest_manoeuvres
-from seatrial.runner.compare.page import Section, code, folded, group, paragraph
+from seatrial.runner.compare.page import Section, code, folded, group, html_table, paragraph
 from seatrial.runner.compare.plots.selection import subtitle
 from seatrial.runner.compare.plots.style import drawn
 from seatrial.runner.compare.runs import run_table

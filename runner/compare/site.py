@@ -20,10 +20,9 @@ from markupsafe import Markup
 from seatrial.models.errors import ConfigurationError, LogbookError
 from seatrial.runner.compare.benchmark.scores import half_width
 from seatrial.runner.compare.cli import TableOptions
-from seatrial.runner.compare.formats import html_table
 from seatrial.runner.compare.frame import RUN, Queries, StoredRun, ordered
 from seatrial.runner.compare.grid import number_text, with_unit
-from seatrial.runner.compare.page import Section, bullets, code, link, page, paragraph
+from seatrial.runner.compare.page import Section, bullets, code, html_table, link, page, paragraph
 from seatrial.runner.compare.plots.selection import PREFIX, subtitle
 from seatrial.runner.compare.plots.tracking_errors import ERRORS
 from seatrial.runner.compare.report import TABLES, in_words, render_report, words_of
@@ -171,7 +170,7 @@ def _factors(results: Queries) -> list[Json]:
         text.partition("=")[0].lstrip("+~") for row in rows for text in row.overrides
     )
     own = [*GROUPS, "seed", "status"]
-    keys = [key for key in words if key in results.names.keys and key not in own][:MOST_FILTERS]
+    keys = [key for key in words if key in results.keys and key not in own][:MOST_FILTERS]
     trials, factors = results.trials(factors=keys), list[Json]()
     for name in (*own, *keys, "of_code"):
         texts = trials[name].astype(object).fillna("none").astype(str)

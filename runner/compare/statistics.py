@@ -52,20 +52,14 @@ def summary(values: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
     samples = values.groupby("cell")["value"]
     found: dict[str, pd.Series[float]] = {}
     for name in names:
-        if name == "ci":
-            half = _student(samples.size()) * samples.sem()
+        if name == "ci":  # of Student's t
+            half = scipy.special.stdtrit(samples.size() - 1, 0.5 + CONFIDENCE / 2) * samples.sem()
             found |= {"ci_low": samples.mean() - half, "ci_high": samples.mean() + half}
-        elif name == "n":
-            found[name] = samples.size()
+        elif name in SIMPLE:
+            found[name] = samples.agg("size" if name == "n" else name)
         else:
-            own = samples.agg(name) if name in SIMPLE else samples.quantile(int(name[1:]) / 100.0)
-            found[name] = own
+            found[name] = samples.quantile(int(name[1:]) / 100.0)
     return pd.DataFrame(found)
-
-
-def _student(count: Any) -> Any:
-    """Half the width of the 95 % interval of a mean, in standard errors; NaN for one value."""
-    return scipy.special.stdtrit(np.where(count > 1, count - 1.0, np.nan), 0.5 + CONFIDENCE / 2.0)
 
 
 def confidence_interval(sample: Sample) -> tuple[float, float]:
@@ -73,10 +67,8 @@ def confidence_interval(sample: Sample) -> tuple[float, float]:
 
     (NaN, NaN) for fewer than two values.
     """
-    if sample.size < 2:
-        return math.nan, math.nan
-    half = float(_student(sample.size)) * float(np.std(sample, ddof=1)) / math.sqrt(sample.size)
-    return float(np.mean(sample)) - half, float(np.mean(sample)) + half
+    of_sample = summary(pd.DataFrame({"cell": 0, "value": sample}), ["ci"]).reindex([0])
+    return float(of_sample["ci_low"].item()), float(of_sample["ci_high"].item())
 
 
 class PairedTest(NamedTuple):
@@ -211,10 +203,9 @@ def pivot(frame: pd.DataFrame, rows: Key, columns: Key, metrics: Sequence[str] =
         levels[name] = pd.Categorical(levels[name], [*dict.fromkeys([*order, *own])])
     levels = levels.sort_values([*columns]).assign(place=range(len(levels)))
     levels = levels.sort_values([*rows, *columns])
-    keys = {"row": levels[[*rows]].to_numpy(), "column": levels[[*columns]].to_numpy()}
-    told = {name: [tuple(map(str, key)) for key in own] for name, own in keys.items()}
-    cells = pd.DataFrame({**told, "place": levels["place"]}, levels.index)
-    cells = cells.join(first[["metric", "stage"]].astype(str))
+    cells = levels[["place"]].join(first[["metric", "stage"]].astype(str))
+    for name, axis in (("row", rows), ("column", columns)):
+        cells[name] = [tuple(map(str, key)) for key in levels[[*axis]].to_numpy()]
     units = frame.dropna(subset="unit").groupby("cell")["unit"].agg(frozenset).to_dict()
     cells["units"] = [units.get(cell, frozenset()) for cell in cells.index]
     observed = known.groupby("cell")
@@ -251,8 +242,7 @@ def best_cells(table: Pivot, facts: pd.DataFrame, statistic: str) -> "pd.Series[
     groups = pd.DataFrame({"shared": cells["condition"].map(shared).fillna(-1)})
     groups["levels"] = [tuple(key[k] for k in apart) for key in cells["row"] + cells["column"]]
     group = frames.codes(groups, [*groups])
-    values = table.values.join(group.rename("group"), on="cell")
-    values = values.join(cells["is_baseline"], on="cell")
+    values = table.values.join(cells[["is_baseline"]].assign(group=group), on="cell")
     drawn = values[values["replicate"] != EVERY_SEED]
     referred = drawn.loc[drawn["is_baseline"], "group"]
     drawn = drawn[drawn["is_baseline"] | ~drawn["group"].isin(referred)]
@@ -270,8 +260,7 @@ def best_cells(table: Pivot, facts: pd.DataFrame, statistic: str) -> "pd.Series[
         losses = (losses - cells["true_value"]).abs()
     else:  # none is best without a better direction
         each = zip(losses.to_numpy(), (one.better for one in definitions), strict=True)
-        found = [math.nan if better is None else loss(v, better) for v, better in each]
-        losses = pd.Series(found, losses.index, dtype="float64")
+        losses[:] = [math.nan if better is None else loss(v, better) for v, better in each]
     losses = losses.where(whole & ~spoilt)
     resolution = np.array([0.0 if "true_value" in cells else d.resolution for d in definitions])
     lowest = losses.groupby(group).transform("min").to_numpy()

@@ -66,17 +66,16 @@ def _read(results: frames.Queries, options: TableOptions, condition: Condition) 
     names, wanted = options.names, options.levels
     if wanted["model"] and "model" in options.reference:
         wanted["model"] = (*wanted["model"], options.reference["model"])
-    what, known = "coefficient" if options.of_coefficients else "metric", {*names}
     if options.of_coefficients:
-        numbers = results.coefficients(condition)
+        what, numbers = "coefficient", results.coefficients(condition)
         known = {*numbers["metric"].unique()}
         numbers = numbers[numbers["metric"].isin(names)] if names else numbers
     else:
-        numbers = results.metrics(names, condition, wanted)
+        what, numbers = "metric", results.metrics(names, condition, wanted)
         if numbers.empty:  # read all levels, for the error message
             numbers = results.metrics(names, condition)
-        if not {*numbers["metric"].unique()}.issuperset(names):  # that these lack, or none has
-            known = {*numbers["metric"].unique(), *results.metric_names()}
+        known = {*numbers["metric"].unique()}
+        known |= {*(() if known.issuperset(names) else results.metric_names())}
     if "file" in (*options.axes[0], *options.axes[1], *options.reference):
         of_files = results.of_files(names, condition)
         if of_files.empty:
@@ -122,7 +121,7 @@ class _Comparison:
         for option, factors in (("--rows/--columns", own), ("--pool", pool)):
             for factor in factors:
                 if factor != "all":
-                    results.names.check(factor, option)
+                    results.check(factor, option)
         condition, self.scope = results.selected(options.where, options.sweep)
         self.trials = trials = results.trials(condition, own, planned=True)
         numbers = _read(results, options, condition)
@@ -163,13 +162,11 @@ class _Comparison:
         """Group the numbers into cells; raises ConfigurationError for too many of them."""
         options, axes = self.options, self.axes
         whole = frames.complete(self.shown, self.trials, (*axes["rows"], *axes["columns"]))
-        sizes = {axis: int(frames.codes(whole, own).max()) + 1 for axis, own in axes.items()}
-        if (count := math.prod(sizes.values())) > options.cells:
-            axis = max(sizes, key=lambda each: sizes[each])
-            raise ConfigurationError(
-                f"--{axis} {','.join(axes[axis])}: got {sizes[axis]} {axis}, {count} cells; "
-                f"expected at most {options.cells} cells (--cells)"
-            )
+        sizes = [int(frames.codes(whole, own).max()) + 1 for own in axes.values()]
+        if math.prod(sizes) > options.cells:
+            got = f"{sizes[0]} rows and {sizes[1]} columns"
+            expected = f"expected at most {options.cells} cells (--cells)"
+            raise ConfigurationError(f"--rows, --columns: got {got}, {expected}")
         self.table = table = stats.pivot(whole, axes["rows"], axes["columns"], options.names)
         self.baseline = ", ".join(f"{name}={level}" for name, level in options.reference.items())
         self.tests = {}

@@ -8,14 +8,15 @@
     VALUE       := number | 'text' | "text" | bare_word | true | false | null
 
 A NAME is a column of table `run` (identifier, seed, status, ...) or a dotted key of the
-configuration (plant.scale, identifier.force). SQL reads the levels of the names, and a comparison
-holds or does not hold of a level (`holds`): text from the command line never becomes SQL.
+configuration (plant.scale, identifier.force). SQL reads the levels of the names, and pandas says
+where a comparison of them holds (`met`): text from the command line never becomes SQL.
 """
 
 import ast
+import json
 import operator as op
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import reduce
@@ -26,30 +27,25 @@ import pandas as pd
 import sqlalchemy as sa
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner.configuration.invocation import meant
 from seatrial.runner.database.tables import Utc
 
-Value = str | float | int | bool | tuple["Value", ...] | None  # a tuple: of `in`
-Compared = Callable[[str, str, Value], Any]  # name, operator, value: what &, | and ~ combine
-Expression = sa.ColumnElement[object]
+Value = str | float | None  # true and false are texts
+Compared = Callable[[str, str, Sequence[Value]], Any]  # name, operator, values
 ORDERINGS: dict[str, Callable[[Any, Any], Any]] = {
     "<": op.lt, "<=": op.le, ">": op.gt, ">=": op.ge,
 }  # fmt: skip
-OPERATORS: dict[type[ast.cmpop], str] = {
-    ast.Eq: "=", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
-    ast.In: "in", ast.NotIn: "in",
-}  # fmt: skip
-CONSTANTS: dict[str, Value] = {"true": True, "false": False, "null": None}
-NOT_COMPARABLE = ("config", "overrides", "versions", "traceback")
-# Tokens of a condition, and those that mean something in Python.
-TOKEN = re.compile(
-    r"""(?P<name>'(?:[^']|'')*'|"(?:[^"]|"")*"|[A-Za-z0-9_.+\-:/]+)|<=|>=|!=|<>|==|\S"""
-)
-PYTHON = {"=": "==", "<>": "!=", **{own: own for own in ("==", "!=", "<", "<=", ">", ">=")}}
-PYTHON |= {own: own for own in ("and", "or", "not", "in", "(", ")", ",")}
-NAME = re.compile(r"[A-Za-z_]\w*(\.\w+)*", re.ASCII)
+OF_JSON = (bool, list, dict)
+WORDS: dict[str, Value] = {"true": "true", "false": "false", "null": None}  # in any case
 _INTEGER = re.compile(r"[+-]?\d{1,18}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+VALUE = r"""'(?:[^']|'')*'|"(?:[^"]|"")*"|[A-Za-z0-9_.+\-:/]+"""
+NAME = re.compile(r"[A-Za-z_]\w*(?:\.\w+)*", re.ASCII)
+TOKEN = re.compile(
+    rf"""\s*(?:(?P<name>{NAME.pattern})(?:\s*(?P<sign><>|[<>!=]=|[<>=])\s*(?P<value>{VALUE})
+    |\s+(?P<no>not\s+)?in\s*\(\s*(?P<values>(?:{VALUE})(?:\s*,\s*(?:{VALUE}))*)\s*\))
+    |(?P<joint>and\b|or\b|not\b|[()]))""",
+    re.VERBOSE | re.IGNORECASE | re.ASCII,
+)
 
 
 @dataclass(frozen=True)
@@ -67,99 +63,105 @@ EVERY_RUN = Condition()
 def parse(text: str, compare: Compared) -> Any:
     """Return the meaning of a text: that of its comparisons, combined by `&`, `|` and `~`.
 
-    `compare` gives the meaning of `name operator value`; the operator `in` takes a tuple. Python
-    reads the text, each token on a line of its own, and a zero in place of every name and value.
-    Raises ConfigurationError if the text breaks the grammar above.
+    `compare` gives the meaning of `name operator values`, of which `in` takes any number and an
+    ordering one. Python reads the text, each token on a line of its own, and a number in place of
+    every comparison. Raises ConfigurationError if the text breaks the grammar above.
     """
-    tokens = [*TOKEN.finditer(text)]
+    held, lines, starts, place = list[Any](), list[str](), list[int](), 0
 
-    def refused(number: int) -> ConfigurationError:
-        place = tokens[number].start() if number < len(tokens) else len(text.rstrip())
-        rest = text[place:].strip()
+    def refused(start: int) -> ConfigurationError:
+        rest = text[start:].strip()
         return ConfigurationError(
             f"--where: cannot read {repr(rest[:20]) if rest else 'the end'} at character"
-            f' {place + 1}; expected comparisons such as "seed<10 and identifier=ls"'
+            f" {len(text) - len(rest) + 1}; expected comparisons such as"
+            ' "seed<10 and identifier=ls"'
         )
-
-    def value(node: ast.expr) -> Value:
-        """A quoted text, or what an unquoted word looks like."""
-        if not isinstance(node, ast.Constant):
-            raise refused(node.lineno - 1)
-        token = tokens[node.lineno - 1][0]
-        quoted = token[0] in "'\""
-        return token[1:-1].replace(2 * token[0], token[0]) if quoted else bare_value(token)
 
     def meaning(node: ast.expr) -> Any:
         match node:
-            case ast.BoolOp(op=joined, values=parts):
-                both = op.and_ if isinstance(joined, ast.And) else op.or_
+            case ast.BoolOp(op=joint, values=parts):
+                both = op.and_ if isinstance(joint, ast.And) else op.or_
                 return reduce(both, map(meaning, parts))
             case ast.UnaryOp(op=ast.Not(), operand=part):
                 return ~meaning(part)
-            case ast.Compare(left=ast.Constant() as left, ops=[sign], comparators=[right]):
-                name, operator = tokens[left.lineno - 1][0], OPERATORS[type(sign)]
-                if not NAME.fullmatch(name):
-                    raise refused(left.lineno - 1)
-                if operator == "in":
-                    each = right.elts if isinstance(right, ast.Tuple) else [right]
-                    among = compare(name, operator, tuple(map(value, each or [right])))
-                    return ~among if isinstance(sign, ast.NotIn) else among
-                other = value(right)
-                if operator in ORDERINGS and (other is None or isinstance(other, bool)):
-                    told = f"{name} {operator} {str(other).lower()}"
-                    raise ConfigurationError(f"--where: {told} has no meaning; use = or !=")
-                return compare(name, operator, other)
-        raise refused(node.lineno - 1)
+            case ast.Constant(value=int(number)):
+                return held[number]
+        raise refused(starts[node.lineno - 1])
 
-    lines = [PYTHON.get(token[0].lower(), "0") for token in tokens]
-    for number, token in enumerate(tokens):
-        if lines[number] == "0" and token["name"] is None:
-            raise refused(number)
+    text = text.rstrip()
+    while place < len(text):
+        token = TOKEN.match(text, place)
+        if token is None:
+            raise refused(place)
+        if token["joint"]:
+            lines.append(token["joint"].lower())
+        else:
+            sign, words = token["sign"], re.findall(VALUE, token["value"] or token["values"])
+            values, operator = [*map(value_of, words)], sign if sign in ORDERINGS else "in"
+            if operator != "in" and values == [None]:
+                raise refused(place)
+            met = compare(token["name"], operator, values)
+            lines.append(str(len(held)))
+            held.append(~met if token["no"] or sign in ("!=", "<>") else met)
+        starts.append(place)
+        place = token.end()
     try:
         return meaning(ast.parse("\\\n".join(lines), mode="eval").body)
     except SyntaxError as error:
-        if "too many nested" not in str(error):
-            raise refused((error.lineno or 1) - 1) from None
+        raise refused(dict(enumerate(starts, 1)).get(error.lineno or 1, place)) from None
     except (MemoryError, RecursionError):
-        pass
-    raise ConfigurationError("--where: got too many parentheses and negations within each other")
+        raise refused(0) from None
 
 
-def compared(text: str) -> dict[str, None]:
-    """Return the names of a condition, in their order."""
-    names = dict[str, None]()
-    parse(text, lambda name, *_: np.bool_(names.setdefault(name) is None))
-    return names
+def value_of(word: str) -> Value:
+    """Return a quoted text, or what an unquoted word looks like."""
+    if word[0] in "'\"":
+        return word[1:-1].replace(2 * word[0], word[0])
+    if _INTEGER.fullmatch(word):
+        return int(word)
+    return float(word) if _NUMBER.fullmatch(word) else WORDS.get(word.lower(), word)
+
+
+def compared(text: str) -> dict[str, list[Value]]:
+    """Return the names of a condition, in order, each with the values that it is compared with."""
+    found = dict[str, list[Value]]()
+
+    def compare(name: str, _: str, values: Sequence[Value]) -> np.bool_:
+        found[name] = [*found.get(name, ()), *values]
+        return np.True_
+
+    parse(text, compare)
+    return found
 
 
 def met(text: str, levels: pd.DataFrame) -> "pd.Series[bool]":
-    """Return where a condition holds of the levels of its names, a column each."""
-    held: pd.Series[bool] = parse(
-        text, lambda name, *told: levels[name].map(lambda own: holds(own, *told)).astype(bool)
-    )
+    """Return where a condition holds of the levels of its names, a column each.
+
+    A level is compared with a text as text, with a number as what it looks like. One of another
+    kind is unequal, and so is a missing level to any value but null.
+    """
+
+    def compare(name: str, operator: str, values: Sequence[Value]) -> "pd.Series[bool]":
+        own = levels[name]
+        texts = own.astype(object).map(as_text, na_action="ignore").astype(object)
+        listed: list[Any] = [*values]
+        numbers = pd.to_numeric(texts, errors="coerce")
+        if isinstance(own.dtype, pd.DatetimeTZDtype):
+            numbers, listed = own, [as_date(value) for value in values]
+        if operator in ORDERINGS:
+            known = (texts if isinstance(listed[0], str) else numbers).dropna()
+            return ORDERINGS[operator](known, listed[0]).reindex(own.index, fill_value=False)
+        among = texts.isin([value for value in listed if isinstance(value, str)])
+        among |= numbers.isin([value for value in listed if not isinstance(value, str | None)])
+        return among | own.isna() if None in listed else among
+
+    held: pd.Series[bool] = parse(text, compare)
     return held
 
 
-def holds(level: object, operator: str, value: Value) -> bool:
-    """Return whether a comparison of a level holds, as text or as what the text looks like.
-
-    A value of another type is unequal, and so is a missing level to any but null.
-    """
-    if operator == "in":
-        return isinstance(value, tuple) and any(holds(level, "=", each) for each in value)
-    own: object = None if level is None else str(level)
-    other: object = value
-    if isinstance(level, datetime):
-        own, other = level, as_date(value)
-    elif level is not None and not isinstance(value, str):
-        own = bare_value(str(level))
-    if operator in ("=", "!="):
-        same = own == other and isinstance(own, bool) == isinstance(other, bool)
-        return same == (operator == "=")
-    try:
-        return bool(ORDERINGS[operator](own, other))
-    except TypeError:  # a text and a number, or no value
-        return False
+def as_text(level: object) -> str:
+    """Return a level as text, as it is shown in rows and columns; what is of JSON as JSON."""
+    return json.dumps(level, separators=(",", ":")) if isinstance(level, OF_JSON) else str(level)
 
 
 def as_date(value: Value) -> datetime | None:
@@ -170,82 +172,12 @@ def as_date(value: Value) -> datetime | None:
     return moment.replace(tzinfo=moment.tzinfo or UTC)
 
 
-def bare_value(word: str) -> Value:
-    """Return the value of an unquoted word: a constant, a number, or the text itself."""
-    if word.lower() in CONSTANTS:
-        return CONSTANTS[word.lower()]
-    if _INTEGER.fullmatch(word):
-        return int(word)
-    return float(word) if _NUMBER.fullmatch(word) else word
-
-
-class ColumnNames:
-    """Columns and configuration keys of one database.
-
-    `columns` are the SQL expressions of the plain names; `config` is the JSON column;
-    `keys` are the dotted keys of at least one run.
-    """
-
-    def __init__(
-        self, columns: Mapping[str, Expression], config: Expression, keys: Iterable[str],
-        sqlite: bool,
-    ) -> None:  # fmt: skip
-        self.columns = {n: c for n, c in columns.items() if n not in NOT_COMPARABLE}
-        self.config = config
-        self.keys = frozenset(key for key in keys if NAME.fullmatch(key))
-        self.sqlite = sqlite
-
-    def check(self, name: str, option: str) -> None:
-        """Raise ConfigurationError for an unknown name; the message lists similar names.
-
-        `option` is the command-line option that the message begins with.
-        """
-        if name not in self.columns and name not in self.keys:
-            known = dict.fromkeys([*self.columns, *sorted(self.keys)])
-            expected = meant(name, known, 3) or (
-                f"expected one of {', '.join(self.columns)} or a dotted name of the configuration"
-            )
-            raise ConfigurationError(f"{option}: {name!r} is not known; {expected.rstrip()}")
-
-    def checked(self, text: str) -> list[str]:
-        """Return the names of a condition.
-
-        Raises ConfigurationError for an unknown name or a value of a wrong type.
-        """
-
-        def compare(name: str, operator: str, value: Value) -> np.bool_:
-            self.check(name, "--where")
-            kind = self.columns[name].type if name in self.columns else None
-            for each in value if isinstance(value, tuple) else (value,):
-                if expected := _expected(kind, each):
-                    told = f"{name} is compared with {expected}, got {each!r}"
-                    raise ConfigurationError(f"--where: {told}")
-            return np.True_
-
-        parse(text, compare)
-        return [*compared(text)]
-
-    def text(self, name: str) -> Expression:
-        """Return the value of a checked name as text, as shown in rows and columns."""
-        if name in self.columns:
-            return self.columns[name]
-        path = tuple(name.split("."))
-        text: Expression = self.config[path].as_string()
-        if not self.sqlite:
-            return text
-        # SQLite extracts true as 1
-        kind = sa.func.json_type(self.config, "$." + ".".join(f'"{part}"' for part in path))
-        return sa.case((kind == "true", "true"), (kind == "false", "false"), else_=text)
-
-
-def _expected(kind: object, value: Value) -> str | None:
-    """Return what a column of a type is compared with, if the value is none of these."""
-    if value is None:
-        return None
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if isinstance(kind, sa.Boolean) and not isinstance(value, bool):
+def expected_of(column: sa.ColumnElement[Any] | None, value: Value) -> str | None:
+    """Return what a column is compared with, if the value is none of these."""
+    kind = None if column is None or value is None else column.type
+    if isinstance(kind, sa.Boolean) and value not in ("true", "false"):
         return "true or false"
-    if isinstance(kind, sa.Integer | sa.Float) and not is_number:
+    if isinstance(kind, sa.Integer | sa.Float) and isinstance(value, str):
         return "a number"
     try:
         as_date(value if isinstance(kind, Utc) else None)

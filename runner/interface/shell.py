@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from seatrial.models.errors import ConfigurationError
-from seatrial.runner import database
+from seatrial.runner import compare, database
 from seatrial.runner.compare.figures import Several, split
-from seatrial.runner.compare.formats import OutputFormat, render
-from seatrial.runner.compare.grid import TextTable
+from seatrial.runner.compare.grid import OutputFormat, TextTable, render
 from seatrial.runner.configuration.invocation import meant, quoted
 from seatrial.runner.record.vocabulary import GROUPS, Config
 
@@ -24,14 +23,14 @@ class Displayed:
         raise NotImplementedError
 
     def text(self, form: str = "rich") -> str:
-        """Return the table in a format of the shell: rich, md, csv, latex, json or html."""
+        """Return the table in a format of the shell: rich, md, csv, latex or json."""
         return render(self._shown(), OutputFormat(form))
 
     def __repr__(self) -> str:
         return self.text()
 
     def _repr_html_(self) -> str:
-        return self.text("html")
+        return str(compare.page.html_table(self._shown()))
 
 
 def overrides_of(options: Mapping[str, object]) -> list[str]:

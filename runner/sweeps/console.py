@@ -110,8 +110,8 @@ def sweep_table(url: str, sweep_id: int, factors: Sequence[str]) -> list[str]:
             if all(cell.sort is None for row in grid.rows for cell in row[grid.labels :]):
                 continue  # other runs of the logbook have it
             grid = replace(grid, notes=grid.notes[:1])
-            rich = comparison.formats.OutputFormat.RICH
-            return comparison.formats.render(grid, rich, width).splitlines()[:LISTED]
+            rich = comparison.grid.OutputFormat.RICH
+            return comparison.grid.render(grid, rich, width).splitlines()[:LISTED]
     return []
 
 

@@ -44,7 +44,7 @@ def trials_of(
     parts = {factor: split([factor]) for factor in factors}
     names = list(dict.fromkeys(name for own in parts.values() for name in own))
     for name in names:
-        results.names.check(name, "--rows/--columns/--facet")
+        results.check(name, "--rows/--columns/--facet")
     attempts = request.run is not None  # the run asked for may be one that was repeated
     trials = results.trials(condition_of(results, request), names, attempts, planned)
     levels = [name for name in trials if name not in ("status", *frames.NO_LEVELS)]

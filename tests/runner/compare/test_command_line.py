@@ -92,7 +92,7 @@ def test_repeat_command_replaces_places_and_quotes_what_needs_it(
 
 def test_table_and_sql_speak_every_format(program: Program, plain: Path) -> None:
     query = "SELECT identifier, count(*) AS n FROM run GROUP BY identifier ORDER BY n"
-    for form in ("rich", "md", "csv", "latex", "json", "html"):
+    for form in ("rich", "md", "csv", "latex", "json"):
         for words in (("sql", query), ("table",)):
             code, out, _ = program(*words, *database(plain), "--format", form)
             assert (code, "plsr" in out) == (0, True), (words, form)

@@ -11,9 +11,8 @@ import pytest
 
 from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.cli import TableOptions
-from seatrial.runner.compare.formats import OutputFormat, render
 from seatrial.runner.compare.frame import Queries
-from seatrial.runner.compare.grid import TextTable
+from seatrial.runner.compare.grid import OutputFormat, TextTable, render
 from seatrial.runner.compare.table import comparison
 from seatrial.runner.database import LogbookWriter
 from seatrial.runner.record import catalogue
@@ -58,7 +57,7 @@ def test_cells_are_those_worked_out_by_hand(results: Queries) -> None:
 
 
 def test_too_many_cells_are_refused_before_they_are_written(results: Queries) -> None:
-    said = r"--rows identifier: got 3 rows, 6 cells; expected at most 5 cells \(--cells\)"
+    said = r"--rows, --columns: got 3 rows and 2 columns, expected at most 5 cells"
     with pytest.raises(ConfigurationError, match=said):
         table(results, cells=5)
     assert len(cells(table(results, cells=6))) == 6

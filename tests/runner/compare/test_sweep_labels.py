@@ -73,7 +73,7 @@ def test_a_table_is_of_all_sweeps_with_the_tag(program: Program, labelled: Path)
     ):
         rows = json.loads(program(*command, *words, "--format", "json")[1])
         assert {row["disturbance"]: row["n"] for row in rows} == expected, words
-    shown = program(*command, "--format", "html", "--sweep", "thesis")[1]
+    shown = program(*command, "--format", "md", "--sweep", "thesis")[1]
     assert "5 runs, sweep 1 (calm sea), 2 (noisy)" in shown
 
 
