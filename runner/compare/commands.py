@@ -270,7 +270,7 @@ def verify(results: "Queries", form: OutputFormat = OutputFormat.RICH) -> None:
     if report.leftovers:
         verdict += f", {len(report.leftovers)} unused files"
     title = f"checked {report.runs} runs and {report.series} series files: {verdict}"
-    cli.show_grids([grid_of(title, ("where", "problem"), rows, labels=2)], form)
+    cli.show(grid_of(title, ("where", "problem"), rows, labels=2), form)
     if report.problems:
         raise typer.Exit(1)
 
