@@ -129,7 +129,7 @@ class Board:
     @property
     def score(self) -> str:
         """What the task ranks by, with its unit: a column of `standings`."""
-        after = "" if self.task.score == "free_run" else f" after {self.task.after_s:g} s"
+        after = "" if self.task.score == "free_run" else f" after {self.task.horizons_s[-1]:g} s"
         return f"position error{after} [m]" if self.task.score == "position" else f"FIT{after} [%]"
 
     @cached_property
@@ -145,7 +145,7 @@ class Board:
         own = self.entries[~self.entries["entrant"].isin(REFERENCES)]
         cells = own.pivot(index=CELL, columns="entrant", values="score")
         cells = cells.loc[losses_of(own, CELL).index]
-        values = holm([scores.chance(cells[first], cells[name]) for name in others])
+        values = holm([scores.chance([*cells[first]], [*cells[name]]) for name in others])
         return [first, *(n for n, p in zip(others, values, strict=True) if p >= SIGNIFICANCE)]
 
     @cached_property
@@ -156,12 +156,11 @@ class Board:
         NRMSE of the predictions over it. `in 90 % band` is the share of the outputs of the free run
         that were measured in the band.
         """
-        rows = {}
+        rows, unknown = {}, np.full(len(self.task.outputs), math.nan)
         for name, own in self.entries.groupby("entrant"):
             good = own.loc[np.isfinite(own["loss"]), "score"].tolist()
             row = {"rank": self.ranked.mean_ranks[name], self.score: _mean(own["loss"])}
             if self.task.score != "position":
-                unknown = np.full(len(self.task.outputs), math.nan)
                 fits = 100.0 - 100.0 * (scores.pooled(good) if good else unknown)
                 row |= {self.score: np.mean(fits), "90 %": "–"}
                 row |= dict(zip((f"{dof} FIT" for dof in self.task.outputs), fits, strict=True))
@@ -171,11 +170,12 @@ class Board:
             for s in self.task.horizons_s:
                 row[f"NRMSE {s:g} s"] = _mean(*(after[s] for after in own["after"] if after))
             free = [each for each in own["free_run"] if math.isfinite(each.loss)]
-            covered = _mean(*(each.covered for each in free))
-            row[f"in {100.0 * scores.BAND_LEVEL:.0f} % band [%]"] = 100.0 * covered
-            row["CRPS"] = _mean(*(each.crps for each in free))
-            row["diverged"] = f"{np.isinf(own['loss']).sum()} of {len(own)}"
-            rows[name] = row | {"training [s]": _mean(own["training_s"])}
+            rows[name] = row | {
+                "in 90 % band [%]": 100.0 * _mean(*(each.covered for each in free)),
+                "CRPS": _mean(*(each.crps for each in free)),
+                "diverged": f"{np.isinf(own['loss']).sum()} of {len(own)}",
+                "training [s]": _mean(own["training_s"]),
+            }
         return pd.DataFrame.from_dict(rows, orient="index").loc[self.ranked.mean_ranks.index]
 
 
@@ -243,7 +243,7 @@ def _scores(series: Series, model: str, task: Task) -> dict[str, Any]:
     score = free_run = scores.score(series, model, task.outputs)
     if task.score != "free_run":
         outputs = POSITION if task.score == "position" else task.outputs
-        score = scores.score(series, model, outputs, task.after_s)
+        score = scores.score(series, model, outputs, task.horizons_s[-1])
     ahead = task.horizons_s if math.isfinite(score.loss) else ()
     after = {s: scores.score(series, model, task.outputs, s).loss for s in ahead}
     return {"score": score, "free_run": free_run, "after": after, "loss": score.loss}

@@ -27,46 +27,35 @@ MEAN_MOTION = "mean_motion"  # the mean of the measured velocity
 AT_REST = "at_rest"  # the position that was measured before
 REFERENCES = (MEAN_MOTION, PERSISTENCE, AT_REST)
 POSITION = ("x", "y")
-INTERVAL_LEVEL = 0.9
 BLOCK_S = 30.0
-BAND_LEVEL = 0.9
+BAND_LEVEL = 0.9  # also of intervals
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
     """Errors (N, n) of a prediction over the spread of each output, by time; of a position [m].
 
-    `starts` (N,) marks the first sample of each piece, such as a file; `deviations` (N, n) are
-    those of a band over the spread, zero without one.
+    `starts` (N,) marks the first sample of each piece, such as a file. Of a free run, without the
+    starts, it is known which outputs are in the band, and their CRPS over the spread.
     """
 
     errors: Sample
     starts: NDArray[np.bool_]
-    deviations: Sample
     block: int  # samples of a block of the bootstrap
+    covered: Sample | None = None
+    crps: Sample | None = None
 
     @cached_property
     def loss(self) -> float:
         """Mean NRMSE over the outputs; inf without samples, and for one that is not finite."""
         return float(np.mean(pooled([self])))
 
-    @property
-    def covered(self) -> Sample:
-        """Whether the outputs (N, n) are in the band, without starts; empty without a band."""
-        inside = np.abs(self.errors) <= half_width(self.deviations)
-        return np.asarray(inside[~self.starts & np.any(self.deviations)])
-
-    @property
-    def crps(self) -> Sample:
-        """CRPS (N, n) over the spread, without starts."""
-        return np.asarray(crps(self.errors, self.deviations)[~self.starts])
-
     def pieces(self) -> list[Sample]:
         """Errors of each piece, such as a file."""
         return np.split(self.errors, np.flatnonzero(self.starts)[1:])
 
 
-NOTHING = Score(np.empty((0, 1)), np.empty(0, np.bool_), np.empty((0, 1)), 1)  # of a lost run
+NOTHING = Score(np.empty((0, 1)), np.empty(0, np.bool_), 1)  # of a lost run
 
 
 def score(
@@ -79,23 +68,24 @@ def score(
     prediction where some model has one scores inf.
     """
     measured, columns = _columns(series, outputs), series.columns
-    end, reached = "", np.full(len(measured), after_s is None)
-    if after_s is not None:
-        end = f"_{after_s:g}s"
-        ends = [np.isfinite(v) for name, v in columns.items() if name.endswith(end)]
-        reached = np.any([reached, *ends], axis=0)
+    end = "" if after_s is None else f"_{after_s:g}s"
+    ends = [np.isfinite(v) for name, v in columns.items() if name.endswith(end)]
+    reached = np.any([np.isnan(columns["t"]), *ends], axis=0)  # in a free run everywhere
     predicted = _columns(series, [f"{name}_{model}{end}" for name in outputs])
     if model in REFERENCES and (model != AT_REST or outputs == POSITION):
         predicted = _trivial(series, model, outputs, after_s, reached)
     errors, spread = (predicted - measured)[reached], np.std(measured, axis=0)
     errors = np.linalg.norm(errors, axis=1)[:, None] if outputs == POSITION else errors / spread
-    deviations = np.zeros_like(errors)
-    bands = [f"{name}_{IDENTIFIED_STD}" for name in outputs]
-    if model == "identified" and after_s is None and bands[0] in columns:
-        deviations = _columns(series, bands) / spread
-    piece = np.cumsum(columns["start"])[reached]
+    starts = np.diff(np.cumsum(columns["start"])[reached], prepend=-1) != 0
     block = max(round(BLOCK_S / _period_s(series)), 1)
-    return Score(errors, np.diff(piece, prepend=-1) != 0, deviations, block)
+    if after_s is not None:
+        return Score(errors, starts, block)
+    free, bands = errors[~starts], [f"{name}_{IDENTIFIED_STD}" for name in outputs]
+    if model != "identified" or bands[0] not in columns:
+        return Score(errors, starts, block, crps=np.abs(free))
+    deviations = (_columns(series, bands) / spread)[~starts]
+    covered = np.abs(free) <= half_width(deviations)
+    return Score(errors, starts, block, covered, crps(free, deviations))
 
 
 def _trivial(
@@ -112,8 +102,7 @@ def _trivial(
     if after_s is None:
         begin = np.maximum.accumulate(np.where(columns["start"], begin, 0))
     else:
-        begin -= max(round(after_s / _period_s(series)), 1)  # before the first sample: at the end
-        begin %= len(begin)
+        begin = np.roll(begin, max(round(after_s / _period_s(series)), 1))
     before, moved = measured[begin], np.zeros(len(outputs))
     if outputs != POSITION:
         mean = np.broadcast_to(measured.mean(axis=0), measured.shape)
@@ -163,8 +152,7 @@ def interval(scores: Sequence[Score]) -> Sample:
     """Return the 90 % interval (2,) of the mean of `pooled`, by a bootstrap of files and blocks."""
     pieces = [piece for score in scores for piece in score.pieces()]
     drawn = np.sqrt(block_bootstrap(pieces, scores[0].block)).mean(axis=1)
-    tail = (1.0 - INTERVAL_LEVEL) / 2.0
-    return np.asarray(np.quantile(drawn, [tail, 1.0 - tail]))
+    return np.asarray(np.quantile(drawn, [0.5 - 0.5 * BAND_LEVEL, 0.5 + 0.5 * BAND_LEVEL]))
 
 
 def chance(first: Sequence[Score], other: Sequence[Score]) -> float:
@@ -177,11 +165,11 @@ def chance(first: Sequence[Score], other: Sequence[Score]) -> float:
     lost, lost_too = ([np.isinf(each.loss) for each in scores] for scores in (first, other))
     if any(lost) or any(lost_too):
         return float(lost == lost_too)
-    pairs = list(zip(first, other, strict=True))
-    if not pairs or any(a.errors.shape != b.errors.shape for a, b in pairs):
+    pieces = [[piece for each in scores for piece in each.pieces()] for scores in (first, other)]
+    if not first or [*map(len, pieces[0])] != [*map(len, pieces[1])]:
         return np.nan
-    both = [np.hstack(two) for a, b in pairs for two in zip(a.pieces(), b.pieces(), strict=True)]
-    drawn = np.sqrt(block_bootstrap(both, pairs[0][0].block))
+    both = [np.hstack(two) for two in zip(*pieces, strict=True)]
+    drawn = np.sqrt(block_bootstrap(both, first[0].block))
     half = drawn.shape[1] // 2
     gain = drawn[:, half:].mean(axis=1) - drawn[:, :half].mean(axis=1)
     better = np.mean(gain > 0.0) + 0.5 * np.mean(gain == 0.0)

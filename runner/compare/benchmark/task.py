@@ -9,6 +9,7 @@ import json
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -39,8 +40,8 @@ class Task:
 
     `outputs` are the degrees of freedom whose velocities are scored, `horizons_s` [s] the times
     over which predictions are scored beside the free run. The loss is that of `score`: of the free
-    run; of the velocities (`restarts`) or of the position `after_s` [s] after every measured state,
-    where free runs are chaotic. `entrants` are those of this task alone.
+    run; of the velocities (`restarts`) or of the position at the last horizon after every measured
+    state, where free runs are chaotic. `entrants` are those of this task alone.
     """
 
     name: str
@@ -56,13 +57,9 @@ class Task:
     seeds: int = 1
     horizons_s: tuple[float, ...] = (1.0, 10.0, 60.0)
     score: Literal["free_run", "restarts", "position"] = "free_run"
-    after_s: float | None = None  # one of `horizons_s`
     entrants: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.score != "free_run" and self.after_s not in self.horizons_s:
-            known = ", ".join(f"{seconds:g}" for seconds in self.horizons_s)
-            raise ConfigurationError(f"after_s: got {self.after_s}, expected one of {known}")
         for name, case in self.cases.items():
             for path in (*case.train, *case.test):
                 if not self.parts(path):
@@ -75,10 +72,10 @@ class Task:
 
 
 class Located(NamedTuple):
-    """A file of a task: where it is, or where it is expected."""
+    """A file of a task: in which folder of data it is, or is expected."""
 
     name: str
-    path: Path
+    folder: Path
     state: Literal["found", "damaged", "missing"]
 
 
@@ -99,8 +96,7 @@ def task_of(name: str) -> Task:
     if name not in names:
         raise ConfigurationError(f"--task: got {name!r}, expected one of {', '.join(names)}")
     folders = (search_path.CONF, *search_path.user_folders())
-    paths = (folder / GROUP / f"{name}.yaml" for folder in folders)
-    path = next(path for path in paths if path.is_file())
+    path = next(filter(Path.is_file, (folder / GROUP / f"{name}.yaml" for folder in folders)))
     try:
         node = {**yaml.safe_load(path.read_text(encoding="utf-8")), "name": name}
         task = options.part(Task, node)
@@ -117,12 +113,12 @@ def located(task: Task) -> list[Located]:
     folders = [Path(text).expanduser() for text in (os.environ.get(VARIABLE), DATA_FOLDER) if text]
     files = []
     for name, digest in task.files.items():
-        path = next((each / name for each in folders if (each / name).is_file()), None)
-        if path is None:
-            files.append(Located(name, folders[0] / name, "missing"))
+        holding = [folder for folder in folders if (folder / name).is_file()]
+        if not holding:
+            files.append(Located(name, folders[0], "missing"))
             continue
-        same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
-        files.append(Located(name, path, "found" if same else "damaged"))
+        same = hashlib.sha256((holding[0] / name).read_bytes()).hexdigest() == digest
+        files.append(Located(name, holding[0], "found" if same else "damaged"))
     return files
 
 
@@ -133,20 +129,18 @@ def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[BenchmarkTrial]:
     own; by default they are all of the task.
     """
     files, maps = {file.name: file for file in located(task)}, ("map", "test_map")
-    paths = {name: str(file.path) for name, file in files.items()}
     columns = [f"excitation.{key}={MAPS / file}" for key in maps if (file := getattr(task, key))]
-    for entrant in dict.fromkeys(entrants or task.entrants):
-        own = task.entrants.get(entrant, (f"identifier={entrant}",))
-        for label, case in task.cases.items():
-            needed = [files[part] for part in task.parts(*case.train, *case.test)]
-            lacking = tuple(file for file in needed if file.state != "found")
-            texts = [*task.trial, *columns, *case.options]
-            for key, names in (("train", case.train), ("test", case.test)):
-                firsts = [(name, task.parts(name)[0]) for name in names]
-                of_case = [paths[first].removesuffix(first) + name for name, first in firsts]
-                texts += [f"excitation.{key}={json.dumps(of_case)}"] if of_case else []
-            texts += [*own, f"horizons_s={list(task.horizons_s)}"]
-            for seed in range(case.seeds or task.seeds):
-                # The last option of a key counts: an entrant may replace one of the task.
-                last = {text.partition("=")[0]: text for text in (*texts, f"seed={seed}")}
-                yield BenchmarkTrial(task.name, label, seed, entrant, (*last.values(),), lacking)
+    names = dict.fromkeys(entrants or task.entrants)
+    for entrant, (label, case) in product(names, task.cases.items()):
+        needed = [files[part] for part in task.parts(*case.train, *case.test)]
+        lacking = tuple(file for file in needed if file.state != "found")
+        texts = [*task.trial, *columns, *case.options]
+        for key, paths in (("train", case.train), ("test", case.test)):
+            of_case = [str(files[task.parts(path)[0]].folder / path) for path in paths]
+            texts += [f"excitation.{key}={json.dumps(of_case)}"] if of_case else []
+        texts += task.entrants.get(entrant, (f"identifier={entrant}",))
+        texts.append(f"horizons_s={list(task.horizons_s)}")
+        for seed in range(case.seeds or task.seeds):
+            # The last option of a key counts: an entrant may replace one of the task.
+            last = {text.partition("=")[0]: text for text in (*texts, f"seed={seed}")}
+            yield BenchmarkTrial(task.name, label, seed, entrant, (*last.values(),), lacking)

@@ -17,7 +17,6 @@ cases: {{{cases}}}
 outputs: [surge]
 horizons_s: [1]
 score: {score}
-after_s: 1
 seeds: {seeds}
 entrants: {{{entrants}}}
 """

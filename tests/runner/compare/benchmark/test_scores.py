@@ -149,9 +149,9 @@ def test_a_band_of_the_right_size_holds_nine_tenths_and_has_the_best_crps() -> N
     assert found[0.05][0] < 0.5 < 0.99 < found[0.8][0]
     assert found[0.2][1] < min(found[0.05][1], found[0.8][1])
     without = score(series(0.2), "identified", ("surge",))
-    assert not len(without.covered)
+    assert without.covered is None
     assert np.mean(without.crps) > found[0.2][1]
-    assert not len(score(banded(0.2, 0.2), MEAN_MOTION, ("surge",)).covered)
+    assert score(banded(0.2, 0.2), MEAN_MOTION, ("surge",)).covered is None
 
 
 def test_crps_is_the_integral_of_the_squared_difference_of_distributions() -> None:
