@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from seatrial.models.errors import SeatrialError
-from seatrial.runner.compare.benchmark import task as tasks
+from seatrial.runner.compare import benchmark as tasks
 from seatrial.runner.compare.cli import run_typer
 from seatrial.runner.configuration import search_path
 from seatrial.runner.sweeps import in_process
@@ -52,16 +52,16 @@ def benchmark(
 
 
 def get(task: Annotated[str, typer.Argument(help="A task of the benchmark.")]) -> None:
-    """Say where the files of a task are, and how to get those that are missing or damaged."""
+    """Say where the files of a task are, and how to get those that are missing or damaged.
+
+    They are looked for in the folder SEATRIAL_DATA, then in ~/.local/share/seatrial.
+    """
     known = tasks.task_of(task)
-    files = tasks.located(known)
-    for file in files:
+    for file in (files := tasks.located(known)):
         print(f"{file.state:8} {file.folder / file.name}")
     if not files:
         print(f"{task} is simulated: there is nothing to get")
     for key, value in known.source.items():
         print(f"{key}: {value}")
-    if wrong := sum(file.state != "found" for file in files):
-        places = f"${tasks.VARIABLE}, then {tasks.DATA_FOLDER}"
-        print(f"{wrong} of {len(files)} files to get; folders: {places}")
+    if any(file.state != "found" for file in files):
         raise typer.Exit(1)

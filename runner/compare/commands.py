@@ -137,7 +137,8 @@ def manoeuvres(
     """
     sheets = compare.manoeuvre_comparison
     if not cli.is_run(subject) or Path(subject).exists():
-        return sheets.file_sheet(Path(subject), map_file, manoeuvre, helm, length, scale)
+        recorded = exports.manoeuvre_tracks.file_track(Path(subject), map_file, helm, length)
+        return sheets.sheet_of(recorded, subject, manoeuvre, scale)
     with compare.frame.open_results(database, results_dir) as results:
         run = cli.newest(results) if subject == "latest" else int(subject)
         return sheets.run_sheet(results, run, manoeuvre, helm, length, scale)
@@ -237,10 +238,8 @@ def prune(
     summaries = results.reader.runs(*conditions)
     title = f"{len(summaries)} runs with {sum(run.series for run in summaries)} series"
     grid = compare.runs.run_table(results, summaries, title)
-    if not (yes and summaries):
-        if summaries:
-            message = "nothing is deleted yet: --yes deletes these runs and their files"
-            typer.echo(message, err=True)
+    if not yes:
+        typer.echo("nothing is deleted yet: --yes deletes these runs and their files", err=True)
         return grid
     reader = results.reader
     reader.close()  # the last to close a SQLite file completes it
@@ -248,9 +247,9 @@ def prune(
         reader.address.url, results_dir=reader.results_dir, create=False
     ) as logbook:
         deleted, files, left = logbook.prune([run.run_id for run in summaries])
-    running = len(summaries) - deleted
     text = f"deleted {deleted} runs and {files} files"
-    text += f"; {running} are running again and were not deleted" if running else ""
+    if running := len(summaries) - deleted:
+        text += f"; {running} are running again and were not deleted"
     if left:
         raise LogbookError(f"{text}; could not delete {', '.join(left)}")
     typer.echo(text, err=True)
@@ -266,10 +265,10 @@ def verify(results: "Queries", form: OutputFormat = OutputFormat.RICH) -> None:
     report = results.reader.verify()
     rows = [[*problem] for problem in report.problems]
     rows += [[str(path), "unused: this file belongs to no run"] for path in report.leftovers]
-    verdict = f"{len(report.problems)} problems" if report.problems else "no problems"
-    if report.leftovers:
-        verdict += f", {len(report.leftovers)} unused files"
-    title = f"checked {report.runs} runs and {report.series} series files: {verdict}"
+    counts = (
+        f"{len(report.problems) or 'no'} problems, {len(report.leftovers) or 'no'} unused files"
+    )
+    title = f"checked {report.runs} runs and {report.series} series files: {counts}"
     cli.show(grid_of(title, ("where", "problem"), rows, labels=2), form)
     if report.problems:
         raise typer.Exit(1)

@@ -23,9 +23,8 @@ import pandas as pd
 import scipy  # its subpackages are loaded at their first use
 import sqlalchemy as sa
 
-from seatrial.runner.compare.benchmark import scores
-from seatrial.runner.compare.benchmark.scores import AT_REST, POSITION, REFERENCES
-from seatrial.runner.compare.benchmark.task import GROUP, Task, cells, task_of
+from seatrial.runner.compare import benchmark
+from seatrial.runner.compare.benchmark import AT_REST, POSITION, REFERENCES, Task
 from seatrial.runner.compare.frame import FINISHED, Queries
 from seatrial.runner.compare.grid import TableCell, TextTable, number_text
 from seatrial.runner.compare.statistics import equal, holm
@@ -42,7 +41,7 @@ SPELLING = re.compile(r"[\s'\"]+")
 # folder of outside data, has the same runs.
 PATH = re.compile(r'(?:/[^/",\]]+)*/([^/",\]]+/[^/",\]]+)(?=[",\]]|$)')
 CELL = ["task", "case", "seed"]  # what is the same for all entrants of a cell
-LOST: dict[str, Any] = dict.fromkeys(("score", "free_run"), scores.NOTHING)
+LOST: dict[str, Any] = dict.fromkeys(("score", "free_run"), benchmark.NOTHING)
 LOST |= {"after": {}, "loss": math.inf}
 ENTRY = [*CELL, "entrant", "run", "status", "error", "duration_s", "training_s", *LOST]
 COMPARED = ("auto", "none", *REFERENCES)  # entrants that the summary shows beside the first one
@@ -142,10 +141,9 @@ class Board:
         ranks, (first, *others) = self.contest, self.contest.mean_ranks.index
         if 0.5 ** (ranks.cases - 1) * math.comb(len(ranks.mean_ranks), 2) < SIGNIFICANCE:
             return [first, *(name for name in others if ranks.alike.loc[first, name])]
-        own = self.entries[~self.entries["entrant"].isin(REFERENCES)]
-        cells = own.pivot(index=CELL, columns="entrant", values="score")
-        cells = cells.loc[losses_of(own, CELL).index]
-        values = holm([scores.chance([*cells[first]], [*cells[name]]) for name in others])
+        cells = self.entries.pivot(index=CELL, columns="entrant", values="score")
+        cells = cells.loc[self.losses.index]
+        values = holm([benchmark.chance([*cells[first]], [*cells[name]]) for name in others])
         return [first, *(n for n, p in zip(others, values, strict=True) if p >= SIGNIFICANCE)]
 
     @cached_property
@@ -161,18 +159,17 @@ class Board:
             good = own.loc[np.isfinite(own["loss"]), "score"].tolist()
             row = {"rank": self.ranked.mean_ranks[name], self.score: _mean(own["loss"])}
             if self.task.score != "position":
-                fits = 100.0 - 100.0 * (scores.pooled(good) if good else unknown)
+                fits = 100.0 - 100.0 * (benchmark.pooled(good) if good else unknown)
                 row |= {self.score: np.mean(fits), "90 %": "–"}
                 row |= dict(zip((f"{dof} FIT" for dof in self.task.outputs), fits, strict=True))
                 if good:
-                    high, low = 100.0 - 100.0 * scores.interval(good)
+                    high, low = 100.0 - 100.0 * benchmark.interval(good)
                     row["90 %"] = f"{low:.0f} to {high:.0f}"
             for s in self.task.horizons_s:
                 row[f"NRMSE {s:g} s"] = _mean(*(after[s] for after in own["after"] if after))
             free = [each for each in own["free_run"] if math.isfinite(each.loss)]
             rows[name] = row | {
                 "in 90 % band [%]": 100.0 * _mean(*(each.covered for each in free)),
-                "CRPS": _mean(*(each.crps for each in free)),
                 "diverged": f"{np.isinf(own['loss']).sum()} of {len(own)}",
                 "training [s]": _mean(own["training_s"]),
             }
@@ -205,7 +202,7 @@ def boards(
     predicted = sa.and_(series.run_id == run.id, series.kind == "prediction")
     rows = results.reader.select(query.outerjoin(spent, timed).outerjoin(SeriesRow, predicted))
     newest, found = {_normal(row.overrides): row for row in rows}, list[Board]()
-    for task in map(task_of, tasks or search_path.options(GROUP)):
+    for task in map(benchmark.task_of, tasks or search_path.options(benchmark.GROUP)):
         entries = _entries(task, entrants, newest, results.reader.results_dir)
         losses = losses_of(entries, CELL)
         contest = ranking(losses.drop(columns=[*REFERENCES], errors="ignore"))
@@ -221,7 +218,7 @@ def _entries(
     These have the cells in which some entrant has a prediction; one at rest has a position only.
     """
     own, trivial = list[dict[str, Any]](), dict[tuple[str, int, str], dict[str, Any]]()
-    for cell in cells(task, [*task.entrants, *entrants]):
+    for cell in benchmark.cells(task, [*task.entrants, *entrants]):
         row = newest.get(_normal(cell.options))
         if row is None:
             continue
@@ -240,12 +237,12 @@ def _entries(
 
 def _scores(series: Series, model: str, task: Task) -> dict[str, Any]:
     """Return the score that the task ranks by, and the errors over other times."""
-    score = free_run = scores.score(series, model, task.outputs)
+    score = free_run = benchmark.score(series, model, task.outputs)
     if task.score != "free_run":
         outputs = POSITION if task.score == "position" else task.outputs
-        score = scores.score(series, model, outputs, task.horizons_s[-1])
+        score = benchmark.score(series, model, outputs, task.horizons_s[-1])
     ahead = task.horizons_s if math.isfinite(score.loss) else ()
-    after = {s: scores.score(series, model, task.outputs, s).loss for s in ahead}
+    after = {s: benchmark.score(series, model, task.outputs, s).loss for s in ahead}
     return {"score": score, "free_run": free_run, "after": after, "loss": score.loss}
 
 
@@ -281,7 +278,7 @@ def leaderboard(board: Board) -> TextTable:
         rows[-1] += [_cell(value, bold.get(str(header), False)) for header, value in row.items()]
     notes = [
         f"{cells} cell{'s'[: cells != 1]} that all entrants have run; rank: mean over them, 1 is"
-        " best; FIT, NRMSE, band, CRPS: of cells that did not diverge",
+        " best; FIT, NRMSE, band: of cells that did not diverge",
         BOLD,
     ]
     if not rows:

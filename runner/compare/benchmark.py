@@ -1,27 +1,38 @@
-"""Scores of a trial's predictions: normalised errors of the free run and over given times.
+"""Tasks of the benchmark, their cells, and scores of predictions.
+
+A task is a file of `conf/benchmark`: where its data come from, its trials, and what is scored. It
+ships no data: it names their source, how to get them, and the SHA-256 of each file. A file is
+looked for in SEATRIAL_DATA, then in the user's own folder.
 
 The error of an output is its root mean square over the standard deviation of what was measured
 (NRMSE, 1 for the mean of the measured motion, inf if it diverges); FIT = 100 (1 - NRMSE) %; the
 loss of a case is the mean over the outputs. nonlinearbenchmark.org. That of a position is the root
 mean square of the distance [m] to the measured one.
-
-A prediction with a band is scored as a normal distribution, by the share of what was measured that
-lies in its band of 90 %, and by the continuous ranked probability score (CRPS), in units of the
-output's deviation: of a prediction without a band it is the mean absolute error.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
+from pathlib import Path
 from statistics import NormalDist
+from typing import Literal, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
+from seatrial.models.errors import ConfigurationError
 from seatrial.runner.compare.statistics import Sample
+from seatrial.runner.configuration import options, search_path
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import IDENTIFIED_STD
 
+GROUP = "benchmark"
+MAPS = search_path.CONF / GROUP / "maps"  # of columns
 PERSISTENCE = "persistence"  # the first measured velocity, held
 MEAN_MOTION = "mean_motion"  # the mean of the measured velocity
 AT_REST = "at_rest"  # the position that was measured before
@@ -31,19 +42,140 @@ BLOCK_S = 30.0
 BAND_LEVEL = 0.9  # also of intervals
 
 
+@dataclass(frozen=True)
+class Case:
+    """What is trained and tested on: files relative to the folder of data, or further options."""
+
+    train: tuple[str, ...] = ()
+    test: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
+    seeds: int | None = None  # null: as many as the task has; 1 where nothing is random
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task; its trials have the options `trial` and those of a case and an entrant.
+
+    `outputs` are the degrees of freedom whose velocities are scored, `horizons_s` [s] the times
+    over which predictions are scored beside the free run. The loss is that of `score`: of the free
+    run; of the velocities (`restarts`) or of the position at the last horizon after every measured
+    state, where free runs are chaotic. `entrants` are those of this task alone.
+    """
+
+    name: str
+    title: str
+    trial: tuple[str, ...]
+    cases: dict[str, Case]
+    outputs: tuple[Literal["surge", "sway", "heave", "roll", "pitch", "yaw"], ...]
+    # Of the data: name, url, licence, and how to get them; none of a simulated task.
+    source: dict[str, str] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)  # SHA-256 by path
+    map: str | None = None  # of the columns, a file of the folder `maps` beside the task
+    test_map: str | None = None  # of the files that are tested on, where it is another one
+    seeds: int = 1
+    horizons_s: tuple[float, ...] = (1.0, 10.0, 60.0)
+    score: Literal["free_run", "restarts", "position"] = "free_run"
+    entrants: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, case in self.cases.items():
+            for path in (*case.train, *case.test):
+                if not self.parts(path):
+                    raise ConfigurationError(f"cases.{name}: {path} has no SHA-256 under `files`")
+
+    def parts(self, *paths: str) -> list[str]:
+        """The files of recordings: themselves, or those that are listed of a folder."""
+        each = ((file, path) for path in paths for file in self.files)
+        return [file for file, path in each if Path(file).is_relative_to(path)]
+
+
+class Located(NamedTuple):
+    """A file of a task: in which folder of data it is, or is expected."""
+
+    name: str
+    folder: Path
+    state: Literal["found", "damaged", "missing"]
+
+
+class BenchmarkTrial(NamedTuple):
+    """One trial of the benchmark; `options` are all that its command gives."""
+
+    task: str
+    case: str
+    seed: int
+    entrant: str
+    options: tuple[str, ...]
+    lacking: tuple[Located, ...]  # of its files, those that are missing or damaged
+
+
+def task_of(name: str) -> Task:
+    """Read a task; raises ConfigurationError for an unknown one or a file that is none."""
+    names = search_path.options(GROUP)
+    if name not in names:
+        raise ConfigurationError(f"--task: got {name!r}, expected one of {', '.join(names)}")
+    folders = (search_path.CONF, *search_path.user_folders())
+    path = next(filter(Path.is_file, (folder / GROUP / f"{name}.yaml" for folder in folders)))
+    try:
+        node = {**yaml.safe_load(path.read_text(encoding="utf-8")), "name": name}
+        task = options.part(Task, node)
+    except (yaml.YAMLError, UnicodeDecodeError, TypeError) as error:  # not a mapping
+        raise ConfigurationError(f"{path}: {' '.join(str(error).split())}") from error
+    except options.OptionError as error:
+        raise ConfigurationError(error.at(f"{GROUP}/{name}")) from error
+    assert isinstance(task, Task)
+    return task
+
+
+def located(task: Task) -> list[Located]:
+    """Where the files of a task are, each verified by its SHA-256."""
+    texts = (os.environ.get("SEATRIAL_DATA"), "~/.local/share/seatrial")
+    folders, files = [Path(text).expanduser() for text in texts if text], []
+    for name, digest in task.files.items():
+        holding = [folder for folder in folders if (folder / name).is_file()]
+        if not holding:
+            files.append(Located(name, folders[0], "missing"))
+            continue
+        same = hashlib.sha256((holding[0] / name).read_bytes()).hexdigest() == digest
+        files.append(Located(name, holding[0], "found" if same else "damaged"))
+    return files
+
+
+def cells(task: Task, entrants: Sequence[str] = ()) -> Iterator[BenchmarkTrial]:
+    """Yield the cells of a task, entrant by entrant.
+
+    An entrant that the task does not name is an option of the group `identifier`, such as one's
+    own; by default they are all of the task.
+    """
+    files, maps = {file.name: file for file in located(task)}, ("map", "test_map")
+    columns = [f"excitation.{key}={MAPS / file}" for key in maps if (file := getattr(task, key))]
+    names = dict.fromkeys(entrants or task.entrants)
+    for entrant, (label, case) in product(names, task.cases.items()):
+        needed = [files[part] for part in task.parts(*case.train, *case.test)]
+        lacking = tuple(file for file in needed if file.state != "found")
+        texts = [*task.trial, *columns, *case.options]
+        for key, paths in (("train", case.train), ("test", case.test)):
+            of_case = [str(files[task.parts(path)[0]].folder / path) for path in paths]
+            texts += [f"excitation.{key}={json.dumps(of_case)}"] if of_case else []
+        texts += task.entrants.get(entrant, (f"identifier={entrant}",))
+        texts.append(f"horizons_s={list(task.horizons_s)}")
+        for seed in range(case.seeds or task.seeds):
+            # The last option of a key counts: an entrant may replace one of the task.
+            last = {text.partition("=")[0]: text for text in (*texts, f"seed={seed}")}
+            yield BenchmarkTrial(task.name, label, seed, entrant, (*last.values(),), lacking)
+
+
 @dataclass(frozen=True, eq=False)
 class Score:
     """Errors (N, n) of a prediction over the spread of each output, by time; of a position [m].
 
-    `starts` (N,) marks the first sample of each piece, such as a file. Of a free run, without the
-    starts, it is known which outputs are in the band, and their CRPS over the spread.
+    `starts` (N,) marks the first sample of each piece, such as a file. Of a free run with a band it
+    is known which outputs, without the starts, are `covered`.
     """
 
     errors: Sample
     starts: NDArray[np.bool_]
     block: int  # samples of a block of the bootstrap
     covered: Sample | None = None
-    crps: Sample | None = None
 
     @cached_property
     def loss(self) -> float:
@@ -78,14 +210,11 @@ def score(
     errors = np.linalg.norm(errors, axis=1)[:, None] if outputs == POSITION else errors / spread
     starts = np.diff(np.cumsum(columns["start"])[reached], prepend=-1) != 0
     block = max(round(BLOCK_S / _period_s(series)), 1)
-    if after_s is not None:
-        return Score(errors, starts, block)
-    free, bands = errors[~starts], [f"{name}_{IDENTIFIED_STD}" for name in outputs]
-    if model != "identified" or bands[0] not in columns:
-        return Score(errors, starts, block, crps=np.abs(free))
-    deviations = (_columns(series, bands) / spread)[~starts]
-    covered = np.abs(free) <= half_width(deviations)
-    return Score(errors, starts, block, covered, crps(free, deviations))
+    bands, covered = [f"{name}_{IDENTIFIED_STD}" for name in outputs], None
+    if model == "identified" and after_s is None and bands[0] in columns:
+        inside = np.abs(errors) <= half_width(_columns(series, bands) / spread)
+        covered = inside[~starts]
+    return Score(errors, starts, block, covered)
 
 
 def _trivial(
@@ -119,21 +248,6 @@ def _trivial(
 def half_width(deviations: Sample, level: float = BAND_LEVEL) -> Sample:
     """Half the width of the band of a level, of a normal distribution."""
     return NormalDist().inv_cdf(0.5 + 0.5 * level) * deviations
-
-
-def crps(errors: Sample, deviations: Sample) -> Sample:
-    """CRPS of a normal distribution, in the unit of the errors.
-
-    s (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi)), z = e / s; |e| where s is zero. Gneiting and
-    Raftery (2007), J. Am. Stat. Assoc. 102, eq. (21).
-    """
-    from scipy.special import ndtr  # slow to import
-
-    with np.errstate(over="ignore"):
-        z = np.clip(errors / np.maximum(deviations, np.finfo(float).tiny), -40.0, 40.0)
-    density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-    spread = deviations * (2.0 * density - 1.0 / np.sqrt(np.pi))
-    return np.asarray(errors * (2.0 * ndtr(z) - 1.0) + spread)
 
 
 def pooled(scores: Sequence[Score]) -> Sample:
