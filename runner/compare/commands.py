@@ -7,6 +7,7 @@ import typer
 from typer.core import TyperCommand
 
 from seatrial.models.errors import ConfigurationError, LogbookError
+from seatrial.models.notation import Manoeuvre
 from seatrial.runner import compare
 from seatrial.runner import database as databases
 from seatrial.runner import export as exports
@@ -121,16 +122,10 @@ def metrics() -> TextTable:
 
 @command()
 def manoeuvres(
-    subject: str,
-    manoeuvre: Literal["turn", "zigzag", "spiral", "reverse_spiral", "williamson", "stop"]
-    | None = None,
-    helm: str | None = None,
-    length: float | None = None,
-    scale: float = 1.0,
-    map_file: Path | None = None,
-    database: str = DEFAULT_DATABASE,
-    results_dir: Path | None = None,
-) -> TextTable:
+    subject: str, manoeuvre: Manoeuvre | None = None, helm: str | None = None,
+    length: float | None = None, scale: float = 1.0, map_file: Path | None = None,
+    database: str = DEFAULT_DATABASE, results_dir: Path | None = None,
+) -> TextTable:  # fmt: skip
     """Print the sheet of a manoeuvre beside the limits of IMO resolution MSC.137(76).
 
     The measures are those of a turning circle, zig-zag, spiral, Williamson turn or stop.
