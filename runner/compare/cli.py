@@ -212,8 +212,8 @@ def command(database: str = DEFAULT_DATABASE, **more: Any) -> Callable[[F], F]:
 
         def run(**values: Any) -> None:
             given = {each: values[each] for each in own}
-            lists = {n: list(split(v)) for n, v in given.items() if isinstance(v, list | tuple)}
-            given |= {n: names or None for n, names in lists.items()}
+            lists = {n: v for n, v in given.items() if isinstance(v, list | tuple)}
+            given |= {n: list(split(v)) or None for n, v in lists.items()}
             place = values.get("database", database), values.get("results_dir")
             results: Any  # None of a function that does not take them
             with frame.open_results(*place) if opens else nullcontext() as results:

@@ -180,8 +180,7 @@ def report(
     """Write one HTML file with tables, figures, failures and provenance; it needs no network."""
     options = TableOptions(rows, columns, where=where, sweep=sweep)
     file = output or cli.shown_path(results.reader.results_dir / "report" / "report.html")
-    write = compare.page.write_page
-    write(compare.report.render_report(results, options, database, title), file)
+    compare.page.write_page(compare.report.render_report(results, options, database, title), file)
     return file
 
 
@@ -201,8 +200,7 @@ def site(
 def retry(results: "Queries", status: Several = None, where: str | None = None) -> list[str]:
     """Print the commands that repeat failed trials: `retry | sh` runs them."""
     statuses = status or ["failed", "interrupted"]
-    compare.runs.check_statuses(statuses, LOST)
-    lost = compare.runs.runs_of(results, results.where(where), statuses)
+    lost = compare.runs.runs_of(results, results.where(where), statuses, known=LOST)
     details = [results.reader.run(run.run_id) for run in reversed(lost) if not run.superseded]
     if not details:
         typer.echo(f"nothing to retry: no trial is {' or '.join(statuses)}", err=True)
@@ -224,13 +222,10 @@ def prune(
     results: "Queries", status: Several = None, where: str | None = None, yes: bool = False
 ) -> TextTable:
     """Show which runs would be deleted with their files, and with --yes delete them."""
-    statuses = status or []
-    compare.runs.check_statuses(statuses, (*LOST, "finished"))
-    if not (statuses or where):
+    if not (status or where):
         raise ConfigurationError("prune: got no choice of runs, expected --status or --where")
-    ended = results.where(f"status in ({', '.join(statuses or (*LOST, 'finished'))})")
-    conditions = [*results.clauses(ended), *results.clauses(results.where(where))]
-    summaries = results.reader.runs(*conditions)
+    known, condition = [*LOST, "finished"], results.where(where)
+    summaries = compare.runs.runs_of(results, condition, status or known, known=known)[::-1]
     title = f"{len(summaries)} runs with {sum(run.series for run in summaries)} series"
     grid = compare.runs.run_table(results, summaries, title)
     if not yes:

@@ -72,23 +72,17 @@ def run_table(
     return replace(grid_of(title, headers, cells, len(headers), notes), records=records)
 
 
-def check_statuses(statuses: Sequence[str], known: Sequence[str]) -> None:
-    """Raise ConfigurationError for a status that is none of the known ones."""
-    for status in statuses:
-        if status not in known:
-            expected = ", ".join(known)
-            raise ConfigurationError(f"--status: got {status!r}, expected one of {expected}")
-
-
 def runs_of(
-    results: Queries, condition: Condition, statuses: Sequence[str], limit: int | None = None
-) -> list[RunSummary]:
+    results: Queries, condition: Condition, statuses: Sequence[str], limit: int | None = None,
+    known: Sequence[str] = STATUSES,
+) -> list[RunSummary]:  # fmt: skip
     """Return runs that meet the condition and have one of the statuses, newest first.
 
     Empty `statuses` mean any status. The result may have more than `limit` runs. Raises
     ConfigurationError for a wrong condition or status.
     """
-    check_statuses(statuses, STATUSES)
+    if wrong := [status for status in statuses if status not in known]:
+        raise ConfigurationError(f"--status: got {wrong[0]!r}, expected one of {', '.join(known)}")
     conditions = results.clauses(condition)
     if statuses:  # the view may still show an interrupted run as running
         conditions.append(run_overview.c.status.in_([*statuses, "running"]))
