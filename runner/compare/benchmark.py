@@ -19,7 +19,7 @@ from functools import cached_property
 from itertools import product
 from pathlib import Path
 from statistics import NormalDist
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 import yaml
@@ -85,8 +85,7 @@ class Task:
 
     def parts(self, *paths: str) -> list[str]:
         """The files of recordings: themselves, or those that are listed of a folder."""
-        each = ((file, path) for path in paths for file in self.files)
-        return [file for file, path in each if Path(file).is_relative_to(path)]
+        return [file for path in paths for file in self.files if Path(file).is_relative_to(path)]
 
 
 class Located(NamedTuple):
@@ -117,13 +116,10 @@ def task_of(name: str) -> Task:
     path = next(filter(Path.is_file, (folder / GROUP / f"{name}.yaml" for folder in folders)))
     try:
         node = {**yaml.safe_load(path.read_text(encoding="utf-8")), "name": name}
-        task = options.part(Task, node)
-    except (yaml.YAMLError, UnicodeDecodeError, TypeError) as error:  # not a mapping
-        raise ConfigurationError(f"{path}: {' '.join(str(error).split())}") from error
-    except options.OptionError as error:
-        raise ConfigurationError(error.at(f"{GROUP}/{name}")) from error
-    assert isinstance(task, Task)
-    return task
+        return cast(Task, options.part(Task, node))
+    except (yaml.YAMLError, ValueError, TypeError) as error:  # TypeError: not a mapping
+        told = " ".join(str(error).split()).lstrip(".: ")
+        raise ConfigurationError(f"{path}: {told}") from error
 
 
 def located(task: Task) -> list[Located]:

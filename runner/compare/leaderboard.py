@@ -12,11 +12,10 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -30,8 +29,7 @@ from seatrial.runner.compare.grid import TableCell, TextTable, number_text
 from seatrial.runner.compare.statistics import equal, holm
 from seatrial.runner.configuration import search_path
 from seatrial.runner.configuration.invocation import trial_program
-from seatrial.runner.database import series_files
-from seatrial.runner.database.tables import DiagnosticRow, RunRow, SeriesRow
+from seatrial.runner.database.tables import RunRow
 from seatrial.runner.record.rows import Series
 from seatrial.runner.record.vocabulary import ENDINGS, NO_RESULT, TRAINING_TIME
 
@@ -54,8 +52,7 @@ BOLD = (
 NO_SKILL = "no skill: none, or a trivial rival, is at least as good as the first entrant"
 
 
-@dataclass(frozen=True, eq=False)
-class Ranking:
+class Ranking(NamedTuple):
     """Entrants over a number of cases.
 
     `mean_ranks` are by entrant, the best first: 1 is best, NaN without a case. `alike` says of
@@ -193,17 +190,12 @@ def boards(
     results: Queries, tasks: Sequence[str] = (), entrants: Sequence[str] = ()
 ) -> list[Board]:
     """Return the boards of the named tasks, by default all, with further entrants."""
-    run, spent, series = RunRow, DiagnosticRow, SeriesRow.__table__.c
-    query = sa.select(
-        *(run.id.label("run"), run.overrides, run.status, run.error, run.duration_s),
-        *(spent.value.label("training_s"), series.kind, series.path, series.sha256, series.columns),
-    ).where(run.status.in_(ENDINGS)).order_by(run.id)  # fmt: skip
-    timed = sa.and_(spent.run_id == run.id, spent.name == TRAINING_TIME)
-    predicted = sa.and_(series.run_id == run.id, series.kind == "prediction")
-    rows = results.reader.select(query.outerjoin(spent, timed).outerjoin(SeriesRow, predicted))
+    run = RunRow
+    query = sa.select(run.id.label("run"), run.overrides, run.status, run.error, run.duration_s)
+    rows = results.reader.select(query.where(run.status.in_(ENDINGS)).order_by(run.id))
     newest, found = {_normal(row.overrides): row for row in rows}, list[Board]()
     for task in map(benchmark.task_of, tasks or search_path.options(benchmark.GROUP)):
-        entries = _entries(task, entrants, newest, results.reader.results_dir)
+        entries = _entries(results, task, entrants, newest)
         losses = losses_of(entries, CELL)
         contest = ranking(losses.drop(columns=[*REFERENCES], errors="ignore"))
         found.append(Board(task, entries, losses, ranking(losses), contest))
@@ -211,21 +203,23 @@ def boards(
 
 
 def _entries(
-    task: Task, entrants: Sequence[str], newest: Mapping[tuple[str, ...], Any], folder: Path
+    results: Queries, task: Task, entrants: Sequence[str], newest: Mapping[tuple[str, ...], Any]
 ) -> pd.DataFrame:
     """Return the cells that have been run, each with its newest run, and then the trivial rivals.
 
     These have the cells in which some entrant has a prediction; one at rest has a position only.
     """
+    spent = results.diagnostics([TRAINING_TIME]).set_index("run")["value"]
     own, trivial = list[dict[str, Any]](), dict[tuple[str, int, str], dict[str, Any]]()
     for cell in benchmark.cells(task, [*task.entrants, *entrants]):
         row = newest.get(_normal(cell.options))
         if row is None:
             continue
-        own.append(cell._asdict() | row._asdict() | LOST)
-        if row.status != FINISHED or row.kind is None:
+        own.append(cell._asdict() | row._asdict() | LOST | {"training_s": spent.get(row.run)})
+        kinds = {file.kind for file in results.reader.series_files(row.run)}
+        if row.status != FINISHED or "prediction" not in kinds:
             continue
-        series = series_files.read(folder, row)
+        series = results.reader.series(row.run, "prediction")
         own[-1] |= _scores(series, "identified", task)
         for name in REFERENCES if task.score == "position" else REFERENCES[:-1]:
             if (cell.case, cell.seed, name) not in trivial:
@@ -286,12 +280,12 @@ def leaderboard(board: Board) -> TextTable:
     return TextTable(board.task.title, ["entrant", *board.standings], rows, notes=notes)
 
 
-def _cell(value: Any, bold: bool = False) -> TableCell:
-    """A cell of a text or a number; a dash for one that is not known."""
+def _cell(value: Any, bold: bool = False, more: str = "") -> TableCell:
+    """A cell of a text or a number, and more; a dash for a number that is not known."""
     if isinstance(value, str) or math.isnan(value):
-        return TableCell(value if isinstance(value, str) else "–", bold)
+        return TableCell((value if isinstance(value, str) else "–") + more, bold)
     rounded = 0.0 if abs(value) < 1e-6 else float(value)  # FIT of the mean motion, but for rounding
-    return TableCell(number_text(rounded, 3), bold, rounded)
+    return TableCell(number_text(rounded, 3) + more, bold, rounded)
 
 
 def summary(boards: Sequence[Board]) -> TextTable:
@@ -324,6 +318,5 @@ def _counted(board: Board, name: str, rival: bool) -> TableCell:
     if name not in board.standings.index:
         return TableCell("–", rival)
     score, diverged = board.standings.loc[name, [board.score, "diverged"]]
-    lost = not diverged.startswith("0 ")
-    cell = _cell(score, rival and not lost)
-    return replace(cell, text=f"{cell.text} ({diverged} lost)") if lost else cell
+    lost = "" if diverged.startswith("0 ") else f" ({diverged} lost)"
+    return _cell(score, rival and not lost, lost)
