@@ -251,7 +251,12 @@ def run_typer(program: typer.Typer, words: Sequence[str]) -> int:
         place = "" if command == name else f"{command}: "
         text = INVALID.sub(r"\1: ", error.format_message())
         if isinstance(error.__cause__, pydantic.ValidationError):
-            text = options.option_error(error.__cause__, {}).at(text.partition(":")[0])
+            problem = error.__cause__.errors()[0]  # in the words for options of a configuration
+            bound = problem["msg"].replace("Input should be", "a number")
+            expected = options.EXPECTED.get(problem["type"].replace("_parsing", "_type"), bound)
+            if choices := problem["msg"].partition(" is not one of ")[2]:
+                expected = f"one of {choices.strip('.')}".replace("'", "")
+            text = f"{text.partition(':')[0]}: got {problem['input']!r}, expected {expected}"
         raise ConfigurationError(place + text) from error
     return code if isinstance(code, int) else 0
 

@@ -47,7 +47,6 @@ EXPECTED = {
     "bool_type": "true or false", "dict_type": "a group of options", "list_type": "a list",
     "finite_number": "a finite number", "float_type": "a number", "int_type": "an integer",
     "none_required": "null", "path_type": "a path", "string_type": "text", "tuple_type": "a list",
-    "float_parsing": "a number", "int_parsing": "an integer",  # of a word of the command line
 }  # fmt: skip
 
 
@@ -82,7 +81,7 @@ def part(cls: type, node: object) -> object:
     try:
         return node_class(**options(node_class).validate_python(values))
     except ValidationError as error:
-        raise option_error(error, values, node_class) from None
+        raise _option_error(error, values, node_class) from None
     except ConfigurationError as error:
         raise OptionError(f": {error}") from error
     except Exception as error:
@@ -175,15 +174,13 @@ def _anything(value: object) -> object:
     return part(object, value) if isinstance(value, Mapping) and "_target_" in value else value
 
 
-def option_error(
-    error: ValidationError, values: Mapping[str, object], cls: type = object
-) -> OptionError:
-    """Convert the first of pydantic's errors about an object, or about a word, to a message."""
+def _option_error(error: ValidationError, values: Mapping[str, object], cls: type) -> OptionError:
+    """Convert the first of pydantic's errors about an object to a message."""
     order = {"extra_forbidden": 0, "missing": 1}
     problems = error.errors(include_url=False)
     problems.sort(key=lambda item: order.get(item["type"], len(order)))
     # Each alternative of a union has its error; the one deepest in the object is reported.
-    errors = [item for item in problems if item["loc"][:1] == problems[0]["loc"][:1]]
+    errors = [item for item in problems if item["loc"][0] == problems[0]["loc"][0]]
     place = max((_place(values, item["loc"]) for item in errors), key=len)
     errors = [item for item in errors if _place(values, item["loc"]) == place]
     at = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place)
@@ -223,9 +220,9 @@ def _place(value: Any, location: tuple[str | int, ...]) -> tuple[str | int, ...]
 
 def _expected(problem: ErrorDetails) -> str:
     context = problem.get("ctx", {})
-    if names := context.get("expected") or problem["msg"].partition(" is not one of ")[2]:
-        listed = str(names).strip(".").replace("'", "").replace(" or ", ", ")
-        return f"one of {listed}"
+    if problem["type"] == "literal_error":
+        names = str(context["expected"]).replace("'", "").replace(" or ", ", ")
+        return f"one of {names}"
     if problem["type"] == "too_long":
         return f"a list of {context['max_length']}"
     return EXPECTED.get(problem["type"], problem["msg"])

@@ -110,7 +110,7 @@ REFUSED = (
     (["table", "--where", "1=1"], "cannot read"),
     (["table", "--format", "pdf"], "--format: got 'pdf', expected one of rich, md, csv, latex"),
     (["table", "--nonsense"], "No such option: --nonsense"),
-    (["runs", "--limit", "0"], "--limit must be at least 1, got '0'"),
+    (["runs", "--limit", "0"], "--limit: got '0', expected a number greater than or equal to 1"),
     (["runs", "--limit", "x"], "--limit: got 'x', expected an integer"),
     (["sql", "SELECT 1", "--timeout", "x"], "--timeout: got 'x', expected a number"),
     (["runs", "--status", "lost"], "expected one of running"),
